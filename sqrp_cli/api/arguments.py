@@ -128,13 +128,20 @@ def check_by(value: object) -> Criterion:
     return read_criterion(str(value), "by")
 
 
+def check_ways(value: object) -> WaysOption:
+    """Which ways count. Raises InputError for anything else."""
+    for ways in WAYS:
+        if value == ways:
+            return ways
+    raise refused("ways", value, f"one of {', '.join(f'`{way}`' for way in WAYS)}")
+
+
 def check_wanted(by: object, ways: object, max_time: object) -> WantedWay:
     """Which way of each candidate is wanted. Raises InputError for values that say nothing sensible."""
     from sqrp_cli.programming.ways.find import WantedWay
     from sqrp_cli.programming.ways.time_limit import TimeLimit
 
-    if ways not in WAYS:
-        raise refused("ways", ways, f"one of {', '.join(f'`{way}`' for way in WAYS)}")
+    check_ways(ways)
     if max_time is not None and (isinstance(max_time, bool) or not isinstance(max_time, str | int | float)):
         raise refused("max_time", max_time, "a time such as `20 s` or `1.25x`, or seconds")
     limit = None if max_time is None else TimeLimit.read(str(max_time), "max_time")

@@ -20,6 +20,7 @@ from sqrp_cli.api.arguments import (
     check_text,
     check_texts,
     check_wanted,
+    check_ways,
     checked_path,
     optional_path,
     refused,
@@ -261,6 +262,7 @@ class OpenCell:
         survive: int = 0,
         keep: Sequence[str] = (),
         budget: float | None = None,
+        ways: WaysOption = "best",
         mounts: str | Path | None = None,
         sampling: Sampling | None = None,
         jobs: int = 1,
@@ -271,8 +273,8 @@ class OpenCell:
         cameras: most of them on mounts. want: a wish such as `q_eoi 100 %, delay 0.5 s` that every candidate has to
         reach; then as few cameras as possible. Without both, Q_eoi 100 %. objective: `least` or `mean`, the quality of
         all candidates that counts first. survive: 1 if any one camera may fail. keep: cameras of the workspace that
-        stay. budget: most that they may cost. mounts: the file that says where cameras may go and which, by default
-        `place.yaml` beside the workspace.
+        stay. budget: most that they may cost. ways: `best` chooses the way of each candidate, too. mounts: the file
+        that says where cameras may go and which, by default `place.yaml` beside the workspace.
         """
         from sqrp_cli.api.placing import PlaceRequest
 
@@ -289,6 +291,7 @@ class OpenCell:
             survive=survive,
             keep=keep,
             budget=budget,
+            ways=check_ways(ways),
             mounts=optional_path(mounts, "mounts"),
         )
         return self.place_for(request, sampling=sampling, jobs=jobs, progress=progress)

@@ -25,6 +25,7 @@ from sqrp_cli.report.documents.placing import PlaceDocument, placed
 from sqrp_cli.scoring.sweep import from_here
 
 if TYPE_CHECKING:
+    from sqrp_cli.api.arguments import WaysOption
     from sqrp_cli.knowledge.workspace.workspace import Workspace
     from sqrp_cli.programming.cell import Cell
     from sqrp_cli.programming.coverage.sampling import Sampling
@@ -50,8 +51,8 @@ class PlaceRequest:
     """Cameras that stay."""
     budget: float | None = None
     """Most that the cameras may cost."""
-    ways: int = 1
-    """Most ways of a candidate to choose from."""
+    ways: WaysOption = "best"
+    """best: ways are chosen, too; fastest: each candidate keeps its fastest one."""
     mounts: Path | None = None
     """The file with mounts and lenses; by default `place.yaml` beside the workspace."""
 
@@ -136,7 +137,7 @@ def find_placement(
         demand=demand,
         sampling=sampling,
         keep=_keep(request, workspace),
-        ways=request.ways,
+        fastest=request.ways == "fastest",
         verdicts=LocalVerdicts(jobs),
     )
     return CellPlacement(found=Placer(question, progress).place(), wish=wish)

@@ -20,6 +20,7 @@ from sqrp_cli.cli.options import (
     job_count,
     open_with_warnings,
     read_sampling,
+    read_ways,
 )
 from sqrp_cli.errors import ExitCode
 from sqrp_cli.platform.files import check_not_read, write_atomically
@@ -59,6 +60,9 @@ def command(
     budget: Annotated[
         float | None, typer.Option("--budget", metavar="PRICE", min=0.0, help="Most that the cameras may cost.")
     ] = None,
+    ways: Annotated[
+        str, typer.Option("--ways", metavar="best|fastest", help="fastest: ways are not chosen, too.")
+    ] = "best",
     mounts: Annotated[
         Path | None,
         typer.Option("--mounts", metavar="FILE", help="Mounts and lenses; by default place.yaml beside the workspace."),
@@ -77,6 +81,7 @@ def command(
 
     The mounts and lenses to choose from are in the file place.yaml beside the workspace.
     """
+    from sqrp_cli.api.arguments import WAYS
     from sqrp_cli.api.placing import PlaceRequest
     from sqrp_cli.terminal.console import note, progress
 
@@ -94,6 +99,7 @@ def command(
             survive=survive,
             keep=keep or (),
             budget=budget,
+            ways=read_ways(ways, WAYS).wanted,
             mounts=mounts,
         ),
         sampling=sampling,

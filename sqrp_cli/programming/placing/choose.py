@@ -36,9 +36,15 @@ class Chosen:
 class Search:
     """Builds and solves the integer program of a problem."""
 
-    def __init__(self, problem: Placing, demand: Demand, watch: Callable[[str, float | None, float], None]) -> None:
-        """watch: called with what is sought now, the best value so far and the bound."""
-        self._problem, self._demand, self._watch = problem, demand, watch
+    def __init__(
+        self,
+        problem: Placing,
+        demand: Demand,
+        watch: Callable[[str, float | None, float], None],
+        start: Choice | None = None,
+    ) -> None:
+        """watch: called with what is sought now, the best value so far and the bound. start: a choice that is known."""
+        self._problem, self._demand, self._watch, self._known = problem, demand, watch, start
         self._program = LinearProgram()
         self._interrupted = False
         self._proven = True
@@ -51,6 +57,8 @@ class Search:
         demand, fewest = self._demand, None
         if demand.wish is not None:
             self._wish()
+            if self._known is not None and self._meets(self._known):
+                self._values = self._parts.values_of(self._known)
             count = self._next("fewest cameras", dict.fromkeys(self._parts.free.values(), -1.0))
             if self._values is None:
                 return Chosen(choice=None, bound=0.0, proven=self._proven, interrupted=self._interrupted)
@@ -132,8 +140,25 @@ class Search:
 
     def _start(self) -> None:
         """Begin with the greedy choice: so there is one whenever the search is ended."""
-        most = self._demand.most if self._demand.most is not None else len(self._parts.free)
-        self._values = self._parts.values_of(greedy(self._problem, self._demand, most))
+        problem, demand = self._problem, self._demand
+        most = demand.most if demand.most is not None else len(self._parts.free)
+        known = [greedy(problem, demand, most)]
+        known += [] if self._known is None or len(self._known.options) > most else [self._known]
+        best = max(known, key=lambda choice: worth_of(problem, choice).of(demand.objective))
+        self._values = self._parts.values_of(best)
+
+    def _meets(self, choice: Choice) -> bool:
+        """Whether a choice reaches what is wished for."""
+        wish, most = self._demand.wish, self._demand.most
+        assert wish is not None  # noqa: S101 - the caller has looked
+        worth = worth_of(self._problem, choice)
+        enough = all(
+            least is None or quality is None or quality >= least - SLACK
+            for pair in worth.qualities
+            for least, quality in zip((wish.q_eoi, wish.q_avg), pair, strict=True)
+        )
+        in_time = wish.delay is None or worth.delay <= wish.delay + SLACK
+        return enough and in_time and (most is None or len(choice.options) <= most)
 
     def _limits(self) -> None:
         """One camera at a place, none that are in each other's or the robot's way, number and budget."""
@@ -151,6 +176,11 @@ class Search:
             if place in at:
                 taken = parts.taken.get(way)
                 program.row(at[place] if taken is None else {**at[place], taken: 1.0}, most=1.0 if taken else 0.0)
+        for hiding in sorted(problem.hiding):
+            seeing = {parts.free[option]: 1.0 for option in hiding.options if option in parts.free}
+            both, taken = {**at.get(hiding.place, {}), **seeing}, parts.taken.get(hiding.way)
+            most = 1.0 if seeing else 0.0  # what a camera that stays sees must not be hidden
+            program.row(both if taken is None else {**both, taken: 1.0}, most=most + (taken is not None))
         if demand.most is not None:
             program.row(dict.fromkeys(parts.free.values(), 1.0), most=float(demand.most))
         if demand.budget is not None:

@@ -23,14 +23,14 @@ from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.placing.choose import Chosen, Search
 from sqrp_cli.programming.placing.cover import Cover
-from sqrp_cli.programming.placing.problem import Choice, Demand, Placing, Worth, qualities_with_each, worth_of
-from sqrp_cli.programming.placing.room import blocked, pairs_apart
-from sqrp_cli.programming.placing.scenes import JudgedWay, judged, middle_of
+from sqrp_cli.programming.placing.problem import Choice, Demand, Hiding, Placing, Worth, qualities_with_each, worth_of
+from sqrp_cli.programming.placing.room import blocked, hidden_by, pairs_apart
+from sqrp_cli.programming.placing.scenes import JudgedWay, judged, middle_of, varied
 from sqrp_cli.programming.placing.tensor import Portion, joined_items, portions, seen_by
 from sqrp_cli.programming.placing.views import Option, View, camera_of, options_of, price_of, views_of
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.task import Candidate, Task
-from sqrp_cli.programming.ways.find import planned_ways
+from sqrp_cli.programming.ways.find import WantedWay, find_way, planned_ways
 
 ROUNDS = 8
 """Most rounds in which samples are added at which the chosen cameras lose sight, between those that were judged."""
@@ -86,8 +86,8 @@ class PlaceQuestion:
     sampling: Sampling
     keep: tuple[str, ...] = ()
     """Cameras of the workspace that stay."""
-    ways: int = 1
-    """Most ways of a candidate to choose from."""
+    fastest: bool = False
+    """Whether candidates keep their fastest ways, or ways are chosen, too."""
     verdicts: Verdicts = field(default_factory=LocalVerdicts)
 
 
@@ -214,17 +214,25 @@ class Placer:
         self.ways: list[JudgedWay] = []
         self.candidates: list[tuple[int, ...]] = []
         self.infeasible: list[tuple[str, Assessment]] = []
+        self._others: list[list[JudgedWay]] = []
+        """Of each candidate, ways that are looked at only where they may be better."""
+        self._shut: list[Mask] = []
+        """Of each way, at which places a camera would touch something."""
+        self._apart: frozenset[tuple[int, int]] = frozenset(pairs_apart(self.spots))
+        self._known_hiding: frozenset[Hiding] = frozenset()
         self.sees: list[Mask] = []
         """Of each way, which options see which items, shape (options, items)."""
 
     def place(self) -> Placement:
-        """The best cameras for the tasks."""
+        """The best cameras for the tasks, with the fastest way of each candidate where no other can do better."""
         self._plan()
         self._choose_from()
-        self.sees = self._verdicts(self.ways)
-        self._shut = self._in_the_way()
+        self._judge(self.ways)
         demand = self.question.demand
         problem, chosen = self._sharpened(demand)
+        if self._others and not chosen.interrupted and self._may_be_better(problem, chosen):
+            self._add_ways()
+            problem, chosen = self._sharpened(demand, start=chosen.choice)
         if chosen.choice is not None or chosen.interrupted:
             return self._placement(problem, chosen)
         # The wish cannot be met: so many cameras more as it takes, or what comes nearest.
@@ -235,16 +243,59 @@ class Placer:
         problem, nearest = self._sharpened(replace(demand, wish=None))
         return replace(self._placement(problem, nearest), met=False, unseen=tuple(self._unseen(problem)))
 
-    def _sharpened(self, demand: Demand, *, first_only: bool = False) -> tuple[Placing, Chosen]:
+    def _may_be_better(self, problem: Placing, chosen: Chosen) -> bool:
+        """Whether other ways may be better than the fastest ones, in quality, delay, or the number of cameras."""
+        if chosen.choice is None:
+            return True
+        worth = worth_of(problem, chosen.choice)
+        quickest = min(problem.cover.responses, default=0.0)
+        imperfect = worth.least < 1.0 - ROUNDED or worth.delay > quickest + CLOSE
+        return imperfect or (self.question.demand.wish is not None and len(chosen.choice.options) > 1)
+
+    def _add_ways(self) -> None:
+        """Let other ways be chosen, too."""
+        first = len(self.ways)
+        for number, others in enumerate(self._others):
+            self.candidates[number] += tuple(range(len(self.ways), len(self.ways) + len(others)))
+            self.ways += others
+        self._others = []
+        self._judge(self.ways[first:])
+
+    def _judge(self, ways: Sequence[JudgedWay]) -> None:
+        """Find out what is seen of some ways, and which places are in their way."""
+        self.sees += self._verdicts(ways)
+        self._shut += [blocked(self.question.cell, way, self.question.mounts.spots) for way in ways]
+
+    def _sharpened(
+        self, demand: Demand, *, first_only: bool = False, start: Choice | None = None
+    ) -> tuple[Placing, Chosen]:
         """The best choice at samples at which its own figures are exact; first_only: only the first aim counts."""
         for number in range(ROUNDS):
             problem = self.problem()
-            chosen = self._search(problem, demand, first_only=first_only)
+            chosen = self._search(problem, demand, first_only=first_only, start=start)
             if chosen.choice is None or chosen.interrupted or number == ROUNDS - 1:
                 break
-            if not self._sharpen(problem, chosen.choice):
+            hiding = frozenset(self._hiding(problem, chosen.choice))
+            if hiding:
+                self._known_hiding |= hiding
+                start = None
+            elif not self._sharpen(problem, chosen.choice):
                 break
         return problem, chosen
+
+    def _hiding(self, problem: Placing, choice: Choice) -> Iterator[Hiding]:
+        """Which of the chosen cameras hide something that another one sees, in the chosen ways."""
+        for number in choice.ways:
+            for option in choice.options:
+                for other in (*choice.options, *sorted(problem.kept)):
+                    place, at = int(problem.spot[option]), int(problem.spot[other])
+                    if place == at:
+                        continue
+                    hidden = hidden_by(self.ways[number], self.spots[place], self.spots[at])
+                    if (hidden & self.sees[number][other]).any():
+                        there = np.flatnonzero(problem.spot == at)
+                        seeing = there[(self.sees[number][there] & hidden).any(axis=1)]
+                        yield Hiding(place, tuple(seeing.tolist()), number)
 
     def _plan(self) -> None:
         """The ways of every candidate."""
@@ -252,14 +303,15 @@ class Placer:
         found = [(task, candidate) for task in question.tasks for candidate in task.candidates]
         with self._progress("Planning", len(found)) as advance:
             for task, candidate in found:
-                scenes = planned_ways(question.cell, candidate, question.world, fastest=question.ways <= 1)
+                scenes = planned_ways(question.cell, candidate, question.world, fastest=question.fastest)
                 advance(1)
                 if isinstance(scenes, Infeasible):
                     self.infeasible.append((task.text, Assessment.infeasible(candidate, scenes.reasons)))
                     continue
-                numbers = range(len(self.ways), len(self.ways) + len(scenes))
-                self.ways += [judged(question.cell, task.text, candidate, scene) for scene in scenes]
-                self.candidates.append(tuple(numbers))
+                first, *others = [judged(question.cell, task.text, candidate, scene) for scene in varied(scenes)]
+                self.candidates.append((len(self.ways),))
+                self.ways.append(first)
+                self._others.append(others)
 
     def _choose_from(self) -> None:
         """The poses, and the options."""
@@ -285,12 +337,6 @@ class Placer:
             self.views.append(View(len(self.spots), camera.X_FC, None, np.array([0.0, 0.0, 1.0])))
             self.spots.append(spot)
             self.lenses.append(lens)
-
-    def _in_the_way(self) -> list[Mask]:
-        """Of each way, at which places a camera would touch something."""
-        spots = self.question.mounts.spots
-        self._apart = frozenset(pairs_apart(spots))
-        return [blocked(self.question.cell, way, spots) for way in self.ways]
 
     def _verdicts(self, ways: Sequence[JudgedWay]) -> list[Mask]:
         """Which options see which items of some ways."""
@@ -328,15 +374,18 @@ class Placer:
             ),
             kept=frozenset(self.kept),
             apart=self._apart,
+            hiding=self._known_hiding,
             blocked=frozenset(
                 (place, way) for way, shut in enumerate(self._shut) for place in np.flatnonzero(shut).tolist()
             ),
         )
 
-    def _search(self, problem: Placing, demand: Demand, *, first_only: bool = False) -> Chosen:
+    def _search(
+        self, problem: Placing, demand: Demand, *, first_only: bool = False, start: Choice | None = None
+    ) -> Chosen:
         count = "as few cameras as possible" if demand.most is None else f"{demand.most} of the cameras"
         with self._progress(f"Choosing {count}", 1):
-            search = Search(problem, demand, self._watch)
+            search = Search(problem, demand, self._watch, start)
             return search.first() if first_only else search.best()
 
     def cameras(self, problem: Placing, choice: Choice) -> tuple[PlacedCamera, ...]:
@@ -453,6 +502,26 @@ class Placer:
         np.maximum.at(found, problem.spot[: len(problem.spot) - len(self.kept)], mean[: len(mean) - len(self.kept)])
         return found
 
+    def _judged(self, cell: Cell, problem: Placing, choice: Choice, number: int, found: Study) -> JudgedCandidate:
+        """A candidate with its exact figures: in the way that `rank` and `score` take in the new cell, if as good."""
+        question, way = self.question, self.ways[number]
+        if not (question.fastest or question.demand.survive):
+            ranked = find_way(cell, way.candidate, question.world, question.sampling, WantedWay())
+            if not isinstance(ranked, Infeasible) and self._is_as_good(problem, choice, ranked.study, found):
+                found = ranked.study
+        figures = replace(found.assessment(""), candidate=way.candidate, best_way=found.candidate)
+        return JudgedCandidate(task=way.task, candidate=way.candidate, scene=found, found=figures)
+
+    def _is_as_good(self, problem: Placing, choice: Choice, other: Study, found: Study) -> bool:
+        """Whether another way has no worse figures, and the robot touches no chosen camera in it."""
+        new, old = other.assessment(""), found.assessment("")
+        pairs = [(new.q_eoi, old.q_eoi), (new.q_avg, old.q_avg)]
+        worse = any(a is not None and b is not None and a < b - CLOSE for a, b in pairs)
+        later = (new.delay_worst or 0.0) > (old.delay_worst or 0.0) + CLOSE
+        places = [self.spots[problem.spot[option]] for option in choice.options]
+        way = replace(self.ways[choice.ways[0]], scene=other)
+        return not (worse or later or (places and blocked(self.question.cell, way, places).any()))
+
     def _placement(self, problem: Placing, chosen: Chosen) -> Placement:
         count = len(self.question.mounts.spots)
         found = Placement(
@@ -473,18 +542,14 @@ class Placer:
             return replace(found, met=False)
         worth = worth_of(problem, chosen.choice)
         cameras = self.cameras(problem, chosen.choice)
+        cell = self.cell_with([placed.camera for placed in cameras])
         return replace(
             found,
             cameras=cameras,
-            cell=self.cell_with([placed.camera for placed in cameras]),
+            cell=cell,
             candidates=tuple(
-                JudgedCandidate(
-                    task=self.ways[number].task,
-                    candidate=self.ways[number].candidate,
-                    scene=self.ways[number].scene,
-                    found=study.assessment(""),
-                )
-                for number, study in zip(chosen.choice.ways, self.studies(chosen.choice), strict=True)
+                self._judged(cell, problem, chosen.choice, number, found)
+                for number, found in zip(chosen.choice.ways, self.studies(chosen.choice), strict=True)
             ),
             worth=worth,
             bound=max(chosen.bound, worth.of(self.question.demand.objective)),

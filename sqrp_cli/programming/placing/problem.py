@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -32,6 +32,17 @@ class Demand:
     """Most that the cameras may cost; None: no limit."""
 
 
+class Hiding(NamedTuple):
+    """A place where a camera stands in the sight of others."""
+
+    place: int
+    """By index."""
+    options: tuple[int, ...]
+    """At one other place: those from which it hides something that they see."""
+    way: int
+    """In which motion."""
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Placing:
     """What may be chosen, and what that leads to. Options and ways are named by index."""
@@ -51,6 +62,8 @@ class Placing:
     """Pairs of places that cannot both have a camera."""
     blocked: frozenset[tuple[int, int]] = frozenset()
     """Places with the ways in which the robot would touch a camera there."""
+    hiding: frozenset[Hiding] = frozenset()
+    """Choices in which one camera hides something from another one; none of them counts."""
 
     @property
     def count(self) -> int:
@@ -138,7 +151,12 @@ def _allowed(problem: Placing, demand: Demand, options: Sequence[int], ways: Seq
     taken = set(problem.spot[list(options)].tolist())
     shut = taken | {b for a, b in problem.apart if a in taken} | {a for a, b in problem.apart if b in taken}
     shut |= {place for place, way in problem.blocked if way in ways}
+    for hiding in problem.hiding:
+        shut |= {hiding.place} if set(hiding.options) & set(options) and hiding.way in ways else set()
     allowed = ~np.isin(problem.spot, sorted(shut))
+    for hiding in problem.hiding:
+        if hiding.place in taken and hiding.way in ways:
+            allowed[list(hiding.options)] = False
     allowed[sorted(problem.kept)] = False
     if demand.budget is not None:
         spent = float(problem.price[list(options)].sum())

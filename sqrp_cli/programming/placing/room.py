@@ -7,7 +7,7 @@ from itertools import groupby
 
 import numpy as np
 
-from sqrp_cli.geometry import Mask, inverse
+from sqrp_cli.geometry import Array, Mask, inverse
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.workspace.mounts import Spot
 from sqrp_cli.programming.advice.room import touched
@@ -53,3 +53,35 @@ def pairs_apart(spots: Sequence[Spot]) -> Iterator[tuple[int, int]]:
         gap = np.linalg.norm(places[first + 1 :] - places[first], axis=1) - radii[first + 1 :] - radii[first]
         for other in np.flatnonzero((gap < -1e-9) & (frames[first + 1 :] == frames[first])).tolist():
             yield first, first + 1 + other
+
+
+def hidden_by(way: JudgedWay, spot: Spot, other: Spot) -> Mask:
+    """Which items of a way a camera at one place may hide from a camera at another place, shape (items,).
+
+    Its body is a ball, and so counts what encloses each box: more than is hidden, never less.
+    """
+    radius, targets = 0.5 * spot.entry.body, way.scene.targets
+    sample, target = way.items
+    hidden = np.zeros(len(sample), dtype=bool)
+    ball, eye = (_in_world(way, one)[sample if one.frame != WORLD else np.zeros_like(sample)] for one in (spot, other))
+    for column, entry in enumerate(targets):
+        rows = np.flatnonzero(target == column)
+        for box in entry.boxes:
+            poses = way.states.box_poses(box)
+            center = (poses if len(poses) > 1 else np.repeat(poses, len(way.samples), axis=0))[sample[rows], :3, 3]
+            reach = 0.5 * float(np.linalg.norm(box.size))
+            axis = center - eye[rows]
+            far = np.maximum(np.linalg.norm(axis, axis=1), 1e-9)
+            axis /= far[:, None]
+            along = np.einsum("ri,ri->r", ball[rows] - eye[rows], axis)
+            aside = np.linalg.norm(ball[rows] - eye[rows] - along[:, None] * axis, axis=1)
+            width = reach * np.clip(along / far, 0.0, 1.0)
+            hidden[rows] |= (along > -radius) & (along < far + reach + radius) & (aside < width + radius)
+    return hidden
+
+
+def _in_world(way: JudgedWay, spot: Spot) -> Array:
+    """Where a place is in the world, shape (m, 3) or (1, 3)."""
+    X_WF = way.states.X_WF[spot.frame]
+    places: Array = X_WF[:, :3, :3] @ spot.position + X_WF[:, :3, 3]
+    return places

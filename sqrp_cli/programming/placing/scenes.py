@@ -13,12 +13,17 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Rehearsal
 from sqrp_cli.programming.coverage.sampling import Adaptive, first_samples
 from sqrp_cli.programming.coverage.stage import Samples
+from sqrp_cli.programming.ranking import compared_time
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.task import Candidate
 
 EVERY = 3
 """Of the adaptive samples, which no target or link moves more than 1 cm between, every so many-th is judged."""
+
+
+MOST_WAYS = 6
+"""Most ways of a candidate to choose from."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +89,15 @@ def judged(cell: Cell, task: str, candidate: Candidate, scene: Rehearsal, every:
     number = np.arange(len(samples)) - np.maximum.accumulate(np.where(ends, np.arange(len(samples)), 0))
     rows = np.flatnonzero(ends | (number % every == 0))
     return JudgedWay(task, candidate, scene, Samples(piece[rows], samples.t[rows]))
+
+
+def varied(scenes: Sequence[Rehearsal]) -> list[Rehearsal]:
+    """Some of the ways of a candidate: the fastest, then the fastest of each other branch of the arm."""
+    ordered = sorted(scenes, key=lambda scene: compared_time(scene.motion.time))
+    branches: dict[str, Rehearsal] = {}
+    for scene in ordered:
+        branches.setdefault(repr(sorted(scene.candidate.branch.items())), scene)
+    return list(branches.values())[:MOST_WAYS]
 
 
 def middle_of(ways: Sequence[JudgedWay]) -> Array:

@@ -221,7 +221,7 @@ def placed(found: Placement, patch: str, wish: Wish | None) -> PlaceDocument:
         fewest=found.fewest,
         fewer=WithFewer.of(found.fewer),
         candidates=[PlacedCandidate.of_candidate(one) for one in found.candidates],
-        ways={f"{one.task}: {one.candidate.name}": one.found.candidate.parameters for one in found.candidates},
+        ways={f"{one.task}: {one.candidate.name}": one.found.way.parameters for one in found.candidates},
         infeasible=[
             InfeasibleCandidate(task=task, candidate=one.candidate.name, reason=one.reasons[0])
             for task, one in found.infeasible

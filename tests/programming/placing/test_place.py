@@ -35,17 +35,18 @@ def cell():
     return open_cell(TABLETOP)
 
 
-def placer(cell, folder: Path, text: str, demand: Demand, task: str = "pickup g3") -> Placer:
+def placer(cell, folder: Path, text: str, demand: Demand, *, fastest: bool = True) -> Placer:
     file = folder / "place.yaml"
     file.write_text(text)
     mounts = read_mounts(file, cell.workspace, tuple(cell.cell.model.links))
     question = PlaceQuestion(
         cell=cell.cell,
         world=cell.cell.initial_world,
-        tasks=(read_task(task, cell.workspace),),
+        tasks=(read_task("pickup g3", cell.workspace),),
         mounts=mounts,
         demand=demand,
         sampling=Adaptive(),
+        fastest=fastest,
     )
     return Placer(question, silent)
 
@@ -143,3 +144,34 @@ def test_with_a_spare_camera_everything_is_seen_whichever_is_lost(cell, tmp_path
     for lost in chosen:
         assert brute.qualities([c for c in chosen if c != lost])[0] == pytest.approx(1.0)
     assert len(chosen) == 2
+
+
+def test_ways_that_are_chosen_too_are_never_worse(cell, tmp_path, pair):
+    found = placer(cell, tmp_path, FORTY, Demand(most=2), fastest=False).place()
+    assert found.ways > 1
+    assert found.objective >= pair[1].objective - 1e-6
+    assert found.gap == 0.0
+
+
+def test_a_camera_in_the_sight_of_another_one_is_not_chosen(cell, tmp_path):
+    """The nearer of two places hides the farther one's view; with both, one would see nothing that counts."""
+    text = """
+mounts:
+  near: {points: [[0.6, 0.6, 0.75]], body: 30 cm}
+  far: {points: [[0.9, 1.0, 1.1]]}
+lenses:
+  wide: {image: {width: 640, height: 480, horizontal_fov: 60 deg}, near: 20 cm, far: 4 m, rate: 10 Hz}
+"""
+    asked = placer(cell, tmp_path, text, Demand(wish=Wish(q_eoi=0.1), survive=1))
+    assert not asked.place().met
+    alone = placer(cell, tmp_path, text.replace("30 cm", "2 mm"), Demand(wish=Wish(q_eoi=0.1), survive=1))
+    assert alone.place().met
+
+
+def test_nothing_stands_where_the_robot_moves(cell, tmp_path):
+    text = FORTY.replace(
+        "lenses:", "  swept: {points: [[0.51, -0.06, 0.3]]}\n  table: {points: [[0.5, 0.5, 0.01]]}\nlenses:"
+    )
+    found = placer(cell, tmp_path, text, Demand(most=2)).place()
+    shut = [spot.name for spot, gone in zip(found.question.mounts.spots, found.shut, strict=True) if gone]
+    assert shut == ["swept", "table"]
