@@ -23,7 +23,7 @@ from sqrp_cli.api.cell import OpenCell, silent
 from sqrp_cli.errors import InputError, Place, Problem
 
 if TYPE_CHECKING:
-    from sqrp_cli.api.results import Audit, SimulatedRun, SlipSweep
+    from sqrp_cli.api.run_results import Audit, SimulatedRun, SlipSweep
     from sqrp_cli.knowledge.workspace.workspace import Workspace, World
     from sqrp_cli.program.record import Program, Step
     from sqrp_cli.programming.program_update import StepReplanner
@@ -145,7 +145,7 @@ class OpenProgram:
 
         Raises InputError, before anything is written, where an output would replace an input or another output.
         """
-        from sqrp_cli.api.results import SimulatedRun
+        from sqrp_cli.api.run_results import SimulatedRun
         from sqrp_cli.platform.files import check_writable
         from sqrp_cli.report.pages.run_page import RunCell
         from sqrp_cli.runtime.record.log import LogWriter
@@ -200,7 +200,7 @@ class OpenProgram:
 
         slip: as `sqrp run --sweep` takes it, such as `slip@a4`.
         """
-        from sqrp_cli.api.results import SlipSweep
+        from sqrp_cli.api.run_results import SlipSweep
         from sqrp_cli.runtime.run.injected_fault import parse_sweep
 
         check_text(slip, "slip", "a slip and where, such as `slip@a4`")
@@ -221,7 +221,7 @@ class OpenProgram:
         folder: PNG files and `frames.csv`, as `run(frames=...)` keeps them. threshold: least share of predicted
         detections that must have come true, in 0..1.
         """
-        from sqrp_cli.api.results import Audit
+        from sqrp_cli.api.run_results import Audit
         from sqrp_cli.runtime.cell.requirements import check_packages
 
         check_packages()
@@ -280,7 +280,7 @@ class LoggedRun:
 
     def replay(self, *listeners: Callable[[Event], None]) -> SimulatedRun:
         """The run; listeners: called with each event. Raises InputError for a log that breaks off."""
-        from sqrp_cli.api.results import SimulatedRun
+        from sqrp_cli.api.run_results import SimulatedRun
         from sqrp_cli.runtime.record.events import RunReported
 
         report, kept = None, []

@@ -1,23 +1,21 @@
-"""Results of questions about a cell: typed documents that show themselves as the terminal's tables."""
+"""Results of questions about a cell: a ranking, an explanation, a check, scores, a scene."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Sequence, Sized
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING
 
-from sqrp_cli.api.arguments import RunOutputs, check_text, check_texts, checked_path
+from sqrp_cli.api.answer import Answer, how_many
+from sqrp_cli.api.arguments import check_text, checked_path
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.report.documents.document import as_text
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from sqrp_cli.api.session import Session
     from sqrp_cli.checks.dependency_check import Feasibility
-    from sqrp_cli.program.record import Program
     from sqrp_cli.programming.cell import Cell
     from sqrp_cli.programming.coverage.assessment import Assessment
     from sqrp_cli.programming.pipeline import Explained
@@ -25,55 +23,11 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.suggestion import SuggestedStep
     from sqrp_cli.report.documents.candidates import CandidateFigures, RankDocument
     from sqrp_cli.report.documents.checks import CheckDocument, CheckedCandidate
-    from sqrp_cli.report.documents.document import Document
     from sqrp_cli.report.documents.explanation import CandidateStudy, ExplainAllDocument, ExplainDocument
-    from sqrp_cli.report.documents.runs import AuditDocument, RunDocument, SweepDocument
     from sqrp_cli.report.documents.scene import InitDocument, ShowDocument
     from sqrp_cli.report.documents.scores import ScoreDocument, TaskResult
-    from sqrp_cli.report.pages.run_page import RunCell
-    from sqrp_cli.runtime.monitor.frame_audit import AuditReport
-    from sqrp_cli.runtime.record.events import Event
-    from sqrp_cli.runtime.record.report import RunReport
-    from sqrp_cli.runtime.run.simulation import SweepRun, SweepSummary
     from sqrp_cli.scoring.scorecard import Scorecard
     from sqrp_cli.starter.make import Starter
-
-AnyDocument = TypeVar("AnyDocument", bound="Document", covariant=True)
-
-
-class Answer(ABC, Generic[AnyDocument]):
-    """A result. `print` and a notebook show it like the command of the same name."""
-
-    @property
-    @abstractmethod
-    def document(self) -> AnyDocument:
-        """The whole result, with the fields of `--json`."""
-
-    @property
-    @abstractmethod
-    def brief(self) -> str:
-        """Its main figures, in a line."""
-
-    @abstractmethod
-    def show(self) -> None:
-        """Print it to the terminal."""
-
-    def to_json(self) -> str:
-        """The document as one line of JSON, as `--json` prints it."""
-        return as_text(self.document)
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.brief})"
-
-    def __str__(self) -> str:
-        from sqrp_cli.terminal.console import as_plain_text
-
-        return as_plain_text(self.show)
-
-    def _repr_html_(self) -> str:
-        from sqrp_cli.terminal.console import as_html
-
-        return as_html(self.show)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -106,7 +60,7 @@ class Ranking(Answer["RankDocument"]):
         best = next((one.assessment for one in self.ranked if one.rank is not None), None)
         first = "none feasible" if best is None else f"best {_figures(best)}"
         cut = ", interrupted" if self.interrupted else ""
-        return f"{self.session.named}: {_count(self.ranked, 'candidate')}, {first}{cut}"
+        return f"{self.session.named}: {how_many(self.ranked, 'candidate')}, {first}{cut}"
 
     @cached_property
     def document(self) -> RankDocument:
@@ -179,7 +133,7 @@ class Explanation(Answer["ExplainDocument | ExplainAllDocument"]):
     def brief(self) -> str:
         """Its main figures, in a line."""
         if self.several:
-            return f"{self.session.named}: {_count(self.explained, 'candidate')}"
+            return f"{self.session.named}: {how_many(self.explained, 'candidate')}"
         return f"{self.session.named}: {_figures(self.explained[0].ranked.assessment)}"
 
     @cached_property
@@ -236,8 +190,10 @@ class Check(Answer["CheckDocument"]):
         """Its main figures, in a line."""
         about = self.workspace if self.task is None else f"{self.task} in {self.workspace}"
         able = sum(one.feasible for one in self.found)
-        found = "" if self.task is None or not self.valid else f"{able} of {_count(self.found, 'candidate')} feasible, "
-        return f"{about}: {found}{'valid' if self.valid else 'not valid'}, {_count(self.problems, 'problem')}"
+        found = (
+            "" if self.task is None or not self.valid else f"{able} of {how_many(self.found, 'candidate')} feasible, "
+        )
+        return f"{about}: {found}{'valid' if self.valid else 'not valid'}, {how_many(self.problems, 'problem')}"
 
     @cached_property
     def document(self) -> CheckDocument:
@@ -268,7 +224,7 @@ class Scene(Answer["ShowDocument"]):
     def brief(self) -> str:
         """Its main figures, in a line."""
         scene = self.cell.workspace
-        return f"{scene.name}: {_count(scene.cameras, 'camera')}, {_count(scene.objects, 'object')}"
+        return f"{scene.name}: {how_many(scene.cameras, 'camera')}, {how_many(scene.objects, 'object')}"
 
     @cached_property
     def document(self) -> ShowDocument:
@@ -305,7 +261,7 @@ class Scores(Answer["ScoreDocument"]):
         """Its main figures, in a line."""
         passed = self.findings.count("passed")
         cut = ", interrupted" if self.findings.interrupted else ""
-        return f"{passed} of {_count(self.findings.results, 'task')} passed{cut}"
+        return f"{passed} of {how_many(self.findings.results, 'task')} passed{cut}"
 
     @cached_property
     def document(self) -> ScoreDocument:
@@ -330,140 +286,6 @@ class Difference(Scores):
         from sqrp_cli.terminal.score_table import print_difference
 
         print_difference(self.findings)
-
-
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class SimulatedRun(Answer["RunDocument"]):
-    """How a run of a program went."""
-
-    cell: RunCell
-    report: RunReport
-    events: Sequence[Event]
-    """What happened, in order."""
-    period: float | None
-    """Between images of the slowest camera [s]; None if the log does not say."""
-    never_happened: tuple[str, ...] = ()
-    """Faults that never happened."""
-    problems: tuple[Problem, ...] = ()
-    """Warnings about data that the log lacks."""
-    inputs: Sequence[Path] = ()
-    """The files that it was read from, over which no page is written."""
-    outputs: RunOutputs = field(default_factory=RunOutputs)
-    """What it was kept in; neither."""
-
-    @property
-    def done(self) -> bool:
-        """Whether the program was completed."""
-        return self.report.outcome == "done"
-
-    @property
-    def brief(self) -> str:
-        """Its main figures, in a line."""
-        report = self.report
-        steps, faults = _count(report.steps, "step"), _count(report.faults, "fault")
-        return f"{self.cell.name}: {report.outcome} at {report.time:.2f} s, {steps}, {faults}, {report.images} images"
-
-    @cached_property
-    def document(self) -> RunDocument:
-        """The document of `sqrp run`."""
-        from sqrp_cli.report.documents.runs import RunDocument
-
-        return RunDocument.of(self.cell.name, self.report)
-
-    def show(self) -> None:
-        """Print what `sqrp run` prints."""
-        from sqrp_cli.terminal.run_view import print_run
-
-        print_run(self.cell.name, self.report, self.period)
-
-    def write_page(self, path: str | Path, arguments: Sequence[str] = ()) -> None:
-        """Write a page that plays the run; arguments: of the command that it names.
-
-        Raises InputError if it cannot be written, or would replace a file that the run read or wrote.
-        """
-        from sqrp_cli.report.pages.run_page import write_run
-
-        file = checked_path(path)
-        check_texts(arguments, "arguments", "the words of a command, in a list")
-        outputs = replace(self.outputs, page=file)
-        outputs.check_names()
-        outputs.check_not_read(self.inputs)
-        write_run(self.cell, self.report, self.events, file, arguments)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class SlipSweep(Answer["SweepDocument"]):
-    """Runs of a program with a slip at different instants, and how well the delays were predicted."""
-
-    program: Program
-    workspace: str
-    text: str
-    """The swept slip, such as `slip@a4`."""
-    step: int
-    """Number of the step that was swept, from 1."""
-    runs: Sequence[SweepRun]
-    summary: SweepSummary
-
-    @property
-    def done(self) -> bool:
-        """Whether all runs were completed."""
-        return all(run.report.outcome == "done" for run in self.runs)
-
-    @property
-    def brief(self) -> str:
-        """Its main figures, in a line."""
-        done = sum(run.report.outcome == "done" for run in self.runs)
-        return f"{self.text} in step {self.step}, {self.workspace}: {done} of {_count(self.runs, 'run')} done"
-
-    @cached_property
-    def document(self) -> SweepDocument:
-        """The document of `sqrp run --sweep`."""
-        from sqrp_cli.report.documents.runs import SweepDocument
-
-        return SweepDocument.of(self.workspace, self.text, self.step, self.runs, self.summary)
-
-    def show(self) -> None:
-        """Print what `sqrp run --sweep` prints."""
-        from sqrp_cli.terminal.run_view import print_sweep
-
-        print_sweep(self.program, self.step, self.workspace, self.text, self.runs, self.summary)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Audit(Answer["AuditDocument"]):
-    """What recorded frames say about the predictions of a program."""
-
-    program: Program
-    workspace: str
-    report: AuditReport
-    threshold: float
-    """Least share of predicted detections that must have come true."""
-
-    @property
-    def passed(self) -> bool:
-        """Whether so many came true."""
-        precision = self.report.total.precision
-        return precision is not None and precision >= self.threshold
-
-    @property
-    def brief(self) -> str:
-        """Its main figures, in a line."""
-        precision = self.report.total.precision
-        share = "nothing was predicted" if precision is None else f"{100 * precision:.1f} % of predictions came true"
-        return f"{self.workspace}: {share}, {'passed' if self.passed else 'not passed'}"
-
-    @cached_property
-    def document(self) -> AuditDocument:
-        """The document of `sqrp audit`."""
-        from sqrp_cli.report.documents.runs import AuditDocument
-
-        return AuditDocument.of(self.workspace, self.report, self.threshold)
-
-    def show(self) -> None:
-        """Print what `sqrp audit` prints."""
-        from sqrp_cli.terminal.run_view import print_audit
-
-        print_audit(self.program, self.workspace, self.report, self.threshold)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -499,11 +321,6 @@ class NewCell(Answer["InitDocument"]):
         from sqrp_cli.terminal.scene_table import print_new_cell
 
         print_new_cell(self.path, self.starter, own_arm=self.own_arm)
-
-
-def _count(several: Sized, noun: str) -> str:
-    """How many there are, such as `1 candidate` or `6 candidates`."""
-    return f"{len(several)} {noun}{'' if len(several) == 1 else 's'}"
 
 
 def _figures(assessment: Assessment) -> str:

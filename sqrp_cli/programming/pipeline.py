@@ -75,7 +75,8 @@ def assess_all(assignment: Assignment, candidates: Sequence[Candidate], jobs: in
 
     jobs: number of processes at most.
     """
-    least = WORTH_A_PROCESS if assignment.wanted.fastest else WORTH_WITH_WAYS
+    tried = not assignment.wanted.fastest and any(candidate.leaves_free for candidate in candidates)
+    least = WORTH_WITH_WAYS if tried else WORTH_A_PROCESS
     assessments = _assessed(assignment, candidates, min(jobs, len(candidates) // least))
     for candidate, assessment in zip(candidates, assessments, strict=True):
         # A result from a process has its own copy of the skill; replace it by the caller's, which all share.

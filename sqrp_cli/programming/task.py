@@ -10,7 +10,7 @@ from math import comb, prod
 from sqrp_cli.errors import InputError, Problem, counted, expected_names
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill.settings import DIRECT, SEEN, MotionValue, Reference
+from sqrp_cli.knowledge.skill.settings import ANY, DIRECT, SEEN, MotionValue, Reference
 from sqrp_cli.knowledge.skill.skill import JointMove, Skill
 from sqrp_cli.knowledge.text import units
 from sqrp_cli.knowledge.text.units import expected_quantity, read_quantity
@@ -60,6 +60,11 @@ class Candidate:
     def task(self) -> str:
         """The task text for its skill and objects, such as `place g2 tray`."""
         return " ".join([self.skill.name, *self.binding.values()])
+
+    @property
+    def leaves_free(self) -> bool:
+        """Whether there may be several ways of doing it: a motion parameter is free, or a path need not be direct."""
+        return ANY in self.values.values() or bool(self.open_paths)
 
     @property
     def open_paths(self) -> frozenset[str]:

@@ -37,7 +37,8 @@ def command(
 ) -> ExitCode:
     """Validate a workspace, and a task in it.
 
-    With a task, show which candidates can be done, why the others cannot, and what would have to be done first.
+    With a task, show which candidates can be done, why the others cannot, and what would have to be done first. Times
+    are those of the fastest branch; rank takes the best of all ways.
     """
     from sqrp_cli.report.documents.checks import CheckDocument
     from sqrp_cli.report.documents.document import as_text

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from sqrp_cli.api.arguments import RunOutputs
     from sqrp_cli.api.program import OpenProgram
-    from sqrp_cli.api.results import SimulatedRun
+    from sqrp_cli.api.run_results import SimulatedRun
 
 NAME = "run"
 

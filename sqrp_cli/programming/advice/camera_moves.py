@@ -46,7 +46,7 @@ class CameraMove(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Shift:
+class Displacement:
     """Moving a camera, in the frame that carries it [m]."""
 
     camera: Camera

@@ -14,7 +14,7 @@ from sqrp_cli.geometry import inverse, transform
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.programming.advice.aiming import Aim
-from sqrp_cli.programming.advice.camera_moves import CameraMove, Shift, Turn, field_of_view
+from sqrp_cli.programming.advice.camera_moves import CameraMove, Displacement, Turn, field_of_view
 from sqrp_cli.programming.advice.camera_search import Base, CameraSearch
 from sqrp_cli.programming.advice.change import Kind, Miss
 from sqrp_cli.programming.advice.question import Found, Met, Question
@@ -190,9 +190,9 @@ def _few(lenses: Mapping[tuple[int, int, float], Camera]) -> list[Camera]:
 
 def _positions(one: CameraSearch) -> list[CameraMove]:
     """Aim kept on what the camera looks at, or turned to the middle of what it must see where that alone is no help."""
-    kept, middle = Shift(one.camera, one.aim), one.middle
+    kept, middle = Displacement(one.camera, one.aim), one.middle
     if middle is None:
         return [kept]
-    turned = Shift(one.camera, middle)
+    turned = Displacement(one.camera, middle)
     alone = one.decide(turned.change(np.zeros(3)))
     return [kept] if alone is not None else [kept, turned]

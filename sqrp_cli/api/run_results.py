@@ -1,0 +1,157 @@
+"""Results of running a program: one run, a sweep, and an audit of recorded frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from sqrp_cli.api.answer import Answer, how_many
+from sqrp_cli.api.arguments import RunOutputs, check_texts, checked_path
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from sqrp_cli.errors import Problem
+    from sqrp_cli.program.record import Program
+    from sqrp_cli.report.documents.runs import AuditDocument, RunDocument, SweepDocument
+    from sqrp_cli.report.pages.run_page import RunCell
+    from sqrp_cli.runtime.monitor.frame_audit import AuditReport
+    from sqrp_cli.runtime.record.events import Event
+    from sqrp_cli.runtime.record.report import RunReport
+    from sqrp_cli.runtime.run.simulation import SweepRun, SweepSummary
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class SimulatedRun(Answer["RunDocument"]):
+    """How a run of a program went."""
+
+    cell: RunCell
+    report: RunReport
+    events: Sequence[Event]
+    """What happened, in order."""
+    period: float | None
+    """Between images of the slowest camera [s]; None if the log does not say."""
+    never_happened: tuple[str, ...] = ()
+    """Faults that never happened."""
+    problems: tuple[Problem, ...] = ()
+    """Warnings about data that the log lacks."""
+    inputs: Sequence[Path] = ()
+    """The files that it was read from, over which no page is written."""
+    outputs: RunOutputs = field(default_factory=RunOutputs)
+    """What it was kept in; neither."""
+
+    @property
+    def done(self) -> bool:
+        """Whether the program was completed."""
+        return self.report.outcome == "done"
+
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        report = self.report
+        steps, faults = how_many(report.steps, "step"), how_many(report.faults, "fault")
+        return f"{self.cell.name}: {report.outcome} at {report.time:.2f} s, {steps}, {faults}, {report.images} images"
+
+    @cached_property
+    def document(self) -> RunDocument:
+        """The document of `sqrp run`."""
+        from sqrp_cli.report.documents.runs import RunDocument
+
+        return RunDocument.of(self.cell.name, self.report)
+
+    def show(self) -> None:
+        """Print what `sqrp run` prints."""
+        from sqrp_cli.terminal.run_view import print_run
+
+        print_run(self.cell.name, self.report, self.period)
+
+    def write_page(self, path: str | Path, arguments: Sequence[str] = ()) -> None:
+        """Write a page that plays the run; arguments: of the command that it names.
+
+        Raises InputError if it cannot be written, or would replace a file that the run read or wrote.
+        """
+        from sqrp_cli.report.pages.run_page import write_run
+
+        file = checked_path(path)
+        check_texts(arguments, "arguments", "the words of a command, in a list")
+        outputs = replace(self.outputs, page=file)
+        outputs.check_names()
+        outputs.check_not_read(self.inputs)
+        write_run(self.cell, self.report, self.events, file, arguments)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SlipSweep(Answer["SweepDocument"]):
+    """Runs of a program with a slip at different instants, and how well the delays were predicted."""
+
+    program: Program
+    workspace: str
+    text: str
+    """The swept slip, such as `slip@a4`."""
+    step: int
+    """Number of the step that was swept, from 1."""
+    runs: Sequence[SweepRun]
+    summary: SweepSummary
+
+    @property
+    def done(self) -> bool:
+        """Whether all runs were completed."""
+        return all(run.report.outcome == "done" for run in self.runs)
+
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        done = sum(run.report.outcome == "done" for run in self.runs)
+        return f"{self.text} in step {self.step}, {self.workspace}: {done} of {how_many(self.runs, 'run')} done"
+
+    @cached_property
+    def document(self) -> SweepDocument:
+        """The document of `sqrp run --sweep`."""
+        from sqrp_cli.report.documents.runs import SweepDocument
+
+        return SweepDocument.of(self.workspace, self.text, self.step, self.runs, self.summary)
+
+    def show(self) -> None:
+        """Print what `sqrp run --sweep` prints."""
+        from sqrp_cli.terminal.run_view import print_sweep
+
+        print_sweep(self.program, self.step, self.workspace, self.text, self.runs, self.summary)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Audit(Answer["AuditDocument"]):
+    """What recorded frames say about the predictions of a program."""
+
+    program: Program
+    workspace: str
+    report: AuditReport
+    threshold: float
+    """Least share of predicted detections that must have come true."""
+
+    @property
+    def passed(self) -> bool:
+        """Whether so many came true."""
+        precision = self.report.total.precision
+        return precision is not None and precision >= self.threshold
+
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        precision = self.report.total.precision
+        share = "nothing was predicted" if precision is None else f"{100 * precision:.1f} % of predictions came true"
+        return f"{self.workspace}: {share}, {'passed' if self.passed else 'not passed'}"
+
+    @cached_property
+    def document(self) -> AuditDocument:
+        """The document of `sqrp audit`."""
+        from sqrp_cli.report.documents.runs import AuditDocument
+
+        return AuditDocument.of(self.workspace, self.report, self.threshold)
+
+    def show(self) -> None:
+        """Print what `sqrp audit` prints."""
+        from sqrp_cli.terminal.run_view import print_audit
+
+        print_audit(self.program, self.workspace, self.report, self.threshold)
