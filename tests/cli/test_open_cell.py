@@ -39,7 +39,9 @@ def test_a_ranking_is_the_table_and_the_document_of_rank(sqrp, cell):
 
 def test_an_explanation_is_that_of_explain(sqrp, cell):
     explanation = cell.explain("pickup green", "g1")
-    assert str(explanation) == printed(sqrp, "explain", TABLETOP, "pickup green", "--choose", "g1")
+    shown, _, advise = printed(sqrp, "explain", TABLETOP, "pickup green", "--choose", "g1").partition("\n\nHow much ")
+    assert str(explanation) == shown
+    assert f"\nsqrp advise {TABLETOP} " in advise
     assert explanation.to_json() == printed(sqrp, "explain", TABLETOP, "pickup green", "--choose", "g1", "--json")
 
 

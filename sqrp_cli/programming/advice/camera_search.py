@@ -14,7 +14,7 @@ from sqrp_cli.programming.advice.aiming import Aim, looking_at
 from sqrp_cli.programming.advice.camera_moves import LENS_STEP, LENS_STRIDE, CameraMove, Lens, whole
 from sqrp_cli.programming.advice.change import Margin, ProposedChange
 from sqrp_cli.programming.advice.effects import finely_met, seen_by
-from sqrp_cli.programming.advice.least import Search, least_beyond, shells
+from sqrp_cli.programming.advice.least import LeastSearch, least_beyond, shells
 from sqrp_cli.programming.advice.look import CameraLook, WishedSamples
 from sqrp_cli.programming.advice.question import Met, Near
 from sqrp_cli.programming.advice.room import CameraRoom
@@ -147,8 +147,8 @@ class CameraSearch:
         """A change that meets the wish if any point of the move's grid does up to a size."""
         return self._met(move, self._search(move, size).within(size))
 
-    def _search(self, move: CameraMove, reach: float) -> Search:
-        return Search(
+    def _search(self, move: CameraMove, reach: float) -> LeastSearch:
+        return LeastSearch(
             test=lambda vectors: self._passes(move, vectors),
             decide=lambda vector: self._may(move.change(vector)),
             dimension=move.dimension,

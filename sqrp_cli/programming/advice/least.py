@@ -43,7 +43,7 @@ _SHORTER = np.array([0.995, 0.98, 0.95, 0.9, 0.8])
 
 
 @dataclass(frozen=True)
-class Search:
+class LeastSearch:
     """A search for the least vector."""
 
     test: Test

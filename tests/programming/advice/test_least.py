@@ -7,13 +7,13 @@ from itertools import pairwise, product
 import numpy as np
 import pytest
 
-from sqrp_cli.programming.advice.least import Search, shells
+from sqrp_cli.programming.advice.least import LeastSearch, shells
 
 STEP = 0.01
 
 
-def search(does, dimension: int, reach: float = 0.5) -> Search:
-    return Search(does, lambda vector: bool(does(vector[None])[0]), dimension, STEP, reach, seed=0)
+def search(does, dimension: int, reach: float = 0.5) -> LeastSearch:
+    return LeastSearch(does, lambda vector: bool(does(vector[None])[0]), dimension, STEP, reach, seed=0)
 
 
 def least(does, dimension: int, reach: float = 0.5):
@@ -73,7 +73,7 @@ def test_what_a_quick_test_lets_pass_is_decided():
     def decided(vector):
         return bool(vector[2] > 0.04)
 
-    one = Search(lambda vectors: np.ones(len(vectors), dtype=bool), decided, 3, STEP, 0.5, seed=0)
+    one = LeastSearch(lambda vectors: np.ones(len(vectors), dtype=bool), decided, 3, STEP, 0.5, seed=0)
     found = one.anywhere()
     assert found is not None
     assert decided(found)
