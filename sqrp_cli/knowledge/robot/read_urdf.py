@@ -14,6 +14,7 @@ from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, pose, read_only, rpy_to_matrix
 from sqrp_cli.knowledge.frames import WORLD, WORLD_LINK
 from sqrp_cli.knowledge.robot.doubtful_urdf import LEAST_MOMENT, as_meant
+from sqrp_cli.knowledge.robot.robot_xml import RobotSource, read_robot_xml
 from sqrp_cli.knowledge.robot.urdf import (
     Inertial,
     JointType,
@@ -25,7 +26,7 @@ from sqrp_cli.knowledge.robot.urdf import (
     UrdfModel,
 )
 from sqrp_cli.knowledge.text.bounds import LARGEST_LENGTH, NO_LIMIT, SMALLEST_LIMIT, SMALLEST_SIZE
-from sqrp_cli.knowledge.text.xml_file import Element, read_xml
+from sqrp_cli.knowledge.text.xml_file import Element
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Sphere
 
 MAX_LINKS = 2000
@@ -44,15 +45,18 @@ _OTHER_JOINT_TYPES = ("floating", "planar")
 _Named = TypeVar("_Named", UrdfLink, UrdfJoint)
 
 
-def read_urdf(path: Path) -> UrdfModel:
-    """Read and validate a URDF.
+def read_urdf(path: Path, source: RobotSource | None = None) -> UrdfModel:
+    """Read and validate a URDF, expanded first if it has xacro elements; source: what else it is made of.
 
-    Raises InputError, with file and line, for XML that cannot be read (see `read_xml`), missing or malformed values, a
+    Raises InputError, with file and line, for XML that cannot be read (see `read_robot_xml`), missing or malformed values, a
     repeated name, an unknown link or joint, an axis of length zero, a missing position limit, a joint type that is not
     supported (floating, planar), a mass or moment of inertia below 0, too many links, joints or shapes, and links that
     do not form one tree.
     """
-    return _model(path, read_xml(path, "robot"))
+    xml = read_robot_xml(path, source)
+    model = _model(path, xml.root)
+    warnings = (*xml.warnings, *model.warnings)
+    return replace(model, content=xml.content, expanded=xml.expanded, warnings=warnings)
 
 
 def _model(path: Path, robot: Element) -> UrdfModel:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field, Tag, model_validator
+from pydantic import BeforeValidator, Field, Tag, WithJsonSchema, model_validator
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.geometry import Array, check_poses
@@ -132,6 +132,31 @@ class Robot:
         return {**self.home, **(self.fingers.open if self.fingers else {})}
 
 
+def _argument(value: object) -> object:
+    """An argument as xacro takes it: text."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:.15g}" if isinstance(value, int | float) else value
+
+
+XacroArgument = Annotated[
+    str, BeforeValidator(_argument), WithJsonSchema({"type": ["string", "number", "boolean"]}),
+]  # fmt: skip
+
+
+class XacroEntry(Entry):
+    """A xacro file and the values of its arguments."""
+
+    xacro: Text = Field(description="The file; relative to this file, or package://.")
+    args: dict[str, XacroArgument] = Field(default={}, description="Values of its arguments, by name.")
+
+
+DescriptionEntry = Annotated[
+    Annotated[XacroEntry, Tag("<mapping>")] | Annotated[Text, Tag("<else>")], mapping_or_else()
+]
+"""A robot description: the path of a plain file or a xacro, or a xacro with arguments."""
+
+
 class ToolBoxEntry(Entry):
     """A box of a tool."""
 
@@ -142,7 +167,9 @@ class ToolBoxEntry(Entry):
 class ToolEntry(Entry):
     """A tool that is fixed to the robot: a URDF, or boxes with a frame that grasps."""
 
-    urdf: Text | None = Field(default=None, description="The tool's own URDF; relative to this file, or package://.")
+    urdf: DescriptionEntry | None = Field(
+        default=None, description="The tool's own URDF or xacro; relative to this file, or package://."
+    )
     boxes: list[ToolBoxEntry] | None = Field(
         default=None, min_length=1, max_length=100, description="Boxes that enclose the tool, instead of a URDF."
     )
@@ -239,9 +266,9 @@ class LimitsEntry(Entry):
 class RobotEntry(Entry):
     """The robot, its tool and where it stands."""
 
-    urdf: Text = Field(description="The robot's URDF; relative to this file, or package://.")
-    srdf: Text | None = Field(
-        default=None, description="Its SRDF: named states and collision pairs that need no check."
+    urdf: DescriptionEntry = Field(description="The robot's URDF or xacro; relative to this file, or package://.")
+    srdf: DescriptionEntry | None = Field(
+        default=None, description="Its SRDF, also as xacro: named states and collision pairs that need no check."
     )
     package_roots: list[Text] = Field(default=[], description="Folders in which package://NAME/ is looked up first.")
     base: Pose = Field(default=Pose(), description="Pose of the robot's root link in the world.")

@@ -145,6 +145,10 @@ class UrdfModel:
     root: str
     warnings: tuple[Problem, ...] = ()
     """About doubtful values."""
+    content: bytes = b""
+    """What it was read from: the file, or what its xacro stands for."""
+    expanded: str | None = None
+    """The URDF as text if the file is a xacro; None for a plain one."""
 
     @property
     def movable_joints(self) -> tuple[UrdfJoint, ...]:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
+from types import MappingProxyType
 from urllib.parse import unquote
 
 from sqrp_cli.errors import InputError, Place, Problem, nearest
@@ -16,6 +19,46 @@ _PIP_PACKAGES = {"example-robot-data": "example-robot-data"}
 
 LONGEST_PATH = 1000
 """Most characters of a path in a message."""
+
+MANIFEST = "package.xml"
+"""The file that makes a folder a ROS package, and names it."""
+
+DEEPEST_PACKAGE = 4
+"""Folders between a root and a package in it, as in `src/universal_robot/ur_description`."""
+
+MOST_FOLDERS = 3000
+"""Most folders of a root that are looked into for packages."""
+
+_NAME = re.compile(r"<name>\s*([^<>\s]+)\s*</name>")
+
+_NO_PACKAGES = frozenset({"build", "log", "node_modules", "__pycache__", "site-packages", "meshes", "doc", "docs"})
+"""Folders that are not looked into."""
+
+
+def package_name(folder: Path) -> str | None:
+    """The name in a folder's `package.xml`; None if it has none."""
+    try:
+        with (folder / MANIFEST).open(encoding="utf-8", errors="replace") as file:
+            found = _NAME.search(file.read(100_000))
+    except OSError:
+        return None
+    return found[1] if found else None
+
+
+def package_around(path: Path) -> Path | None:
+    """The folder of the package that a file is in; None if it is in none."""
+    return next((folder for folder in path.parents if (folder / MANIFEST).is_file()), None)
+
+
+def package_folder(name: str, roots: Sequence[Path], place: Place | None) -> Path:
+    """The folder of a package. What counts is the name in `package.xml`, for a folder without one its own name.
+
+    It may be a root itself, or up to `DEEPEST_PACKAGE` folders below one. Raises InputError, with the roots tried.
+    """
+    folder = next(_folders_called(name, roots), None)
+    if folder is None:
+        raise InputError(_no_package(f"package `{name}`", name, roots, place))
+    return folder
 
 
 def package_roots(stated: Sequence[Path] = ()) -> tuple[Path, ...]:
@@ -40,9 +83,8 @@ def package_roots(stated: Sequence[Path] = ()) -> tuple[Path, ...]:
 def resolve(reference: str, folder: Path, roots: Sequence[Path], place: Place | None) -> Path:
     """The existing file that `reference` names.
 
-    reference: a path (relative to `folder`), a `file://` URL, or `package://NAME/PATH`, which is looked up in `roots`:
-    a root matches if it contains a folder NAME or is itself named NAME. place: of the reference; None for the command
-    line.
+    reference: a path (relative to `folder`), a `file://` URL, or `package://NAME/PATH`, which is looked up in `roots`
+    as `package_folder` does. place: of the reference; None for the command line.
 
     Raises InputError if there is no such file, with the roots tried and the command that installs the package.
     """
@@ -59,8 +101,12 @@ def resolve(reference: str, folder: Path, roots: Sequence[Path], place: Place | 
 
 
 def resolve_mesh(roots: Sequence[Path], reference: str, urdf: Path) -> Path:
-    """The mesh file that a URDF names, in folders such as `Robot.package_roots`. Raises as `resolve`."""
-    return resolve(reference, urdf.parent, roots, Place(urdf))
+    """The mesh file that a URDF names, in folders such as `Robot.package_roots` or in the URDF's own package.
+
+    Raises as `resolve`.
+    """
+    own = package_around(urdf) if reference.startswith("package://") else None
+    return resolve(reference, urdf.parent, (*([own] if own else ()), *roots), Place(urdf))
 
 
 def _environment_paths(variable: str) -> list[Path]:
@@ -69,24 +115,84 @@ def _environment_paths(variable: str) -> list[Path]:
 
 def _resolve_package(reference: str, roots: Sequence[Path], place: Place | None) -> Path:
     name, _, rest = reference.removeprefix("package://").partition("/")
-    folders = [root if root.name == name else root / name for root in roots]
-    folders = [folder for folder in folders if name and folder.is_dir()]
-    for folder in folders:
+    first: Path | None = None
+    for folder in _folders_called(name, roots):
         path = Path(os.path.normpath(folder / rest))
         if path.is_file():
             return path
-    if folders:
-        raise InputError(Problem("missing-file", f"`{reference}`: {_deepest(folders[0], rest)}", place))
+        first = first or folder
+    if first is not None:
+        raise InputError(Problem("missing-file", f"`{reference}`: {_deepest(first, rest)}", place))
+    raise InputError(_no_package(f"`{reference}`: package `{name}`", name, roots, place))
+
+
+def _no_package(what: str, name: str, roots: Sequence[Path], place: Place | None) -> Problem:
     tried = "".join(f"\n  {root}" for root in roots) or " none"
-    close = nearest(name, (entry.name for root in roots for entry in root.iterdir() if entry.is_dir()))
+    folders = (entry.name for root in roots for entry in root.iterdir() if entry.is_dir())
+    close = nearest(name, dict.fromkeys([*folders, *(found for root in roots for found in _packages_below(root))]))
     hint = f"; did you mean `{close}`?" if close else ""
     mend = (
         f"pip install {_PIP_PACKAGES[name]}"
         if name in _PIP_PACKAGES
         else f"add the folder that contains `{name}` to `robot.package_roots` or to ROS_PACKAGE_PATH"
     )
-    message = f"`{reference}`: package `{name}` not found{hint}; roots tried:{tried}"
-    raise InputError(Problem("missing-package", message, place, mend=mend))
+    return Problem("missing-package", f"{what} not found{hint}; roots tried:{tried}", place, mend=mend)
+
+
+def _folders_called(name: str, roots: Sequence[Path]) -> Iterator[Path]:
+    """The folders of a package, first hit first; those that only have the name, and another in `package.xml`, last."""
+    if not name or "/" in name or name in (".", ".."):
+        return
+    misnamed: list[Path] = []
+    for root in roots:
+        for folder in (root, root / name):
+            if folder.name == name and folder.is_dir():
+                if package_name(folder) in (None, name):
+                    yield folder
+                else:
+                    misnamed.append(folder)
+        found = _packages_below(root).get(name)
+        if found is not None and package_name(found) != name:  # moved since
+            _packages_below.cache_clear()
+            found = _packages_below(root).get(name)
+        if found is not None:
+            yield found
+    yield from misnamed
+
+
+@lru_cache(maxsize=256)
+def _packages_below(root: Path) -> Mapping[str, Path]:
+    """The packages in a folder by the names in their `package.xml`, the nearest to the root first.
+
+    Folders of Python packages and of the system are not looked through.
+    """
+    found: dict[str, Path] = {}
+    level, looked = [root], 0
+    for _ in range(DEEPEST_PACKAGE + 1 if not _is_python(root) else 1):
+        below: list[Path] = []
+        for folder in level:
+            name = package_name(folder)
+            if name is not None:
+                found.setdefault(name, folder)
+            elif looked < MOST_FOLDERS:
+                entries = _subfolders(folder)
+                looked += len(entries)
+                below += entries
+        level = below
+    return MappingProxyType(found)
+
+
+def _is_python(root: Path) -> bool:
+    return root.name in ("site-packages", "dist-packages") or root.is_relative_to(sys.prefix) or root.parent == root
+
+
+def _subfolders(folder: Path) -> list[Path]:
+    try:
+        with os.scandir(folder) as entries:
+            names = [entry.name for entry in entries if entry.name[0] != "." and entry.is_dir()]
+    except OSError:
+        return []
+    return [folder / name for name in sorted(names) if name not in _NO_PACKAGES]
 
 
 def _deepest(folder: Path, rest: str) -> str:

@@ -119,15 +119,15 @@ def read_xml(path: Path, root_tag: str) -> Element:
     return parse_xml(path, read_input(path, MAX_BYTES), root_tag)
 
 
-def parse_xml(path: Path, content: bytes, root_tag: str, texts: frozenset[str] = frozenset()) -> Element:
-    """As `read_xml`, from content in memory; path: named in problems.
+def parse_xml(path: Path, content: bytes, root_tag: str | None, texts: frozenset[str] = frozenset()) -> Element:
+    """As `read_xml`, from content in memory; path: named in problems. Without a root_tag, any root is accepted.
 
     texts: tags of elements whose text is kept. It must be in one piece: if a comment or another element interrupts it,
     some readers take the whole text and others only its first part.
     """
-    recognised = f"<{root_tag}".encode() in content  # else it may be a secret file, named to see its content
+    recognised = root_tag is None or f"<{root_tag}".encode() in content  # else it may be a secret file, named to see its content
     root = _Tree(path, texts).read(content, recognised)
-    if root.tag != root_tag:
+    if root_tag is not None and root.tag != root_tag:
         raise root.error("wrong-root", f"the file begins with <{root.shown_tag}>, expected <{root_tag}>")
     return root
 

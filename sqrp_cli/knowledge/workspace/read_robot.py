@@ -25,7 +25,9 @@ from sqrp_cli.knowledge.robot.robot import (
     StopLimits,
     Tool,
     ToolEntry,
+    XacroEntry,
 )
+from sqrp_cli.knowledge.robot.robot_xml import RobotSource
 from sqrp_cli.knowledge.robot.srdf import SrdfModel, read_srdf
 from sqrp_cli.knowledge.robot.urdf import TOOL_TIP, UrdfJoint, UrdfModel, tool_of_boxes
 from sqrp_cli.knowledge.text import packages, units
@@ -65,9 +67,10 @@ class RobotReader:
         self.urdf = self._read_urdf(self.entry.urdf, ("robot", "urdf"))
         self.srdf: SrdfModel | None = None
         if self.entry.srdf is not None:
-            self.srdf_path = self._resolve(self.entry.srdf, ("robot", "srdf"))
-            self.digest.add_file("robot.srdf", self.srdf_path)
-            self.srdf = read_srdf(self.srdf_path, self.urdf)
+            self.srdf_path, source = self._resolve(self.entry.srdf, ("robot", "srdf"))
+            self.srdf = read_srdf(self.srdf_path, self.urdf, source)
+            self.digest.add("robot.srdf", self.srdf_path, self.srdf.content)
+            self.warnings += self.srdf.warnings
         self.tool = None if self.entry.tool is None else self._read_tool(self.entry.tool)
         if self.entry.tool_frame is None and (self.entry.tool is None or self.entry.tool.frame is None):
             message = "`robot`: the key `tool_frame` is missing: the link that grasps"
@@ -106,14 +109,20 @@ class RobotReader:
     def _report(self, code: str, path: KeyPath, message: str, mend: str | None = None) -> None:
         self.problems.append(self.document.problem(code, path, message, mend))
 
-    def _resolve(self, reference: str, path: KeyPath) -> Path:
-        return packages.resolve(reference, self.document.folder, self.roots, self.document.value_place(path))
+    def _resolve(self, entry: XacroEntry | str, path: KeyPath) -> tuple[Path, RobotSource]:
+        """The file of a description, and what else it is made of."""
+        if isinstance(entry, str):
+            entry = XacroEntry(xacro=entry)
+        else:
+            path = (*path, "xacro")
+        file = packages.resolve(entry.xacro, self.document.folder, self.roots, self.document.value_place(path))
+        return file, RobotSource((*self.roots, self.document.folder), entry.args)
 
-    def _read_urdf(self, reference: str, path: KeyPath) -> UrdfModel:
-        urdf = read_urdf(self._resolve(reference, path))
+    def _read_urdf(self, entry: XacroEntry | str, path: KeyPath) -> UrdfModel:
+        urdf = read_urdf(*self._resolve(entry, path))
         self.warnings += urdf.warnings
         role = ".".join(map(str, path))
-        self.digest.add_file(role, urdf.path)
+        self.digest.add(role, urdf.path, urdf.content)
         parts = urdf.parts(self.entry.geometry, partial(packages.resolve_mesh, self.roots))
         self._parts += parts
         pieces = (piece for link in urdf.links.values() for piece in link.geometry(self.entry.geometry))

@@ -66,7 +66,9 @@ class RobotScene(Record):
     """The robot."""
 
     urdf: str
-    """Resolved path."""
+    """Resolved path; of the xacro file if it is one."""
+    expanded: str | None
+    """The URDF that the xacro stands for; null for a plain URDF."""
     srdf: str | None
     """Resolved path; null if there is none."""
     package_roots: list[str]
@@ -100,6 +102,7 @@ class RobotScene(Record):
         own, model = cell.workspace.robot, cell.model
         return cls(
             urdf=str(own.urdf.path),
+            expanded=own.urdf.expanded,
             srdf=None if own.srdf is None else str(own.srdf),
             package_roots=[str(root) for root in own.package_roots],
             base=own.X_WB.tolist(),
