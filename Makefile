@@ -12,15 +12,15 @@ all: .venv/installed
 # Three steps, so that a first look does not install the tools of developers.
 .venv/rank: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
-	$(INSTALL) '.[robots]'
+	$(INSTALL) '.[robots,xacro]'
 	@touch $@
 
 .venv/run: .venv/rank
-	$(INSTALL) '.[robots,sim,report]'
+	$(INSTALL) '.[robots,sim,report,xacro]'
 	@touch $@
 
 .venv/installed: .venv/run
-	$(INSTALL) '.[robots,sim,report,place,cluster,planners,dev]'
+	$(INSTALL) '.[robots,sim,report,place,cluster,planners,xacro,dev]'
 	@touch $@
 
 rank: .venv/rank

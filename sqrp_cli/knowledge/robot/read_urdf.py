@@ -48,15 +48,15 @@ _Named = TypeVar("_Named", UrdfLink, UrdfJoint)
 def read_urdf(path: Path, source: RobotSource | None = None) -> UrdfModel:
     """Read and validate a URDF, expanded first if it has xacro elements; source: what else it is made of.
 
-    Raises InputError, with file and line, for XML that cannot be read (see `read_robot_xml`), missing or malformed values, a
-    repeated name, an unknown link or joint, an axis of length zero, a missing position limit, a joint type that is not
-    supported (floating, planar), a mass or moment of inertia below 0, too many links, joints or shapes, and links that
-    do not form one tree.
+    Raises InputError, with file and line, for XML that cannot be read (see `read_robot_xml`), missing or malformed
+    values, a repeated name, an unknown link or joint, an axis of length zero, a missing position limit, a joint type
+    that is not supported (floating, planar), a mass or moment of inertia below 0, too many links, joints or shapes, and
+    links that do not form one tree.
     """
     xml = read_robot_xml(path, source)
     model = _model(path, xml.root)
     warnings = (*xml.warnings, *model.warnings)
-    return replace(model, content=xml.content, expanded=xml.expanded, warnings=warnings)
+    return replace(model, content=xml.content, expanded=xml.expanded, packages=xml.packages, warnings=warnings)
 
 
 def _model(path: Path, robot: Element) -> UrdfModel:

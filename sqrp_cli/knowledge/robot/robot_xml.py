@@ -25,6 +25,8 @@ class RobotSource:
     """Folders in which packages are looked up."""
     arguments: Mapping[str, str] = field(default_factory=dict)
     """Values of xacro arguments by name."""
+    search: Sequence[Path] = ()
+    """Further folders in which packages may be found; of these folders, nothing but those packages is read."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +39,10 @@ class RobotXml:
     """The same as text, if it was expanded from xacro."""
     content: bytes
     """What its digest is of: the file, or what its xacro stands for."""
+    packages: tuple[str, ...] = ()
+    """The packages that its xacro names."""
     warnings: tuple[Problem, ...] = ()
+    """Those that the file itself gives."""
 
 
 def read_robot_xml(path: Path, source: RobotSource | None = None) -> RobotXml:
@@ -50,14 +55,13 @@ def read_robot_xml(path: Path, source: RobotSource | None = None) -> RobotXml:
     root = parse_xml(path, content, ROOT)
     if not has_xacro(root):
         if source.arguments:
-            raise InputError(_takes_none(path, source.arguments))
+            raise InputError(_takes_none(root.place, source.arguments))
         return RobotXml(root, None, content)
     from sqrp_cli.knowledge.robot.xacro_file import expand
 
-    root, warnings = expand(path, content, source)
-    _refuse_old(root)
-    text = as_text(root)
-    return RobotXml(root, text, text.encode(), warnings)
+    expanded = expand(path, content, source)
+    _refuse_old(expanded.root)
+    return expanded
 
 
 def has_xacro(element: Element) -> bool:
@@ -86,10 +90,10 @@ def _lines(element: Element, depth: int) -> Iterator[str]:
     yield f"{'  ' * depth}</{element.tag}>"
 
 
-def _takes_none(path: Path, arguments: Mapping[str, str]) -> Problem:
+def _takes_none(place: Place, arguments: Mapping[str, str]) -> Problem:
     named = ", ".join(f"`{name}`" for name in arguments)
     message = f"this file has no xacro elements, so it takes no arguments; found {named}"
-    return Problem("xacro-argument", message, Place(path), mend="leave the arguments out, or name the .xacro file")
+    return Problem("xacro-argument", message, place, mend="leave the arguments out, or name the .xacro file")
 
 
 def _refuse_old(root: Element) -> None:

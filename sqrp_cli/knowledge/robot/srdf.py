@@ -91,7 +91,7 @@ class _SrdfReader:
         if self.unknown:
             first = self.unknown[0]
             more = [problem for problem in self.unknown if problem.message != first.message]
-            others = f"; {len(more)} more such mentions" if more else ""
+            others = f"; {len(more)} more such mention{chr(115) * (len(more) > 1)}" if more else ""
             message = f"{first.message}; what the SRDF says of it is left out{others}"
             yield replace(first, message=message, severity="warning", mend="check that the SRDF is of this robot")
 

@@ -149,6 +149,8 @@ class UrdfModel:
     """What it was read from: the file, or what its xacro stands for."""
     expanded: str | None = None
     """The URDF as text if the file is a xacro; None for a plain one."""
+    packages: tuple[str, ...] = ()
+    """The packages that the xacro names."""
 
     @property
     def movable_joints(self) -> tuple[UrdfJoint, ...]:

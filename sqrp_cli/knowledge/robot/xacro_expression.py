@@ -1,8 +1,8 @@
 """The Python expressions of xacro files, `${...}` and `$(eval ...)`, evaluated without Python.
 
-Only what is listed here is done: arithmetic, comparisons, conditions, lists, comprehensions, and calls
-of given functions and of harmless methods. Nothing else can be reached from an expression: no attribute of an object, no
-module, no file, no command. Sizes of all values are bounded, and so is the number of steps.
+Only what is listed here is done: arithmetic, comparisons, conditions, lists, comprehensions, and calls of given
+functions and of harmless methods. Nothing else can be reached from an expression: no attribute of an object, no module,
+no file, no command. Sizes of all values are bounded, and so is the number of steps.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any
 
 from sqrp_cli.errors import expected_names
 
-MAX_STEPS = 1_000_000
+MAX_STEPS = 200_000
 """Most steps of all expressions of a file, those of included files too."""
 
 MAX_TEXT = 100_000
@@ -47,14 +47,15 @@ _COMPARE: dict[type[ast.cmpop], Function] = {
 }  # fmt: skip
 
 _METHODS: dict[type, frozenset[str]] = {
-    str: frozenset(
-        "capitalize count endswith find format index isalpha isdigit islower isnumeric isupper join lower lstrip replace "
-        "rfind rsplit rstrip split splitlines startswith strip title upper".split()
-    ),
+    str: frozenset({
+        "capitalize", "count", "endswith", "find", "format", "index", "isalpha", "isdigit", "islower", "isnumeric",
+        "isupper", "join", "lower", "lstrip", "replace", "rfind", "rsplit", "rstrip", "split", "splitlines",
+        "startswith", "strip", "title", "upper",
+    }),
     dict: frozenset({"get", "items", "keys", "values"}),
     list: frozenset({"count", "index"}),
     tuple: frozenset({"count", "index"}),
-}
+}  # fmt: skip
 """Methods that change nothing; of subclasses, too."""
 
 _GROWING = frozenset({"format", "join", "replace"})
@@ -125,7 +126,7 @@ class Evaluator:
             raise RefusedExpressionError(f"more than {MAX_STEPS:,} steps of expressions")
         return bounded(self._computed(node, names))
 
-    def _computed(self, node: ast.expr, names: Mapping[str, Any]) -> Any:  # noqa: ANN401, PLR0911
+    def _computed(self, node: ast.expr, names: Mapping[str, Any]) -> Any:  # noqa: ANN401
         def of(child: ast.expr) -> Any:  # noqa: ANN401
             return self._of(child, names)
 
@@ -175,7 +176,9 @@ class Evaluator:
                 break
         return value
 
-    def _compared(self, value: object, kinds: list[ast.cmpop], others: list[ast.expr], names: Mapping[str, Any]) -> bool:
+    def _compared(
+        self, value: object, kinds: list[ast.cmpop], others: list[ast.expr], names: Mapping[str, Any]
+    ) -> bool:
         for kind, node in zip(kinds, others, strict=True):
             other = self._of(node, names)
             if not _COMPARE[type(kind)](value, other):
@@ -279,9 +282,9 @@ def _operated(operation: Function, left: Any, right: Any) -> Any:  # noqa: ANN40
         times, what = (left, right) if isinstance(left, int) else (right, left)
         if isinstance(times, int) and times * max(len(what), 1) > MAX_TEXT:
             raise RefusedExpressionError(f"a value of more than {MAX_TEXT:,} characters or items")
-    if operation is operator.pow and isinstance(left, int) and isinstance(right, int):
-        if right * max(left.bit_length(), 1) > MAX_BITS:
-            raise RefusedExpressionError(f"a number of more than {MAX_BITS} bits")
+    whole = isinstance(left, int) and isinstance(right, int)
+    if operation is operator.pow and whole and right * max(left.bit_length(), 1) > MAX_BITS:
+        raise RefusedExpressionError(f"a number of more than {MAX_BITS} bits")
     if operation is operator.mod and isinstance(left, str):
         _check_growth("format", left, list(right) if isinstance(right, tuple) else [right])
     return operation(left, right)

@@ -1,8 +1,8 @@
 """Expanding xacro files by the library `xacro`, without its ways to reach anything but the description.
 
 The library's own evaluation hands expressions to Python's `eval`, opens any file and reads the environment. Here
-expressions are evaluated by `xacro_expression`; files that are included or loaded must lie in the folder of the file, in
-its package or in a folder of packages; nothing comes from the environment. What a file makes of itself is bounded.
+expressions are evaluated by `xacro_expression`; files that are included or loaded must lie in the folder of the file,
+in its package or in a folder of packages; nothing comes from the environment. What a file makes of itself is bounded.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from __future__ import annotations
 import glob
 import os
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from xml.dom import expatbuilder, minidom
@@ -20,15 +20,21 @@ from xml.dom import expatbuilder, minidom
 import yaml
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
-from sqrp_cli.knowledge.robot.robot_xml import ROOT, RobotSource
+from sqrp_cli.knowledge.robot.robot_xml import ROOT, RobotSource, RobotXml, as_text
 from sqrp_cli.knowledge.robot.xacro_expression import GLOBALS, Evaluator, Functions, RefusedExpressionError, bounded
 from sqrp_cli.knowledge.text import packages
 from sqrp_cli.knowledge.text.input_file import read_input
-from sqrp_cli.knowledge.text.xml_file import MAX_BYTES, MAX_DEPTH, MAX_ELEMENTS, Element, parse_xml
+from sqrp_cli.knowledge.text.xml_file import MAX_BYTES, MAX_DEPTH, Element, parse_xml
 from sqrp_cli.knowledge.text.yaml_file import read_yaml
 
 MAX_FILES = 200
 """Most files that a description includes and loads, counted as often as it does."""
+
+MAX_CALLS = 5000
+"""Most macros that are expanded."""
+
+MAX_EXPANDED = 50_000
+"""Most elements that are looked at while a file is expanded."""
 
 MAX_INCLUDES = 30
 """Deepest nesting of includes."""
@@ -47,8 +53,8 @@ _PLACE = "place"
 """Key under which a node of the document knows where it was written."""
 
 
-def expand(path: Path, content: bytes, source: RobotSource) -> tuple[Element, tuple[Problem, ...]]:
-    """The `<robot>` that a xacro file stands for, and the warnings that the file itself gives.
+def expand(path: Path, content: bytes, source: RobotSource) -> RobotXml:
+    """The `<robot>` that a xacro file stands for.
 
     Every element has the place where it is written, in this file or an included one. Raises InputError, with that
     place, for whatever prevents it: a wrong expression, an unknown macro or argument, a file that is missing or outside
@@ -62,10 +68,11 @@ def expand(path: Path, content: bytes, source: RobotSource) -> tuple[Element, tu
     expansion = _Expansion(xacro, path, source)
     with _ENGINE, expansion.engine():
         root = expansion.run(content)
-    return root, tuple(expansion.warnings)
+    text = as_text(root)
+    return RobotXml(root, text, text.encode(), (*expansion.packages,), (*expansion.warnings,))
 
 
-class _Missing(OSError):
+class _MissingError(OSError):
     """A file that cannot be included, as the library expects it: an `optional` include goes on."""
 
     def __init__(self, error: InputError) -> None:
@@ -86,7 +93,7 @@ class _Carry:
 
     def handle(self, _operation: int, key: str, place: Place, _node: minidom.Node, copy: minidom.Node | None) -> None:
         if copy is not None:
-            copy.setUserData(key, place, self)  # type: ignore[attr-defined]
+            copy.setUserData(key, place, self)
 
 
 class _PlacedBuilder(expatbuilder.ExpatBuilderNS):
@@ -111,9 +118,10 @@ class _Expansion:
         self._arguments = dict(source.arguments)
         self._asked: dict[str, str | None] = {}
         self._folders = _own_folders(path)
+        self.packages: dict[str, Path] = {}
         self._at = Place(path)
         self._calls: list[_Call] = []
-        self._files = self._elements = 0
+        self._files = self._elements = self._called = 0
         self.warnings: list[Problem] = []
         tools = Functions(
             load_yaml=self._load_yaml, abs_filename=self._absolute, dotify=_same, tokenize=xacro.tokenize,
@@ -186,8 +194,8 @@ class _Expansion:
         def counted(node: Any, *scopes: Any) -> Any:  # noqa: ANN401
             self._at = node.getUserData(_PLACE) or self._at
             self._elements += 1
-            if self._elements > MAX_ELEMENTS:
-                message = f"the file expands to more than {MAX_ELEMENTS:,} elements"
+            if self._elements > MAX_EXPANDED:
+                message = f"the file expands to more than {MAX_EXPANDED:,} elements"
                 raise InputError(Problem("too-many-elements", message, self._at))
             return evaluate(node, *scopes)
 
@@ -198,6 +206,9 @@ class _Expansion:
             if not node.tagName.startswith("xacro:"):
                 return False
             self._at = node.getUserData(_PLACE) or self._at
+            self._called += 1
+            if self._called > MAX_CALLS:
+                raise self._error("xacro", f"the file expands more than {MAX_CALLS:,} macros")
             self._calls.append(_Call(node.tagName.removeprefix("xacro:"), self._at))
             done = call(node, *scopes)
             self._calls.pop()
@@ -221,14 +232,20 @@ class _Expansion:
             case "dirname":
                 return str(self._current.parent)
             case "eval":
-                functions = {"arg": self._converted, "find": self._find, "dirname": lambda: str(self._current.parent)}
+                functions: dict[str, Callable[..., Any]] = {
+                    "arg": self._converted,
+                    "find": self._find,
+                    "dirname": lambda: str(self._current.parent),
+                }
                 evaluator = Evaluator(*functions.values())
                 flags = {"true": True, "false": False}
                 return str(evaluator.value(rest, {**GLOBALS, **flags, **self._given, **functions}))
             case "env" | "optenv" if words:
                 return self._environment(words[0], " ".join(words[1:]) if command == "optenv" else None)
         known = ("arg", "dirname", "env", "eval", "find", "optenv")
-        raise self._error("xacro", f"found `{text}`, expected $(arg NAME) or $(find PACKAGE); {expected_names(command, known)}")
+        raise self._error(
+            "xacro", f"found `{text}`, expected $(arg NAME) or $(find PACKAGE); {expected_names(command, known)}"
+        )
 
     @property
     def _given(self) -> dict[str, Any]:
@@ -268,9 +285,14 @@ class _Expansion:
         return default
 
     def _find(self, package: str) -> str:
-        return str(packages.package_folder(package, (*self._folders, *self._source.roots), self._at))
+        known = (*self._folders, *self._source.roots)
+        folder = packages.package_folder(package, (*known, *self._source.search), self._at)
+        self.packages[package] = folder
+        return str(folder)
 
     def _load_yaml(self, name: str) -> object:
+        if not name:
+            raise self._error("xacro", "found `load_yaml('')`, expected the name of a file: an argument is empty")
         path = self._allowed(self._absolute(name))
         self._count_file()
         try:
@@ -300,13 +322,18 @@ class _Expansion:
     # Files.
 
     @property
+    def _readable(self) -> tuple[Path, ...]:
+        """Folders in which files may be read."""
+        return (*self._folders, *self._source.roots, *self.packages.values())
+
+    @property
     def _current(self) -> Path:
         return Path(self._xacro.filestack[-1] or self._path)
 
     def _included(self, spec: str, symbols: Any) -> Iterator[str]:  # noqa: ANN401
         """Paths of an include, also with wildcards."""
         wanted = self._absolute(str(self._xacro.eval_text(spec, symbols)))
-        matches = sorted(glob.glob(wanted)) if any(sign in wanted for sign in "*?[") else [wanted]
+        matches = sorted(glob.glob(wanted)) if any(sign in wanted for sign in "*?[") else [wanted]  # noqa: PTH207 # absolute
         if len(self._xacro.filestack) > MAX_INCLUDES:
             raise self._error("xacro", f"files include each other deeper than {MAX_INCLUDES} levels")
         yield from (str(self._allowed(path)) for path in matches)
@@ -322,7 +349,7 @@ class _Expansion:
             self._xacro.filestack.pop()
             problem = self._with_arguments(error.problems[0])
             problem = Problem("missing-file", f"{name}: {problem.message}", asked_at, mend=problem.mend)
-            missing = _Missing(InputError(problem))
+            missing = _MissingError(InputError(problem))
             raise self._xacro.XacroException(exc=missing) from error
 
     def _document(self, path: Path, content: bytes) -> minidom.Document:
@@ -333,7 +360,7 @@ class _Expansion:
     def _allowed(self, name: str) -> Path:
         """The path, if it may be read. Raises InputError."""
         path = Path(os.path.normpath(name))
-        if any(path.is_relative_to(folder) for folder in (*self._folders, *self._source.roots)):
+        if any(path.is_relative_to(folder) for folder in self._readable):
             return path
         message = f"`{name}` is outside the folders that this file may read: its own, its package and those of packages"
         mend = f"add {path.parent} to `robot.package_roots` or to ROS_PACKAGE_PATH (`init --package-root`)"
@@ -371,8 +398,8 @@ class _Expansion:
             if not isinstance(inner, BaseException):
                 break
             nested = inner
-        if isinstance(nested, InputError | _Missing):
-            return (nested.error if isinstance(nested, _Missing) else nested).problems[0]
+        if isinstance(nested, InputError | _MissingError):
+            return (nested.error if isinstance(nested, _MissingError) else nested).problems[0]
         if isinstance(nested, RecursionError):
             return Problem("xacro", f"a macro or an expression leads back to itself{self._within()}", self._at)
         message = str(nested) or type(nested).__name__
@@ -393,7 +420,7 @@ class _Expansion:
             for name, default in [*self._asked.items()][:12]
         )
         mend = f"the file's arguments, with their values: {shown}"
-        return Problem(problem.code, problem.message, problem.place, problem.severity, mend, problem.excerpt)
+        return replace(problem, mend=mend)
 
     def _check_arguments(self) -> None:
         for name in self._arguments:
@@ -429,4 +456,3 @@ def _unit_loader(evaluator: Evaluator) -> type[yaml.SafeLoader]:
 
         Loader.add_constructor(f"!{unit}", convert)
     return Loader
-

@@ -125,7 +125,8 @@ def parse_xml(path: Path, content: bytes, root_tag: str | None, texts: frozenset
     texts: tags of elements whose text is kept. It must be in one piece: if a comment or another element interrupts it,
     some readers take the whole text and others only its first part.
     """
-    recognised = root_tag is None or f"<{root_tag}".encode() in content  # else it may be a secret file, named to see its content
+    # Else it may be a secret file, named to see its content.
+    recognised = f"<{root_tag or 'robot'}".encode() in content
     root = _Tree(path, texts).read(content, recognised)
     if root_tag is not None and root.tag != root_tag:
         raise root.error("wrong-root", f"the file begins with <{root.shown_tag}>, expected <{root_tag}>")

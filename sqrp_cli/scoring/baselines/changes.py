@@ -13,7 +13,7 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.text.input_file import read_input
 from sqrp_cli.knowledge.text.source import LeafValue
 from sqrp_cli.knowledge.text.units import read_quantity
-from sqrp_cli.knowledge.text.xml_file import Element, read_xml
+from sqrp_cli.knowledge.text.xml_file import Element, parse_xml, read_xml
 from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, read_yaml
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.scoring.work.identity import says_something
@@ -85,6 +85,8 @@ def fields_of(workspace: Workspace, role: str) -> dict[str, LeafValue]:
         match path.suffix.lower():
             case ".yaml" | ".yml":
                 return dict(read_yaml(path, frozenset({"!!opencv-matrix"})).leaves)
+            case _ if role == "robot.urdf" and (expanded := workspace.robot.urdf.expanded) is not None:
+                return dict(_attributes(parse_xml(path, expanded.encode(), "robot"), ""))
             case ".urdf" | ".srdf":
                 return dict(_attributes(read_xml(path, "robot"), ""))
             case ".pddl":

@@ -230,8 +230,6 @@ def test_an_srdf_gives_groups_states_and_disabled_pairs(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "code", "line"),
     [
-        ('link1="hand"', 'link1="hnad"', "unknown-link", 5),
-        ('<joint name="turn"', '<joint name="trun"', "unknown-joint", 4),
         ('value="1.5"', 'value="up"', "wrong-value", 4),
         ('<group name="arm"/>', '<group name="all"/>', "group-cycle", 3),
         ('base_link="base" tip_link="tip"', 'base_link="tip" tip_link="base"', "wrong-chain", 2),
@@ -243,6 +241,25 @@ def test_a_fault_in_an_srdf_is_reported_with_its_line(tmp_path, old, new, code, 
     with pytest.raises(InputError) as caught:
         read_srdf(tmp_path / "arm.srdf", urdf)
     assert (caught.value.problems[0].code, caught.value.problems[0].place.line) == (code, line)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('link1="hand"', 'link1="hnad"', "unknown link `hnad`; did you mean `hand`?"),
+        ('<joint name="turn"', '<joint name="trun"', "unknown joint `trun`; did you mean `turn`?"),
+    ],
+)
+def test_what_an_srdf_says_of_other_robots_is_left_out_with_one_warning(tmp_path, old, new, said):
+    urdf = read_urdf(written(tmp_path, ARM))
+    more = '<disable_collisions link1="camera" link2="base"/></robot>'
+    (tmp_path / "arm.srdf").write_text(SRDF.replace(old, new, 1).replace("</robot>", more))
+    srdf = read_srdf(tmp_path / "arm.srdf", urdf)
+    (warning,) = srdf.warnings
+    assert (warning.severity, warning.place.file) == ("warning", tmp_path / "arm.srdf")
+    assert warning.message.startswith(said)
+    assert "1 more such mention" in warning.message
+    assert srdf.groups == {"arm": ("turn",), "all": ("turn",)}
 
 
 def with_inertial(inertial: str, limit: str = 'lower="-1" upper="2" velocity="3" effort="1"') -> str:

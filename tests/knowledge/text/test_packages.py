@@ -78,3 +78,31 @@ def test_names_that_no_file_has_are_refused_where_they_stand(reference: str, tmp
     with pytest.raises(InputError, match="no such file or folder") as caught:
         resolve(reference, tmp_path, [], PLACE)
     assert caught.value.problems[0].place == PLACE
+
+
+def named(folder: Path, name: str) -> Path:
+    make(folder, "package.xml").write_text(f"<package>\n  <name>{name}</name>\n</package>")
+    return folder
+
+
+def test_the_name_in_package_xml_counts_and_not_that_of_the_folder(tmp_path: Path) -> None:
+    clone = named(tmp_path / "Arm_ROS2_Description", "arm_description")
+    file = make(clone, "meshes/link.stl")
+    for root in (tmp_path, clone):
+        assert resolve("package://arm_description/meshes/link.stl", tmp_path, [root], PLACE) == file
+    with pytest.raises(InputError, match="did you mean `arm_description`"):
+        resolve("package://arm_descripton/meshes/link.stl", tmp_path, [tmp_path], PLACE)
+
+
+def test_packages_are_found_within_repositories_of_several(tmp_path: Path) -> None:
+    package = named(tmp_path / "src" / "vendor" / "arm_support", "arm_support")
+    file = make(package, "urdf/arm.urdf")
+    assert resolve("package://arm_support/urdf/arm.urdf", tmp_path, [tmp_path / "src"], PLACE) == file
+
+
+def test_a_folder_of_that_name_that_is_another_package_comes_last(tmp_path: Path) -> None:
+    file = make(named(tmp_path / "a" / "copy", "arm"), "arm.urdf")
+    other = make(named(tmp_path / "a" / "arm", "other"), "arm.urdf")
+    assert resolve("package://arm/arm.urdf", tmp_path, [tmp_path / "a"], PLACE) == file
+    file.unlink()
+    assert resolve("package://arm/arm.urdf", tmp_path, [tmp_path / "a"], PLACE) == other
