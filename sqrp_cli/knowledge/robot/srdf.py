@@ -12,7 +12,8 @@ from pathlib import Path
 
 from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.knowledge.frames import link_called
-from sqrp_cli.knowledge.robot.robot_xml import RobotSource, RobotXml, read_robot_xml
+from sqrp_cli.knowledge.robot.robot_source import RobotSource, RobotXml
+from sqrp_cli.knowledge.robot.robot_xml import read_robot_xml
 from sqrp_cli.knowledge.robot.urdf import UrdfModel
 from sqrp_cli.knowledge.text.xml_file import MAX_DEPTH, Element
 

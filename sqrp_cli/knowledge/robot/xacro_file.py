@@ -20,7 +20,7 @@ from xml.dom import expatbuilder, minidom
 import yaml
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
-from sqrp_cli.knowledge.robot.robot_xml import ROOT, RobotSource, RobotXml, as_text
+from sqrp_cli.knowledge.robot.robot_source import ROOT, RobotSource, RobotXml, as_text
 from sqrp_cli.knowledge.robot.xacro_expression import GLOBALS, Evaluator, Functions, RefusedExpressionError, bounded
 from sqrp_cli.knowledge.text import packages
 from sqrp_cli.knowledge.text.input_file import read_input

@@ -27,7 +27,7 @@ from sqrp_cli.knowledge.robot.robot import (
     ToolEntry,
     XacroEntry,
 )
-from sqrp_cli.knowledge.robot.robot_xml import RobotSource
+from sqrp_cli.knowledge.robot.robot_source import RobotSource
 from sqrp_cli.knowledge.robot.srdf import SrdfModel, read_srdf
 from sqrp_cli.knowledge.robot.urdf import TOOL_TIP, UrdfJoint, UrdfModel, tool_of_boxes
 from sqrp_cli.knowledge.text import packages, units

@@ -10,7 +10,8 @@ import pytest
 
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.knowledge.robot.read_urdf import read_urdf
-from sqrp_cli.knowledge.robot.robot_xml import RobotSource, read_robot_xml
+from sqrp_cli.knowledge.robot.robot_source import RobotSource
+from sqrp_cli.knowledge.robot.robot_xml import read_robot_xml
 from sqrp_cli.knowledge.robot.srdf import read_srdf
 from sqrp_cli.knowledge.robot.urdf import UrdfModel
 
