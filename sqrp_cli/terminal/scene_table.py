@@ -47,6 +47,7 @@ def print_scene(cell: Cell) -> None:
     ]  # fmt: skip
     titles = ("at [m]", "pixels", "fov", "lens", "range [m]", "Hz", "ms")
     print_table([Column("camera"), Column("frame"), *(Column(title) for title in titles)], cameras)
+    _print_files(cell)
     say()
     X_WO = cell.initial_world.X_WO
     objects = [
@@ -72,6 +73,13 @@ def print_new_cell(folder: Path, starter: Starter, *, own_arm: bool) -> None:
         say_command(guessed, f"sqrp show {where}")
     if starter.task is not None:
         say_command("Try:", f'sqrp rank {where} "{starter.task}"')
+
+
+def _print_files(cell: Cell) -> None:
+    """What was read from which kind of file."""
+    for camera in cell.workspace.cameras.values():
+        if camera.lens_file is not None:
+            say(f"{camera.name}: lens from {camera.lens_file}")
 
 
 def _print_hand(robot: Robot) -> None:

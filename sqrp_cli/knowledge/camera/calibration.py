@@ -1,30 +1,75 @@
-"""Camera intrinsics from ROS camera calibration files.
+"""Camera intrinsics from the calibration files that people have.
 
-Supported: the files of `camera_calibration` and of the drivers' camera info managers, OpenCV's FileStorage with the
-same keys, and a printed `sensor_msgs/CameraInfo` message (K and D, or k and d).
+Recognised by content: ROS camera_info (files of `camera_calibration` and of drivers, printed messages, `ost.txt`),
+OpenCV FileStorage (YAML, XML, JSON), Kalibr camchains, VINS (camodocal), COLMAP `cameras.txt`, and files with several.
+What a format says of a camera is a `StatedLens`; all the rest is common to them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from pydantic import AliasChoices, BeforeValidator, Field, Tag, model_validator
 
-from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, read_only
-from sqrp_cli.knowledge.camera.camera import DISTORTION_LENGTHS, DistortionModel, Intrinsics, PixelCount, check_pixels
-from sqrp_cli.knowledge.text.entries import ForeignEntry, Number, mapping_or_else
+from sqrp_cli.knowledge.camera.calibration_formats import (
+    CAMERA_INFO,
+    HEIGHTS,
+    K_KEYS,
+    SIZES,
+    TOP_KEYS,
+    WIDTHS,
+    CalibrationFormat,
+    StatedCamera,
+    StatedLens,
+    flat,
+    format_of,
+)
+from sqrp_cli.knowledge.camera.calibration_text import CalibrationText, part_of, read_calibration_text
+from sqrp_cli.knowledge.camera.camera import (
+    DISTORTION_LENGTHS,
+    CalibrationFile,
+    DistortionModel,
+    Intrinsics,
+)
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument
 from sqrp_cli.knowledge.text.validation import validate
-from sqrp_cli.knowledge.text.yaml_file import read_yaml
+
+_MODELS: Mapping[str, tuple[DistortionModel, tuple[int, ...]]] = {
+    "plumb_bob": ("plumb_bob", (5,)),
+    "rational_polynomial": ("rational_polynomial", (8,)),
+    "equidistant": ("equidistant", (4,)),
+    "radtan": ("plumb_bob", (4, 5)),
+    "brown_conrady": ("plumb_bob", (4, 5)),
+    "fisheye": ("equidistant", (4,)),
+    "equi": ("equidistant", (4,)),
+    "kannala_brandt": ("equidistant", (4,)),
+    "opencv": ("plumb_bob", (4,)),
+    "full_opencv": ("rational_polynomial", (8,)),
+    "pinhole_full": ("rational_polynomial", (8,)),
+    "opencv_fisheye": ("equidistant", (4,)),
+    "simple_radial": ("plumb_bob", (1,)),
+    "radial": ("plumb_bob", (2,)),
+    "simple_radial_fisheye": ("equidistant", (1,)),
+    "radial_fisheye": ("equidistant", (2,)),
+    "none": ("none", (0,)),
+    "pinhole": ("none", (0,)),
+    "simple_pinhole": ("none", (0,)),
+}
+"""Names of distortion models, in lower case, with the model and how many of its first coefficients a file states.
+
+The first three are ROS's; radtan and equi Kalibr's; fisheye OpenCV's; the others COLMAP's and camodocal's.
+"""
 
 _OPENCV_MODELS: dict[int, DistortionModel] = {5: "plumb_bob", 8: "rational_polynomial"}
 """Default model by number of coefficients, for files that name no model."""
 
+P_KEYS = ("projection_matrix", "P", "p")
+"""Names of the projection matrix of the rectified image."""
 
 MOST_SCALED = 5.0
 """Largest factor by which rectification scales the focal lengths."""
@@ -32,44 +77,8 @@ MOST_SCALED = 5.0
 MOST_MOVED = 0.2
 """Largest shift of the principal point by rectification, as a share of the image."""
 
-
-def _flat(value: object) -> object:
-    """The rows of a matrix as one list; other values unchanged."""
-    if isinstance(value, list) and value and all(isinstance(row, list) for row in value):
-        return [number for row in value for number in row]
-    return value
-
-
-_Numbers = Annotated[list[Number], BeforeValidator(_flat)]
-
-
-class _Matrix(ForeignEntry):
-    rows: Annotated[int, Field(strict=True, ge=0)]
-    cols: Annotated[int, Field(strict=True, ge=0)]
-    data: _Numbers
-
-
-_MatrixOrNumbers = Annotated[
-    Annotated[_Matrix, Tag("<mapping>")] | Annotated[_Numbers, Tag("<else>")], mapping_or_else()
-]
-
-_P_KEYS = ("projection_matrix", "P", "p")
-_K_KEYS = ("camera_matrix", "K", "k")
-_D_KEYS = ("distortion_coefficients", "D", "d")
-
-
-class _CalibrationFile(ForeignEntry):
-    image_width: PixelCount = Field(validation_alias=AliasChoices("image_width", "width"))
-    image_height: PixelCount = Field(validation_alias=AliasChoices("image_height", "height"))
-    camera_matrix: _MatrixOrNumbers = Field(validation_alias=AliasChoices(*_K_KEYS))
-    distortion_model: str | None = None
-    distortion_coefficients: _MatrixOrNumbers = Field(validation_alias=AliasChoices(*_D_KEYS))
-    projection_matrix: Any = Field(default=None, validation_alias=AliasChoices(*_P_KEYS))
-
-    @model_validator(mode="after")
-    def _size(self) -> _CalibrationFile:
-        check_pixels(self.image_width, self.image_height)
-        return self
+MOST_CAMERAS_NESTED = 3
+"""Levels of a file in which cameras are looked for."""
 
 
 class CameraCalibration(NamedTuple):
@@ -77,42 +86,142 @@ class CameraCalibration(NamedTuple):
 
     intrinsics: Intrinsics
     document: SourceDocument
+    """Of the whole file."""
+    part: SourceDocument
+    """What is about this camera."""
 
 
-def read_calibration(path: Path) -> CameraCalibration:
+def read_calibration(
+    path: Path, wanted: CalibrationFile | None = None, asked: str = "calibration"
+) -> CameraCalibration:
     """Intrinsics from a camera calibration file in one of the formats that this module reads.
 
-    The projection matrix, if any, belongs to the rectified image and is not used: cameras see through their lens.
-    Raises InputError, with the line, for missing keys, unknown models, wrong lengths and impossible matrices.
+    wanted: which camera of the file, and the size of its image if the file lacks it; asked: the key of the workspace
+    that says so. The projection matrix, if any, belongs to the rectified image and is not used: cameras see through
+    their lens. Raises InputError, with the line, for missing keys, unknown models, wrong lengths, impossible matrices,
+    and where file and workspace contradict each other.
     """
-    document = read_yaml(path, frozenset({"!!opencv-matrix"}), ("image_width", "width", *_K_KEYS))
-    file = validate(document, _CalibrationFile)
-    K_path, K_numbers = _numbers(document, _K_KEYS, file.camera_matrix, 9)
-    D_path, coefficients = _numbers(document, _D_KEYS, file.distortion_coefficients, None)
-    matrix = _camera_matrix(document, K_path, K_numbers)
-    model = _model(document, file.distortion_model, D_path, len(coefficients))
-    check_distortion(document, D_path, model, coefficients)
+    wanted = wanted or CalibrationFile(file=str(path))
+    text = read_calibration_text(path, TOP_KEYS)
+    part, title, model = _chosen(text, wanted, asked)
+    camera = validate(part, model)
+    width, height = _size(camera, part, wanted, asked)
+    stated = camera.lens(part)
+    matrix = _camera_matrix(part, stated)
+    distortion_model, coefficients = _distortion(part, stated)
     intrinsics = Intrinsics(
-        width=file.image_width,
-        height=file.image_height,
+        width=width,
+        height=height,
         matrix=matrix,
-        distortion_model=model,
+        distortion_model=distortion_model,
         distortion=read_only(coefficients),
+        lens_file=title,
     )
-    return CameraCalibration(intrinsics, document)
+    return CameraCalibration(intrinsics, text.document, part)
 
 
-def doubtful_projection(intrinsics: Intrinsics, document: SourceDocument) -> Iterator[Problem]:
+class _Found(NamedTuple):
+    """A camera of a file."""
+
+    part: SourceDocument
+    title: str
+    """Of its format, and its name."""
+    model: type[StatedCamera]
+
+
+def _chosen(text: CalibrationText, wanted: CalibrationFile, asked: str) -> _Found:
+    """The wanted camera of a file."""
+    document, found = text.document, dict(_cameras(text.document.data, ()))
+    if () in found or not found:
+        if not found and not any(key in document.data for key in TOP_KEYS):
+            raise InputError(_no_calibration(document))
+        known = found.get((), CAMERA_INFO)
+        return _Found(document, _title(known, document, text.syntax), known.model)
+    names = {_name(document, at): at for at in found}
+    if wanted.camera is None and len(names) > 1:
+        message = f"the file has the cameras {', '.join(f'`{name}`' for name in names)}"
+        mend = f"say which: `{asked}: {{file: {wanted.file}, camera: {next(iter(names))}}}`"
+        raise InputError(Problem("ambiguous-entry", message, Place(document.path), mend=mend))
+    name = wanted.camera or next(iter(names))
+    if name not in names:
+        message = f"`{asked}.camera`: found `{name}`, which is no camera of the file; {expected_names(name, names)}"
+        raise InputError(Problem("unknown-camera", message, Place(document.path)))
+    part = part_of(document, names[name])
+    known = found[names[name]]
+    return _Found(part, f"{_title(known, part, text.syntax)}: {name}", known.model)
+
+
+def _cameras(data: object, at: KeyPath) -> Iterator[tuple[KeyPath, CalibrationFormat]]:
+    """The cameras in a file, with the path of each."""
+    if isinstance(data, dict):
+        known = format_of(data)
+        if known is not None:
+            yield at, known
+            return
+    if len(at) < MOST_CAMERAS_NESTED and isinstance(data, dict | list):
+        for key, value in data.items() if isinstance(data, dict) else enumerate(data):
+            yield from _cameras(value, (*at, key))
+
+
+def _title(known: CalibrationFormat, part: SourceDocument, syntax: str) -> str:
+    """The name of a format as people know it."""
+    if known is not CAMERA_INFO:
+        return known.title
+    matrix = next((part.data[key] for key in K_KEYS if key in part.data), None)
+    of_opencv = syntax in ("XML", "JSON") or (isinstance(matrix, dict) and "dt" in matrix)
+    return f"OpenCV FileStorage ({syntax})" if of_opencv else f"ROS camera_info ({syntax})"
+
+
+def _name(document: SourceDocument, at: KeyPath) -> str:
+    """What a camera of a file is called: its `camera_name` in a list, else its key."""
+    value: Any = document.data
+    for key in at:
+        value = value[key]
+    own = next((value[key] for key in ("camera_name", "name", "id") if isinstance(value.get(key), str | int)), None)
+    return str(own) if isinstance(at[-1], int) and own is not None else str(at[-1])
+
+
+def _no_calibration(document: SourceDocument) -> Problem:
+    message = (
+        "found no camera; expected ROS camera_info or ost.txt, OpenCV FileStorage, a Kalibr camchain, a VINS camera, "
+        "or COLMAP's cameras.txt"
+    )
+    return Problem("unknown-calibration", message, Place(document.path))
+
+
+def _size(camera: StatedCamera, part: SourceDocument, wanted: CalibrationFile, asked: str) -> tuple[int, int]:
+    """Width and height of the image, from the file or the workspace, which must not contradict each other."""
+    stated = None if wanted.width is None or wanted.height is None else (wanted.width, wanted.height)
+    at = next(((key,) for key in (*SIZES, *WIDTHS, *HEIGHTS) if key in part.data), ())
+    if camera.size is None and at:
+        missing = "image_height" if at[0] in WIDTHS else "image_width"
+        raise InputError(Problem("missing-key", f"the file lacks the key `{missing}`", part.key_place(at)))
+    size = camera.size or stated
+    if size is None:
+        message = "the file does not say how large the image is"
+        mend = f"say it: `{asked}: {{file: {wanted.file}, width: 640, height: 480}}`"
+        raise InputError(Problem("missing-key", message, Place(part.path), mend=mend))
+    if stated not in (None, size):
+        message = (
+            f"the file is of an image of {size[0]} x {size[1]} pixels, `{asked}` of {wanted.width} x {wanted.height}"
+        )
+        mend = "leave `width` and `height` out, or name the calibration of that image size"
+        raise InputError(part.problem("image-size", at, message, mend))
+    return size
+
+
+def doubtful_projection(found: CameraCalibration) -> Iterator[Problem]:
     """A warning about a projection matrix that does not fit the camera matrix in the same calibration file.
 
     The projection matrix describes the rectified image, which has the same size: `camera_calibration` scales the focal
     lengths to keep more or less of the image, and hardly moves its centre.
     """
-    key = next((key for key in _P_KEYS if key in document.data), None)
+    document = found.part
+    key = next((key for key in P_KEYS if key in document.data), None)
     P = _projection(document.data[key]) if key is not None else None
     if key is None or P is None:
         return
-    why = _why_another(P, intrinsics)
+    why = _why_another(P, found.intrinsics)
     if why is not None:
         message = f"{why}; expected that of the rectified image of this camera. It is not used, `camera_matrix` is"
         problem = document.problem("doubtful-projection", (key,), message, "is the file put together from two cameras?")
@@ -121,7 +230,7 @@ def doubtful_projection(intrinsics: Intrinsics, document: SourceDocument) -> Ite
 
 def _projection(entry: object) -> Array | None:
     """A projection matrix, shape (3, 4); None if malformed or all zeros, which is how drivers write unknown ones."""
-    numbers = _flat(entry.get("data") if isinstance(entry, dict) else entry)
+    numbers = flat(entry.get("data") if isinstance(entry, dict) else entry)
     if not isinstance(numbers, list) or len(numbers) != 12 or not all(isinstance(n, int | float) for n in numbers):
         return None
     return np.array(numbers, dtype=float).reshape(3, 4) if any(numbers) else None
@@ -147,33 +256,18 @@ def check_distortion(
     document: SourceDocument, path: KeyPath, model: DistortionModel, coefficients: Sequence[float]
 ) -> None:
     """Raises InputError unless the number of distortion coefficients at `path` fits the model."""
-    expected = DISTORTION_LENGTHS[model]
-    if len(coefficients) != expected:
-        message = f"found {len(coefficients)} distortion coefficients, expected {expected} for `{model}`"
+    _check_count(document, path, model, len(coefficients), (DISTORTION_LENGTHS[model],))
+
+
+def _check_count(document: SourceDocument, path: KeyPath, name: str, count: int, expected: Sequence[int]) -> None:
+    if count not in expected:
+        counts = " or ".join(map(str, expected))
+        message = f"found {count} distortion coefficients, expected {counts} for `{name}`"
         raise InputError(document.problem("wrong-length", path, message))
 
 
-def _numbers(
-    document: SourceDocument, keys: tuple[str, ...], entry: _Matrix | list[float], count: int | None
-) -> tuple[KeyPath, list[float]]:
-    """The numbers of a matrix and their path, checked against its rows and columns and against `count`."""
-    key = next(key for key in keys if key in document.data)
-    if isinstance(entry, list):
-        path: KeyPath = (key,)
-        numbers, stated, expected = entry, count, str(count)
-    else:
-        path = (key, "data")
-        numbers, stated = entry.data, entry.rows * entry.cols
-        expected = f"`rows` x `cols` = {entry.rows} x {entry.cols} = {stated}"
-    if stated is not None and stated != len(numbers):
-        raise InputError(document.problem("wrong-length", path, f"found {len(numbers)} numbers, expected {expected}"))
-    if count is not None and len(numbers) != count:
-        raise InputError(document.problem("wrong-length", path, f"found {expected} numbers, expected 3 x 3"))
-    return path, numbers
-
-
-def _camera_matrix(document: SourceDocument, path: KeyPath, numbers: list[float]) -> Array:
-    K = np.array(numbers).reshape(3, 3)
+def _camera_matrix(document: SourceDocument, stated: StatedLens) -> Array:
+    K, path = np.array(stated.K).reshape(3, 3), stated.K_at
     if K[0, 0] <= 0 or K[1, 1] <= 0:
         message = (
             f"found focal lengths {K[0, 0]:g} and {K[1, 1]:g}, expected positive ones: [fx, 0, cx, 0, fy, cy, 0, 0, 1]"
@@ -185,15 +279,28 @@ def _camera_matrix(document: SourceDocument, path: KeyPath, numbers: list[float]
     return read_only(K)
 
 
-def _model(document: SourceDocument, name: str | None, path: KeyPath, count: int) -> DistortionModel:
-    if name is not None:
-        for model in DISTORTION_LENGTHS:
-            if name == model and model != "none":
-                return model
-        expected = expected_names(name, [model for model in DISTORTION_LENGTHS if model != "none"])
-        message = f"found `{name}`, which is no known distortion model; {expected}"
-        raise InputError(document.problem("unknown-distortion-model", ("distortion_model",), message))
+def _distortion(document: SourceDocument, stated: StatedLens) -> tuple[DistortionModel, list[float]]:
+    """The distortion model and all of its coefficients."""
+    count = len(stated.D)
+    if stated.model is None:
+        while count > 8 and not stated.D[count - 1]:  # OpenCV writes zeros of models with 12 and 14
+            count -= 1
+        return _unnamed(document, stated, count), list(stated.D[:count])
+    if stated.model.lower() not in _MODELS:
+        expected = expected_names(stated.model, [model for model in DISTORTION_LENGTHS if model != "none"])
+        message = f"found `{stated.model}`, which is no known distortion model; {expected}"
+        raise InputError(document.problem("unknown-distortion-model", stated.model_at, message))
+    model, counts = _MODELS[stated.model.lower()]
+    if model == "none" and not any(stated.D):
+        return model, []
+    _check_count(document, stated.D_at, stated.model, count, counts)
+    return model, [*stated.D, *[0.0] * (DISTORTION_LENGTHS[model] - count)]
+
+
+def _unnamed(document: SourceDocument, stated: StatedLens, count: int) -> DistortionModel:
+    """The model of a file that names none."""
     if count not in _OPENCV_MODELS:
         message = f"with {count} distortion coefficients the file must say `distortion_model`"
-        raise InputError(document.problem("missing-key", path, message))
+        mend = "add `distortion_model: radtan` (k1, k2, p1, p2) or `distortion_model: fisheye` (k1, k2, k3, k4)"
+        raise InputError(document.problem("missing-key", stated.D_at, message, mend if count == 4 else None))
     return _OPENCV_MODELS[count]

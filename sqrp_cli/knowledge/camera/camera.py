@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from math import radians, tan
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field, Tag
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.geometry import Array, check_finite, check_poses, read_only
 from sqrp_cli.knowledge.text.bounds import LARGEST
-from sqrp_cli.knowledge.text.entries import CameraPose, In, Number, Size, Stored, Text, Time
+from sqrp_cli.knowledge.text.entries import CameraPose, In, Number, Size, Stored, Text, Time, mapping_or_else
 from sqrp_cli.knowledge.text.units import ANGLE, FREQUENCY, PIXELS
 
 DistortionModel = Literal["none", "plumb_bob", "rational_polynomial", "equidistant"]
@@ -57,6 +57,8 @@ class Intrinsics:
     distortion_model: DistortionModel
     distortion: Array
     """As in ROS `sensor_msgs/CameraInfo`: k1, k2, p1, p2, k3, ..."""
+    lens_file: str | None = None
+    """Format of the calibration file that says so, with the camera's name in it; None: the workspace does."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -163,6 +165,27 @@ def image_of(camera: Intrinsics) -> ImageEntry:
     )
 
 
+@dataclass(frozen=True, kw_only=True)
+class CalibrationFile(Stored):
+    """A camera of a calibration file."""
+
+    file: Text
+    """Relative to this file, or package://."""
+    camera: Annotated[Text, BeforeValidator(lambda name: str(name) if type(name) is int else name)] | None = None
+    """Its name in the file, if that has several, such as `cam1`."""
+    width: PixelCount | None = None
+    """Columns of the image, if the file does not say."""
+    height: PixelCount | None = None
+    """Rows of the image, if the file does not say."""
+
+    def __post_init__(self) -> None:
+        """Raises PydanticCustomError for a width without a height."""
+        if (self.width is None) != (self.height is None):
+            raise PydanticCustomError("conflicting-keys", "`width` and `height` go together")
+        if self.width is not None and self.height is not None:
+            check_pixels(self.width, self.height)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CalibrationEntry(Stored):
     """Where a camera is and how it makes an image: stated, or by files that others wrote."""
@@ -187,7 +210,22 @@ class CalibrationEntry(Stored):
     image: Annotated[ImageEntry | None, Field(description="Size and field of view or focal lengths of the image.")] = (
         None
     )
-    calibration: Annotated[Text | None, Field(description="A ROS camera calibration file, instead of `image`.")] = None
+    calibration: Annotated[
+        Annotated[
+            Annotated[CalibrationFile, Tag("<mapping>")] | Annotated[Text, Tag("<else>")],
+            mapping_or_else(),
+        ]
+        | None,
+        Field(
+            description="A calibration file, instead of `image`: of ROS, OpenCV, Kalibr, VINS or COLMAP; as "
+            "`{file, camera, width, height}` where it has several cameras or no image size."
+        ),
+    ] = None
+
+    @property
+    def calibration_file(self) -> CalibrationFile | None:
+        """The calibration file, if there is one."""
+        return CalibrationFile(file=self.calibration) if isinstance(self.calibration, str) else self.calibration
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

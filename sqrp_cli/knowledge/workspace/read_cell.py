@@ -84,13 +84,15 @@ class CellReader:
     def _camera(self, name: str, entry: CameraEntry) -> Camera:
         path: KeyPath = ("cameras", name)
         frame, X_FC = self._seat(path, entry)
-        if entry.calibration is not None:
-            place = self.document.value_place((*path, "calibration"))
-            calibration = packages.resolve(entry.calibration, self.document.folder, self.roots, place)
-            intrinsics, calibration_document = read_calibration(calibration)
-            self.digest.add(f"cameras.{name}.calibration", calibration, calibration_document.content)
-            self.warnings.extend(unusual_values(calibration_document, CALIBRATION))
-            self.warnings.extend(doubtful_projection(intrinsics, calibration_document))
+        if entry.calibration_file is not None:
+            at = (*path, "calibration")
+            place = self.document.value_place((*at, "file") if (*at, "file") in self.document.keys else at)
+            file = packages.resolve(entry.calibration_file.file, self.document.folder, self.roots, place)
+            calibration = read_calibration(file, entry.calibration_file, dotted(at))
+            intrinsics = calibration.intrinsics
+            self.digest.add(dotted(at), file, calibration.document.content)
+            self.warnings.extend(unusual_values(calibration.part, CALIBRATION))
+            self.warnings.extend(doubtful_projection(calibration))
         else:
             assert entry.image is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
             intrinsics = entry.image.intrinsics()

@@ -145,6 +145,8 @@ class CameraScene(Record):
     """Images per second [Hz]."""
     latency: float
     """From exposure to the image being available [s]."""
+    lens_file: str | None = field(default=None, metadata=LEFT_OUT)
+    """Format of the calibration file, and the camera's name in it; left out if the workspace states the image."""
 
     @classmethod
     def of(cls, cell: Cell, seen_by: camera.Camera) -> CameraScene:

@@ -1,0 +1,242 @@
+"""The formats of calibration files: each is a model of one camera in it, which gives a `StatedLens`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, NamedTuple
+
+from pydantic import AliasChoices, BeforeValidator, Field, Tag, model_validator
+
+from sqrp_cli.errors import InputError, expected_names
+from sqrp_cli.knowledge.camera.camera import PixelCount, check_pixels
+from sqrp_cli.knowledge.text.entries import ForeignEntry, Number, mapping_or_else
+from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument
+
+COLMAP_PIXEL = 0.5
+"""COLMAP's coordinates of the centre of the first pixel [pixels], which is at 0 for everyone else here."""
+
+
+def flat(value: object) -> object:
+    """The rows of a matrix as one list; other values unchanged."""
+    if isinstance(value, list) and value and all(isinstance(row, list) for row in value):
+        return [number for row in value for number in row]
+    return value
+
+
+_Numbers = Annotated[list[Number], BeforeValidator(flat)]
+
+
+class _Matrix(ForeignEntry):
+    rows: Annotated[int, Field(strict=True, ge=0)]
+    cols: Annotated[int, Field(strict=True, ge=0)]
+    data: _Numbers
+
+
+_MatrixOrNumbers = Annotated[
+    Annotated[_Matrix, Tag("<mapping>")] | Annotated[_Numbers, Tag("<else>")], mapping_or_else()
+]
+
+K_KEYS = ("camera_matrix", "K", "k", "cameraMatrix", "intrinsic_matrix", "mtx")
+_D_KEYS = ("distortion_coefficients", "D", "d", "distCoeffs", "dist_coeffs", "dist_coeff", "dist")
+WIDTHS, HEIGHTS = ("image_width", "width", "image_Width"), ("image_height", "height", "image_Height")
+SIZES = ("resolution", "image_size", "imageSize")
+
+
+@dataclass(frozen=True, kw_only=True)
+class StatedLens:
+    """What a file says of a camera's lens, with the paths of the keys."""
+
+    K: Sequence[float]
+    """The camera matrix [pixels], row by row."""
+    K_at: KeyPath
+    model: str | None
+    """The distortion model as the file calls it; None if it names none."""
+    model_at: KeyPath
+    D: Sequence[float]
+    """The distortion coefficients that the file states."""
+    D_at: KeyPath
+
+
+class StatedCamera(ForeignEntry):
+    """A camera in a file of some format."""
+
+    image_width: PixelCount | None = Field(default=None, validation_alias=AliasChoices(*WIDTHS))
+    image_height: PixelCount | None = Field(default=None, validation_alias=AliasChoices(*HEIGHTS))
+    resolution: Annotated[list[PixelCount], Field(min_length=2, max_length=2)] | None = Field(
+        default=None, validation_alias=AliasChoices(*SIZES)
+    )
+
+    @model_validator(mode="after")
+    def _possible_size(self) -> StatedCamera:
+        if self.size is not None:
+            check_pixels(*self.size)
+        return self
+
+    @property
+    def size(self) -> tuple[int, int] | None:
+        """Width and height of its image [pixels]."""
+        if self.resolution is not None:
+            return self.resolution[0], self.resolution[1]
+        return None if self.image_width is None or self.image_height is None else (self.image_width, self.image_height)
+
+    def lens(self, document: SourceDocument) -> StatedLens:
+        """Its lens. Raises InputError, with the line, for lists of a wrong length."""
+        raise NotImplementedError
+
+
+class CameraInfo(StatedCamera):
+    """ROS `sensor_msgs/CameraInfo`, or matrices in OpenCV's FileStorage."""
+
+    camera_matrix: _MatrixOrNumbers = Field(validation_alias=AliasChoices(*K_KEYS))
+    distortion_model: str | None = None
+    distortion_coefficients: _MatrixOrNumbers = Field(validation_alias=AliasChoices(*_D_KEYS))
+    fisheye_model: Any = None
+    """Written by OpenCV's calibration sample."""
+
+    def lens(self, document: SourceDocument) -> StatedLens:
+        """Its lens. Raises InputError, with the line, for lists of a wrong length."""
+        K_at, K = _numbers(document, K_KEYS, self.camera_matrix, 9)
+        D_at, D = _numbers(document, _D_KEYS, self.distortion_coefficients, None)
+        model = self.distortion_model
+        if model is None and self.fisheye_model is not None and len(D) == 4:
+            model = "fisheye" if self.fisheye_model else "radtan"
+        return StatedLens(K=K, K_at=K_at, model=model, model_at=("distortion_model",), D=D, D_at=D_at)
+
+
+class _Kalibr(StatedCamera):
+    """A camera of a Kalibr camchain."""
+
+    camera_model: str = "pinhole"
+    intrinsics: _Numbers
+    distortion_model: str
+    distortion_coeffs: _Numbers
+
+    def lens(self, document: SourceDocument) -> StatedLens:
+        if self.camera_model != "pinhole":
+            message = f"found `{self.camera_model}`, expected `pinhole`, with any distortion model"
+            raise InputError(document.problem("unknown-distortion-model", ("camera_model",), message))
+        return StatedLens(
+            K=_pinhole(document, ("intrinsics",), self.intrinsics),
+            K_at=("intrinsics",),
+            model=self.distortion_model,
+            model_at=("distortion_model",),
+            D=self.distortion_coeffs,
+            D_at=("distortion_coeffs",),
+        )
+
+
+_PINHOLE = ("fx", "fy", "cx", "cy")
+_VINS_NAMES: Mapping[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = {
+    "PINHOLE": ("radtan", _PINHOLE, ("k1", "k2", "p1", "p2")),
+    "PINHOLE_FULL": ("pinhole_full", _PINHOLE, ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")),
+    "KANNALA_BRANDT": ("kannala_brandt", ("mu", "mv", "u0", "v0"), ("k2", "k3", "k4", "k5")),
+}
+"""By camodocal's model: the name of its distortion, and the names of parameters and of coefficients."""
+
+
+class _Vins(StatedCamera):
+    """A camera of camodocal, as VINS-Mono and VINS-Fusion have it."""
+
+    model_type: str = "PINHOLE"
+    distortion_parameters: dict[str, Number] = Field(default={})
+    projection_parameters: dict[str, Number]
+
+    def lens(self, document: SourceDocument) -> StatedLens:
+        if self.model_type not in _VINS_NAMES:
+            message = f"found `{self.model_type}`, which is no known camera model; "
+            message += expected_names(self.model_type, _VINS_NAMES)
+            raise InputError(document.problem("unknown-distortion-model", ("model_type",), message))
+        model, parameters, coefficients = _VINS_NAMES[self.model_type]
+        return StatedLens(
+            K=_pinhole(document, ("projection_parameters",), self._named(document, parameters)),
+            K_at=("projection_parameters",),
+            model=model,
+            model_at=("model_type",),
+            D=self._named(document, coefficients),
+            D_at=("distortion_parameters",),
+        )
+
+    def _named(self, document: SourceDocument, names: Sequence[str]) -> list[float]:
+        """Values by name; those of a fisheye lens stand among either parameters."""
+        values = {**self.distortion_parameters, **self.projection_parameters}
+        missing = next((name for name in names if name not in values), None)
+        if missing is not None:
+            message = f"lacks the parameter `{missing}` of `{self.model_type}`"
+            raise InputError(document.problem("missing-key", ("projection_parameters",), message))
+        return [values[name] for name in names]
+
+
+class _Colmap(StatedCamera):
+    """A line of COLMAP's `cameras.txt`."""
+
+    model: str
+    params: _Numbers
+
+    def lens(self, document: SourceDocument) -> StatedLens:
+        focal = 1 if self.model.startswith(("SIMPLE_", "RADIAL")) else 2
+        shared = [self.params[0] if self.params else 0.0, *self.params] if focal == 1 else self.params
+        fx, fy, cx, cy, *_ = _pinhole_numbers(document, ("params",), shared[:4])
+        K = [fx, 0.0, cx - COLMAP_PIXEL, 0.0, fy, cy - COLMAP_PIXEL, 0.0, 0.0, 1.0]
+        D = self.params[focal + 2 :]
+        return StatedLens(K=K, K_at=("params",), model=self.model, model_at=("model",), D=D, D_at=("params",))
+
+
+class CalibrationFormat(NamedTuple):
+    """A format of calibration files."""
+
+    title: str
+    model: type[StatedCamera]
+    keys: tuple[str, ...]
+    """Of these two, or all that there are, give a camera away."""
+
+
+CAMERA_INFO = CalibrationFormat("ROS camera_info", CameraInfo, (*K_KEYS, *_D_KEYS, *WIDTHS, *HEIGHTS))
+
+_FORMATS = (
+    CalibrationFormat("VINS", _Vins, ("projection_parameters",)),
+    CalibrationFormat("Kalibr camchain", _Kalibr, ("intrinsics", "distortion_coeffs", "camera_model")),
+    CalibrationFormat("COLMAP cameras.txt", _Colmap, ("params",)),
+    CAMERA_INFO,
+)
+
+TOP_KEYS = (*WIDTHS, *HEIGHTS, *K_KEYS, *_D_KEYS, "projection_parameters", "model_type", "cam0")
+"""Keys of which one is at the top of a calibration file in YAML, so that problems may quote it."""
+
+
+def format_of(data: Mapping[str, Any]) -> CalibrationFormat | None:
+    """The format of a mapping if it is a camera: the first that fits."""
+    fits = (known for known in _FORMATS if sum(key in data for key in known.keys) >= min(2, len(known.keys)))
+    return next(fits, None)
+
+
+def _numbers(
+    document: SourceDocument, keys: tuple[str, ...], entry: _Matrix | list[float], count: int | None
+) -> tuple[KeyPath, list[float]]:
+    """The numbers of a matrix and their path, checked against its rows and columns and against `count`."""
+    key = next(key for key in keys if key in document.data)
+    if isinstance(entry, list):
+        path: KeyPath = (key,)
+        numbers, stated, expected = entry, count, str(count)
+    else:
+        path = (key, "data")
+        numbers, stated = entry.data, entry.rows * entry.cols
+        expected = f"`rows` x `cols` = {entry.rows} x {entry.cols} = {stated}"
+    if stated is not None and stated != len(numbers):
+        raise InputError(document.problem("wrong-length", path, f"found {len(numbers)} numbers, expected {expected}"))
+    if count is not None and len(numbers) != count:
+        raise InputError(document.problem("wrong-length", path, f"found {expected} numbers, expected 3 x 3"))
+    return path, numbers
+
+
+def _pinhole_numbers(document: SourceDocument, at: KeyPath, numbers: Sequence[float]) -> Sequence[float]:
+    if len(numbers) != 4:
+        message = f"found {len(numbers)} numbers, expected focal lengths and principal point: fx, fy, cx, cy"
+        raise InputError(document.problem("wrong-length", at, message))
+    return numbers
+
+
+def _pinhole(document: SourceDocument, at: KeyPath, numbers: Sequence[float]) -> list[float]:
+    """The camera matrix of fx, fy, cx, cy, row by row."""
+    fx, fy, cx, cy = _pinhole_numbers(document, at, numbers)
+    return [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
