@@ -251,6 +251,18 @@ class Trajectory:
         path = [self.path.derivatives(law[0], k) for k in range(order + 1)]
         return [path[0], *(chain_rule(law[1:, :, None], path[1 : k + 1]) for k in range(1, order + 1))]
 
+    def resting(self, duration: float) -> Trajectory:
+        """The motion, from rest to rest, followed by standing at its end for `duration` [s]."""
+        breaks = np.append(self.law.breaks, self.law.duration + duration)
+        standing = [[float(self.law.positions([self.law.duration])[0]), 0.0, 0.0, 0.0]]
+        return Trajectory(self.path, PiecewiseCubic(breaks, np.concatenate([self.law.coefficients, standing])))
+
+    def shortened(self, duration: float) -> Trajectory:
+        """What happens of it up to a time within its last standstill [s]."""
+        kept = self.law.breaks < duration - 1e-9
+        law = PiecewiseCubic(np.append(self.law.breaks[kept], duration), self.law.coefficients[: kept.sum()])
+        return Trajectory(self.path, law)
+
     def followed_by(self, other: Trajectory) -> Trajectory:
         """The motion followed by another that begins where it ends, both from rest to rest.
 

@@ -13,7 +13,7 @@ from sqrp_cli.knowledge.frames import WORLD, frame_poses
 from sqrp_cli.knowledge.mesh.mesh_file import mesh_unit
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.settings import Reference
-from sqrp_cli.knowledge.skill.skill import Skill, StraightMove
+from sqrp_cli.knowledge.skill.skill import Skill, ToolMove
 from sqrp_cli.knowledge.text.units import shown_length
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
@@ -110,7 +110,7 @@ def unreachable_speeds(workspace: Workspace, model: RobotModel) -> Iterator[Prob
     fastest = fastest_tool(model)
     for skill in workspace.skills.values():
         for index, primitive in enumerate(skill.primitives):
-            if not isinstance(primitive, StraightMove):
+            if not isinstance(primitive, ToolMove):
                 continue
             speed = max(_values(skill, primitive.speed), default=0.0)
             if speed > fastest:

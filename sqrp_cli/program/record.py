@@ -11,7 +11,7 @@ from dataclasses import astuple, dataclass
 from itertools import pairwise
 from typing import Annotated, Literal, Protocol
 
-from pydantic import Field, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.geometry import check_finite
@@ -72,6 +72,15 @@ def _trajectory(numbers: _TrajectoryNumbers) -> Trajectory:
     return Trajectory.from_numbers(numbers.model_dump())
 
 
+class ProgramGuard(Entry):
+    """What a guarded move takes for contact, and how it goes on where it meets nothing."""
+
+    force: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+    """At the tool [N]."""
+    trajectory: Annotated[Trajectory, Written(_TrajectoryNumbers, _trajectory, Trajectory.to_numbers)]
+    """The motion without contact, as long as that of the primitive, which stands where contact is expected."""
+
+
 class ProgramPrimitive(Entry):
     """A primitive action with its time and its motion."""
 
@@ -87,6 +96,13 @@ class ProgramPrimitive(Entry):
     """The object in the tool throughout; None if there is none."""
     trajectory: Annotated[Trajectory, Written(_TrajectoryNumbers, _trajectory, Trajectory.to_numbers)]
     """The exact motion, on a clock from `start`."""
+    guard: ProgramGuard | None = None
+    """Of a move that ends at contact; left out of the file for all others."""
+
+    @model_serializer(mode="wrap")
+    def _without_no_guard(self, write: SerializerFunctionWrapHandler) -> dict[str, object]:
+        written: dict[str, object] = write(self)
+        return {key: value for key, value in written.items() if key != "guard" or value is not None}
 
 
 class ProgramResponse(Entry):

@@ -20,7 +20,7 @@ from sqrp_cli.logic.conditions import apply_effect
 from sqrp_cli.logic.formula import Formula
 from sqrp_cli.logic.formula_check import argument_lists, bind
 from sqrp_cli.logic.formula_time import with_times
-from sqrp_cli.program.record import ProgramFormula, ProgramPrimitive, ProgramResponse, ProgramTarget, Step
+from sqrp_cli.program.record import ProgramFormula, ProgramGuard, ProgramPrimitive, ProgramResponse, ProgramTarget, Step
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
 from sqrp_cli.programming.coverage.sampling import Adaptive
@@ -91,6 +91,9 @@ def make_step(task: str, study: Study, assessment: Assessment, cameras: tuple[st
                 end=timed.end,
                 held=timed.held,
                 trajectory=timed.trajectory,
+                guard=None
+                if timed.guard is None
+                else ProgramGuard(force=timed.guard.force, trajectory=timed.guard.trajectory),
             )
             for timed, action in zip(motion.primitives, candidate.skill.primitives, strict=True)
         ),

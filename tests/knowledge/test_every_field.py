@@ -136,14 +136,14 @@ def parts(hint: Any) -> Iterator[Any]:
 
 
 def test_every_name_and_setting_of_a_skills_motion_has_a_mark_that_is_read() -> None:
-    """One without a mark on the field itself would never be checked."""
+    """One without a mark on the field or in its type would never be checked."""
     models = models_in(skill.Waypoint, set()) | models_in(skill.PrimitiveAction, set())
     count = 0
     for model in models - {Pose}:
         hints = get_type_hints(model, include_extras=True)
         for name, info in model.model_fields.items():
             where = f"{model.__name__}.{name}"
-            marks = [mark for mark in info.metadata if isinstance(mark, Kind | Names)]
+            marks = [mark for mark in skill.marks_of(info) if isinstance(mark, Kind | Names)]
             asked = [part for part in parts(hints[name]) if isinstance(part, PlainValidator | StringConstraints)]
             own_name = info.description == "What formulas call it, as in `a1.start`."
             assert bool(marks) == (bool(asked) and not own_name), where

@@ -70,6 +70,8 @@ class Fingers:
     """By the joint's name."""
     closed: Mapping[str, float]
     """By the joint's name, with nothing between the fingers."""
+    width: float | None = None
+    """Clear width between them when open, None where it is not stated [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,6 +215,9 @@ class FingersEntry(Entry):
         "SRDF. Joints that mimic them follow."
     )
     closed: PositionsEntry = Field(description="The same when they are closed with nothing between them.")
+    width: Size | None = Field(
+        default=None, description="Clear width between open fingers, for skills that open them by a width."
+    )
 
 
 @dataclass(frozen=True)

@@ -148,6 +148,8 @@ class _SkillReader:
     def _check_fields(self, entry: Entry, path: KeyPath) -> None:
         """Check the names and settings of a waypoint or primitive action, by the marks of its fields."""
         for at, value, mark in marked(entry, path):
+            if isinstance(mark, Names) and mark.what == "frame":
+                continue  # the workspace knows its objects
             if isinstance(mark, Names):
                 valid = self.objects if mark.what == "skill parameter" else list(self.file.waypoints)
                 self._known(str(value), [*valid, HOME] if mark.home else valid, mark.what, at)

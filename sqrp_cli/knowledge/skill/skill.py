@@ -8,12 +8,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple, get_args
 
-from pydantic import Field, Tag
+from pydantic import Field, Tag, model_validator
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticCustomError
 
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.geometry import Array, read_only
+from sqrp_cli.knowledge.frames import TOOL, WORLD
 from sqrp_cli.knowledge.skill import settings
 from sqrp_cli.knowledge.skill.settings import Kind, MotionParameter, MotionValue, MotionValues
 from sqrp_cli.knowledge.skill.target_box import TargetSpec
@@ -23,6 +26,7 @@ from sqrp_cli.knowledge.text.entries import (
     Pose,
     Text,
     Time,
+    list_or_else,
     mapping_or_else,
     one_of,
 )
@@ -38,7 +42,7 @@ HOME = "home"
 class Names:
     """Marks a field that names a part of the skill, or several in a list; home: `HOME` is allowed too."""
 
-    what: Literal["skill parameter", "waypoint"]
+    what: Literal["skill parameter", "waypoint", "frame"]
     home: bool = False
 
 
@@ -57,7 +61,7 @@ def marked(value: object, path: KeyPath = (), marks: Sequence[object] = ()) -> I
     """
     if isinstance(value, Entry):
         for name, info in type(value).model_fields.items():
-            yield from marked(getattr(value, name), (*path, info.alias or name), info.metadata)
+            yield from marked(getattr(value, name), (*path, info.alias or name), marks_of(info))
     elif isinstance(value, list | tuple):
         for index, item in enumerate(value):
             yield from marked(item, (*path, index), marks)
@@ -65,7 +69,19 @@ def marked(value: object, path: KeyPath = (), marks: Sequence[object] = ()) -> I
         yield from (Marked(path, value, mark) for mark in marks if isinstance(mark, Names | Kind))
 
 
+def marks_of(field: FieldInfo) -> list[object]:
+    """The marks of a field, of the items of its list and of the members of its union."""
+    return [*field.metadata, *_marks_within(field.annotation)]
+
+
+def _marks_within(annotation: object) -> Iterator[object]:
+    yield from getattr(annotation, "__metadata__", ())
+    for part in get_args(annotation):
+        yield from _marks_within(part)
+
+
 ParameterName = Annotated[Name, Names("skill parameter")]
+StaticFrame = Annotated[Text, Names("frame")]
 Origin = Annotated[Name, Names("waypoint", home=True), Field(alias="from", description="The other waypoint.")]
 
 
@@ -122,13 +138,28 @@ class RaiseWaypoint(Entry):
     distance: settings.Distance = Field(alias="raise", description="By how much.")
 
 
-class PoseWaypoint(Entry):
-    """The tool frame at a fixed pose in the world."""
+class OffsetWaypoint(Entry):
+    """Another waypoint, moved in any direction."""
 
-    pose: Pose = Field(description="Of the tool frame in the world.")
+    waypoint: Origin
+    offset: Annotated[list[settings.Offset], Field(min_length=3, max_length=3, description="Along x, y and z.")]
+    along: StaticFrame = Field(
+        default=TOOL,
+        description="Whose axes these are: `tool` (of the other waypoint), `world`, a skill parameter or an object.",
+    )
+
+
+class PoseWaypoint(Entry):
+    """The tool frame, or a held object, at a pose in the world or relative to an object."""
+
+    pose: Pose = Field(description="Of the tool frame, or of the object in `of`, in the frame.")
+    frame: StaticFrame = Field(default=WORLD, description="`world`, a skill parameter or an object.")
+    of: ParameterName | None = Field(
+        default=None, description="The skill parameter that names the held object whose pose it is, not the tool's."
+    )
 
     @property
-    def X_WT(self) -> Array:
+    def X_FT(self) -> Array:
         """The pose as a matrix, shape (4, 4)."""
         return read_only(self.pose.matrix())
 
@@ -139,8 +170,9 @@ Waypoint = Annotated[
     | Annotated[RetreatWaypoint, Tag("<retreat>")]
     | Annotated[RaiseWaypoint, Tag("<raise>")]
     | Annotated[TurnWaypoint, Tag("<turn>")]
+    | Annotated[OffsetWaypoint, Tag("<offset>")]
     | Annotated[PoseWaypoint, Tag("<pose>")],
-    one_of("object", "put", "retreat", "raise", "turn", "pose"),
+    one_of("object", "put", "retreat", "raise", "turn", "offset", "pose"),
 ]
 
 
@@ -177,14 +209,79 @@ class JointMove(Entry):
     )
 
 
-class StraightMove(Entry):
-    """The tool moves to a waypoint on a straight line."""
+class ToolMove(Entry):
+    """What moves of the tool along a curve have in common."""
 
     name: PrimitiveName
-    to: Annotated[Name, Names("waypoint")] = Field(alias="straight_move", description="The waypoint to go to.")
     speed: settings.Speed = Field(description="Speed of the tool, such as 5 cm/s.")
     acceleration: settings.Acceleration = Field(default=0.5, description="Acceleration of the tool [m/s^2].")
     jerk: settings.Jerk = Field(default=5.0, description="Jerk of the tool [m/s^3].")
+    turn_speed: settings.TurnSpeed | None = Field(
+        default=None, description="How fast the tool may turn, such as 90 deg/s; by default as fast as the joints can."
+    )
+    touching: list[ParameterName] = Field(
+        default=[],
+        max_length=20,
+        description="Skill parameters of the objects that tool and held object may touch from here to the next joint "
+        "move.",
+    )
+
+
+WaypointName = Annotated[Name, Names("waypoint")]
+
+
+class StraightMove(ToolMove):
+    """The tool moves to a waypoint on a straight line, or through several, with a stop at each."""
+
+    to: Annotated[
+        Annotated[Annotated[list[WaypointName], Field(min_length=1, max_length=100)], Tag("<list>")]
+        | Annotated[WaypointName, Tag("<else>")],
+        list_or_else(),
+    ] = Field(alias="straight_move", description="The waypoint to go to, or a list of them.")
+    until_contact: ParameterName | None = Field(
+        default=None,
+        description="The skill parameter of an object: the move ends where tool or held object touch it, at the "
+        "waypoint if they do not.",
+    )
+    force: settings.Force = Field(default=5.0, description="With `until_contact`: what counts as contact [N].")
+
+    @model_validator(mode="after")
+    def _one_guarded_line(self) -> StraightMove:
+        if self.until_contact is not None and len(self.waypoints) > 1:
+            raise PydanticCustomError("conflicting-keys", "`until_contact` goes with one waypoint, not with a list")
+        return self
+
+    @property
+    def waypoints(self) -> tuple[str, ...]:
+        """Where it goes, in order."""
+        return tuple(self.to) if isinstance(self.to, list) else (self.to,)
+
+
+class ArcMove(ToolMove):
+    """The tool moves on an arc of a circle; it turns evenly from its present orientation to that at the end."""
+
+    to: Annotated[list[WaypointName], Field(min_length=2, max_length=2)] = Field(
+        alias="arc", description="The waypoint through which it goes, and the one where it ends."
+    )
+
+
+class HelixMove(ToolMove):
+    """The tool moves about the z axis of a waypoint and along it: a screw, or a circle."""
+
+    axis: WaypointName = Field(alias="helix", description="The waypoint whose z axis it goes about.")
+    turn: settings.Turns = Field(description="By how much, right-handed; also several turns.")
+    advance: settings.Offset = Field(default=0.0, description="How far it goes along that axis meanwhile.")
+    keep_orientation: Annotated[bool, Field(strict=True)] = Field(
+        default=False, description="Whether the tool does not turn while it goes round."
+    )
+
+
+class FingerMove(Entry):
+    """The fingers move to a width between them, and the tool stands still; not while it holds something."""
+
+    name: PrimitiveName
+    width: settings.Distance = Field(alias="fingers", description="Clear width between them.")
+    duration: settings.Duration = Field(default=0.5, description="How long that takes at least.")
 
 
 class Grasp(Entry):
@@ -200,6 +297,9 @@ class Release(Entry):
 
     name: PrimitiveName
     duration: settings.Duration = Field(alias="release", description="The duration.")
+    width: settings.Distance | None = Field(
+        default=None, description="Clear width to which fingers open; by default as far as they do."
+    )
 
 
 class Wait(Entry):
@@ -212,10 +312,13 @@ class Wait(Entry):
 PrimitiveAction = Annotated[
     Annotated[JointMove, Tag("<joint_move>")]
     | Annotated[StraightMove, Tag("<straight_move>")]
+    | Annotated[ArcMove, Tag("<arc>")]
+    | Annotated[HelixMove, Tag("<helix>")]
+    | Annotated[FingerMove, Tag("<fingers>")]
     | Annotated[Grasp, Tag("<grasp>")]
     | Annotated[Release, Tag("<release>")]
     | Annotated[Wait, Tag("<wait>")],
-    one_of("joint_move", "straight_move", "grasp", "release", "wait"),
+    one_of("joint_move", "straight_move", "arc", "helix", "fingers", "grasp", "release", "wait"),
 ]
 
 

@@ -162,6 +162,11 @@ def one_of(*keys: str) -> Discriminator:
     )
 
 
+def list_or_else() -> Discriminator:
+    """Chooses between a list (tag `<list>`) and anything else (tag `<else>`)."""
+    return Discriminator(lambda data: "<list>" if isinstance(data, list) else "<else>")
+
+
 def mapping_or_else() -> Discriminator:
     """Chooses between a mapping (tag `<mapping>`) and anything else (tag `<else>`)."""
     return Discriminator(lambda data: "<mapping>" if isinstance(data, dict) else "<else>")

@@ -44,6 +44,7 @@ ANGULAR_SPEED = _per(_ANGLES, "", "an angular speed", "60 deg/s")
 ANGULAR_ACCELERATION = _per(_ANGLES, "^2", "an angular acceleration", "120 deg/s^2")
 ANGULAR_JERK = _per(_ANGLES, "^3", "an angular jerk", "600 deg/s^3")
 PIXELS = Dimension("a number of pixels", {"px": 1.0}, "20 px")
+FORCE = Dimension("a force", {"N": 1.0, "kN": 1e3}, "5 N")
 SHARE = Dimension("a share", {"%": 0.01}, "50 %")
 
 DIMENSIONS = (
@@ -58,6 +59,7 @@ DIMENSIONS = (
     ANGULAR_ACCELERATION,
     ANGULAR_JERK,
     PIXELS,
+    FORCE,
     SHARE,
 )
 

@@ -9,7 +9,7 @@ import numpy as np
 from sqrp_cli.errors import Place, Problem, counted, expected_names
 from sqrp_cli.knowledge.frames import TOOL, WORLD, WORLD_LINK, link_called
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill.skill import Skill
+from sqrp_cli.knowledge.skill.skill import Names, OffsetWaypoint, Skill, marked
 from sqrp_cli.knowledge.skill.target_box import BoxSpec
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.workspace.read_robot import RobotReader
@@ -61,10 +61,24 @@ def check_skill(
         if parameter.name in (WORLD, TOOL, *links, *objects):
             message = f"skill `{skill.name}` has a parameter `{parameter.name}`, which also names something of the cell"
             yield Problem("ambiguous-name", message, Place(skill.domain.path), mend="rename the parameter")
+    yield from _check_frames(skill, objects)
     for predicate, target in skill.targets.items():
         for index, box in enumerate(target.boxes):
             path = ("targets", predicate, "boxes", index)
             yield from _check_box(skill, box, path, links, objects, detectors)
+
+
+def _check_frames(skill: Skill, objects: Sequence[str]) -> Iterator[Problem]:
+    """Check the frames of a skill's waypoints."""
+    named = [*(parameter.name for parameter in skill.action.parameters), *objects]
+    for name, waypoint in skill.waypoints.items():
+        words = [WORLD, TOOL] if isinstance(waypoint, OffsetWaypoint) else [WORLD]
+        for key, frame, mark in marked(waypoint, ("waypoints", name)):
+            if isinstance(mark, Names) and mark.what == "frame" and frame not in (*words, *named):
+                what = f"neither {' nor '.join(f'`{word}`' for word in words)}, a skill parameter or an object"
+                message = f"`{dotted(key)}`: found `{frame}`, which is {what}; "
+                message += expected_names(str(frame), [*words, *named])
+                yield Problem("unknown-frame", message, skill.place(*key))
 
 
 def _check_box(

@@ -212,7 +212,7 @@ class RobotReader:
             self._report("missing-joint", path, message)
         if opened == closed:
             self._report("wrong-value", (*path, "closed"), "the fingers are where they are when open, so nothing moves")
-        return Fingers(opened, {name: closed[name] for name in opened if name in closed})
+        return Fingers(opened, {name: closed[name] for name in opened if name in closed}, entry.width)
 
     def _markers(self) -> dict[str, Marker]:
         ids: dict[int, str] = {}

@@ -84,6 +84,8 @@ class FingerModel:
     jerk: Array
     links: frozenset[str]
     """All links that these joints move."""
+    width: float | None = None
+    """Clear width between them when open, if stated [m]; closed, it is 0."""
 
 
 class ToolMotion(NamedTuple):
@@ -367,6 +369,7 @@ def _fingers(robot: Robot, tree: JointTree) -> FingerModel:
         acceleration=read_only([limit.acceleration for limit in limits]),
         jerk=read_only([limit.jerk for limit in limits]),
         links=frozenset(link for link in tree.mounts if driving.intersection(tree.chain(link))),
+        width=None if robot.fingers is None else robot.fingers.width,
     )
 
 

@@ -46,6 +46,21 @@ def closed_on(scene: CollisionScene, name: str, X_TO: Array, start: Array) -> Ar
     return found
 
 
+def opened_to(fingers: FingerModel, width: float | None) -> Array | str:
+    """Positions at which the fingers are open by a clear width [m], (f,), or why not; as far as they open for None.
+
+    The width grows evenly from 0, where they are closed, to that of open fingers.
+    """
+    if width is None:
+        return fingers.open
+    if fingers.width is None:
+        return "it is not stated how wide the fingers open; state `width` in `robot.fingers`, such as `width: 80 mm`"
+    if width > fingers.width:
+        return f"the fingers open by {1000 * fingers.width:g} mm, not by {1000 * width:g} mm"
+    positions: Array = fingers.closed + width / fingers.width * (fingers.open - fingers.closed)
+    return positions
+
+
 def _touching(scene: CollisionScene, name: str, X_TO: Array, fingers: Array) -> bool:
     model = scene.model
     poses = model.link_poses(model.with_fingers(model.home, fingers)[None])

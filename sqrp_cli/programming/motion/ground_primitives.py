@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -11,13 +12,28 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.settings import ANY, MotionValue, Reference, Setting
-from sqrp_cli.knowledge.skill.skill import HOME, Grasp, JointMove, PrimitiveAction, Release, Skill, StraightMove, Wait
+from sqrp_cli.knowledge.skill.skill import (
+    HOME,
+    ArcMove,
+    FingerMove,
+    Grasp,
+    HelixMove,
+    JointMove,
+    PrimitiveAction,
+    Release,
+    Skill,
+    StraightMove,
+    ToolMove,
+    Wait,
+)
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.arm.branches import BranchChoice
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.collision import CollisionScene
 from sqrp_cli.programming.motion.collision.collision_body import NamePairs, pair
-from sqrp_cli.programming.motion.fingers import closed_on, move_fingers
+from sqrp_cli.programming.motion.contact_search import contact_share
+from sqrp_cli.programming.motion.fingers import closed_on, move_fingers, opened_to
+from sqrp_cli.programming.motion.tool_curve import ToolCurve, ToolLine, arc_through, helix_about
 from sqrp_cli.programming.motion.waypoints import WaypointGrounder, setting_number, setting_value
 from sqrp_cli.trajectory import Trajectory
 
@@ -45,6 +61,17 @@ class SkillUse:
 
     branch: Mapping[str, MotionValue] = field(default_factory=dict)
     """Of a way: its choice among `plan_motion.Branches`."""
+
+
+@dataclass(frozen=True)
+class GuardedLine:
+    """What a straight move does that ends at contact."""
+
+    force: float
+    """At the tool, what counts as contact [N]."""
+
+    beyond: ToolLine
+    """The line from where contact is expected to where the move ends without."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +111,18 @@ class GroundPrimitive:
     jerk: float = 0.0
     """Of the primitive: a share for joint moves, in m and s for straight ones, otherwise 0."""
 
+    turn_speed: float | None = None
+    """How fast the tool may turn on a curve [rad/s], None if only its joints limit that."""
+
+    curves: tuple[ToolCurve, ...] = ()
+    """Of a move of the tool: what it moves along, with a stop after each; empty for all else."""
+
+    guard: GuardedLine | None = None
+    """Of a move that looks for contact."""
+
+    touching: frozenset[str] = frozenset()
+    """Names of the objects that tool and held object may touch from here to the next joint move."""
+
     hold: float = 0.0
     """How long it stands still [s]; 0 for moves."""
 
@@ -113,27 +152,73 @@ def ground_primitives(use: SkillUse, scene: CollisionScene) -> GroundSkill | Inf
         X_start, during = X_WT, world
         if world.held is not None and world.X_TO is not None:
             X_TO[world.held] = world.X_TO
-        to = primitive.to if isinstance(primitive, JointMove | StraightMove) else None
-        if to is not None:
-            waypoints = WaypointGrounder(
-                waypoints=use.skill.waypoints,
-                binding=use.binding,
-                values=use.values,
-                objects=use.objects,
-                X_WH=X_home,
-                X_WO=world.X_WO,
-                X_TO=X_TO,
-            )
-            if (missing := waypoints.missing(to)) is not None:
-                return Infeasible((missing,))
-            X_WT = waypoints.pose(to)
-        changed = _after(primitive, use.binding, X_WT, world, scene)
+        waypoints = WaypointGrounder(
+            waypoints=use.skill.waypoints,
+            binding=use.binding,
+            values=use.values,
+            objects=use.objects,
+            X_WH=X_home,
+            X_WO=world.X_WO,
+            X_TO=X_TO,
+        )
+        named = _waypoints_of(primitive)
+        if (missing := next(filter(None, map(waypoints.missing, named)), None)) is not None:
+            return Infeasible((missing,))
+        curves, guard = _curves(primitive, X_start, waypoints), None
+        if isinstance(primitive, StraightMove) and primitive.until_contact is not None:
+            line, guard = _guarded(primitive, ToolLine(X_start, curves[0].X_end), use, world, scene)
+            curves = (line,)
+        if curves:
+            X_WT = curves[-1].X_end
+        elif named:
+            X_WT = waypoints.pose(named[-1])
+        changed = _after(primitive, use, X_WT, world, scene)
         if isinstance(changed, Infeasible):
             return changed
         world = changed
-        ground = _ground(primitive, to, X_start, X_WT, use, during)
+        ground = replace(
+            _ground(primitive, named[-1] if named else None, X_start, X_WT, use, during), curves=curves, guard=guard
+        )
         grounded.append(_with_fingers(ground, model, during, world))
     return GroundSkill(_with_allowed_contacts(grounded, world, scene), world)
+
+
+def _waypoints_of(primitive: PrimitiveAction) -> tuple[str, ...]:
+    """Names of the waypoints of a primitive, the last one at its end (a helix: its axis)."""
+    match primitive:
+        case JointMove(to=to):
+            return (to,)
+        case StraightMove(waypoints=waypoints):
+            return waypoints
+        case ArcMove(to=waypoints):
+            return tuple(waypoints)
+        case HelixMove(axis=axis):
+            return (axis,)
+    return ()
+
+
+def _curves(primitive: PrimitiveAction, X_start: Array, waypoints: WaypointGrounder) -> tuple[ToolCurve, ...]:
+    """What a move takes the tool along; empty if it is none of the tool."""
+    match primitive:
+        case StraightMove(waypoints=names):
+            poses = [X_start, *map(waypoints.pose, names)]
+            return tuple(ToolLine(one, other) for one, other in pairwise(poses))
+        case ArcMove(to=[through, end]):
+            return (arc_through(X_start, waypoints.pose(through)[:3, 3], waypoints.pose(end)),)
+        case HelixMove(axis=axis, turn=turn, advance=advance, keep_orientation=keep):
+            angle, along = (setting_number(setting, waypoints.values) for setting in (turn, advance))
+            return (helix_about(waypoints.pose(axis), X_start, angle, along, keep_orientation=keep),)
+    return ()
+
+
+def _guarded(
+    move: StraightMove, line: ToolLine, use: SkillUse, world: World, scene: CollisionScene
+) -> tuple[ToolLine, GuardedLine]:
+    """The part of a guarded move up to where contact is expected, and the rest of it."""
+    other = use.binding[move.until_contact or ""]
+    share = contact_share(scene, world, line, other) if other in world.X_WO and other != world.held else None
+    first = line if share is None else line.until(share)
+    return first, GuardedLine(setting_number(move.force, use.values), ToolLine(first.X_end, line.X_end))
 
 
 def _ground(
@@ -162,14 +247,18 @@ def _ground(
                 free={} if to == HOME else _free(settings, values),
                 speed=setting_number(primitive.speed, values),
             )
-        case StraightMove():
+        case ToolMove():
+            named = [*primitive.touching, getattr(primitive, "until_contact", None)]
+            turn_speed = None if primitive.turn_speed is None else setting_number(primitive.turn_speed, values)
             return replace(
                 ground,
                 speed=setting_number(primitive.speed, values),
                 acceleration=setting_number(primitive.acceleration, values),
                 jerk=setting_number(primitive.jerk, values),
+                turn_speed=turn_speed,
+                touching=frozenset(use.binding[name] for name in named if name is not None),
             )
-        case Grasp() | Release() | Wait():
+        case Grasp() | Release() | Wait() | FingerMove():
             return replace(ground, hold=setting_number(primitive.duration, values))
 
 
@@ -189,7 +278,7 @@ def _with_fingers(primitive: GroundPrimitive, model: RobotModel, during: World, 
 
 
 def _after(
-    primitive: PrimitiveAction, binding: Mapping[str, str], X_WT: Array, world: World, scene: CollisionScene
+    primitive: PrimitiveAction, use: SkillUse, X_WT: Array, world: World, scene: CollisionScene
 ) -> World | Infeasible:
     """The world after a primitive that ends with the tool at X_WT.
 
@@ -198,7 +287,7 @@ def _after(
     fingers = scene.model.fingers
     match primitive:
         case Grasp(name=name, object=parameter):
-            grasped = binding[parameter]
+            grasped = use.binding[parameter]
             if world.held is not None:
                 return Infeasible((f"the tool still holds `{world.held}`, so `{name}` cannot grasp `{grasped}`",))
             if grasped not in world.X_WO:
@@ -212,10 +301,25 @@ def _after(
         case Release(name=name):
             if world.held is None or world.X_TO is None:
                 return Infeasible((f"the tool holds nothing that `{name}` could release",))
-            joints = {**world.joints, **dict(zip(fingers.joints, fingers.open.tolist(), strict=True))}
             X_WO = {**world.X_WO, world.held: X_WT @ world.X_TO}
-            return replace(world, X_WO=X_WO, held=None, X_TO=None, joints=joints)
+            freed = replace(world, X_WO=X_WO, held=None, X_TO=None)
+            return _with_fingers_at(primitive, use, freed, scene.model)
+        case FingerMove(name=name):
+            if world.held is not None:
+                return Infeasible((f"the tool holds `{world.held}`, so `{name}` cannot move its fingers",))
+            return _with_fingers_at(primitive, use, world, scene.model)
     return world
+
+
+def _with_fingers_at(
+    primitive: FingerMove | Release, use: SkillUse, world: World, model: RobotModel
+) -> World | Infeasible:
+    """The world with the fingers as wide open as a primitive says; as far as they do where it does not."""
+    width = None if primitive.width is None else setting_number(primitive.width, use.values)
+    positions = opened_to(model.fingers, width)
+    if isinstance(positions, str):
+        return Infeasible((f"{primitive.name}: {positions}",))
+    return replace(world, joints={**world.joints, **dict(zip(model.fingers.joints, positions.tolist(), strict=True))})
 
 
 def _with_allowed_contacts(
@@ -242,6 +346,10 @@ def _with_allowed_contacts(
         at_tool = {pair(name, link) for link in scene.model.hand_links}
         for k in _without_joint_moves(primitives, i):
             allowed[k] |= contacts | (at_tool if k == i or not scene.model.fingers.joints else set())
+    for i, primitive in enumerate(primitives):
+        for k in range(i, _without_joint_moves(primitives, i).stop) if primitive.touching else ():
+            own = {*scene.model.hand_links, *filter(None, [worlds[k].held])}
+            allowed[k] |= {pair(one, other) for one in own for other in primitive.touching if one != other}
     return tuple(replace(p, allowed=frozenset(contacts)) for p, contacts in zip(primitives, allowed, strict=True))
 
 

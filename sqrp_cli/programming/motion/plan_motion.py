@@ -27,7 +27,15 @@ from sqrp_cli.programming.motion.ground_primitives import GroundPrimitive, Groun
 from sqrp_cli.programming.motion.paths.branch_search import Station, fastest_sequence
 from sqrp_cli.programming.motion.paths.joint_moves import JointMoves, Move
 from sqrp_cli.programming.motion.paths.position_limits import worst_past_limit
-from sqrp_cli.programming.motion.paths.sections import Branch, BranchFinder, Failures, Section, Ways, cut_into_sections
+from sqrp_cli.programming.motion.paths.sections import (
+    SHORTEST_LINE,
+    Branch,
+    BranchFinder,
+    Failures,
+    Section,
+    Ways,
+    cut_into_sections,
+)
 from sqrp_cli.trajectory import JointPath, Trajectory
 
 MOST_AXES_WITHOUT_REDUNDANCY = 6
@@ -41,6 +49,17 @@ MAX_REASONS = 5
 
 MOST_BRANCHES = 256
 """Most combinations of branches of several joint moves that are tried; those of the first moves come first."""
+
+
+@dataclass(frozen=True, eq=False)
+class Guard:
+    """How a guarded move goes on where it meets nothing, and what it takes for contact."""
+
+    force: float
+    """At the tool [N]."""
+
+    trajectory: Trajectory
+    """Of the driven joints, over the whole time of the primitive, to where it ends without contact."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +86,9 @@ class TimedPrimitive:
 
     around: str | None = None
     """The link or object that it goes around, None if it is direct."""
+
+    guard: Guard | None = None
+    """Of a move that ends at contact; its trajectory then ends where contact is expected."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,6 +216,7 @@ class _Planner:
         self._scenes = [placed(primitive.world, primitive.allowed) for primitive in skill.primitives]
         self._sections = cut_into_sections(skill.primitives)
         self._failures = Failures()
+        self._finder = BranchFinder(self._model, self._scenes, q_start, self._failures, seed, samples)
         self._named: dict[str, Sequence[_Names]] = {}
 
     def with_more_samples(self) -> _Planner:
@@ -239,10 +262,9 @@ class _Planner:
 
     def _ways(self) -> list[Ways] | None:
         """The ways through each section; None if one has none."""
-        finder = BranchFinder(self._model, self._scenes, self._q_start, self._failures, self._seed, self._samples)
         ways: list[Ways] = []
         for section in self._sections:
-            branches = finder.branches(section)
+            branches = self._finder.branches(section)
             if not branches:
                 return None
             ways.append(Ways.through(branches))
@@ -309,7 +331,10 @@ class _Planner:
         for through, k, move in zip(ways, chosen, [None, *along], strict=True):
             done += [move] if move is not None else []
             done += map(Move, through.trajectories(k))
-        motion = self._motion(done, ways[-1].q_end[chosen[-1]])
+        guarded = self._guarded(done)
+        if isinstance(guarded, Infeasible):
+            return guarded
+        motion = self._motion(done, guarded, ways[-1].q_end[chosen[-1]])
         for primitive in motion.primitives:
             if (past := worst_past_limit(self._model, primitive.trajectory.path)) is not None:
                 return Infeasible((f"{primitive.name}: {past}",))
@@ -325,7 +350,25 @@ class _Planner:
             reasons = (f"{reasons[0]}, and no way around was found in {tries:,} tries", *reasons[1:])
         return Infeasible(reasons)
 
-    def _motion(self, moves: Sequence[Move], q_end: Array) -> Motion:
+    def _guarded(self, moves: Sequence[Move]) -> dict[str, Trajectory] | Infeasible:
+        """The whole motion of the arm in each guarded primitive, by its name, where it meets nothing."""
+        found: dict[str, Trajectory] = {}
+        for index, (primitive, move) in enumerate(zip(self._skill.primitives, moves, strict=True)):
+            if primitive.guard is None:
+                continue
+            approach, whole = move.trajectory, move.trajectory
+            beyond = primitive.guard.beyond
+            if beyond.length > SHORTEST_LINE:
+                moving = self._finder.beyond(index, primitive, approach.path.end)
+                if moving is None:
+                    return self._infeasible()
+                whole = approach.shortened(approach.duration - moving.duration).followed_by(moving)
+            if (contact := self._scenes[index].check_motion(whole)) is not None:
+                return Infeasible((f"{contact} if {primitive.name} meets nothing",))
+            found[primitive.name] = whole
+        return found
+
+    def _motion(self, moves: Sequence[Move], guarded: Mapping[str, Trajectory], q_end: Array) -> Motion:
         """The motion of one move for each primitive, which ends at q_end, shape (n,)."""
         primitives, start = [], 0.0
         for primitive, move in zip(self._skill.primitives, moves, strict=True):
@@ -343,10 +386,17 @@ class _Planner:
                     X_TO=world.X_TO,
                     X_WO=resting,
                     around=move.around,
+                    guard=self._guard(primitive, guarded, resting_fingers),
                 )
             )
             start = end
         return Motion(self._model.joints, tuple(primitives), self._final(q_end))
+
+    def _guard(self, primitive: GroundPrimitive, guarded: Mapping[str, Trajectory], fingers: Array) -> Guard | None:
+        if primitive.guard is None:
+            return None
+        moving = with_fingers(self._model, guarded[primitive.name], None, fingers)
+        return Guard(primitive.guard.force, moving)
 
     def _final(self, q: Array) -> World:
         world = self._skill.final

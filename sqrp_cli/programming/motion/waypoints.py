@@ -8,11 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, side_pose
+from sqrp_cli.knowledge.frames import TOOL, WORLD
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.settings import MotionValue, Reference, Setting, number_of, side_of
 from sqrp_cli.knowledge.skill.skill import (
     HOME,
     GraspWaypoint,
+    OffsetWaypoint,
     PoseWaypoint,
     PutWaypoint,
     RaiseWaypoint,
@@ -67,7 +69,9 @@ class WaypointGrounder:
         - put: the held object as `put_pose` says;
         - retreat: the other pose, moved by -distance along its own z axis;
         - raise: the other pose, moved by distance along the world's z axis;
-        - turn: the other pose, turned about its own z axis, then about its own x axis.
+        - turn: the other pose, turned about its own z axis, then about its own x axis;
+        - offset: the other pose, moved along the axes of itself, the world or an object;
+        - pose: that of the tool frame, or of a held object, in the world or relative to an object.
         """
         if name == HOME:
             return self.X_WH
@@ -99,8 +103,18 @@ class WaypointGrounder:
                     @ pose(axis_rotation(2, self._number(turn)))
                     @ pose(axis_rotation(0, self._number(tilt)))
                 )
-            case PoseWaypoint(X_WT=X_WT):
-                return X_WT
+            case OffsetWaypoint(waypoint=other, offset=offset, along=along):
+                X_WT, shift = self.pose(other), np.array([self._number(part) for part in offset])
+                axes = X_WT if along == TOOL else self._frame(along)
+                return pose(position=axes[:3, :3] @ shift) @ X_WT
+            case PoseWaypoint(X_FT=X_FT, frame=frame, of=held):
+                of_tool = pose() if held is None else inverse(self.X_TO[self.binding[held]])
+                stated: Array = self._frame(frame) @ X_FT @ of_tool
+                return stated
+
+    def _frame(self, name: str) -> Array:
+        """The pose X_WF of the world, or of an object that a skill names, shape (4, 4)."""
+        return pose() if name == WORLD else self.X_WO[self.binding.get(name, name)]
 
     def missing(self, name: str) -> str | None:
         """Why the pose of a waypoint is unknown; None if it is known."""
@@ -115,13 +129,20 @@ class WaypointGrounder:
             case GraspWaypoint(object=parameter):
                 return self._unplaced(parameter)
             case PutWaypoint(object=parameter, on=surface):
-                if self.binding[parameter] not in self.X_TO:
-                    return f"the tool does not hold `{self.binding[parameter]}`"
-                return self._unplaced(surface)
+                return self._not_held(parameter) or self._unplaced(surface)
+            case OffsetWaypoint(along=frame) if frame not in (TOOL, WORLD):
+                return self._unplaced(frame)
+            case PoseWaypoint(frame=frame, of=held):
+                lost = None if held is None else self._not_held(held)
+                return lost or (None if frame == WORLD else self._unplaced(frame))
         return None
 
-    def _unplaced(self, parameter: str) -> str | None:
+    def _not_held(self, parameter: str) -> str | None:
         name = self.binding[parameter]
+        return None if name in self.X_TO else f"the tool does not hold `{name}`"
+
+    def _unplaced(self, parameter: str) -> str | None:
+        name = self.binding.get(parameter, parameter)
         return None if name in self.X_WO else f"it is not known where `{name}` is"
 
     def _number(self, setting: Setting) -> float:

@@ -26,6 +26,7 @@ from sqrp_cli.report.pages.page import PageContent, PageRow, packed, write_page
 from sqrp_cli.report.sentences import short_times
 from sqrp_cli.runtime.record.events import (
     AskedBox,
+    ContactFelt,
     Event,
     EvidenceSeen,
     MovingOn,
@@ -190,6 +191,7 @@ def _moments(report: RunReport, events: Sequence[Event]) -> list[ShownMoment]:
     words = {
         MovingOn: "the robot moves on to look",
         Stopping: "the robot stops",
+        ContactFelt: "the tool feels contact",
         Retrying: "the robot tries again",
     }
     for event in events:

@@ -110,7 +110,7 @@ class FingerGrip:
             _Push(int(motor), float(np.copysign(self._force(joint), sign)), self._speed(joint))
             for motor, (joint, sign) in zip(motors, closing.items(), strict=True)
         ]
-        self._finger_of_body = _finger_bodies(model, _with_followers(model, closing))
+        self._finger_of_body = finger_bodies(model, _with_followers(model, closing))
         self._pads = np.flatnonzero(self._finger_of_body[model.geom_bodyid] >= 0)
         model.geom_priority[self._pads] = 1  # so that their friction alone counts
 
@@ -168,7 +168,7 @@ def _with_followers(model: mujoco.MjModel, leaders: Mapping[str, float]) -> list
     return joints + followers
 
 
-def _finger_bodies(model: mujoco.MjModel, joints: Sequence[int]) -> NDArray[np.int64]:
+def finger_bodies(model: mujoco.MjModel, joints: Sequence[int]) -> NDArray[np.int64]:
     """For each body the joint among some that moves it, the nearest one, or -1; shape (bodies,)."""
     finger = np.full(model.nbody, -1)
     for body in range(1, model.nbody):

@@ -11,7 +11,7 @@ from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.runtime.cell.controller import Controller, Payload
 from sqrp_cli.runtime.cell.engine import mujoco
-from sqrp_cli.runtime.cell.grip import FingerGrip, Grip, SuctionGrip, body_pose
+from sqrp_cli.runtime.cell.grip import FingerGrip, Grip, SuctionGrip, body_pose, finger_bodies
 from sqrp_cli.runtime.cell.interface import ArmReference
 from sqrp_cli.runtime.cell.mujoco_model import TIME_STEP, build_model, quaternion
 
@@ -46,6 +46,7 @@ class Physics:
         self._controller = Controller(self.model, self._data)
         self._hold = self._tool(robot)
         self._missing = False
+        self._tool_bodies = self._bodies_of_tool(robot)
         self.steps, self.squared_error = 0, 0.0
         if world.held is not None and world.X_TO is not None:
             self._place(world.held, self.tool_pose() @ world.X_TO)
@@ -104,6 +105,20 @@ class Physics:
         """What the tool really holds."""
         return self._hold.held()
 
+    def tool_force(self) -> float:
+        """Size of the sum of all contact forces on the tool and what it holds, but those between them [N]."""
+        own = set(self._tool_bodies)
+        if (held := self.held()) is not None:
+            own.add(int(self.model.body(held).id))
+        total = np.zeros(3)
+        for index in range(self._data.ncon):
+            contact, force = self._data.contact[index], np.zeros(6)
+            first, second = (int(body) in own for body in self.model.geom_bodyid[contact.geom])
+            if first != second:
+                mujoco.mj_contactForce(self.model, self._data, index, force)
+                total += (1.0 if second else -1.0) * contact.frame.reshape(3, 3).T @ force[:3]
+        return float(np.linalg.norm(total))
+
     def joints(self) -> dict[str, float]:
         """Position of every movable joint of robot and tool [rad or m]."""
         model = self.model
@@ -132,6 +147,13 @@ class Physics:
         opened, closed = robot.fingers.open, robot.fingers.closed
         closing = {joint: closed[joint] - opened[joint] for joint in opened}
         return FingerGrip(self.model, self._data, self._controller, closing)
+
+    def _bodies_of_tool(self, robot: Robot) -> frozenset[int]:
+        """What a force sensor between arm and tool would carry, without what is held."""
+        links = (robot.tool_frame,) if robot.tool is None else robot.tool.urdf.links
+        own = {int(self.model.body(link).id) for link in links}
+        joints = [] if robot.fingers is None else [self.model.joint(name).id for name in robot.fingers.open]
+        return frozenset(own | set(np.flatnonzero(finger_bodies(self.model, joints) >= 0).tolist()))
 
     def _rest(self, robot: Robot, world: World) -> None:
         """Bring the joints to where they are in the world; joints that it does not name to 0 or the nearest limit."""

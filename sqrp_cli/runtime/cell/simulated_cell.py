@@ -56,6 +56,10 @@ class SimulatedCell:
         """
         self._physics.grasp()
 
+    def tool_force(self) -> float:
+        """How hard the tool, or what it holds, pushes against anything else [N], as a force sensor at it would say."""
+        return self._physics.tool_force()
+
     def release(self) -> None:
         """Switch suction off, or let the fingers follow the reference again (which then opens them)."""
         self._physics.release()

@@ -264,6 +264,14 @@ class Stopping(_Event):
     """Why it stops, in words."""
 
 
+class ContactFelt(_Event):
+    """A guarded move ends: the tool met what it looked for."""
+
+    event: Literal["contact"] = "contact"
+    force: FiniteFloat
+    """At the tool [N]."""
+
+
 class Retrying(_Event):
     """A motion for another attempt at a step is planned."""
 
@@ -324,6 +332,7 @@ Event = (
     | FaultSeen
     | MovingOn
     | Stopping
+    | ContactFelt
     | Retrying
     | RunEnded
     | RunReported

@@ -18,6 +18,12 @@ LEAST_STOP, FINENESS = 0.05, 1.02
 LIMIT_SLACK = 1.01
 """Factor by which a stop may exceed the limits between its samples."""
 
+HALT = 0.01
+"""In what time a guarded move comes to rest at contact [s]."""
+
+JOINT_MOVE = "JointMove"
+"""The action of a primitive after which the arm is where it was planned to be, whatever contact did before."""
+
 _RAMP = 0.4
 """Share of a stop in which the deceleration goes to its peak, and as much in which it falls to zero."""
 
@@ -51,12 +57,90 @@ class ArmMotion:
         self._stops: list[PathStop] = []
         self._moving: list[Trajectory] = []
         self._ends: list[float] = []
+        self._offsets: list[Array] = []
+        self._halts: dict[int, float] = {}
 
     def play(self, primitives: Sequence[ProgramPrimitive], t: float) -> None:
-        """Follow primitives from time t [s] on."""
+        """Follow primitives from time t [s] on; what a guarded move left over is kept, as within a step."""
+        left = self._left_over(t, primitives)
         self._primitives, self._start, self._stops, self._placed = tuple(primitives), t, [], {}
-        self._moving = [primitive.trajectory for primitive in primitives]
+        self._moving = [one.trajectory if one.guard is None else one.guard.trajectory for one in primitives]
         self._ends = [primitive.end for primitive in primitives]
+        self._halts = {}
+        self._offsets = [left]
+        self._set_offsets(0)
+
+    def force_limit(self, t: float) -> float | None:
+        """What counts as contact at time t [s], in N; None unless a guarded move looks for it."""
+        index = self._index(self.step_time(t))
+        guard = self._primitives[index].guard if self._primitives else None
+        return None if guard is None or index in self._halts or not self._within(index, t) else guard.force
+
+    def halt_primitive(self, t: float) -> None:
+        """End the motion of the guarded move that is under way at time t [s]: it met what it looked for.
+
+        The arm stands within `HALT` seconds. What it lacks of the planned motion it goes on lacking, up to the
+        next joint move, which takes it back.
+        """
+        tau = self.step_time(t)
+        index = self._index(tau)
+        self._halts[index] = tau - self._primitives[index].start
+        self._set_offsets(index)
+
+    def _within(self, index: int, t: float) -> bool:
+        tau = self.step_time(t)
+        return self._primitives[index].start <= tau < self._ends[index]
+
+    def _index(self, tau: float) -> int:
+        """Of the primitive under way at a time of the step's own clock [s], the last one after its end."""
+        return max(0, min(int(np.searchsorted(self._ends, tau, side="right")), len(self._ends) - 1))
+
+    def _left_over(self, t: float, primitives: Sequence[ProgramPrimitive]) -> Array:
+        """How far the arm is from where new primitives begin, if guarded moves left it there, shape (n,)."""
+        if not self._primitives or not primitives or not self._offsets[-1].any():
+            return np.zeros_like(self._rest)
+        left: Array = self.state(t)[0] - primitives[0].trajectory.positions([0.0])[0]
+        return left
+
+    def _set_offsets(self, first: int) -> None:
+        """Compute how far each primitive from one on begins from where it was planned, and the last one ends."""
+        del self._offsets[first + 1 :]
+        for index in range(first, len(self._primitives)):
+            primitive, offset = self._primitives[index], self._offsets[index]
+            if primitive.action == JOINT_MOVE:
+                offset = np.zeros_like(offset)
+            elif primitive.guard is not None:
+                duration = primitive.trajectory.duration
+                planned = primitive.trajectory.positions([duration])[0]
+                offset = offset + self._guarded_motion(index, np.array([duration]), 0)[0][0] - planned
+            self._offsets.append(offset)
+
+    def _guarded_motion(self, index: int, local: Array, order: int) -> list[Array]:
+        """As `Trajectory.motion`, but it comes to rest where the primitive was halted."""
+        trajectory, halt = self._moving[index], self._halts.get(index)
+        if halt is None:
+            return trajectory.motion(local, order)
+        share = np.clip((local - halt) / HALT, 0.0, 1.0)
+        slowed = np.where(local <= halt, local, halt + HALT * (share - share**2 / 2))
+        rate = np.where(local <= halt, 1.0, 1.0 - share)[:, None]
+        change = np.where((local > halt) & (share < 1.0), -1.0 / HALT, 0.0)[:, None]
+        q, *rest = trajectory.motion(slowed, order)
+        found = [q]
+        if rest:
+            found.append(rest[0] * rate)
+        if rest[1:]:
+            found.append(rest[1] * rate**2 + rest[0] * change)
+        return found
+
+    def _offset_motion(self, index: int, local: Array, order: int) -> list[Array]:
+        """What is added to a primitive's positions and to their derivatives: it fades over a joint move."""
+        offset, primitive = self._offsets[index], self._primitives[index]
+        if primitive.action != JOINT_MOVE or not primitive.trajectory.duration:
+            return [np.tile(offset, (len(local), 1)), *(np.zeros((len(local), len(offset))) for _ in range(order))]
+        duration = primitive.trajectory.duration
+        x = np.clip(local / duration, 0.0, 1.0)
+        fade = [1 - x**3 * (10 - 15 * x + 6 * x**2), -30 * x**2 * (1 - x) ** 2, -60 * x * (1 - x) * (1 - 2 * x)]
+        return [values[:, None] * offset / duration**k for k, values in enumerate(fade[: order + 1])]
 
     def stop(self, t: float, *, protective: bool = False) -> float:
         """Slow down from time t [s] on; returns when the arm stands [s].
@@ -123,9 +207,12 @@ class ArmMotion:
         A primitive ends at rest, so later times stand still there.
         """
         index = min(int(np.searchsorted(self._ends, tau[0], side="right")), len(self._ends) - 1)
-        trajectory = self._moving[index]
-        local = np.clip(tau - self._primitives[index].start, 0.0, trajectory.duration)
-        return trajectory.motion(local, order)
+        local = np.clip(tau - self._primitives[index].start, 0.0, self._moving[index].duration)
+        motion = self._guarded_motion(index, local, order)
+        if not self._offsets[index].any():
+            return motion
+        offsets = self._offset_motion(index, local, order)
+        return [planned + offset for planned, offset in zip(motion, offsets, strict=True)]
 
     def _planned_stop(self, t: float, *, protective: bool) -> PathStop:
         """The stop that begins at time t [s], or the one under way where that is over sooner."""

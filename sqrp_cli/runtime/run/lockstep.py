@@ -9,11 +9,14 @@ from typing import Literal
 
 from sqrp_cli.runtime.monitor.attempt import Attempt
 from sqrp_cli.runtime.perception.evidence_buffer import Evidence
-from sqrp_cli.runtime.record.events import EventPublisher, Stopping
+from sqrp_cli.runtime.record.events import ContactFelt, EventPublisher, Stopping
 from sqrp_cli.runtime.run.commanded_robot import CommandedRobot
 from sqrp_cli.runtime.run.evidence_collector import EvidenceCollector
 from sqrp_cli.runtime.run.fault_tracker import TRUTH_SPACING, FaultTracker
 from sqrp_cli.runtime.run.ground_truth import GroundTruth
+
+FEELING = 0.004
+"""Time between looks at the force of a guarded move [s]."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +75,7 @@ class Lockstep:
         self.now = self._next(end)
         with self.publisher.timed("physics"):
             self.robot.advance(self.now)
+        self._feel()
         if self.faults.is_pending and self.attempt is not None:
             self.faults.look(self.now, self.tau(), self.attempt, self._truth.atoms(self.attempt))
         arrived = self.collector.collect(self.now)
@@ -83,6 +87,13 @@ class Lockstep:
         if (failure := self.collector.streams.failure(self.now)) is not None:
             raise failure
         return self.collector.take_notice(arrived, self.now)
+
+    def _feel(self) -> None:
+        """End a guarded move that meets what it looks for."""
+        limit = self.robot.motion.force_limit(self.now)
+        if limit is not None and (force := self.robot.cell.tool_force()) >= limit:
+            self.robot.motion.halt_primitive(self.now)
+            self.publisher.publish(ContactFelt(t=self.now, force=round(force, 1)))
 
     def stop(self, reason: str) -> None:
         """Bring the arm to rest along its path, looking on."""
@@ -115,4 +126,6 @@ class Lockstep:
             t = min(t, end)
         if self.faults.is_pending:
             t = min(t, self.now + TRUTH_SPACING)
+        if self.robot.motion.force_limit(self.now) is not None:
+            t = min(t, self.now + FEELING)
         return max(t, self.now)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -102,3 +105,36 @@ def test_what_a_waypoint_lacks_is_named_through_others() -> None:
     assert nowhere.missing("over") == "it is not known where `tray` is"
     assert nowhere.missing("inspect") is None
     assert nowhere.missing("turned") is None
+
+
+OFFSETS = read_waypoints(
+    {
+        "grasp": {"object": "object", "side": "+z"},
+        "own": {"from": "grasp", "offset": [0.01, -0.02, 0.03]},
+        "world": {"from": "grasp", "offset": [0.01, -0.02, -0.03], "along": "world"},
+        "of_tray": {"from": "grasp", "offset": [0.01, 0.0, 0.0], "along": "onto"},
+        "at_tray": {"pose": {"position": [0, 0, 0.1], "rpy": [np.pi, 0, 0]}, "frame": "tray"},
+        "box_at_tray": {"pose": {"position": [0, 0, 0.1]}, "frame": "onto", "of": "object"},
+    }
+)
+
+
+def test_offsets_go_along_the_axes_that_they_name_down_too() -> None:
+    one = grounder(box=IN_TOOL)
+    poses = {name: WaypointGrounder(**{**vars_of(one), "waypoints": OFFSETS}).pose(name) for name in OFFSETS}
+    X, tray = poses["grasp"], one.X_WO["tray"]
+    np.testing.assert_allclose(poses["own"], X @ pose(position=(0.01, -0.02, 0.03)), atol=1e-15)
+    np.testing.assert_allclose(poses["world"][:3, 3], X[:3, 3] + [0.01, -0.02, -0.03], atol=1e-15)
+    np.testing.assert_allclose(poses["of_tray"][:3, 3], X[:3, 3] + 0.01 * tray[:3, 0], atol=1e-15)
+    np.testing.assert_allclose(poses["at_tray"], tray @ pose(axis_rotation(0, np.pi), (0, 0, 0.1)), atol=1e-15)
+    np.testing.assert_allclose(poses["box_at_tray"] @ IN_TOOL, tray @ pose(position=(0, 0, 0.1)), atol=1e-15)
+
+
+def test_a_pose_of_something_that_is_not_held_says_so() -> None:
+    assert WaypointGrounder(**{**vars_of(grounder()), "waypoints": OFFSETS}).missing("box_at_tray") == (
+        "the tool does not hold `box`"
+    )
+
+
+def vars_of(one: WaypointGrounder) -> dict[str, Any]:
+    return {field.name: getattr(one, field.name) for field in fields(one) if field.init}

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 from sqrp_cli.knowledge.robot.robot import JointLimits, StopLimits
-from sqrp_cli.program.record import ProgramPrimitive
+from sqrp_cli.program.record import ProgramGuard, ProgramPrimitive
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
 from sqrp_cli.runtime.run.arm_motion import ArmMotion
+from sqrp_cli.trajectory import Trajectory
 
 VELOCITY, ACCELERATION, JERK = 0.6, 1.5, 8.0
 LIMITS = JointLimits(-7, 7, VELOCITY, ACCELERATION, JERK)
@@ -106,3 +109,61 @@ def test_a_joint_that_is_kept_stays_while_the_others_move_until_the_next_step() 
 def test_a_stop_while_standing_takes_no_time() -> None:
     reference = ArmMotion(("a", "b"), (LIMITS, LIMITS), (STOP, STOP), Q0)
     assert reference.stop(3.0) == 3.0
+
+
+def guarded() -> ArmMotion:
+    """A joint move, a guarded move down to 0.2 that is expected to end at 0.15, a wait, and a joint move back."""
+    limits = MotionLimits(*(np.full(2, value) for value in (VELOCITY, ACCELERATION, JERK)))
+    poses = [Q0, Q0 + np.array([0.15, 0.0]), Q0 + np.array([0.2, 0.0])]
+    approach, beyond = (joint_move(one, other, limits) for one, other in pairwise(poses))
+    back = joint_move(poses[1], Q1, limits)
+    duration = approach.duration + beyond.duration
+    moves = [
+        ("StraightMove", approach.resting(beyond.duration)),
+        ("Wait", Trajectory.standstill(poses[1], 0.5)),
+        ("JointMove", back),
+    ]
+    primitives, start = [], 0.0
+    for name, (action, trajectory) in enumerate(moves, 1):
+        end = start + trajectory.duration
+        guard = ProgramGuard(force=5.0, trajectory=approach.followed_by(beyond)) if name == 1 else None
+        primitives.append(
+            ProgramPrimitive(
+                name=f"a{name}", action=action, start=start, end=end, held=None, trajectory=trajectory, guard=guard
+            )
+        )
+        start = end
+    assert primitives[0].end == pytest.approx(duration)
+    found = ArmMotion(("a", "b"), (LIMITS, LIMITS), (STOP, STOP), Q0)
+    found.play(primitives, 0.0)
+    return found
+
+
+@pytest.mark.parametrize("contact", [None, 0.3, 0.55, 0.9])
+def test_a_guarded_move_stands_where_it_met_something_and_the_next_joint_move_takes_that_back(
+    contact: float | None,
+) -> None:
+    motion = guarded()
+    (one, wait, _) = motion._primitives
+    where = Q0 + np.array([0.2, 0.0])
+    if contact is not None:
+        assert motion.force_limit(contact) == 5.0
+        where = motion.state(contact)[0]
+        motion.halt_primitive(contact)
+        assert motion.force_limit(contact + 0.01) is None
+    t = np.arange(0.0, motion._ends[-1] + 0.1, 0.001)
+    q, velocity, acceleration = motion.states(t)
+    standing = (t > one.end + 1e-9) & (t < wait.end)
+    assert np.abs(q[standing] - where).max() <= VELOCITY * 0.01 / 2
+    assert np.ptp(q[standing], axis=0).max() == 0.0
+    assert np.abs(np.diff(q, axis=0)).max() <= 1.5 * VELOCITY * 0.001
+    assert np.allclose(np.gradient(q, t, axis=0)[2:-2], velocity[2:-2], atol=0.02)
+    smooth = t > one.end + 0.01
+    assert np.allclose(np.gradient(velocity[smooth], t[smooth], axis=0)[2:-2], acceleration[smooth][2:-2], atol=0.05)
+    np.testing.assert_allclose(q[-1], Q1, atol=1e-12)
+
+
+def test_only_a_guarded_move_looks_for_contact() -> None:
+    motion = guarded()
+    ends = motion._ends
+    assert [motion.force_limit(t) for t in (-0.1, ends[0] + 0.1, ends[1] + 0.1, ends[2] + 1)] == [None] * 4

@@ -10,7 +10,7 @@ import numpy as np
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.skill.skill import JointMove, StraightMove
+from sqrp_cli.knowledge.skill.skill import JointMove
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.collision_body import Contact
 from sqrp_cli.programming.motion.collision.placed_scene import PlacedScene
@@ -167,7 +167,7 @@ class JointMoves:
         The end of a joint move was checked before the branch was followed, that of another primitive just before.
         """
         before, now = self._primitives[max(index - 1, 0)], self._primitives[index]
-        stands = now.kind not in (JointMove, StraightMove) and index > 0
+        stands = now.kind is not JointMove and not now.curves and index > 0
         return stands and now.world is before.world and before.allowed <= now.allowed
 
     def _contact(self, index: int, trajectory: Trajectory) -> Contact | None:

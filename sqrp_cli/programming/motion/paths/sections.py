@@ -11,7 +11,7 @@ import numpy as np
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, Indices, Mask
-from sqrp_cli.knowledge.skill.skill import JointMove, StraightMove
+from sqrp_cli.knowledge.skill.skill import JointMove
 from sqrp_cli.programming.arm.branches import chosen_branches
 from sqrp_cli.programming.arm.inverse_kinematics import known_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
@@ -19,11 +19,15 @@ from sqrp_cli.programming.motion.collision.placed_scene import PlacedScene
 from sqrp_cli.programming.motion.ground_primitives import GroundPrimitive
 from sqrp_cli.programming.motion.paths.branch_search import Station
 from sqrp_cli.programming.motion.paths.position_limits import near_limits, whole_turns
-from sqrp_cli.programming.motion.paths.straight_line import LIMIT_SAMPLES, ToolLine, follow_within_limits, limit_reason
+from sqrp_cli.programming.motion.paths.straight_line import LIMIT_SAMPLES, follow_within_limits, limit_reason
 from sqrp_cli.programming.motion.timing import MotionLimits, time_path, time_paths
+from sqrp_cli.programming.motion.tool_curve import ToolCurve, ToolLine
 from sqrp_cli.trajectory import JointPath, JointSpan, Trajectory, side_by_side
 
 _LIMIT_SAMPLES = np.linspace(0.0, 1.0, LIMIT_SAMPLES)
+
+SHORTEST_LINE = 1e-9
+"""Curves that are no longer have no speed [m]."""
 
 MOST_TURNS = 4096
 """Combinations of whole turns of the joints that are tried for each branch."""
@@ -186,43 +190,83 @@ class BranchFinder:
             q = [trajectories[-1].path.end if trajectories else q for q, trajectories in begun]
             if not q:
                 break
-            if primitive.kind is StraightMove:
+            if primitive.curves:
                 may_turn = self._model.turns & (not section.is_fixed)
-                moves = self._straight_moves(index, primitive, np.stack(q), may_turn)
+                moves = self._tool_moves(index, primitive, np.stack(q), may_turn)
             else:
                 moves = [Trajectory.standstill(at, primitive.hold) for at in q]
             begun = [(q0, (*done, move)) for (q0, done), move in zip(begun, moves, strict=True) if move is not None]
         return begun
 
-    def _straight_moves(
-        self, index: int, primitive: GroundPrimitive, q: Array, may_turn: Mask
-    ) -> list[Trajectory | None]:
-        """Straight moves from joint positions (b, n) at the primitive's speed, or slower if joints cannot follow.
+    def _tool_moves(self, index: int, primitive: GroundPrimitive, q: Array, may_turn: Mask) -> list[Trajectory | None]:
+        """Moves along all curves of a primitive from joint positions (b, n), with a stop after each.
 
-        A line on which the tool only turns has no speed; the joints alone limit it.
+        A guarded move stands where contact is expected for as long as it would go on without.
         """
-        line = ToolLine(primitive.X_start, primitive.X_end)
+        moves = self._moves_along(index, primitive, primitive.curves[0], q, may_turn)
+        for curve in primitive.curves[1:]:
+            moves = self._followed_by(index, primitive, curve, moves, may_turn)
+        guard = primitive.guard
+        if guard is None or guard.beyond.length <= SHORTEST_LINE:
+            return moves
+        both = self._followed_by(index, primitive, guard.beyond, moves, may_turn)
+        return [
+            None if whole is None or move is None else move.resting(whole.duration - move.duration)
+            for move, whole in zip(moves, both, strict=True)
+        ]
+
+    def _followed_by(
+        self,
+        index: int,
+        primitive: GroundPrimitive,
+        curve: ToolCurve,
+        before: Sequence[Trajectory | None],
+        may_turn: Mask,
+    ) -> list[Trajectory | None]:
+        """The moves before, each followed by one along a curve; None where either is impossible."""
+        going = [move for move in before if move is not None]
+        if not going:
+            return list(before)
+        ends = np.stack([move.path.end for move in going])
+        more = iter(self._moves_along(index, primitive, curve, ends, may_turn))
+        joined = ((move, next(more)) if move is not None else (None, None) for move in before)
+        return [None if one is None or two is None else one.followed_by(two) for one, two in joined]
+
+    def _moves_along(
+        self, index: int, primitive: GroundPrimitive, line: ToolCurve, q: Array, may_turn: Mask
+    ) -> list[Trajectory | None]:
+        """Moves along a curve from joint positions (b, n) at the primitive's speed, or slower if joints cannot follow.
+
+        A curve on which the tool only turns has no speed; the joints and the speed of turns alone limit it.
+        """
         followed = follow_within_limits(self._model, q, line, may_turn)
         for path in followed:
             if isinstance(path, Infeasible):
                 for reason in path.reasons:
                     self._failures.note(index, f"{primitive.name}: {reason}")
         paths = [path for path in followed if isinstance(path, JointPath)]
-        tool = np.array([primitive.speed, primitive.acceleration, primitive.jerk])
-        if line.length > 1e-9:
-            timed = time_paths(paths, self._limits, MotionLimits(*(tool / line.length)))
-        elif line.turn.any():
+        along = _limits_along(primitive, line)
+        if along is not None:
+            timed = time_paths(paths, self._limits, along)
+        elif line.turning:
             timed = [time_path(path, self._limits) for path in paths]
         else:
             timed = [Trajectory.standstill(path.end, 0.0) for path in paths]
         moves = iter(timed)
         return [next(moves) if isinstance(path, JointPath) else None for path in followed]
 
+    def beyond(self, index: int, primitive: GroundPrimitive, q: Array) -> Trajectory | None:
+        """How a guarded primitive goes on from q, shape (n,), where contact is expected; None if it cannot."""
+        if primitive.guard is None:
+            raise ValueError(f"{primitive.name} is not guarded")
+        still = np.zeros_like(self._model.turns)
+        return self._moves_along(index, primitive, primitive.guard.beyond, q[None], still)[0]
+
     def _note_ends_out_of_reach(self, section: Section) -> None:
         """If the end of a line is out of reach, that is the most useful reason."""
         for primitive in section.tied:
-            if primitive.kind is StraightMove:
-                solutions = known_solutions(self._model, primitive.X_end, self._seed, self._samples)
+            for curve in primitive.curves:
+                solutions = known_solutions(self._model, curve.X_end, self._seed, self._samples)
                 if not len(solutions.solutions):
                     reason = f"{primitive.name} to `{primitive.to}`: {solutions.reason}"
                     self._failures.note(len(self._scenes), reason)
@@ -248,10 +292,24 @@ class BranchFinder:
     def _note_limit(self, section: Section, trajectories: Sequence[Trajectory]) -> None:
         """Record the first limit that a section's trajectories exceed without turns, if any."""
         for k, (primitive, trajectory) in enumerate(zip(section.tied, trajectories, strict=True)):
-            reason = limit_reason(self._model, trajectory.path, ToolLine(primitive.X_start, primitive.X_end))
+            curve = primitive.curves[0] if len(primitive.curves) == 1 else ToolLine(primitive.X_start, primitive.X_end)
+            reason = limit_reason(self._model, trajectory.path, curve)
             if reason is not None:
                 self._failures.note(section.first + k, f"{primitive.name}: {reason}")
                 break
+
+
+def _limits_along(primitive: GroundPrimitive, curve: ToolCurve) -> MotionLimits | None:
+    """What the primitive's settings allow along a curve's parameter; None if they say nothing of it.
+
+    A turn reaches its speed in 0.2 s, as the limits of its acceleration and jerk say.
+    """
+    speed, turning = primitive.turn_speed, curve.turning
+    tool = np.array([primitive.speed, primitive.acceleration, primitive.jerk])
+    limits = [tool / curve.length] if curve.length > SHORTEST_LINE else []
+    if speed is not None and turning > 0.0:
+        limits.append(speed / turning * np.array([1.0, 10.0, 100.0]))
+    return MotionLimits(*np.min(limits, axis=0)) if limits else None
 
 
 class Failures:

@@ -1,10 +1,10 @@
-"""The joint path that moves the tool on a straight line."""
+"""The joint path that moves the tool on a straight line, or another curve."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from sqrp_cli.programming.arm.kinematics import RobotModel, ToolMotion
 from sqrp_cli.programming.arm.pose_search import Kinematics, least_steps, misses, newton, pose_errors
 from sqrp_cli.programming.arm.reach import PastLimit
 from sqrp_cli.programming.motion.paths.position_limits import LIMIT_SLACK, past_limits
+from sqrp_cli.programming.motion.tool_curve import ToolCurve
 from sqrp_cli.trajectory import JointPath
 
 TOLERANCE = 1e-6
@@ -28,8 +29,11 @@ LARGEST_STEP = 0.3
 SMALLEST_STEP = 1e-3
 """Shortest step, as a share of the line: below it the arm cannot continue."""
 
-FIRST_DEGREE, LAST_DEGREE = 4, 64
-"""Degrees of the polynomials that are tried first and last, doubling in between."""
+FIRST_DEGREE, LAST_DEGREE, LAST_WINDING_DEGREE = 4, 64, 256
+"""Degrees of the polynomials that are tried first and last, also of a curve that winds, doubling in between."""
+
+LARGEST_TURN = 1.0
+"""Turn of a curve that winds between neighbouring points [rad], so that no whole turn is overlooked."""
 
 LIMIT_SAMPLES = 101
 """Points along a line at which joint limits are checked, ends included."""
@@ -38,41 +42,7 @@ POSE_COORDINATES = 6
 """Coordinates of a pose: an arm with more joints can hold some of its joints still on a line."""
 
 
-@dataclass(frozen=True, eq=False)
-class ToolLine:
-    """A straight line of the tool frame: its origin moves evenly while it turns evenly about one fixed axis (slerp)."""
-
-    X_start: Array
-    X_end: Array
-    """Poses X_WT of the tool frame in the world, shape (4, 4)."""
-
-    @cached_property
-    def length(self) -> float:
-        """Length of the line [m]."""
-        return float(np.linalg.norm(self.X_end[:3, 3] - self.X_start[:3, 3]))
-
-    @cached_property
-    def turn(self) -> Array:
-        """Rotation vector of the whole turn, in world axes [rad], shape (3,)."""
-        return rotation_vector(self.X_end[:3, :3] @ self.X_start[:3, :3].T)
-
-    def poses(self, s: Array) -> Array:
-        """The poses X_WT at s in [0, 1], shape (m,), shape (m, 4, 4)."""
-        X_WT = np.tile(self.X_start, (len(s), 1, 1))
-        X_WT[:, :3, 3] += s[:, None] * (self.X_end[:3, 3] - self.X_start[:3, 3])
-        if self.turn.any():
-            X_WT[:, :3, :3] = [rotation_matrix(turn) @ self.X_start[:3, :3] for turn in s[:, None] * self.turn]
-        return X_WT
-
-    def progress(self, s: float) -> str:
-        """The position s on the line in words: `34 mm of 100 mm`, or in degrees when the tool only turns."""
-        if self.length > 1e-6:
-            return f"{1e3 * s * self.length:.0f} mm of {1e3 * self.length:.0f} mm"
-        angle = np.degrees(np.linalg.norm(self.turn))
-        return f"{s * angle:.0f} deg of {angle:.0f} deg"
-
-
-def straight_line(model: RobotModel, q0: Array, line: ToolLine) -> JointPath | Infeasible:
+def straight_line(model: RobotModel, q0: Array, line: ToolCurve) -> JointPath | Infeasible:
     """The joint path that moves the tool along the line, from q0, shape (n,), with the tool at the line's start.
 
     The path is one polynomial per joint, exact at Chebyshev points and within `TOLERANCE` between them. Infeasible,
@@ -84,7 +54,7 @@ def straight_line(model: RobotModel, q0: Array, line: ToolLine) -> JointPath | I
     return path
 
 
-def follow_within_limits(model: RobotModel, q0: Array, line: ToolLine, may_turn: Mask) -> list[JointPath | Infeasible]:
+def follow_within_limits(model: RobotModel, q0: Array, line: ToolCurve, may_turn: Mask) -> list[JointPath | Infeasible]:
     """As `follow`; a redundant arm holds the joints still that would leave their limits.
 
     may_turn: joints that whole turns may bring within their limits, shape (n,). If holding joints still does not help,
@@ -136,7 +106,7 @@ class HeldJoints:
         return ToolMotion(X_WT, np.where(self.held, 0.0, J))
 
 
-def follow(model: Kinematics, q0: Array, line: ToolLine) -> list[JointPath | Infeasible]:
+def follow(model: Kinematics, q0: Array, line: ToolCurve) -> list[JointPath | Infeasible]:
     """As `straight_line` from each of b joint positions, shape (b, n), joint limits ignored.
 
     All branches are followed at once. The points of each degree are among those of twice the degree; the points in
@@ -145,14 +115,14 @@ def follow(model: Kinematics, q0: Array, line: ToolLine) -> list[JointPath | Inf
     return _through(model, line, _first_points(model, line, q0))
 
 
-def _through(model: Kinematics, line: ToolLine, points: Sequence[Array | Infeasible]) -> list[JointPath | Infeasible]:
+def _through(model: Kinematics, line: ToolCurve, points: Sequence[Array | Infeasible]) -> list[JointPath | Infeasible]:
     """For each branch, the path through its points on the line, shape (degree + 1, n), or why it has none."""
     met = [q for q in points if not isinstance(q, Infeasible)]
     fitted = iter(_fitted(model, line, np.stack(met)) if met else ())
     return [q if isinstance(q, Infeasible) else next(fitted) for q in points]
 
 
-def _fitted(model: Kinematics, line: ToolLine, q: Array) -> list[JointPath | Infeasible]:
+def _fitted(model: Kinematics, line: ToolCurve, q: Array) -> list[JointPath | Infeasible]:
     """For each branch, the path through q (b, degree + 1, n), of that degree if it fits in between, or a higher one."""
     degree = q.shape[1] - 1
     between = _points(2 * degree)[1::2]
@@ -163,10 +133,10 @@ def _fitted(model: Kinematics, line: ToolLine, q: Array) -> list[JointPath | Inf
         JointPath(np.array([0.0, 1.0]), fit[None]) for fit in _fit_matrix(degree) @ q
     ]
     misfits = np.flatnonzero(deviations.max(axis=1) > TOLERANCE)
-    if degree == LAST_DEGREE:
+    if degree == (LAST_WINDING_DEGREE if line.winding else LAST_DEGREE):
         for row in misfits:
             at = line.progress(float(between[deviations[row].argmax()]))
-            paths[row] = Infeasible((f"the arm is close to singular after {at} of the straight line",))
+            paths[row] = Infeasible((f"the arm is close to singular after {at} of the {line.word}",))
     elif len(misfits):
         finer = _through(model, line, _refined_points(model, line, q[misfits], guesses[misfits]))
         for row, path in zip(misfits, finer, strict=True):
@@ -174,18 +144,17 @@ def _fitted(model: Kinematics, line: ToolLine, q: Array) -> list[JointPath | Inf
     return paths
 
 
-def _first_points(model: Kinematics, line: ToolLine, q0: Array) -> list[Array | Infeasible]:
+def _first_points(model: Kinematics, line: ToolCurve, q0: Array) -> list[Array | Infeasible]:
     """For each branch that begins at q0 (b, n), its points at the Chebyshev points of the first degree.
 
     Newton's method starts on the tangent; if that ends too far away, the line is followed from point to point.
     """
     s = _points(FIRST_DEGREE)
-    twist = np.concatenate([line.X_end[:3, 3] - line.X_start[:3, 3], line.turn])
-    tangents = least_steps(model.tool_poses_and_jacobians(q0)[1], np.tile(twist, (len(q0), 1)))
+    tangents = least_steps(model.tool_poses_and_jacobians(q0)[1], np.tile(line.twist, (len(q0), 1)))
     guesses = (q0[:, None] + s[1:, None] * tangents[:, None]).reshape(-1, q0.shape[1])
     reached, met = _meet(model, guesses, np.tile(line.poses(s[1:]), (len(q0), 1, 1)))
     q = np.concatenate([q0[:, None], reached.reshape(len(q0), FIRST_DEGREE, -1)], axis=1)
-    near = np.abs(np.diff(q, axis=1)).max(axis=2) <= LARGEST_STEP
+    near = (np.abs(np.diff(q, axis=1)).max(axis=2) <= LARGEST_STEP) & _is_short(line, s[:-1], s[1:])
     far = np.flatnonzero(~(near & met.reshape(near.shape)).all(axis=1))
     stuck = np.full(len(q0), np.inf)
     for k in range(FIRST_DEGREE if len(far) else 0):
@@ -195,13 +164,13 @@ def _first_points(model: Kinematics, line: ToolLine, q0: Array) -> list[Array | 
     return _unless_stuck(line, q, stuck)
 
 
-def _refined_points(model: Kinematics, line: ToolLine, q: Array, guesses: Array) -> list[Array | Infeasible]:
+def _refined_points(model: Kinematics, line: ToolCurve, q: Array, guesses: Array) -> list[Array | Infeasible]:
     """For each branch with points q (b, degree + 1, n) and guesses in between (b, degree, n), the points of both."""
     count, degree, n = guesses.shape
     s, between = _points(degree), _points(2 * degree)[1::2]
     reached, met = _meet(model, guesses.reshape(-1, n), np.tile(line.poses(between), (count, 1, 1)))
     reached = reached.reshape(guesses.shape)
-    near = np.abs(guesses - q[:, :-1]).max(axis=2) <= LARGEST_STEP
+    near = (np.abs(guesses - q[:, :-1]).max(axis=2) <= LARGEST_STEP) & _is_short(line, s[:-1], between)
     rows, k = np.nonzero(~(near & met.reshape(near.shape)))
     stuck = np.full((count, degree), np.inf)
     reached[rows, k], stuck[rows, k] = _advance(model, line, q[rows, k], s[k], between[k])
@@ -210,16 +179,16 @@ def _refined_points(model: Kinematics, line: ToolLine, q: Array, guesses: Array)
     return _unless_stuck(line, refined, stuck.min(axis=1))
 
 
-def _unless_stuck(line: ToolLine, points: Array, stuck: Array) -> list[Array | Infeasible]:
+def _unless_stuck(line: ToolCurve, points: Array, stuck: Array) -> list[Array | Infeasible]:
     """The points of each of b branches, shape (b, k, n), or why it is stuck at `stuck`, shape (b,), if finite."""
-    reason = "the arm cannot follow the straight line beyond {}: it is singular there"
+    reason = "the arm cannot follow the {} beyond {}: it is singular there"
     return [
-        q if np.isinf(at) else Infeasible((reason.format(line.progress(float(at))),))
+        q if np.isinf(at) else Infeasible((reason.format(line.word, line.progress(float(at))),))
         for q, at in zip(points, stuck, strict=True)
     ]
 
 
-def limit_reason(model: RobotModel, path: JointPath, line: ToolLine) -> str | None:
+def limit_reason(model: RobotModel, path: JointPath, line: ToolCurve) -> str | None:
     """Why a path along the line is outside the joints' limits, or None when it keeps them."""
     excess = past_limits(model, path)
     if not excess.any():
@@ -232,10 +201,10 @@ def limit_reason(model: RobotModel, path: JointPath, line: ToolLine) -> str | No
     first = int(outside.any(axis=1).argmax())
     joint = int(outside[first].argmax())
     past = PastLimit(model.arm[joint], float(excess[joint]), bool(model.turns[joint]))
-    return f"{past}, which it reaches after {line.progress(float(s[first]))} of the straight line"
+    return f"{past}, which it reaches after {line.progress(float(s[first]))} of the {line.word}"
 
 
-def _advance(model: Kinematics, line: ToolLine, q: Array, s: Array, to: Array) -> tuple[Array, Array]:
+def _advance(model: Kinematics, line: ToolCurve, q: Array, s: Array, to: Array) -> tuple[Array, Array]:
     """Joint positions that meet the line at `to`, each on the branch of a row of q that meets it at `s`.
 
     Shapes: q (m, n), s and to (m,). Returns them, shape (m, n), and the positions s where the arm cannot continue,
@@ -245,6 +214,7 @@ def _advance(model: Kinematics, line: ToolLine, q: Array, s: Array, to: Array) -
     if not len(q):
         return q, stuck
     reached, met = _meet(model, q, line.poses(to))
+    met &= _is_short(line, s, to)
     shortest = to - s < SMALLEST_STEP
     stuck[~met & shortest] = s[~met & shortest]
     halved = np.flatnonzero(~met & ~shortest)
@@ -260,34 +230,16 @@ def _errors(model: Kinematics, q: Array, X_WT: Array) -> Array:
     return misses(model, q, X_WT).errors if model.angle_tolerance else pose_errors(model.tool_poses(q), X_WT)
 
 
+def _is_short(line: ToolCurve, s: Array, to: Array) -> Mask:
+    """Whether the curve hardly winds between positions s and `to`, shape (m,) each."""
+    short: Mask = (to - s) * line.winding <= LARGEST_TURN
+    return short
+
+
 def _meet(model: Kinematics, guesses: Array, X_WT: Array) -> tuple[Array, Mask]:
     """Joint positions near guesses (m, n) that bring the tool to poses (m, 4, 4), and which of them do, (m,)."""
     q, errors = newton(model, X_WT, guesses, NEWTON_TOLERANCE)
     return q, (errors <= NEWTON_TOLERANCE) & (np.abs(q - guesses).max(axis=1, initial=0.0) <= LARGEST_STEP)
-
-
-def rotation_vector(R: Array) -> Array:
-    """Axis times angle [rad] of a rotation matrix, shape (3,); for half a turn, one of both axes."""
-    skew = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    sine, cosine = float(np.sqrt(skew @ skew)), 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
-    if cosine > -0.9:
-        return skew * (float(np.arctan2(sine, cosine)) / sine) if sine > 1e-9 else skew
-    column = (R + R.T + (1 - np.trace(R)) * np.eye(3))[:, int(np.diag(R).argmax())]
-    angle = float(np.copysign(np.arctan2(sine, cosine), skew @ column or 1.0))
-    vector: Array = column * (angle / np.linalg.norm(column))
-    return vector
-
-
-def rotation_matrix(vector: Array) -> Array:
-    """The rotation matrix of axis times angle [rad], shape (3,) (Rodrigues' formula)."""
-    angle = float(np.linalg.norm(vector))
-    if angle == 0.0:
-        return np.eye(3)
-    x, y, z = vector / angle
-    K: Array = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    R: Array = np.eye(3, dtype=np.float64)
-    R += float(np.sin(angle)) * K + float(1.0 - np.cos(angle)) * (K @ K)
-    return R
 
 
 @cache

@@ -12,12 +12,10 @@ from sqrp_cli.geometry import Array, axis_rotation, pose
 from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.paths.straight_line import (
-    ToolLine,
     follow,
-    rotation_matrix,
-    rotation_vector,
     straight_line,
 )
+from sqrp_cli.programming.motion.tool_curve import ToolLine, rotation_matrix, rotation_vector
 from sqrp_cli.trajectory import JointPath
 
 READY = np.array([0.3, -1.6, 1.9, -1.9, -1.6, 0.2])
