@@ -373,7 +373,7 @@ def _aims(workspace: Workspace) -> dict[str, Aim]:
     """What cameras look at, where the workspace says so."""
     stated = {name: stated_look_at(workspace, name) for name in workspace.cameras}
     return {
-        name: Aim(read_only(look_at[0]), read_only(look_at[1]), stated=True)
+        name: Aim(read_only(look_at.point), read_only(look_at.up), stated=True)
         for name, look_at in stated.items()
         if look_at is not None
     }

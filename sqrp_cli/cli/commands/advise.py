@@ -122,9 +122,7 @@ def command(
         jobs=job_count(jobs),
         progress=progress,
     )
-    interrupted = found.interrupted
-    if report is not None and not interrupted:
-        interrupted = not _page_is_written(found, report, context.obj, job_count(jobs))
+    interrupted = found.interrupted or not _page_is_written(found, report, context.obj, job_count(jobs))
     try:
         message = "" if interrupted else _write(found, apply, patch)
     finally:  # the search took long, and says which change can be written
@@ -148,8 +146,10 @@ def _checked_files(workspace: Path, seed: int, after: Path | None, patch: Path |
     return cell
 
 
-def _page_is_written(found: TaskAdvice, file: Path, arguments: Sequence[str], jobs: int) -> bool:
-    """Write the page about an advice; returns False if Ctrl-C came first."""
+def _page_is_written(found: TaskAdvice, file: Path | None, arguments: Sequence[str], jobs: int) -> bool:
+    """Write the page about an advice, if it is wanted; returns False if Ctrl-C came first."""
+    if file is None:
+        return True
     from sqrp_cli.report.pages.advice_page import write_advice
     from sqrp_cli.terminal.console import progress
 

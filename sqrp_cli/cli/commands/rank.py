@@ -97,8 +97,7 @@ def command(
         return ExitCode.INTERRUPTED
     print_problems(intervals_outside(assessments))
     ranked = rank(assessments, criterion)
-    if report is not None and not interrupted:
-        interrupted = not _page_is_written(session, ranked, criterion, report, context.obj, job_count(jobs))
+    interrupted = interrupted or not _page_is_written(session, ranked, criterion, report, context.obj, job_count(jobs))
     # Written before the output, because its reader may leave early.
     code, message = (ExitCode.INTERRUPTED, "") if interrupted else _write_chosen(session, ranked, choose, program)
     answer(Ranking(session, ranked, criterion, interrupted, all_ways=all_ways), as_json=as_json)
@@ -141,9 +140,11 @@ def _assess(session: Session, jobs: int) -> tuple[list[Assessment], bool]:
 
 
 def _page_is_written(
-    session: Session, ranking: Sequence[Ranked], by: Criterion, file: Path, arguments: Sequence[str], jobs: int
+    session: Session, ranking: Sequence[Ranked], by: Criterion, file: Path | None, arguments: Sequence[str], jobs: int
 ) -> bool:
-    """Write the page about a ranking; returns False if Ctrl-C came first."""
+    """Write the page about a ranking, if it is wanted; returns False if Ctrl-C came first."""
+    if file is None:
+        return True
     from sqrp_cli.report.pages.candidate_page import write_ranking
     from sqrp_cli.terminal.console import progress
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,8 +26,17 @@ _LEAST = ("min_q_eoi", "min_q_avg")
 """The thresholds of tasks that are least shares; the others are longest times."""
 
 
-def stated_look_at(workspace: Workspace, camera: str) -> tuple[Array, Array] | None:
-    """The point that a camera looks at and its upward direction, (3,) each, if the workspace states it so."""
+class LookAt(NamedTuple):
+    """Where a camera looks."""
+
+    point: Array
+    """In the middle of its image, shape (3,) [m]."""
+    up: Array
+    """Shape (3,)."""
+
+
+def stated_look_at(workspace: Workspace, camera: str) -> LookAt | None:
+    """Where a camera looks, if the workspace states it so."""
     path = f"cameras.{camera}.pose"
     point = [read_quantity(workspace.values.get(f"{path}.look_at.{axis}")) for axis in range(3)]
     up = [read_quantity(workspace.values.get(f"{path}.up.{axis}")) for axis in range(3)]
@@ -35,7 +44,7 @@ def stated_look_at(workspace: Workspace, camera: str) -> tuple[Array, Array] | N
     if len(places) < 3:
         return None
     stated = [entry.value for entry in up if entry is not None]
-    return places, np.array(stated if len(stated) == 3 else [0.0, 0.0, 1.0])
+    return LookAt(places, np.array(stated if len(stated) == 3 else [0.0, 0.0, 1.0]))
 
 
 def with_camera(document: SourceDocument, before: Camera, camera: Camera, look_at: Array) -> bytes:

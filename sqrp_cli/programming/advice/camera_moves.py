@@ -11,7 +11,7 @@ import numpy as np
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.programming.advice.aiming import Aim, looking_at, turned
-from sqrp_cli.programming.advice.change import ProposedChange
+from sqrp_cli.programming.advice.change import Kind, ProposedChange, Unit
 
 MILLIMETRE = 1e-3
 """Positions and aims are proposed in whole ones [m]."""
@@ -65,17 +65,8 @@ class Displacement:
         """See `CameraMove`."""
         moved = whole(vector)
         eye = np.round(self.camera.X_FC[:3, 3] + moved, 6)
-        camera = replace(self.camera, X_FC=read_only(looking_at(eye[None], self.aim.point[None], self.aim.up)[0]))
         size = float(np.linalg.norm(moved))
-        return ProposedChange(
-            kind="position",
-            target=camera.name,
-            values=_floats(moved),
-            size=size,
-            unit="m",
-            camera=camera,
-            aim=self.aim,
-        )
+        return placed(self.camera, eye, self.aim, kind="position", values=moved, size=size, unit="m")
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,21 +88,13 @@ class Turn:
     def change(self, vector: Array) -> ProposedChange:
         """See `CameraMove`."""
         eye = self.camera.X_FC[:3, 3]
-        point = whole(turned(self.aim, eye, vector[None])[0])
-        aim = replace(self.aim, point=read_only(point))
-        camera = replace(self.camera, X_FC=read_only(looking_at(eye[None], point[None], aim.up)[0]))
-        old, new = self.camera.X_FC[:3, 2], camera.X_FC[:3, 2]
-        size = float(2 * np.arcsin(min(1.0, 0.5 * float(np.linalg.norm(new - old)))))
+        aim = replace(self.aim, point=read_only(whole(turned(self.aim, eye, vector[None])[0])))
+        now = placed(self.camera, eye, aim, kind="aim", values=vector, size=0.0, unit="rad")
+        assert now.camera is not None  # noqa: S101 - it is about one
+        apart = float(np.linalg.norm(now.camera.X_FC[:3, 2] - self.camera.X_FC[:3, 2]))
+        size = float(2 * np.arcsin(min(1.0, 0.5 * apart)))
         values = vector * (size / max(float(np.linalg.norm(vector)), 1e-12))
-        return ProposedChange(
-            kind="aim",
-            target=camera.name,
-            values=_floats(values),
-            size=size,
-            unit="rad",
-            camera=camera,
-            aim=aim,
-        )
+        return replace(now, values=_floats(values), size=size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,6 +129,23 @@ class Lens:
             camera=replace(self.camera, matrix=read_only(K)),
             aim=self.aim,
         )
+
+
+def placed(
+    camera: Camera, eye: Array, aim: Aim, *, kind: Kind, values: Array, size: float, unit: Unit, like: str = ""
+) -> ProposedChange:
+    """A camera that then stands at a place (3,) and looks at its aim; for the others see `ProposedChange`."""
+    X_FC = read_only(looking_at(eye[None], aim.point[None], aim.up)[0])
+    return ProposedChange(
+        kind=kind,
+        target=camera.name,
+        values=_floats(values),
+        size=size,
+        unit=unit,
+        like=like,
+        camera=replace(camera, X_FC=X_FC),
+        aim=aim,
+    )
 
 
 def field_of_view(camera: Camera) -> float:

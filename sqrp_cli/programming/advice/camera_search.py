@@ -11,7 +11,7 @@ from sqrp_cli.geometry import Array, Mask, inverse, read_only, transform
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.programming.advice.aiming import Aim, looking_at
-from sqrp_cli.programming.advice.camera_moves import LENS_STEP, LENS_STRIDE, CameraMove, Lens, whole
+from sqrp_cli.programming.advice.camera_moves import LENS_STEP, LENS_STRIDE, CameraMove, Lens, placed, whole
 from sqrp_cli.programming.advice.change import Margin, ProposedChange
 from sqrp_cli.programming.advice.effects import finely_met, seen_by
 from sqrp_cli.programming.advice.least import LeastSearch, least_beyond, shells
@@ -305,18 +305,8 @@ class CameraSearch:
         return Margin(less=0.0, more=more)
 
     def _placed(self, eye: Array, aim: Aim) -> ProposedChange:
-        camera = replace(self.camera, X_FC=read_only(looking_at(eye[None], aim.point[None], aim.up)[0]))
-        values = (float(eye[0]), float(eye[1]), float(eye[2]))
-        return ProposedChange(
-            kind="camera",
-            target=camera.name,
-            values=values,
-            size=1.0,
-            unit="camera",
-            like=self.like,
-            camera=camera,
-            aim=aim,
-        )
+        """A further camera at a place (3,)."""
+        return placed(self.camera, eye, aim, kind="camera", values=eye, size=1.0, unit="camera", like=self.like)
 
     def _unbroken(self, move: CameraMove, unit: Array, lengths: Array, size: float) -> float:
         """The last of some lengths, going away from `size`, up to which all pass, and which is confirmed exactly."""

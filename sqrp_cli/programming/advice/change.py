@@ -20,6 +20,9 @@ from sqrp_cli.programming.ranking import rank
 from sqrp_cli.programming.sensing.observer import Observer
 
 Kind = Literal["way", "path", "object", "aim", "position", "lens", "camera"]
+Unit = Literal["m", "rad", "camera", ""]
+"""Of the size of a change; empty where there is nothing to measure."""
+
 KINDS: tuple[Kind, ...] = ("way", "path", "object", "aim", "position", "lens", "camera")
 """In the order in which they are thought of: the motion first, then what it handles, cameras last."""
 
@@ -51,8 +54,7 @@ class ProposedChange:
     """What changes: metres along x, y, z; angles to the right and up in the image, or of the view [rad]."""
     size: float
     """How large it is, in `unit`."""
-    unit: Literal["m", "rad", "camera", ""]
-    """Empty where there is nothing to measure."""
+    unit: Unit
     like: str = ""
     """Of a further camera: the one whose lens and sensing it has."""
     camera: Camera | None = None
