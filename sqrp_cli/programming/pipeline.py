@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from itertools import chain
+from typing import NamedTuple, TypeVar
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.workspace.workspace import World
@@ -12,13 +13,19 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study, WaysFound, study
 from sqrp_cli.programming.coverage.robustness import Calibration, under_calibration_errors
 from sqrp_cli.programming.coverage.sampling import Sampling
-from sqrp_cli.programming.coverage.verdict import verdict
+from sqrp_cli.programming.coverage.verdict import verdict, verdicts
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.task import Candidate
-from sqrp_cli.programming.ways.find import WantedWay, find_way
+from sqrp_cli.programming.ways.find import BestWay, WantedWay, find_ways
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 WORTH_A_PROCESS, WORTH_WITH_WAYS = 8, 2
 """Least number of candidates per further process, and of those of which all ways are tried; fewer are not worth it."""
+
+TOGETHER = 8
+"""Candidates of which the fastest way is observed, and explained, together."""
 
 
 class Explained(NamedTuple):
@@ -45,13 +52,23 @@ class Assignment:
 
     def assess(self, candidate: Candidate) -> Assessment:
         """The figures of one candidate in the wanted way, or why it is infeasible."""
-        found = find_way(self.cell, candidate, self.world, self.sampling, self.wanted)
-        if isinstance(found, Infeasible):
-            ways = WaysFound(tried=found.tried, feasible=0, pareto=())
-            return Assessment.infeasible(candidate, found.reasons, verdict=found.reasons[0], ways=ways)
+        return self.assess_together([candidate])[0]
+
+    def assess_together(self, candidates: Sequence[Candidate]) -> list[Assessment]:
+        """As `assess` of each of several candidates, which is faster together."""
+        found = find_ways(self.cell, candidates, self.world, self.sampling, self.wanted)
+        feasible = (one.study for one in found if isinstance(one, BestWay))
+        said = iter(verdicts(self.cell, list(feasible)))
+        return [
+            _infeasible(candidate, one) if isinstance(one, Infeasible) else self._assessment(candidate, one, next(said))
+            for candidate, one in zip(candidates, found, strict=True)
+        ]
+
+    def _assessment(self, candidate: Candidate, found: BestWay, verdict: str) -> Assessment:
         study = found.study
-        assessment = study.assessment(verdict(self.cell, study))
-        assessment = replace(assessment, candidate=candidate, best_way=study.candidate, ways=found.ways)
+        assessment = replace(
+            found.assessment, verdict=verdict, candidate=candidate, best_way=study.candidate, ways=found.ways
+        )
         if self.calibration is None:
             return assessment
         recalibrated = under_calibration_errors(self.cell, study, self.sampling, self.calibration)
@@ -85,8 +102,21 @@ def assess_all(assignment: Assignment, candidates: Sequence[Candidate], jobs: in
 
 
 def _assessed(assignment: Assignment, candidates: Sequence[Candidate], processes: int) -> Iterator[Assessment]:
+    if not assignment.wanted.fastest:
+        return _mapped(assignment.assess, candidates, processes)
+    # The same groups with any number of processes.
+    groups = [candidates[start : start + TOGETHER] for start in range(0, len(candidates), TOGETHER)]
+    return chain.from_iterable(_mapped(assignment.assess_together, groups, processes))
+
+
+def _mapped(work: Callable[[Item], Result], items: Sequence[Item], processes: int) -> Iterator[Result]:
     if processes < 2:
-        return map(assignment.assess, candidates)
+        return map(work, items)
     from sqrp_cli.platform.processes import in_processes
 
-    return in_processes(assignment.assess, candidates, processes)
+    return in_processes(work, items, processes)
+
+
+def _infeasible(candidate: Candidate, why: Infeasible) -> Assessment:
+    ways = WaysFound(tried=why.tried, feasible=0, pareto=())
+    return Assessment.infeasible(candidate, why.reasons, verdict=why.reasons[0], ways=ways)

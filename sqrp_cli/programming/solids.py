@@ -100,6 +100,18 @@ class Solids(tuple[Solid, ...]):
         """The parent of each."""
         return tuple(solid.part.parent for solid in self)
 
+    def called(self, name: str) -> list[int]:
+        """The indices of those of a link or object, or of the part, of this name."""
+        return self._called.get(name, [])
+
+    @cached_property
+    def _called(self) -> dict[str, list[int]]:
+        called: dict[str, list[int]] = {}
+        for index, solid in enumerate(self):
+            for name in {solid.part.parent, solid.part.name}:
+                called.setdefault(name, []).append(index)
+        return called
+
     @cached_property
     def boxes(self) -> Array:
         """`Solid.box` of each, shape (s, 4, 4)."""

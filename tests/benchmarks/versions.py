@@ -16,6 +16,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 STAGES = ("interpreter, imports", "cell", "planning", "sensing", "verdict", "rest")
 """Each without the stages inside it."""
 
@@ -34,9 +36,10 @@ WATCHED = {
     ),
     "sensing": (
         ("sqrp_cli.programming.coverage.assessment", "observe"),
+        ("sqrp_cli.programming.coverage.assessment", "observe_all"),
         ("sqrp_cli.programming.ways.prospect", "look_at"),
     ),
-    "verdict": (("sqrp_cli.programming.pipeline", "verdict"),),
+    "verdict": (("sqrp_cli.programming.pipeline", "verdict"), ("sqrp_cli.programming.pipeline", "verdicts")),
 }
 """The functions of each stage; a checkout has some of them."""
 
@@ -117,9 +120,9 @@ def _main(workload: str, count: int) -> None:
     from sqrp_cli.platform.memory import keep_freed_memory
     from sqrp_cli.programming.cell import Cell
     from sqrp_cli.programming.coverage.sampling import Adaptive
-    from sqrp_cli.programming.pipeline import Assignment
+    from sqrp_cli.programming.pipeline import Assignment, assess_all
     from sqrp_cli.programming.task import read_task
-    from tests.benchmarks.candidates import _crowded
+    from tests.benchmarks.candidates import YAWS, _crowded
 
     keep_freed_memory()
     clock.enter("cell")
@@ -130,7 +133,8 @@ def _main(workload: str, count: int) -> None:
     clock.enter("rest")
     candidates = read_task("pickup green", workspace).candidates
     if crowded:
-        candidates = candidates[:: max(1, len(candidates) // count)][:count]
+        starts = np.linspace(0, len(candidates) - YAWS, max(1, count // YAWS)).astype(int) // YAWS * YAWS
+        candidates = [candidate for start in starts for candidate in candidates[start : start + YAWS]]
     for stage, functions in WATCHED.items():
         for place, name in functions:
             owner = _found(place)
@@ -139,7 +143,7 @@ def _main(workload: str, count: int) -> None:
     find = _found("sqrp_cli.programming.ways.find")
     wanted = {} if find is None else {"wanted": find.WantedWay(fastest=workload != "tabletop")}
     assignment = Assignment(cell, workspace.stated_world, Adaptive(), **wanted)
-    found = [assignment.assess(candidate) for candidate in candidates]
+    found = list(assess_all(assignment, candidates, 1))
     clock.enter("rest")
     tried = [getattr(one, "ways", None) for one in found]
     figures = [(one.q_avg, one.q_eoi, one.time, one.faults, one.verdict) for one in found]

@@ -85,16 +85,8 @@ class Base:
         if not wish.only_events:
             return None
         which = np.array([number for number, piece in enumerate(study.stage.pieces) if piece.of_interest])
-        timeline = observe(
-            self._events,
-            change.in_cell(self.cell).observer,
-            study.targets,
-            self.sampling,
-            faults={},
-            T=study.T,
-            T_eoi=study.T_eoi,
-            full=False,
-        )
+        watch = replace(study.watch, stage=self._events, faults={})
+        timeline = observe(watch, change.in_cell(self.cell).observer, self.sampling, full=False)
         if (interest_quality(timeline) or 0.0) >= (wish.q_eoi or 0.0):
             return None
         samples = Samples(which[timeline.samples.piece], timeline.samples.t)

@@ -78,18 +78,7 @@ def is_fastest(found: Assessment) -> bool:
 
 def seen_by(cell: Cell, found: Study, sampling: Sampling, *, full: bool = False) -> Study:
     """The same motion seen by the cameras of another cell. full: with the verdicts of every camera."""
-    now = found.timeline
-    timeline = observe(
-        found.stage,
-        cell.observer,
-        found.targets,
-        sampling,
-        faults=now.faults,
-        T=now.T,
-        T_eoi=now.T_eoi,
-        full=full,
-    )
-    return replace(found, timeline=timeline)
+    return replace(found, timeline=observe(found.watch, cell.observer, sampling, full=full))
 
 
 def finely_met(wish: Wish, cell: Cell, found: Study, sampling: Sampling) -> bool:

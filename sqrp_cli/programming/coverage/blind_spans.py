@@ -9,11 +9,12 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby, pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, Indices
 from sqrp_cli.logic.formula_time import Stretch, merge
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.cell import Cell
@@ -83,19 +84,27 @@ def cause_totals(cell: Cell, study: Study) -> tuple[CauseTotal, ...]:
     return tuple(totals)
 
 
-def first_failures(boxes: tuple[BoxVerdicts, ...], rows: NDArray[np.int64], camera: int) -> list[Failure]:
+def first_failures(boxes: Sequence[BoxVerdicts], rows: Indices, camera: int) -> list[Failure]:
     """The failure of the first box that a camera does not see, for each of the given samples."""
-    causes = np.stack([box.cause[rows, camera] for box in boxes])
-    first, at = (causes != Cause.NONE).argmax(axis=0), np.arange(len(rows))
-    by, figure = (
-        np.stack(values)[first, at].tolist()
-        for values in zip(*((box.by[rows, camera], box.figure[rows, camera]) for box in boxes), strict=True)
-    )
-    codes = causes[first, at].tolist()
-    return [
-        SEEN if code == Cause.NONE else Failure(_CAUSES[code], *rest)
-        for code, *rest in zip(codes, by, figure, strict=True)
-    ]
+    columns = (values[:, 0].tolist() for values in first_failing(boxes, rows, slice(camera, camera + 1)))
+    return [SEEN if code == Cause.NONE else Failure(_CAUSES[code], *rest) for code, *rest in zip(*columns, strict=True)]
+
+
+class FirstFailing(NamedTuple):
+    """What `Failure` says, for m samples and c cameras: shape (m, c) each."""
+
+    cause: NDArray[np.int8]
+    by: Indices
+    figure: Array
+
+
+def first_failing(boxes: Sequence[BoxVerdicts], rows: Indices, cameras: slice = slice(None)) -> FirstFailing:
+    """The failure of the first box that each of the cameras does not see, for each of the given samples."""
+    causes = np.stack([box.cause[rows, cameras] for box in boxes])
+    first = (causes != Cause.NONE).argmax(axis=0)[None]
+    by = np.stack([box.by[rows, cameras] for box in boxes])
+    figure = np.stack([box.figure[rows, cameras] for box in boxes])
+    return FirstFailing(*(np.take_along_axis(values, first, axis=0)[0] for values in (causes, by, figure)))
 
 
 def by_name(cell: Cell, cause: Cause, by: int) -> str | None:

@@ -1,21 +1,23 @@
 """Looks at many motions of one cell at once: the coverage of given samples of each, in one batch.
 
-They rule out ways before `timeline.observe`, which finds its own samples, decides between the few that are left.
+What a look finds does not depend on the others. Each asks for its targets in rounds; all ask at once, and the observer
+answers all questions of a round together.
 """
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise, starmap
 
 import numpy as np
 
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, Indices
 from sqrp_cli.knowledge.frames import FrameName
-from sqrp_cli.programming.coverage.observation import Observation, coverage_only
+from sqrp_cli.programming.coverage.observation import Observation
 from sqrp_cli.programming.coverage.stage import Samples, Stage, states_of
-from sqrp_cli.programming.sensing.observer import Observer
+from sqrp_cli.programming.sensing.observer import CoveredStates, Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.targets import Target
 
@@ -33,15 +35,16 @@ class Look:
     faults: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     """The columns of the atoms of each fault, by its name: indices into `targets`.
 
-    Without them, a target is left out where another one already decides that the state is not covered.
+    A target is left out where the state and every fault that needs it are already known uncovered.
     """
+    known: Observation | None = None
+    """What is known of the samples already; None if nothing is."""
+    at_once: int = 1
+    """How many targets to ask for in one round. With more, fewer are left out."""
 
 
 def look_at(observer: Observer, looks: Sequence[Look]) -> tuple[Observation, ...]:
-    """The coverage of motions in one cell, each as a timeline of its samples has it; much faster than one by one.
-
-    Targets with the same atom should differ in nothing but the poses of their boxes: they are looked at together.
-    """
+    """The coverage of motions in one cell, each as if it were the only one; much faster than one by one."""
     return tuple(observation for batch in _batches(looks) for observation in _look_at(observer, batch))
 
 
@@ -54,28 +57,67 @@ def _batches(looks: Sequence[Look]) -> Iterator[Sequence[Look]]:
 
 def _look_at(observer: Observer, looks: Sequence[Look]) -> Iterator[Observation]:
     states = states_of([look.stage for look in looks], [look.samples for look in looks])
-    alike: dict[Hashable, dict[int, Target]] = {}  # of each kind, the targets by the index of their look
+    rows = list(starmap(slice, pairwise(np.cumsum([0, *(len(look.samples) for look in looks)]).tolist())))
+    alike: dict[Hashable, dict[int, Target]] = defaultdict(dict)  # of each kind, the targets by index of their look
     kinds = [[_kind(target) for target in look.targets] for look in looks]
     for index, (look, of_look) in enumerate(zip(looks, kinds, strict=True)):
         for target, kind in zip(look.targets, of_look, strict=True):
-            alike.setdefault(kind, {})[index] = target
-    number = {kind: column for column, kind in enumerate(alike)}
-    columns = [np.array([number[kind] for kind in of_look], dtype=np.int64) for of_look in kinds]
-    rows = list(starmap(slice, pairwise(np.cumsum([0, *(len(look.samples) for look in looks)]).tolist())))
-
-    required, faults = np.zeros((states.count, len(alike)), dtype=bool), {}
-    for look, row, column in zip(looks, rows, columns, strict=True):
-        required[row, column] = look.stage.requires(look.targets, look.samples)
-        for of_fault in look.faults.values():
-            atoms = tuple(column[list(of_fault)].tolist())
-            faults[str(atoms)] = atoms
+            alike[kind][index] = target
     frames = dict(states.X_WF)
-    targets = [_as_one(targets, rows, frames, states.count) for targets in alike.values()]
+    as_one = {kind: _as_one(targets, rows, frames, states.count) for kind, targets in alike.items()}
     states = SceneStates(states.count, frames)
-    # About as many as there are candidates: each look asks for one target after the other, as it would alone.
-    together = len(targets) // max(1, max(len(look.targets) for look in looks))
-    found = coverage_only(observer, targets, states, Observation.unknown(required), faults, max(1, together))
-    yield from map(found.part, rows, columns)
+    rounds = list(map(_Rounds, looks))
+    while asked := [(index, column, at) for index, one in enumerate(rounds) for column, at in one.questions().items()]:
+        sought: dict[Hashable, list[Indices]] = defaultdict(list)
+        for index, column, at in asked:
+            sought[kinds[index][column]].append(at + rows[index].start)
+        targets, in_rows = [as_one[kind] for kind in sought], [np.concatenate(parts) for parts in sought.values()]
+        found = dict(zip(sought, observer.coverage(targets, states, in_rows), strict=True))
+        shares = {kind: iter(found[kind].split([len(at) for at in parts])) for kind, parts in sought.items()}
+        for index, column, at in asked:
+            rounds[index].take(column, at, next(shares[kinds[index][column]]))
+    return (one.observation for one in rounds)
+
+
+class _Rounds:
+    """The questions of one look, several targets at a time, and what is known so far."""
+
+    def __init__(self, look: Look) -> None:
+        required = look.stage.requires(look.targets, look.samples)
+        known = Observation.unknown(required) if look.known is None else replace(look.known, required=required)
+        covered, response = known.covered.copy(), known.response.copy()
+        self.observation = replace(known, known=known.known.copy(), covered=covered, response=response)
+        self._faults = {fault: set(columns) for fault, columns in look.faults.items()}
+        lost = known.known & ~known.covered
+        self._state_open = ~lost.any(axis=1)
+        self._fault_open = {fault: ~lost[:, list(columns)].any(axis=1) for fault, columns in look.faults.items()}
+        # Targets that stand still decide a state with the least work.
+        order = sorted(range(len(look.targets)), key=lambda column: look.stage.moving_boxes(look.targets[column]))
+        self._left = [order[start : start + look.at_once] for start in range(0, len(order), look.at_once)]
+
+    def questions(self) -> dict[int, Indices]:
+        """The next targets to ask for, by column, with the samples, by index; empty if nothing is open."""
+        asked: dict[int, Indices] = {}
+        while self._left and not asked:
+            asked = {column: rows for column in self._left.pop(0) if len(rows := self._open(column))}
+        return asked
+
+    def _open(self, column: int) -> Indices:
+        wanted = np.logical_or.reduce([self._state_open, *(self._fault_open[fault] for fault in self._with(column))])
+        return np.flatnonzero(self.observation.required[:, column] & ~self.observation.known[:, column] & wanted)
+
+    def _with(self, column: int) -> list[str]:
+        """The faults that need a target."""
+        return [fault for fault, columns in self._faults.items() if column in columns]
+
+    def take(self, column: int, rows: Indices, found: CoveredStates) -> None:
+        """Note whether a target is covered in samples."""
+        seen = self.observation
+        seen.known[rows, column] = True
+        seen.covered[rows, column], seen.response[rows, column] = found.covered, found.response
+        self._state_open &= seen.covered[:, column] | ~seen.required[:, column]
+        for fault in self._with(column):
+            self._fault_open[fault] &= seen.covered[:, column]
 
 
 def _kind(target: Target) -> Hashable:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
 
@@ -16,9 +16,6 @@ from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.targets import Target
 
 Scalar = TypeVar("Scalar", bound=np.generic)
-
-_TOGETHER = 1000
-"""Targets to observe together, counted in every sample: so few that the overhead of calls dominates."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,17 +67,6 @@ class Observation:
             known=nothing,
             covered=nothing,
             response=np.full(required.shape, np.nan),
-            matrix=None,
-        )
-
-    def part(self, rows: slice, columns: Indices) -> Observation:
-        """Some of the samples and targets, without a matrix."""
-        return Observation(
-            looked=self.looked[rows],
-            required=self.required[rows, columns],
-            known=self.known[rows, columns],
-            covered=self.covered[rows, columns],
-            response=self.response[rows, columns],
             matrix=None,
         )
 
@@ -149,47 +135,3 @@ def full_observation(observer: Observer, targets: Sequence[Target], states: Scen
         response=response,
         matrix=matrix,
     )
-
-
-def coverage_only(
-    observer: Observer,
-    targets: Sequence[Target],
-    states: SceneStates,
-    agreed: Observation,
-    faults: Mapping[str, tuple[int, ...]],
-    together: int = 1,
-) -> Observation:
-    """Coverage of what `agreed` requires and does not know, without the verdicts of every camera.
-
-    A target is not observed where the state and every fault that needs it are already known uncovered. For few samples,
-    several targets are still observed together, and always as many as `together`. faults: the columns of each one's
-    atoms, indices into `targets`.
-    """
-    required, known = agreed.required, agreed.known.copy()
-    covered, response = agreed.covered.copy(), agreed.response.copy()
-    lost = known & ~covered
-    state_open = ~lost.any(axis=1)
-    fault_open = {fault: ~lost[:, list(columns)].any(axis=1) for fault, columns in faults.items()}
-    faults_of = [[fault for fault, columns in faults.items() if column in columns] for column in range(len(targets))]
-    order = sorted(range(len(targets)), key=lambda index: _moving_boxes(targets[index], states))
-    together = max(together, _TOGETHER // max(1, len(required)))
-    for columns in (order[start : start + together] for start in range(0, len(order), together)):
-        rows = {}
-        for column in columns:
-            wanted = np.logical_or.reduce([state_open, *(fault_open[fault] for fault in faults_of[column])])
-            if (open_ones := required[:, column] & ~known[:, column] & wanted).any():
-                rows[column] = np.flatnonzero(open_ones)
-        if not rows:
-            continue
-        found = observer.coverage([targets[column] for column in rows], states, list(rows.values()))
-        for (column, observed), coverage in zip(rows.items(), found, strict=True):
-            known[observed, column] = True
-            covered[observed, column], response[observed, column] = coverage.covered, coverage.response
-            state_open &= covered[:, column] | ~required[:, column]
-            for fault in faults_of[column]:
-                fault_open[fault] &= covered[:, column]
-    return replace(agreed, known=known, covered=covered, response=response)
-
-
-def _moving_boxes(target: Target, states: SceneStates) -> int:
-    return sum(len(states.X_WF[box.frame]) > 1 for box in target.boxes)

@@ -48,20 +48,8 @@ def under_calibration_errors(
     cell: Cell, study: Study, sampling: Sampling, calibration: Calibration
 ) -> tuple[Qualities, ...]:
     """The qualities of a candidate for `DRAWS` draws of camera poses; draw i is the same for every candidate."""
-    timeline = study.timeline
-    timelines = (
-        observe(
-            study.stage,
-            perturbed(cell.observer, calibration, draw),
-            study.targets,
-            sampling,
-            faults=timeline.faults,
-            T=timeline.T,
-            T_eoi=timeline.T_eoi,
-            full=False,
-        )
-        for draw in range(DRAWS)
-    )
+    drawn = (perturbed(cell.observer, calibration, draw) for draw in range(DRAWS))
+    timelines = (observe(study.watch, observer, sampling, full=False) for observer in drawn)
     return tuple(map(Qualities.of, timelines))
 
 

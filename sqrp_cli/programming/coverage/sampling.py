@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sqrp_cli.geometry import Array, box_corners
-from sqrp_cli.programming.coverage.stage import Samples, Stage
+from sqrp_cli.programming.coverage.stage import Samples, Stage, states_of
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.pieces import Piece
 from sqrp_cli.programming.sensing.observer import Observer
-from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.targets import Target
 
 DEFAULT_TOLERANCE = 1e-3
@@ -66,18 +65,25 @@ class Adaptive:
 Sampling = FixedCount | FixedStep | Adaptive
 
 
-def first_samples(sampling: Sampling, stage: Stage, observer: Observer, targets: Sequence[Target]) -> Samples:
-    """The samples of every piece before any bisection; both ends of every piece are among them."""
-    primitives = stage.motion.primitives
-    instants: list[Array]
-    match sampling:
-        case FixedCount(samples):
-            instants = [np.linspace(p.start, p.end, samples, dtype=float) for p in primitives]
-        case FixedStep(dt):
-            instants = [p.start + dt * np.arange(int((p.end - p.start) / dt) + 1, dtype=float) for p in primitives]
-        case Adaptive():
-            instants = _equal_motion(stage, observer, targets)
-    return within_pieces(stage.pieces, instants)
+def first_samples(
+    sampling: Sampling, observer: Observer, motions: Sequence[tuple[Stage, Sequence[Target]]]
+) -> list[Samples]:
+    """The samples of every piece of motions before any bisection; both ends of every piece are among them.
+
+    motions: in one cell, each with what must be seen during it.
+    """
+    if isinstance(sampling, Adaptive):
+        instants = _equal_motion(observer, motions)
+    else:
+        instants = [[_fixed(sampling, p.start, p.end) for p in stage.motion.primitives] for stage, _ in motions]
+    return [within_pieces(stage.pieces, t) for (stage, _), t in zip(motions, instants, strict=True)]
+
+
+def _fixed(sampling: FixedCount | FixedStep, start: float, end: float) -> Array:
+    """The instants of a primitive."""
+    if isinstance(sampling, FixedCount):
+        return np.linspace(start, end, sampling.samples, dtype=float)
+    return start + sampling.dt * np.arange(int((end - start) / sampling.dt) + 1, dtype=float)
 
 
 def within_pieces(pieces: Sequence[Piece], instants: Sequence[Array]) -> Samples:
@@ -102,43 +108,76 @@ def _within(piece: Piece, instants: Array) -> Array:
     return np.concatenate([[piece.start], inner, [piece.end]] if piece.end > piece.start else [[piece.start]])
 
 
-def _equal_motion(stage: Stage, observer: Observer, targets: Sequence[Target]) -> list[Array]:
-    """Instants of each primitive with no motion larger than `MAX_MOTION` between them."""
-    pieces = {piece.primitive: number for number, piece in reversed(list(enumerate(stage.pieces)))}
+_Instants = dict[int, Array]
+"""Of some primitives of a motion by their index: instants [s], or something of each."""
+
+
+def _equal_motion(observer: Observer, motions: Sequence[tuple[Stage, Sequence[Target]]]) -> list[list[Array]]:
+    """Instants of each primitive of motions with no movement larger than `MAX_MOTION` between them."""
+    probes = [_probes(stage) for stage, _ in motions]
+    instants = [
+        {index: _spread(t[index], step) for index, step in steps.items()}
+        for t, steps in zip(probes, _steps_of_all(observer, motions, probes), strict=True)
+    ]
+    for t, steps in zip(instants, _steps_of_all(observer, motions, instants), strict=True):
+        for index, step in steps.items():
+            wide = np.flatnonzero(step > MAX_MOTION)
+            t[index] = np.insert(t[index], wide + 1, 0.5 * (t[index][wide] + t[index][wide + 1]))
+    return [
+        [t.get(index, np.array([primitive.start])) for index, primitive in enumerate(stage.motion.primitives)]
+        for (stage, _), t in zip(motions, instants, strict=True)
+    ]
+
+
+def _probes(stage: Stage) -> _Instants:
+    """Instants at which the speeds of each primitive with pieces are measured."""
     primitives = stage.motion.primitives
-
-    def steps(instants: dict[int, Array]) -> dict[int, Array]:
-        """Largest motion between the instants of each primitive [m]."""
-        piece = np.repeat([pieces[index] for index in instants], [len(t) for t in instants.values()])
-        samples = Samples(piece, np.concatenate(list(instants.values())))
-        found = np.append(_steps(stage.states(samples), observer, targets), 0.0)
-        parts = np.split(found, np.cumsum([len(t) for t in instants.values()])[:-1])
-        return {index: part[:-1] for index, part in zip(instants, parts, strict=True)}
-
-    probes = {i: np.linspace(primitives[i].start, primitives[i].end, _PROBES) for i in sorted(pieces)}
-    instants = {}
-    for index, step in steps(probes).items():
-        travelled = np.concatenate([[0.0], np.cumsum(step)])
-        count = max(1, int(np.ceil(travelled[-1] / _SPACING)))
-        even = np.linspace(0.0, travelled[-1], count + 1)
-        instants[index] = np.interp(even, travelled, probes[index]) if travelled[-1] else probes[index][[0, -1]]
-    for index, step in steps(instants).items():
-        t, wide = instants[index], np.flatnonzero(step > MAX_MOTION)
-        instants[index] = np.insert(t, wide + 1, 0.5 * (t[wide] + t[wide + 1]))
-    return [instants.get(index, np.array([primitive.start])) for index, primitive in enumerate(primitives)]
+    used = sorted({piece.primitive for piece in stage.pieces})
+    return {index: np.linspace(primitives[index].start, primitives[index].end, _PROBES) for index in used}
 
 
-def _steps(states: SceneStates, observer: Observer, targets: Sequence[Target]) -> Array:
-    """Motion of the fastest tracked point from each state to the next [m], shape (m - 1,)."""
+def _spread(probes: Array, step: Array) -> Array:
+    """Instants between which about `_SPACING` is moved, from the movement between probes."""
+    travelled = np.concatenate([[0.0], np.cumsum(step)])
+    even = np.linspace(0.0, travelled[-1], max(1, int(np.ceil(travelled[-1] / _SPACING))) + 1)
+    return np.interp(even, travelled, probes) if travelled[-1] else probes[[0, -1]]
+
+
+def _steps_of_all(
+    observer: Observer, motions: Sequence[tuple[Stage, Sequence[Target]]], instants: Sequence[_Instants]
+) -> list[_Instants]:
+    """Largest movement from each instant of a primitive to the next [m], for several motions."""
+    samples = [_at_instants(stage, t) for (stage, _), t in zip(motions, instants, strict=True)]
+    states, found = states_of([stage for stage, _ in motions], samples), []
+    ends = np.cumsum([0, *map(len, samples)]).tolist()
+    for (stage, targets), t, rows in zip(motions, instants, map(slice, ends, ends[1:]), strict=True):
+        moving = {name: X_WF[rows] for name, X_WF in states.X_WF.items() if stage.moves(name)}
+        step = np.append(_steps(moving, rows.stop - rows.start, observer, targets), 0.0)
+        parts = np.split(step, np.cumsum([len(of_one) for of_one in t.values()])[:-1])
+        found.append({index: part[:-1] for index, part in zip(t, parts, strict=True)})
+    return found
+
+
+def _at_instants(stage: Stage, instants: _Instants) -> Samples:
+    """Samples at instants of primitives, each in the first piece of its primitive."""
+    first = {piece.primitive: number for number, piece in reversed(list(enumerate(stage.pieces)))}
+    piece = np.repeat([first[index] for index in instants], [len(t) for t in instants.values()])
+    return Samples(piece, np.concatenate(list(instants.values())))
+
+
+def _steps(moving: Mapping[str, Array], count: int, observer: Observer, targets: Sequence[Target]) -> Array:
+    """Movement of the fastest tracked point from each of `count` states to the next [m], shape (count - 1,).
+
+    moving: world poses of the frames that move, shape (count, 4, 4).
+    """
     boxes = [box for target in targets for box in target.boxes]
-    tracked = [(states.X_WF[solid.part.parent], solid.corners) for solid in observer.solids]
-    tracked += [(states.box_poses(box), box_corners(box.size)) for box in boxes]
-    tracked += [(states.camera_poses(camera), VIEW) for camera in observer.cameras]
-    moving = [(X_WF, points) for X_WF, points in tracked if len(X_WF) > 1]
-    if not moving:
-        return np.zeros(states.count - 1)
-    paths = np.concatenate([_paths(X_WF, points) for X_WF, points in moving])
-    moved = paths[:, 1:] - paths[:, :-1]
+    paths = [_paths(moving[s.part.parent], s.corners) for s in observer.solids if s.part.parent in moving]
+    paths += [_paths(moving[box.frame] @ box.X_FB, box_corners(box.size)) for box in boxes if box.frame in moving]
+    paths += [_paths(moving[c.frame] @ c.X_FC, VIEW) for c in observer.cameras if c.frame in moving]
+    if not paths:
+        return np.zeros(count - 1)
+    together = np.concatenate(paths)
+    moved = together[:, 1:] - together[:, :-1]
     steps: Array = np.sqrt(np.einsum("kmi,kmi->km", moved, moved).max(axis=0))
     return steps
 

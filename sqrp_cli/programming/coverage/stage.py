@@ -65,6 +65,14 @@ class Stage:
         held = np.array([[target.atom in of_piece for target in targets] for of_piece in atoms], dtype=bool)
         return held[samples.piece]
 
+    def moves(self, frame: str) -> bool:
+        """Whether a frame ever moves, as far as its kind tells."""
+        return frame in self._carried or (frame in self.model.links and frame not in self.model.still_links)
+
+    def moving_boxes(self, target: Target) -> int:
+        """How many boxes of a target may move."""
+        return sum(self.moves(box.frame) for box in target.boxes)
+
     def states(self, samples: Samples) -> SceneStates:
         """World poses of every frame at each sample."""
         return states_of([self], [samples])
@@ -113,7 +121,7 @@ def _objects(
     """
 
     def join(name: str) -> Array:
-        poses = [{**stage.resting, **own}[name] for stage, own in zip(stages, carried, strict=True)]
+        poses = [own[name] if name in own else stage.resting[name] for stage, own in zip(stages, carried, strict=True)]
         if len(poses[0]) == 1 and all(np.array_equal(X, poses[0]) for X in poses):
             return poses[0]
         return np.concatenate([np.broadcast_to(X, (count, 4, 4)) for X, count in zip(poses, counts, strict=True)])

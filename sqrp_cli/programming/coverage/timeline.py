@@ -11,7 +11,8 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, Indices, Mask, ranges
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.programming.coverage.observation import Observation, coverage_only, full_observation
+from sqrp_cli.programming.coverage.look import Look, look_at
+from sqrp_cli.programming.coverage.observation import Observation, full_observation
 from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling, first_samples
 from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.pieces import Piece
@@ -26,6 +27,9 @@ _ROUNDS = range(1, 9)
 
 _LOOK = 100
 """Fixed cost of one observation, in samples."""
+
+_TOGETHER = 1000
+"""Targets of a motion to ask for at once, counted in every sample: so few that the overhead of calls dominates."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +81,13 @@ class Timeline:
         """Whether each sample lies in an event of interest, shape (m,)."""
         return np.array([piece.of_interest for piece in self.pieces])[self.samples.piece]
 
+    def joined(self, samples: Samples, observation: Observation) -> Timeline:
+        """The timeline with further samples."""
+        order = self.samples.merge_order(samples)
+        return replace(
+            self, samples=self.samples.joined(samples, order), observation=self.observation.joined(observation, order)
+        )
+
     @property
     def largest_gap(self) -> float:
         """Longest time between neighbouring samples that hold literals and were observed [s].
@@ -95,39 +106,74 @@ class Timeline:
         return max(float(width.sum() / self.T) if self.T else 0.0, float(inside / self.T_eoi) if self.T_eoi else 0.0)
 
 
-def observe(
-    stage: Stage,
-    observer: Observer,
-    targets: Sequence[Target],
-    sampling: Sampling,
-    *,
-    faults: Mapping[str, tuple[int, ...]],
-    T: float,
-    T_eoi: float,
-    full: bool,
-) -> Timeline:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Watch:
+    """A motion, and what must be seen during it."""
+
+    stage: Stage
+    targets: tuple[Target, ...]
+    faults: Mapping[str, tuple[int, ...]]
+    """The columns of the atoms of each fault, by its name: indices into `targets`."""
+    T: float
+    """See `Timeline` [s]."""
+    T_eoi: float
+    """See `Timeline` [s]."""
+
+    def look(self, samples: Samples, known: Observation | None = None) -> Look:
+        """A look at samples; known: results common to the neighbours of each."""
+        at_once = max(1, _TOGETHER // max(1, len(samples)))
+        return Look(self.stage, self.targets, samples, faults=self.faults, known=known, at_once=at_once)
+
+    def timeline(self, samples: Samples, observation: Observation) -> Timeline:
+        """What was seen in samples."""
+        return Timeline(
+            pieces=self.stage.pieces,
+            samples=samples,
+            atoms=tuple(target.atom for target in self.targets),
+            observation=observation,
+            faults=self.faults,
+            T=self.T,
+            T_eoi=self.T_eoi,
+        )
+
+
+def observe(watch: Watch, observer: Observer, sampling: Sampling, *, full: bool) -> Timeline:
     """Sample a motion and, if the sampling is adaptive, bisect every transition of the coverage.
 
-    faults, T, T_eoi: see `Timeline`; the columns are indices into `targets`. full: give the verdicts of every camera
-    with causes, and bisect the transitions of each camera as well.
+    full: give the verdicts of every camera with causes, and bisect the transitions of each camera as well.
     """
-    watch = _MotionWatch(stage=stage, observer=observer, targets=tuple(targets), faults=faults, full=full)
-    samples = first_samples(sampling, stage, observer, targets)
-    timeline = Timeline(
-        pieces=stage.pieces,
-        samples=samples,
-        atoms=tuple(target.atom for target in targets),
-        observation=watch.observation(samples),
-        faults=faults,
-        T=T,
-        T_eoi=T_eoi,
-    )
-    while isinstance(sampling, Adaptive) and (finer := _finer(timeline, sampling.tolerance)) is not None:
-        order = timeline.samples.merge_order(finer.samples)
-        agreed = timeline.observation.agreed(finer.bracket, finer.bracket + 1)
-        observation = timeline.observation.joined(watch.observation(finer.samples, agreed), order)
-        timeline = replace(timeline, samples=timeline.samples.joined(finer.samples, order), observation=observation)
-    return timeline
+    return observe_all([watch], observer, sampling, full=full)[0]
+
+
+def observe_all(watches: Sequence[Watch], observer: Observer, sampling: Sampling, *, full: bool) -> list[Timeline]:
+    """As `observe` of each of several motions in one cell, which is faster together."""
+    if not watches:
+        return []
+    samples = first_samples(sampling, observer, [(watch.stage, watch.targets) for watch in watches])
+    seen = _seen(observer, [watch.look(at) for watch, at in zip(watches, samples, strict=True)], full=full)
+    found = [watch.timeline(at, all_seen) for watch, at, all_seen in zip(watches, samples, seen, strict=True)]
+    while isinstance(sampling, Adaptive):
+        wide = ((index, _finer(timeline, sampling.tolerance)) for index, timeline in enumerate(found))
+        finer = {index: more for index, more in wide if more is not None}
+        looks = [
+            watches[index].look(more.samples, found[index].observation.agreed(more.bracket, more.bracket + 1))
+            for index, more in finer.items()
+        ]
+        if not looks:
+            break
+        for (index, more), observation in zip(finer.items(), _seen(observer, looks, full=full), strict=True):
+            found[index] = found[index].joined(more.samples, observation)
+    return found
+
+
+def _seen(observer: Observer, looks: Sequence[Look], *, full: bool) -> Sequence[Observation]:
+    """What the cameras see in looks; full: by the verdicts of every camera, whatever is known already."""
+    if not full:
+        return look_at(observer, looks)
+    return [
+        full_observation(observer, s.targets, s.stage.states(s.samples), s.stage.requires(s.targets, s.samples))
+        for s in looks
+    ]
 
 
 class _FinerSamples(NamedTuple):
@@ -178,25 +224,3 @@ def _allowed_widths(timeline: Timeline, tolerance: float) -> Array:
         changes = (cameras[1:] != cameras[:-1]).any(axis=1) & apart
         allowed[changes] = np.minimum(allowed[changes], error)
     return np.maximum(allowed, SHORTEST_BRACKET)
-
-
-@dataclass(frozen=True, eq=False)
-class _MotionWatch:
-    """Data that stay the same while samples of a motion are added."""
-
-    stage: Stage
-    observer: Observer
-    targets: tuple[Target, ...]
-    faults: Mapping[str, tuple[int, ...]]
-    """Columns of each fault's atoms: indices into `targets`."""
-    full: bool
-    """Whether to compute the verdicts of every camera."""
-
-    def observation(self, samples: Samples, agreed: Observation | None = None) -> Observation:
-        """The observation of the samples; agreed: results common to the neighbours of each."""
-        required = self.stage.requires(self.targets, samples)
-        states = self.stage.states(samples)
-        if self.full:
-            return full_observation(self.observer, self.targets, states, required)
-        known = Observation.unknown(required) if agreed is None else replace(agreed, required=required)
-        return coverage_only(self.observer, self.targets, states, known, self.faults)

@@ -8,17 +8,19 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sqrp_cli.geometry import Indices, Mask
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study
-from sqrp_cli.programming.coverage.blind_spans import by_name, first_failures
-from sqrp_cli.programming.coverage.stage import Samples
+from sqrp_cli.programming.coverage.blind_spans import by_name, first_failing
+from sqrp_cli.programming.coverage.stage import Samples, states_of
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, sees_all
+from sqrp_cli.programming.targets import Target
 
 _LOOKS, _LOOKS_OF_SEVERAL = 5, 25
 """Samples of a blind stretch at which the causes are looked up; where several cameras are needed, each may see at some
@@ -141,76 +143,136 @@ def verdict(cell: Cell, study: Study) -> str:
 
     Stretches within the events of interest come first. Moves that go around something are named at the end.
     """
+    return verdicts(cell, [study])[0]
+
+
+def verdicts(cell: Cell, studies: Sequence[Study]) -> list[str]:
+    """As `verdict` of each of several candidates, which is faster together."""
+    longest = list(map(_longest_loss, studies))
+    lost = [(study, rows) for study, rows in zip(studies, longest, strict=True) if rows is not None]
+    explained = iter(explain_stretches(cell, lost))
+    return [
+        _sentences(study, None if rows is None else next(explained))
+        for study, rows in zip(studies, longest, strict=True)
+    ]
+
+
+def _sentences(study: Study, stretch: BlindStretch | None) -> str:
     ways = ", ".join(study.motion.ways_around)
-    return _on_coverage(cell, study) + (f" On the way {ways}." if ways else "")
+    return _on_coverage(study, stretch) + (f" On the way {ways}." if ways else "")
 
 
-def _on_coverage(cell: Cell, study: Study) -> str:
+def _on_coverage(study: Study, stretch: BlindStretch | None) -> str:
+    if stretch is None:
+        return NOTHING_MISSING
+    advice = stretch.advice.removesuffix(_OTHER_WAY) if study.candidate.branch else stretch.advice
+    return f"{stretch}{HELP}{advice}."
+
+
+def _longest_loss(study: Study) -> Indices | None:
+    """The samples of the longest stretch that is not covered; None if there is none."""
     timeline = study.timeline
     blind = timeline.monitored & ~timeline.covered
     interesting = blind & timeline.interesting
     t = timeline.samples.t
     candidates = list(stretches(interesting if interesting.any() else blind))
-    if not candidates:
-        return NOTHING_MISSING
-    stretch = explain_stretch(cell, study, max(candidates, key=lambda rows: t[rows[-1]] - t[rows[0]]))
-    advice = stretch.advice.removesuffix(_OTHER_WAY) if study.candidate.branch else stretch.advice
-    return f"{stretch}{HELP}{advice}."
+    return max(candidates, key=lambda rows: t[rows[-1]] - t[rows[0]]) if candidates else None
 
 
-def stretches(blind: NDArray[np.bool_]) -> Iterator[NDArray[np.int64]]:
+def stretches(blind: Mask) -> Iterator[Indices]:
     """Runs of neighbouring samples for which `blind` holds; pieces that share an instant are neighbours."""
     rows = np.flatnonzero(blind)
     yield from (run for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if len(run))
 
 
-def explain_stretch(cell: Cell, study: Study, rows: NDArray[np.int64]) -> BlindStretch:
+def explain_stretch(cell: Cell, study: Study, rows: Indices) -> BlindStretch:
     """The lost literal in a run of uncovered samples, and why.
 
     Of several literals, the one lost in most of a few samples.
     """
-    timeline, samples = study.timeline, study.timeline.samples
-    looks = _LOOKS_OF_SEVERAL if any(target.cameras > 1 for target in study.targets) else _LOOKS
-    chosen = rows[np.unique(np.linspace(0, len(rows) - 1, looks).round().astype(np.int64))]
-    states = study.stage.states(Samples(samples.piece[chosen], samples.t[chosen]))
-    uncovered = timeline.observation.required[chosen] & ~timeline.observation.covered[chosen]
-    columns = np.flatnonzero(uncovered.any(axis=0)).tolist()
-    targets = [study.targets[column] for column in columns]
-    matrices = cell.observer.verdicts(targets, states, shares=False)
-    lost = np.stack(
-        [
-            uncovered[:, column] & (sees_all(boxes).sum(axis=1) < target.cameras)
-            for column, target, boxes in zip(columns, targets, matrices, strict=True)
+    return explain_stretches(cell, [(study, rows)])[0]
+
+
+def explain_stretches(cell: Cell, lost: Sequence[tuple[Study, Indices]]) -> list[BlindStretch]:
+    """As `explain_stretch` of each of several studies, which is faster together."""
+    if not lost:
+        return []
+    looks = [_CauseLook.of(study, rows) for study, rows in lost]
+    states = states_of([study.stage for study, _ in lost], [look.samples for look in looks])
+    first = np.cumsum([0, *(len(look.samples) for look in looks)]).tolist()
+    rows = [np.arange(*ends) for look, ends in zip(looks, pairwise(first), strict=True) for _ in look.targets]
+    targets = [target for look in looks for target in look.targets]
+    matrices = iter(cell.observer.verdicts(targets, states, rows=rows, shares=False))
+    return [look.stretch(cell, [next(matrices) for _ in look.targets]) for look in looks]
+
+
+@dataclass(frozen=True, eq=False)
+class _CauseLook:
+    """A look at a few samples of a stretch that is not covered."""
+
+    start: float
+    """First sample of the stretch [s]."""
+    end: float
+    """Last sample of the stretch [s]."""
+    samples: Samples
+    """m of them."""
+    targets: tuple[Target, ...]
+    """Those that are not covered in some of the samples."""
+    uncovered: Mask
+    """Which of them is required and not covered in which sample, shape (m, targets)."""
+
+    @classmethod
+    def of(cls, study: Study, rows: Indices) -> _CauseLook:
+        """A look at some of the samples `rows`."""
+        timeline, samples = study.timeline, study.timeline.samples
+        looks = _LOOKS_OF_SEVERAL if any(target.cameras > 1 for target in study.targets) else _LOOKS
+        chosen = rows[np.unique(np.linspace(0, len(rows) - 1, looks).round().astype(np.int64))]
+        uncovered = timeline.observation.required[chosen] & ~timeline.observation.covered[chosen]
+        columns = np.flatnonzero(uncovered.any(axis=0))
+        return cls(
+            start=float(samples.t[rows[0]]),
+            end=float(samples.t[rows[-1]]),
+            samples=Samples(samples.piece[chosen], samples.t[chosen]),
+            targets=tuple(study.targets[column] for column in columns.tolist()),
+            uncovered=uncovered[:, columns],
+        )
+
+    def stretch(self, cell: Cell, matrices: Sequence[tuple[BoxVerdicts, ...]]) -> BlindStretch:
+        """What the verdicts on the targets say about the stretch."""
+        lost = [
+            uncovered & (sees_all(boxes).sum(axis=1) < target.cameras)
+            for uncovered, target, boxes in zip(self.uncovered.T, self.targets, matrices, strict=True)
         ]
-    )
-    worst = int(lost.sum(axis=1).argmax())
-    missing = np.flatnonzero(lost[worst])
-    causes = tuple(_camera_causes(cell, matrices[worst], missing))
-    cameras = [camera.name for camera in cell.observer.cameras]
-    return BlindStretch(
-        start=float(samples.t[rows[0]]),
-        end=float(samples.t[rows[-1]]),
-        atom=targets[worst].atom,
-        causes=causes,
-        seeing=tuple(name for name in cameras if name not in {cause.camera for cause in causes}),
-        needed=targets[worst].cameras,
-    )
+        worst = int(np.sum(lost, axis=1).argmax())
+        causes = tuple(_camera_causes(cell, matrices[worst], np.flatnonzero(lost[worst])))
+        blind = {cause.camera for cause in causes}
+        return BlindStretch(
+            start=self.start,
+            end=self.end,
+            atom=self.targets[worst].atom,
+            causes=causes,
+            seeing=tuple(camera.name for camera in cell.observer.cameras if camera.name not in blind),
+            needed=self.targets[worst].cameras,
+        )
 
 
-def _camera_causes(cell: Cell, boxes: tuple[BoxVerdicts, ...], rows: NDArray[np.int64]) -> Sequence[CameraCause]:
+def _camera_causes(cell: Cell, boxes: Sequence[BoxVerdicts], rows: Indices) -> Sequence[CameraCause]:
     """The commonest cause of each camera that does not see all boxes.
 
     Cameras that fail all the time come first, and among them those that fail at the latest check.
     """
     found = []
-    for index, camera in enumerate(cell.observer.cameras):
-        figures: dict[tuple[Cause, int], list[float]] = defaultdict(list)
-        for failure in first_failures(boxes, rows, index):
-            if failure.cause is not Cause.NONE:
-                figures[failure.cause, failure.by].append(failure.figure)
+    columns = (values.T.tolist() for values in first_failing(boxes, rows))
+    for camera, *of_camera in zip(cell.observer.cameras, *columns, strict=True):
+        figures: dict[tuple[int, int], list[float]] = defaultdict(list)
+        for code, by, figure in zip(*of_camera, strict=True):
+            if code != Cause.NONE:
+                figures[code, by].append(figure)
         if figures:
-            cause, by = max(figures, key=lambda kind: len(figures[kind]))
-            figure, partly = float(np.mean(figures[cause, by])), sum(map(len, figures.values())) < len(rows)
+            (code, by), missed = max(figures.items(), key=lambda kind: len(kind[1]))
+            cause, partly = Cause(code), sum(map(len, figures.values())) < len(rows)
             name = by_name(cell, cause, by)
-            found.append(CameraCause(camera=camera.name, cause=cause, by=name, figure=figure, partly=partly))
+            found.append(
+                CameraCause(camera=camera.name, cause=cause, by=name, figure=float(np.mean(missed)), partly=partly)
+            )
     return sorted(found, key=lambda camera_cause: (camera_cause.partly, -camera_cause.cause))

@@ -203,6 +203,8 @@ def _at_limits(model: RobotModel, world: World) -> World:
         for name, low, high in zip(model.joints, lower.tolist(), upper.tolist(), strict=True)
         if low - MEASURED <= world.joints[name] <= high + MEASURED
     }
+    if all(world.joints[name] == value for name, value in within.items()):
+        return world  # itself, because collision scenes are kept by world
     return replace(world, joints={**world.joints, **within})
 
 
@@ -234,10 +236,13 @@ class _Planner:
         ways = self._ways()
         if ways is None:
             return self._infeasible()
-        masks = self._masks(ways, branch)
-        if not all(mask.any() for mask in masks):
-            return no_such_branch(branch)
-        return self._fastest(ways, self._moves(ways), _within(ways, masks) if branch else ways, around=around)
+        stations: Sequence[Station] = ways
+        if branch:
+            masks = self._masks(ways, branch)
+            if not all(mask.any() for mask in masks):
+                return no_such_branch(branch)
+            stations = _within(ways, masks)
+        return self._fastest(ways, self._moves(ways), stations, around=around)
 
     def plan_each(self) -> Branches:
         """The fastest motion of each branch."""
@@ -371,11 +376,13 @@ class _Planner:
     def _motion(self, moves: Sequence[Move], guarded: Mapping[str, Trajectory], q_end: Array) -> Motion:
         """The motion of one move for each primitive, which ends at q_end, shape (n,)."""
         primitives, start = [], 0.0
+        resting: dict[int, Mapping[str, Array]] = {}  # by world, which several primitives share
         for primitive, move in zip(self._skill.primitives, moves, strict=True):
             world, end = primitive.world, start + move.trajectory.duration
             resting_fingers = self._model.finger_positions(world.joints)
             moving = with_fingers(self._model, move.trajectory, primitive.fingers, resting_fingers)
-            resting = {name: X_WO for name, X_WO in world.X_WO.items() if name != world.held}
+            if id(world) not in resting:
+                resting[id(world)] = {name: X_WO for name, X_WO in world.X_WO.items() if name != world.held}
             primitives.append(
                 TimedPrimitive(
                     name=primitive.name,
@@ -384,7 +391,7 @@ class _Planner:
                     trajectory=moving,
                     held=world.held,
                     X_TO=world.X_TO,
-                    X_WO=resting,
+                    X_WO=resting[id(world)],
                     around=move.around,
                     guard=self._guard(primitive, guarded, resting_fingers),
                 )

@@ -63,6 +63,11 @@ class CoveredStates:
     response: Array
     """The k-th smallest response among the cameras that cover it, NaN if uncovered, shape (m,) [s]."""
 
+    def split(self, counts: Sequence[int]) -> list[CoveredStates]:
+        """Consecutive parts of so many states each."""
+        ends = np.cumsum(counts)[:-1]
+        return list(map(CoveredStates, np.split(self.covered, ends), np.split(self.response, ends)))
+
 
 @dataclass(frozen=True, eq=False)
 class Observer:
@@ -82,17 +87,31 @@ class Observer:
         object.__setattr__(self, "_parts", parts)
 
     def verdicts(
-        self, targets: Sequence[Target], states: SceneStates, *, shares: bool = True
+        self,
+        targets: Sequence[Target],
+        states: SceneStates,
+        *,
+        rows: Sequence[Indices] | None = None,
+        shares: bool = True,
     ) -> tuple[tuple[BoxVerdicts, ...], ...]:
         """The full matrix of targets: every box, state and camera, with causes.
 
-        shares: whether to measure the visible shares; without, `visible` stays NaN, and only the verdicts are valid.
+        rows: the states of each target, m of them, by index; all by default. shares: whether to measure the visible
+        shares; without, `visible` stays NaN, and only the verdicts are valid.
         """
-        boxes = [box for target in targets for box in target.boxes]
-        together = max(1, _BOXES_TOGETHER // states.count)
-        groups = (boxes[start : start + together] for start in range(0, len(boxes), together))
-        found = (verdicts for group in groups for verdicts in self._box_verdicts(group, states, shares=shares))
-        return tuple(tuple(next(found) for _ in target.boxes) for target in targets)
+        everywhere = np.arange(states.count)
+        asked = [
+            (box, everywhere if rows is None else rows[index])
+            for index, target in enumerate(targets)
+            for box in target.boxes
+        ]
+        found: list[BoxVerdicts] = []
+        group = np.cumsum([0, *(len(at) for _, at in asked)]) // _BOXES_TOGETHER
+        for number in sorted(set(group[:-1].tolist())):
+            some = [one for one, of_group in zip(asked, group, strict=False) if of_group == number]
+            found += self._box_verdicts([box for box, _ in some], states, [at for _, at in some], shares=shares)
+        boxes = iter(found)
+        return tuple(tuple(next(boxes) for _ in target.boxes) for target in targets)
 
     def coverage(
         self, targets: Sequence[Target], states: SceneStates, rows: Sequence[Indices]
@@ -112,8 +131,7 @@ class Observer:
                 self._count_seeing(watched, questions, tier[order], open_ones, count)
             reached = (count >= questions.needed) & np.isnan(response)
             response[reached] = self.cameras[tier[0]].response
-        ends = np.cumsum([len(states_of_target) for states_of_target in rows])[:-1]
-        return tuple(map(CoveredStates, np.split(count >= questions.needed, ends), np.split(response, ends)))
+        return tuple(CoveredStates(count >= questions.needed, response).split([len(of_target) for of_target in rows]))
 
     def _tiers(self) -> list[NDArray[np.int64]]:
         """Indices of cameras grouped by response, fastest first."""
@@ -162,9 +180,12 @@ class Observer:
                 sees[view[self._tester.met(lines, watched.solid_poses, whole, first_only=True).line]] = False
             np.add.at(count, asked[sees], 1)
 
-    def _box_verdicts(self, boxes: Sequence[SoughtBox], states: SceneStates, *, shares: bool) -> list[BoxVerdicts]:
-        watched, cameras = self._watched(boxes, states), len(self.cameras)
-        box, state = (axis.reshape(-1) for axis in np.indices((len(boxes), states.count)))
+    def _box_verdicts(
+        self, boxes: Sequence[SoughtBox], states: SceneStates, rows: Sequence[Indices], *, shares: bool
+    ) -> list[BoxVerdicts]:
+        """The verdicts of each box in its states `rows`."""
+        watched, counts = self._watched(boxes, states), [len(at) for at in rows]
+        box, state = np.repeat(np.arange(len(boxes)), counts), np.concatenate(rows)
         limits = watched.limits(box, state)
         cause, by, figure = limits.cause.copy(), limits.side.astype(np.int64), limits.figure
         visible = np.full(cause.shape, np.nan)
@@ -187,18 +208,10 @@ class Observer:
         culprits = np.where(whole, first, largest)
         cause[camera[hidden], at[hidden]], by[camera[hidden], at[hidden]] = Cause.HIDDEN, culprits[hidden]
 
-        def of_box(values: NDArray[Scalar], number: int) -> NDArray[Scalar]:
-            return values.reshape(cameras, len(boxes), -1)[:, number].T
+        def of_boxes(values: NDArray[Scalar]) -> list[NDArray[Scalar]]:
+            return np.split(values.T, np.cumsum(counts)[:-1])
 
-        return [
-            BoxVerdicts(
-                cause=of_box(cause, number),
-                by=of_box(by, number),
-                figure=of_box(figure, number),
-                visible=of_box(visible, number),
-            )
-            for number in range(len(boxes))
-        ]
+        return list(map(BoxVerdicts, of_boxes(cause), of_boxes(by), of_boxes(figure), of_boxes(visible)))
 
 
 class _AskedBoxes(NamedTuple):

@@ -149,11 +149,11 @@ class WatchedBoxes:
     @cached_property
     def opaque(self) -> Mask:
         """Which solids can hide which box, shape (s, b)."""
-        parts = [solid.part for solid in self.solids]
-        hiding = [
-            [part.parent not in box.encloses and part.name not in box.encloses for box in self.boxes] for part in parts
-        ]
-        return np.array(hiding, dtype=bool).reshape(len(parts), len(self.boxes))
+        opaque = np.ones((len(self.solids), len(self.boxes)), dtype=bool)
+        for index, box in enumerate(self.boxes):
+            for name in box.encloses:
+                opaque[self.solids.called(name), index] = False
+        return opaque
 
     def limits(self, box: Indices, state: Indices) -> LimitVerdicts:
         """Limits of every camera for boxes in states, by index, shape (n,) each, ordered by box; results (c, n)."""

@@ -16,6 +16,7 @@ from sqrp_cli.programming.coverage.assessment import (
     Study,
     WayFigures,
     WaysFound,
+    all_observed,
     observed,
     rehearsal,
 )
@@ -34,6 +35,8 @@ class BestWay:
     """The best way of a candidate, and what became of the others."""
 
     study: Study
+    assessment: Assessment
+    """The figures of the study, without a sentence."""
     ways: WaysFound
 
 
@@ -61,27 +64,73 @@ def find_way(
     those that were studied, the fastest first. Where looks do not bound what counts (delays, instants that a user
     chose), all are studied.
     """
-    if (obstacle := impossible_start(cell, candidate, world)) is not None:
-        return obstacle
+    return find_ways(cell, [candidate], world, sampling, wanted)[0]
+
+
+def find_ways(
+    cell: Cell, candidates: Sequence[Candidate], world: World, sampling: Sampling, wanted: WantedWay
+) -> list[BestWay | Infeasible]:
+    """As `find_way` of each of several candidates: faster, as those with a single way are observed together."""
+    of_objects = {_objects(candidate): candidate for candidate in candidates}
+    obstacles = {objects: impossible_start(cell, candidate, world) for objects, candidate in of_objects.items()}
+    allowed = [obstacles[_objects(candidate)] or _allowed(cell, candidate, world, wanted) for candidate in candidates]
+    single = [ways.scenes[0] for ways in allowed if isinstance(ways, _Allowed) and len(ways.scenes) == 1]
+    known = dict(zip(map(id, single), all_observed(cell, single, sampling, full=False), strict=True))
+    return [
+        ways if isinstance(ways, Infeasible) else _best_way(cell, ways, sampling, wanted, known.get(id(ways.scenes[0])))
+        for ways in allowed
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class _Allowed:
+    """The ways of a candidate that can be done in time."""
+
+    candidate: Candidate
+    tried: int
+    """How many ways there are."""
+    scenes: Sequence[Rehearsal]
+    longest: float
+    """How long each may take [s]."""
+
+
+def _objects(candidate: Candidate) -> tuple[str, ...]:
+    """All that decides whether a candidate can begin."""
+    return candidate.skill.name, *candidate.binding.values()
+
+
+def _allowed(cell: Cell, candidate: Candidate, world: World, wanted: WantedWay) -> _Allowed | Infeasible:
     planned = (_fastest if wanted.fastest else _planned)(cell, candidate, world)
-    allowed = planned.scenes
+    scenes = planned.scenes
     longest = inf
-    if wanted.limit is not None and not isinstance(allowed, Infeasible):
+    if wanted.limit is not None and not isinstance(scenes, Infeasible):
         whose = "its way with `--ways fastest`" if wanted.fastest else "its fastest way"
-        longest, allowed = wanted.limit.longest(allowed), wanted.limit.within(allowed, whose)
-    if isinstance(allowed, Infeasible):
-        return replace(allowed, tried=planned.tried)
-    bounded = isinstance(sampling, Adaptive) and wanted.by in ("q_eoi", "q_avg", "time") and len(allowed) > 1
-    hopeful = prospects(cell.observer, allowed) if bounded else list(map(Prospect, allowed))
-    studies = list(_studied(cell, hopeful, sampling, wanted.by, prune=bounded))
-    if candidate.open_paths:
-        studies = _with_seen_paths(cell, studies, allowed, sampling, longest, wanted.by)
+        longest, scenes = wanted.limit.longest(scenes), wanted.limit.within(scenes, whose)
+    if isinstance(scenes, Infeasible):
+        return replace(scenes, tried=planned.tried)
+    return _Allowed(candidate, planned.tried, scenes, longest)
+
+
+def _best_way(cell: Cell, ways: _Allowed, sampling: Sampling, wanted: WantedWay, known: Study | None) -> BestWay:
+    """The best of the ways; known: the study of the only one."""
+    bounded = isinstance(sampling, Adaptive) and wanted.by in ("q_eoi", "q_avg", "time")
+    if known is not None:
+        studies = [known]
+    else:
+        hopeful = prospects(cell.observer, ways.scenes) if bounded else list(map(Prospect, ways.scenes))
+        studies = list(_studied(cell, hopeful, sampling, wanted.by, prune=bounded))
+    if ways.candidate.open_paths:
+        studies = _with_seen_paths(cell, studies, ways.scenes, sampling, ways.longest, wanted.by)
     ranked = rank([study.assessment("") for study in studies], wanted.by)
-    chosen = next(study for study in studies if study.candidate is ranked[0].assessment.candidate)
+    best = ranked[0].assessment
+    chosen = next(study for study in studies if study.candidate is best.candidate)
     found = WaysFound(
-        tried=planned.tried, feasible=len(allowed), pareto=_optimal(ranked), blind_ends=_blind_ends(candidate, chosen)
+        tried=ways.tried,
+        feasible=len(ways.scenes),
+        pareto=_optimal(ranked),
+        blind_ends=_blind_ends(ways.candidate, chosen),
     )
-    return BestWay(chosen, found)
+    return BestWay(chosen, best, found)
 
 
 def studied_ways(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -94,14 +94,7 @@ def _finer(observer: Observer, scenes: Sequence[Rehearsal], timelines: Sequence[
     found = look_at(observer, [Look(s.stage, s.targets, at) for s, at in zip(scenes, between, strict=True)])
     finer: list[Timeline] = []
     for timeline, at, seen in zip(timelines, between, found, strict=True):
-        order = timeline.samples.merge_order(at)
-        finer.append(
-            replace(
-                timeline,
-                samples=timeline.samples.joined(at, order),
-                observation=timeline.observation.joined(seen, order),
-            )
-        )
+        finer.append(timeline.joined(at, seen))
     return finer
 
 

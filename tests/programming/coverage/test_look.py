@@ -11,8 +11,9 @@ from sqrp_cli.geometry import displacement, pose
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.coverage import look
 from sqrp_cli.programming.coverage.look import Look, look_at
-from sqrp_cli.programming.coverage.sampling import FixedCount, first_samples
+from sqrp_cli.programming.coverage.sampling import Adaptive, FixedCount, first_samples
 from sqrp_cli.programming.coverage.stage import Samples, Stage
+from sqrp_cli.programming.coverage.timeline import observe_all
 from sqrp_cli.programming.pieces import cut_into_pieces
 from tests.programming.studies import WatchedMotion, make_motion, watched_motion
 
@@ -38,7 +39,7 @@ def _variant(watched: WatchedMotion, model: RobotModel, rng: np.random.Generator
 
 
 def _look(watched: WatchedMotion) -> Look:
-    samples = first_samples(COUNT, watched.stage, watched.observer, watched.targets)
+    (samples,) = first_samples(COUNT, watched.observer, [(watched.stage, watched.targets)])
     return Look(watched.stage, watched.targets, samples, watched.faults)
 
 
@@ -62,6 +63,25 @@ def test_a_look_at_many_motions_sees_what_a_look_at_each_sees(
         assert np.array_equal(looked_at.fault_response("slip"), alone.fault_response("slip"), equal_nan=True)
         seen += int(alone.covered.sum())
     assert seen > 0
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("full", [False, True])
+def test_motions_observed_together_have_the_timelines_that_each_has_alone(
+    seed: int, full: bool, ur5: RobotModel
+) -> None:
+    rng = np.random.default_rng(seed)
+    first = watched_motion(seed, ur5, min_visible=0.5 if seed % 2 else 1.0)
+    motions = [first, *(_variant(first, ur5, rng, same_place=False) for _ in range(3))]
+    together = observe_all([motion.watch for motion in motions], first.observer, Adaptive(), full=full)
+    for motion, timeline in zip(motions, together, strict=True):
+        alone = motion.timeline(Adaptive(), full=full)
+        assert np.array_equal(timeline.samples.t, alone.samples.t)
+        for name in ("looked", "required", "known", "covered"):
+            assert np.array_equal(getattr(timeline.observation, name), getattr(alone.observation, name)), name
+        assert np.array_equal(timeline.observation.response, alone.observation.response, equal_nan=True)
+        assert timeline.largest_gap == alone.largest_gap
+    assert observe_all([], first.observer, Adaptive(), full=full) == []
 
 
 def test_a_target_that_decides_nothing_more_is_left_out_without_its_fault(ur5: RobotModel) -> None:

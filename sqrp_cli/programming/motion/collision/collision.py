@@ -103,7 +103,8 @@ class CollisionScene:
         resting = range(len(self.bodies), len(bodies))
         pairs = [np.array(self.self_pairs, dtype=np.intp).reshape(-1, 2), _crossed(resting, moving)]
         if world.held is not None and world.X_TO is not None:
-            partners = [i for i, body in enumerate(bodies) if body.name not in self.model.hand_links]
+            hand = self.model.hand_links
+            partners = [i for i, body in enumerate(bodies) if body.name not in hand]
             held = self.object_bodies[world.held]
             pairs.append(_crossed(range(len(bodies), len(bodies) + len(held)), partners)[:, ::-1])
             bodies += held

@@ -97,9 +97,6 @@ def nearest_inside(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array:
         kept = np.flatnonzero(near < least[row])
         facet, row = facet[kept], row[kept]
         pieces.append(_Pieces(row, near[kept], facets.points[facet], facets.normals[facet]))
-        if sum(len(piece.row) for piece in pieces) > _CLIPPED:
-            _settle(nearest, pairs.line, hulls, pieces)
-            pieces = []
     _settle(nearest, pairs.line, hulls, pieces)
     return nearest
 
@@ -126,9 +123,10 @@ def _settle(nearest: Array, line: Indices, hulls: HullSpaces, pieces: Sequence[_
         return
     row, near, points, normals = map(np.concatenate, zip(*pieces, strict=True))
 
-    def lower(some: Indices) -> None:
-        least = _least_of_lines(line, nearest)[row[some]]
-        np.minimum.at(nearest, row[some], hulls.distances(row[some], points[some], normals[some], least))
+    def lower(all_asked: Indices) -> None:
+        for some in np.array_split(all_asked, 1 + len(all_asked) // _CLIPPED):
+            least = _least_of_lines(line, nearest)[row[some]]
+            np.minimum.at(nearest, row[some], hulls.distances(row[some], points[some], normals[some], least))
 
     # Triangles that are likely to be nearest, then those of each line's rivals until the nearest has none.
     lower(np.unique(_nearest_of_lines(line[row], near)))

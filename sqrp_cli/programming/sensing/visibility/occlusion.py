@@ -21,8 +21,11 @@ from sqrp_cli.programming.sensing.visibility.hull_spaces import witnessed
 from sqrp_cli.programming.solids import Solid
 from sqrp_cli.shapes import BOX_TRIANGLES
 
-_HULLS_AT_ONCE = 4096
-"""View hulls, each in a state, to compare with all solids at once: the data should fit the cache."""
+_PAIRS_AT_ONCE = 131_072
+"""Pairs of view hull and solid to compare at once: the data should fit the cache."""
+
+ROUGH = 1e-6
+"""Distance up to which a ball counts as touching a cone, more than all rounding [m]."""
 
 _LEAST_DEPTH = 1e-6
 """Depth of a box's nearest corner [m] below which the box has no bounded image, and its hull no cone."""
@@ -149,6 +152,25 @@ class _Bounds:
         radii = poses.solids.radii[solids, None]
         return cls(solids=solids, centers=axes_and_center[3], radii=radii, half_axes=axes_and_center[:3])
 
+    def from_eyes(self, eyes: Array, axes: Array, state: Indices) -> tuple[Array, Array]:
+        """How far along and aside of n axes from eyes, each in a state, the centres lie [m], shape (s, n) each.
+
+        eyes, axes: shape (3, n). With an error of up to `ROUGH` aside.
+        """
+        if self.centers.shape[2] > 1:
+            away = [self.centers[k][:, state] - eyes[k] for k in range(3)]
+            along, squared = _dot(away, axes), _dot(away, away)
+        else:
+            # Two products of matrices: |p - e|^2 = |p|^2 - 2 p . e + |e|^2.
+            points = self.centers[:, :, 0].T
+            along = points @ axes - _dot(eyes, axes)
+            squared = points @ (-2.0 * eyes)
+            squared += (points * points).sum(axis=1, keepdims=True)
+            squared += _dot(eyes, eyes)
+        squared -= along * along
+        np.maximum(squared, 0.0, out=squared)
+        return along, np.sqrt(squared, out=squared)
+
 
 @dataclass(frozen=True, eq=False)
 class _HullBounds:
@@ -186,41 +208,45 @@ class _HullBounds:
         opaque: see `near_pairs`.
         """
         opaque, found = opaque[bounds.solids], [Pairs(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))]
-        for start in range(0, len(hull) if len(bounds.solids) else 0, _HULLS_AT_ONCE):
-            of, at = hull[start : start + _HULLS_AT_ONCE], state[start : start + _HULLS_AT_ONCE]
+        size = max(1, _PAIRS_AT_ONCE // max(1, len(bounds.solids)))
+        for start in range(0, len(hull) if len(bounds.solids) else 0, size):
+            of, at = hull[start : start + size], state[start : start + size]
             near = self.meet_balls(of, bounds, at) & opaque[:, self.box[of]]
-            row, index = np.nonzero(near.T)
+            index, row = np.nonzero(near)
             kept = self.meet_boxes(of[row], bounds, index, at[row])
             found.append(Pairs(row[kept] + start, bounds.solids[index[kept]]))
         return Pairs(np.concatenate([p.line for p in found]), np.concatenate([p.solid for p in found]))
 
     def meet_balls(self, hull: Indices, bounds: _Bounds, state: Indices) -> Mask:
         """Whether the cone of each hull (n,) may touch each ball in a state (n,); shape (s, n)."""
-        *eye_and_axis, cosine, sine, length = self.cones[:, hull]
-        x, y, z = (bounds.centers[axis][:, state] - eye_and_axis[axis] for axis in range(3))
-        along = _dot((x, y, z), eye_and_axis[3:])
-        aside = np.sqrt(np.maximum(_dot((x, y, z), (x, y, z)) - along * along, 0.0))
-        reach = bounds.radii + TOUCH
-        beyond: Mask = aside * cosine - along * sine > reach
-        # A hull without a cone has an infinite length, and anything may touch it.
-        beyond |= ((along < -reach) | (along > reach + length)) & np.isfinite(length)
+        cones = self.cones[:, hull]
+        cosine, sine, length = cones[6:]
+        along, aside = bounds.from_eyes(cones[:3], cones[3:6], state)
+        reach = bounds.radii + ROUGH
+        beyond: Mask = along < -reach
+        beyond |= along > reach + length  # never of a hull without a cone, which is endless
+        aside *= cosine
+        along *= sine
+        aside -= along
+        beyond |= aside > reach
         return ~beyond
 
     def meet_boxes(self, hull: Indices, bounds: _Bounds, solid: Indices, state: Indices) -> Indices:
         """Which hulls (n,) may touch the box around a solid (n,) in a state (n,), by index."""
         center, half_axes = bounds.centers[:, solid, state], bounds.half_axes[:, :, solid, state]
-        planes = self.planes[:, :, hull]
-        normals = planes[:, :3].swapaxes(0, 1)
-        extent = sum(np.abs(_dot(normals, half_axis)) for half_axis in half_axes)
-        kept = np.flatnonzero(~(_dot(normals, center) - extent > planes[:, 3] + TOUCH).any(axis=0))
-        points = self.points[:, :, hull[kept]] - center[:, None, kept]
-        beyond = np.zeros(len(kept), dtype=bool)
-        for half_axis in half_axes[:, :, kept]:
+        points = self.points[:, :, hull] - center[:, None]
+        beyond = np.zeros(len(hull), dtype=bool)
+        for half_axis in half_axes:
             # The hull does not reach into the box if all of its points lie beyond the same face.
             along, length = _dot(points, half_axis), _norm(half_axis)
             reach = length * (length + TOUCH)
             beyond |= (along.min(axis=0) > reach) | (along.max(axis=0) < -reach)
-        return kept[~beyond]
+        kept = np.flatnonzero(~beyond)
+        planes, center, half_axes = self.planes[:, :, hull[kept]], center[:, kept], half_axes[:, :, kept]
+        normals = planes[:, :3].swapaxes(0, 1)
+        extent = sum(np.abs(_dot(normals, half_axis)) for half_axis in half_axes)
+        outside = (_dot(normals, center) - extent > planes[:, 3] + TOUCH).any(axis=0)
+        return kept[~outside]
 
 
 def _planes(eyes: Array, rays: Array, axis: Array, depth: Array) -> Array:
@@ -248,7 +274,7 @@ def _planes(eyes: Array, rays: Array, axis: Array, depth: Array) -> Array:
     return planes
 
 
-def _dot(a: Array | tuple[Array, ...], b: Array | list[Array] | tuple[Array, ...]) -> Array:
+def _dot(a: Array | list[Array] | tuple[Array, ...], b: Array | list[Array] | tuple[Array, ...]) -> Array:
     """Inner products of vectors whose coordinates come first."""
     product: Array = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
     return product
