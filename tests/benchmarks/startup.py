@@ -113,7 +113,7 @@ def print_stages(imports: float) -> None:
     watch(find, "plan_branches", "all ways: IK, motion and collision")
     watch(find, "prospects", "all ways: looks")
     watch(find, "observed", "the best: exact coverage")
-    watch(timeline, "first_samples", "all candidates: where to sample")
+    watch(timeline, "all_first_samples", "all candidates: where to sample")
     watch(timeline, "look_at", "all candidates: states and coverage")
     watch(look, "states_of", "- of this, and of looks, kinematics of the samples")
     watch(observer.WatchedBoxes, "limits", "- of this limits")

@@ -65,12 +65,17 @@ class Adaptive:
 Sampling = FixedCount | FixedStep | Adaptive
 
 
-def first_samples(
+def first_samples(sampling: Sampling, stage: Stage, observer: Observer, targets: Sequence[Target]) -> Samples:
+    """The samples of every piece before any bisection; both ends of every piece are among them."""
+    return all_first_samples(sampling, observer, [(stage, targets)])[0]
+
+
+def all_first_samples(
     sampling: Sampling, observer: Observer, motions: Sequence[tuple[Stage, Sequence[Target]]]
 ) -> list[Samples]:
-    """The samples of every piece of motions before any bisection; both ends of every piece are among them.
+    """As `first_samples` of each of several motions in one cell, which is faster together.
 
-    motions: in one cell, each with what must be seen during it.
+    motions: each with what must be seen during it.
     """
     if isinstance(sampling, Adaptive):
         instants = _equal_motion(observer, motions)

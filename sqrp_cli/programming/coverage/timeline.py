@@ -13,7 +13,7 @@ from sqrp_cli.geometry import Array, Indices, Mask, ranges
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.coverage.look import Look, look_at
 from sqrp_cli.programming.coverage.observation import Observation, full_observation
-from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling, first_samples
+from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling, all_first_samples
 from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.pieces import Piece
 from sqrp_cli.programming.sensing.observer import Observer, sees_all
@@ -149,7 +149,7 @@ def observe_all(watches: Sequence[Watch], observer: Observer, sampling: Sampling
     """As `observe` of each of several motions in one cell, which is faster together."""
     if not watches:
         return []
-    samples = first_samples(sampling, observer, [(watch.stage, watch.targets) for watch in watches])
+    samples = all_first_samples(sampling, observer, [(watch.stage, watch.targets) for watch in watches])
     seen = _seen(observer, [watch.look(at) for watch, at in zip(watches, samples, strict=True)], full=full)
     found = [watch.timeline(at, all_seen) for watch, at, all_seen in zip(watches, samples, seen, strict=True)]
     while isinstance(sampling, Adaptive):

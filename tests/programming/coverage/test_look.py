@@ -39,7 +39,7 @@ def _variant(watched: WatchedMotion, model: RobotModel, rng: np.random.Generator
 
 
 def _look(watched: WatchedMotion) -> Look:
-    (samples,) = first_samples(COUNT, watched.observer, [(watched.stage, watched.targets)])
+    samples = first_samples(COUNT, watched.stage, watched.observer, watched.targets)
     return Look(watched.stage, watched.targets, samples, watched.faults)
 
 

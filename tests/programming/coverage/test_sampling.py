@@ -168,8 +168,8 @@ def test_the_shortfall_of_fixed_sampling_is_at_most_transitions_times_spacing(
 def test_fixed_samples_are_where_they_were_asked_for(ur5: RobotModel) -> None:
     motion = watched_motion(3, ur5)
     primitives = motion.stage.motion.primitives
-    (count,) = first_samples(FixedCount(7), motion.observer, [(motion.stage, motion.targets)])
-    (step,) = first_samples(FixedStep(0.3), motion.observer, [(motion.stage, motion.targets)])
+    count = first_samples(FixedCount(7), motion.stage, motion.observer, motion.targets)
+    step = first_samples(FixedStep(0.3), motion.stage, motion.observer, motion.targets)
     edges = {time for piece in motion.stage.pieces for time in (piece.start, piece.end)}
     for primitive in primitives:
         equal = np.linspace(primitive.start, primitive.end, 7)
@@ -195,7 +195,7 @@ def test_both_ends_of_every_primitive_and_interval_are_samples_in_every_mode(
 def test_nothing_moves_further_than_stated_between_adaptive_samples(ur5: RobotModel) -> None:
     for seed in range(SCENES):
         motion = watched_motion(seed, ur5)
-        (samples,) = first_samples(Adaptive(), motion.observer, [(motion.stage, motion.targets)])
+        samples = first_samples(Adaptive(), motion.stage, motion.observer, motion.targets)
         states = motion.stage.states(samples)
         tracks = [transform(states.X_WF[s.part.parent], s.corners) for s in motion.observer.solids]
         tracks += [transform(states.box_poses(b), box_corners(b.size)) for t in motion.targets for b in t.boxes]
