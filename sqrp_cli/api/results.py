@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from sqrp_cli.report.documents.candidates import CandidateFigures, RankDocument
     from sqrp_cli.report.documents.checks import CheckDocument, CheckedCandidate
     from sqrp_cli.report.documents.explanation import CandidateStudy, ExplainAllDocument, ExplainDocument
-    from sqrp_cli.report.documents.scene import InitDocument, ShowDocument
+    from sqrp_cli.report.documents.scene import FirstRun, InitDocument, ShowDocument
     from sqrp_cli.report.documents.scores import ScoreDocument, TaskResult
     from sqrp_cli.scoring.scorecard import Scorecard
     from sqrp_cli.starter.make import Starter
@@ -297,11 +297,18 @@ class NewCell(Answer["InitDocument"]):
     """Of its folder, as it was given."""
     own_arm: bool
     """Whether the arm is the user's, so that some values were guessed."""
+    run: FirstRun | None = None
+    """Of the best candidate in the simulated cell; None if it was not run."""
 
     @property
     def problems(self) -> Sequence[Problem]:
         """Warnings about the arm."""
         return self.starter.warnings
+
+    @property
+    def works(self) -> bool:
+        """Whether there is a task to rank and, if it was run, it was done."""
+        return self.starter.task is not None and (self.run is None or self.run.outcome == "done")
 
     @property
     def brief(self) -> str:
@@ -314,13 +321,14 @@ class NewCell(Answer["InitDocument"]):
         from sqrp_cli.report.documents.scene import InitDocument
 
         made = self.starter
-        return InitDocument(workspace=str(made.folder), tool_link=made.tip, objects=list(made.cubes), task=made.task)
+        cubes = list(made.cubes)
+        return InitDocument(workspace=str(made.folder), tool_link=made.tip, objects=cubes, task=made.task, run=self.run)
 
     def show(self) -> None:
         """Print what `sqrp init` prints."""
         from sqrp_cli.terminal.scene_table import print_new_cell
 
-        print_new_cell(self.path, self.starter, own_arm=self.own_arm)
+        print_new_cell(self.path, self.starter, self.run, own_arm=self.own_arm)
 
 
 def _figures(assessment: Assessment) -> str:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.geometry import Array
+from sqrp_cli.knowledge.robot.joint_tree import driving_joints
+from sqrp_cli.knowledge.robot.robot import AXES_OF_A_POSE
 from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfModel
 
 _GRIPPER_JOINT = re.compile(r"finger|grip|jaw|claw|knuckle|thumb", re.IGNORECASE)
@@ -17,6 +19,12 @@ _GRIPPER_JOINT = re.compile(r"finger|grip|jaw|claw|knuckle|thumb", re.IGNORECASE
 
 _TOOL_WORDS = ({"tcp"}, {"tool0", "tool"}, {"ee", "eef", "effector"}, {"flange"}, {"hand", "tip"})
 """Words in usual names of tool frames, the most specific first."""
+
+MOST_SHARED = 4
+"""Joints that an arm has to itself, beside those that it shares with another one, such as a torso."""
+
+LEAST_SWING = 0.02
+"""Least distance of a tool from an axis that swings it [m]."""
 
 LONGEST_FINGER = 2
 """Most joints of a finger in a row; a branch with more is an arm."""
@@ -34,25 +42,67 @@ class ArmGuess:
     """Every link after the last joint, fingers included."""
     out: Array
     """Unit vector in the frame of `tip` that points out of the arm, along the axis of the last joint, shape (3,)."""
+    others: tuple[str, ...] = ()
+    """Where a tool would be on other arms of the robot, as on one with two."""
 
 
-def guess_arm(urdf: UrdfModel) -> ArmGuess:
-    """The longest chain of movable joints, without gripper joints. Raises InputError if no joint moves."""
-    leads = {joint.mimic.joint for joint in urdf.joints.values() if joint.mimic}
-    arm: list[UrdfJoint] = []
-    for joint in urdf.movable_joints:
-        chain = [carrier for carrier in urdf.chain(joint.child) if carrier.movable]
-        if len(chain) > len(arm) and not any(_moves_gripper(carrier, urdf, leads) for carrier in chain):
-            arm = chain
-    if not arm:
+def guess_arm(urdf: UrdfModel, tip: str | None = None) -> ArmGuess:
+    """The longest chain of movable joints without those of grippers, or the one that carries a given link.
+
+    Of arms of one length the first. Raises InputError if no joint moves, or there is no such link.
+    """
+    if tip is not None:
+        return _guess(urdf, _chain_to(urdf, tip), tip)
+    chains = _arms(urdf)
+    if not chains:
         message = f"`{urdf.name}` has no joint that moves an arm"
         raise InputError(Problem("no-arm", message, urdf.links[urdf.root].place))
-    last = arm[-1]
-    rigid = urdf.rigid_with(last.child)
+    arm = max(chains, key=len)  # the first of equals
+    others = [_tip(urdf, chain) for chain in chains if chain is not arm and _is_another(chain, arm)]
+    return replace(_guess(urdf, arm, _tip(urdf, arm)), others=tuple(others))
+
+
+def _guess(urdf: UrdfModel, chain: Sequence[UrdfJoint], tip: str) -> ArmGuess:
+    driving = driving_joints(chain, urdf.movable_joints)
+    last = chain[-1]
+    carried = tuple(urdf.beyond(last.child))
+    return ArmGuess(tuple(driving), tip, carried, _outward(urdf, chain, tip, urdf.rigid_with(last.child)))
+
+
+def _chain_to(urdf: UrdfModel, tip: str) -> list[UrdfJoint]:
+    """The movable joints that carry a link. Raises InputError if there is none, or no such link."""
+    if tip not in urdf.links:
+        message = f"found `{tip}`, which is no link of `{urdf.name}`; {expected_names(tip, urdf.links)}"
+        raise InputError(Problem("unknown-link", message, urdf.links[urdf.root].place))
+    chain = [joint for joint in urdf.chain(tip) if joint.movable]
+    if not chain:
+        message = f"no joint moves `{tip}`; expected a link at the end of an arm"
+        raise InputError(Problem("no-arm", message, urdf.links[tip].place))
+    return chain
+
+
+def _arms(urdf: UrdfModel) -> list[list[UrdfJoint]]:
+    """Chains of movable joints from the root, none part of another one, without joints of grippers."""
+    leads = {joint.mimic.joint for joint in urdf.joints.values() if joint.mimic}
+    chains: list[list[UrdfJoint]] = []
+    for joint in urdf.movable_joints:
+        chain = [carrier for carrier in urdf.chain(joint.child) if carrier.movable]
+        if not any(_moves_gripper(carrier, urdf, leads) for carrier in chain):
+            chains = [other for other in chains if other[-1] is not (chain[-2] if len(chain) > 1 else None)]
+            chains.append(chain)
+    return chains
+
+
+def _is_another(chain: Sequence[UrdfJoint], arm: Sequence[UrdfJoint]) -> bool:
+    """Whether a chain is an arm beside another one: as long, and apart from it for most of its joints."""
+    return len(chain) >= MOST_SHARED + len({*chain} & {*arm}) and len(chain) >= len(arm) - 1
+
+
+def _tip(urdf: UrdfModel, chain: Sequence[UrdfJoint]) -> str:
+    """The link at the end of a chain to which a tool is fixed: by its name, else the last one."""
+    rigid = urdf.rigid_with(chain[-1].child)
     tip = min(rigid, key=lambda link: (_tip_rank(link), rigid.index(link)))
-    if _tip_rank(tip) == len(_TOOL_WORDS):
-        tip = rigid[-1]
-    return ArmGuess(tuple(arm), tip, tuple(urdf.beyond(last.child)), _outward(urdf, arm, tip, rigid))
+    return rigid[-1] if _tip_rank(tip) == len(_TOOL_WORDS) else tip
 
 
 def _tip_rank(link: str) -> int:
@@ -64,20 +114,28 @@ def _tip_rank(link: str) -> int:
 def _moves_gripper(joint: UrdfJoint, urdf: UrdfModel, leads: set[str]) -> bool:
     """Whether a joint belongs to a gripper: by its name, because others mimic it, or as one of several fingers.
 
-    If the mimicked joint carries other independent joints, the mimicking joint is a rod of a parallel linkage.
+    A joint that carries other independent joints is of the arm: what it mimics, or mimics it, is a parallel linkage.
     """
-    leads_fingers = joint.name in leads and not _carries_independent(joint, urdf)
-    if _GRIPPER_JOINT.search(joint.name) or joint.mimic is not None or leads_fingers:
+    coupled = joint.name in leads or joint.mimic is not None
+    if _GRIPPER_JOINT.search(joint.name) or (coupled and not _carries_independent(joint, urdf)):
         return True
     siblings = _movable_on(joint.parent, urdf)
     return len(siblings) > 1 and all(_depth_beyond(other, urdf) <= LONGEST_FINGER for other in siblings)
 
 
 def _outward(urdf: UrdfModel, arm: Sequence[UrdfJoint], tip: str, rigid: Sequence[str]) -> Array:
-    """The direction out of the arm in the frame of `tip`: along the last axis, away from the joints before it."""
+    """The direction out of the arm in the frame of `tip`: along the last axis, away from the joints before it.
+
+    An arm of few axes may end with one that swings the tool, such as a wrist without roll: then it is across this axis.
+    """
     last = arm[-1]
     X_JT = urdf.pose_in(last.child, tip)
     away = X_JT[:3, 3] + sum((urdf.pose_in(last.child, link)[:3, 3] for link in rigid), np.zeros(3))
+    across = away - last.axis * (away @ last.axis)
+    swings = len(arm) < AXES_OF_A_POSE and last.type != "prismatic" and np.linalg.norm(across) > LEAST_SWING
+    if swings and np.linalg.norm(across) > 2.0 * abs(away @ last.axis):
+        swung: Array = X_JT[:3, :3].T @ (across / np.linalg.norm(across))
+        return swung
     if abs(away @ last.axis) < 1e-3:
         # The tool frame lies in the joint's origin: continue the direction that led to it.
         away = last.X_PJ[:3, :3].T @ last.X_PJ[:3, 3]

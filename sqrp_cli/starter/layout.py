@@ -18,11 +18,12 @@ TOOL_FRAME = "suction_tip"
 
 @dataclass(frozen=True)
 class Cube:
-    """A cube on the table: its name, colour and the position of its centre in the world [m]."""
+    """A cube on the table: its name, colour, the position of its centre in the world [m], and its turn [rad]."""
 
     name: str
     color: str
     position: tuple[float, float, float]
+    turn: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,7 @@ class Layout:
     tip: the link of the robot that carries the suction cup, or grasps itself while there is none.
     X_LT: pose of the cup's root in that link, shape (4, 4); None while there is no cup.
     home: of every joint of the arm by name. table_side: of the square table, 0 for none [m].
+    table_at: where its middle is, along x and y of the world [m].
     """
 
     urdf: str
@@ -71,6 +73,7 @@ class Layout:
     lift: float = 0.0
     X_LT: Array | None = None
     table_side: float = 0.0
+    table_at: tuple[float, float] = (0.0, 0.0)
     cube_size: float = 0.04
     cubes: Sequence[Cube] = ()
     obstacles: Sequence[Obstacle] = ()
@@ -156,21 +159,19 @@ def _skills(layout: Layout) -> str:
     )
 
 
-_TABLE_PLACE = "pose: {position: [0, 0, -0.02]}, fixed: true"
-
-
 def _objects(layout: Layout) -> str:
     if not layout.table_side:
         return ""
     side = _number(layout.table_side)
+    place = f"pose: {{position: {_vector((*layout.table_at, -0.02))}}}, fixed: true"
     lines = [
         "objects:                    # pose: of the centre of a box of `size`",
-        f"  table: {{type: table, color: grey, size: [{side}, {side}, 0.04], {_TABLE_PLACE}}}",
+        f"  table: {{type: table, color: grey, size: [{side}, {side}, 0.04], {place}}}",
     ]
     side = _number(layout.cube_size)
     lines += [
         f"  {cube.name}: {{type: cube, color: {cube.color}, size: [{side}, {side}, {side}], "
-        f"pose: {{position: {_vector(cube.position)}}}, on: table}}"
+        f"pose: {{position: {_vector(cube.position)}{_turn(cube.turn)}}}, on: table}}"
         for cube in layout.cubes
     ]
     lines += [
@@ -207,6 +208,10 @@ def _number(value: float) -> str:
 
 def _vector(values: Sequence[float]) -> str:
     return "[" + ", ".join(_number(value) for value in values) + "]"
+
+
+def _turn(turn: float) -> str:
+    return f", rpy: [0, 0, {round(degrees(turn), 1):g} deg]" if turn else ""
 
 
 def _joint(position: Position) -> str:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 from sqrp_cli.checks.lint import lint
@@ -14,10 +16,11 @@ from sqrp_cli.knowledge.workspace.load import WORKSPACE_FILE, load_workspace
 from sqrp_cli.platform.files import naming, no_folder
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.starter import search
-from sqrp_cli.starter.arm_guess import guess_arm
+from sqrp_cli.starter.arm_guess import ArmGuess, guess_arm
 from sqrp_cli.starter.description import Description, describe_robot
 from sqrp_cli.starter.layout import Layout, Position, workspace_text
 from sqrp_cli.starter.random_cell import Crowd, crowded
+from sqrp_cli.starter.stands import Stand, before_table, lowest_point, on_table
 
 SHIPPED = Path(__file__).parent
 """Folder of the shipped skills and robots."""
@@ -31,9 +34,6 @@ LARGEST_CUBE, SMALLEST_CUBE = 0.05, 0.02
 
 LARGEST_TABLE = 100.0
 """Side of the largest table, for arms on long rails [m]."""
-
-LIFTS = (0.0, 0.15, 0.3, 0.45)
-"""Pedestal heights to try, as shares of the reach: small arms need one to point a tool down."""
 
 LIFT = 0.1
 """How far the skill lifts a cube [m]."""
@@ -54,11 +54,12 @@ class Starter:
     warnings: tuple[Problem, ...]
 
 
-def make_starter(folder: Path, robot: str | None, crowd: Crowd | None = None) -> Starter:
+def make_starter(folder: Path, robot: str | None, crowd: Crowd | None = None, tip: str | None = None) -> Starter:
     """Make a workspace in a folder that does not exist or is empty.
 
     robot: the URDF of the user's arm, a path or `package://...`; None for a shipped arm.
-    crowd: random contents, in place of the few cubes and cameras of a first workspace.
+    crowd: random contents, in place of the few cubes and cameras of a first workspace. tip: the link at the end of the
+    arm, of a robot that has several; None to guess.
     Raises InputError, and writes nothing, if the folder cannot be made or the robot cannot be used.
     """
     _check_free(folder)
@@ -68,7 +69,7 @@ def make_starter(folder: Path, robot: str | None, crowd: Crowd | None = None) ->
         with naming(folder, "this folder cannot be made"):
             _copy_shipped(draft, own_arm=robot is None)
             description = describe_robot(str(draft / OWN_ARM) if robot is None else robot, draft)
-            layout, warnings = _fill(draft, description, guessed=robot is not None)
+            layout, warnings = _fill(draft, description, tip, guessed=robot is not None)
             if crowd is not None and layout.cubes:
                 cell = _load(draft, layout)
                 layout = crowded(layout, cell, search.arm_reach(cell.model), crowd)
@@ -112,9 +113,11 @@ def _move(draft: Path, folder: Path) -> None:
         entry.replace(folder / entry.name)
 
 
-def _fill(draft: Path, description: Description, *, guessed: bool) -> tuple[Layout, tuple[Problem, ...]]:
+def _fill(
+    draft: Path, description: Description, tip: str | None, *, guessed: bool
+) -> tuple[Layout, tuple[Problem, ...]]:
     """Determine the contents of the workspace file step by step, and write it."""
-    arm = guess_arm(description.urdf)
+    arm = guess_arm(description.urdf, tip)
     layout = Layout(
         urdf=description.reference,
         srdf=description.srdf,
@@ -125,37 +128,63 @@ def _fill(draft: Path, description: Description, *, guessed: bool) -> tuple[Layo
     )
     bare = _load(draft, layout)
     layout = replace(layout, X_LT=search.tool_seat(bare, arm.tip, arm.carried, arm.out))
-    reach = search.arm_reach(_load(draft, layout).model)
+    seated = _load(draft, layout)
+    reach = search.arm_reach(seated.model)
     side = min(round(2.4 * reach, 1), LARGEST_TABLE)
     layout = replace(layout, table_side=side, cube_size=_cube_size(reach))
-    floor = max(0.0, -round(search.lowest_point(bare), 3))
-    tried: list[Layout] = []
-    for share in LIFTS:
-        tried.append(_with_work(draft, replace(layout, lift=round(floor + share * reach, 3)), reach))
-        if len(tried[-1].cubes) == len(search.COLORS):
+    floor = max(0.0, -round(lowest_point(bare), 3))
+    tried: list[_Trial] = []
+    for stand in chain(on_table(floor, reach, side), _lazily(lambda: before_table(seated, reach))):
+        tried.append(_with_work(draft, layout, reach, stand))
+        if len(tried[-1].layout.cubes) == len(search.COLORS):
             break
-    best = max(tried, key=lambda layout: len(layout.cubes))  # the first of equals: the least lifted
+    best = max(tried, key=lambda trial: len(trial.layout.cubes)).layout  # the first of equals: the least lifted
     _write(draft, best)
+    others = [_other_arms(arm)] if arm.others else []
     if not best.cubes:
-        message = "no place on the table was found from which the arm can pick something up from above"
-        mend = (
-            "check `robot.base`, `robot.tool` and `robot.home`, then add cameras, objects and `skills: [skills/pickup]`"
-        )
-        return best, (Problem("nothing-in-reach", message, severity="warning", mend=mend),)
+        return best, (*others, _nothing_in_reach(tried))
     workspace = load_workspace(draft)
-    return best, (*workspace.warnings, *lint(workspace))
+    return best, (*others, *workspace.warnings, *lint(workspace))
 
 
-def _with_work(draft: Path, layout: Layout, reach: float) -> Layout:
-    """The layout with a home position, reachable cubes and cameras, as far as they are found."""
+def _lazily(stands: Callable[[], Sequence[Stand]]) -> Iterator[Stand]:
+    """Stands that take time to find, found when they are asked for."""
+    yield from stands()
+
+
+def _other_arms(arm: ArmGuess) -> Problem:
+    names = " or ".join(f"`--tip {name}`" for name in arm.others)
+    message = f"the robot has several arms, and the one that carries `{arm.tip}` is taken"
+    return Problem("several-arms", message, severity="warning", mend=f"another one: {names}")
+
+
+def _nothing_in_reach(tried: Sequence[_Trial]) -> Problem:
+    message = f"no place was found from which the arm can pick something up from above: {tried[0].reason}"
+    if len(tried) > 1:
+        message += f"; {len(tried) - 1} other heights and places of the table are no better"
+    mend = "check `robot.base`, `robot.tool` and `robot.home`, then add cameras, objects and `skills: [skills/pickup]`"
+    return Problem("nothing-in-reach", message, severity="warning", mend=mend)
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """A layout with a home position, reachable cubes and cameras, as far as they are found; and why not further."""
+
+    layout: Layout
+    reason: str
+
+
+def _with_work(draft: Path, layout: Layout, reach: float, stand: Stand) -> _Trial:
+    layout = replace(layout, lift=stand.lift, table_side=stand.side, table_at=stand.at)
     cell = _load(draft, layout)
-    home = search.find_home(cell, reach)
-    if home is None:
-        return layout
+    home = search.find_home(cell, reach, stand)
+    if isinstance(home, search.NoHome):
+        return _Trial(layout, str(home))
     layout = replace(layout, home=home.positions)
-    trial = [*search.places_to_try(cell.model, reach, home.direction, layout.cube_size)]
-    cubes = search.cubes_in_reach(_load(draft, replace(layout, cubes=trial)))
-    return replace(layout, cubes=cubes, views=search.views_of(cubes, home.direction, LIFT) if cubes else ())
+    trial = [*search.places_to_try(cell.model, reach, home.direction, layout.cube_size, stand)]
+    found = search.cubes_in_reach(_load(draft, replace(layout, cubes=trial)), trial)
+    views = search.views_of(found.cubes, home.direction, LIFT) if found.cubes else ()
+    return _Trial(replace(layout, cubes=found.cubes, views=views), found.reason or "nothing is left of the table")
 
 
 def _load(draft: Path, layout: Layout) -> Cell:

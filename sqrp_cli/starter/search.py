@@ -13,21 +13,28 @@ from sqrp_cli.geometry import Array, axis_rotation, cross, pose, transform
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.arm.pose_search import spread_starts
+from sqrp_cli.programming.arm.pose_search import descend, spread_starts
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.solids import load_solids
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.starter.layout import TASK, CameraView, Cube, Position
+from sqrp_cli.starter.stands import Stand, places_pointing_down, shoulder_of
 
 TOOL_GAP = 0.002
 """Gap between what the arm carries and the suction cup [m]."""
 
-DIRECTIONS = tuple(turn * pi / 180 for turn in (0, -90, 90, 180))
-"""Directions from the base in which the work may lie [rad], the preferred one first."""
-
 HOME_SHARES = ((0.55, 0.35), (0.45, 0.3), (0.65, 0.3), (0.5, 0.5), (0.35, 0.35), (0.7, 0.2))
 """Tool positions at home: distance from the base and height above the table, as shares of the reach."""
+
+MORE_HOMES, ASKEW = 24, 0.8
+"""Other places of the tool that are tried at last, and how far off the direction of the work they may be [rad]."""
+
+FREE_TURN = 5
+"""An arm with this many axes can turn a tool that points down about its axis; others may not."""
+
+TURN_STARTS, TURN_STEPS = 64, 30
+"""Starting points and steps of the search for how an arm turns the tool at a place."""
 
 CUBE_SHARES = (0.5, 0.62, 0.4, 0.72, 0.3)
 """Distances of cubes from the base, as shares of the reach."""
@@ -59,6 +66,25 @@ class Home:
     direction: float
 
 
+@dataclass
+class NoHome:
+    """Why no home position was found."""
+
+    tried: int = 0
+    """Places of the tool."""
+    first: str = ""
+    """What fails at the first of them, and where that is."""
+
+    def add(self, X_WT: Array, root: Array, reason: str) -> None:
+        """Another place X_WT of the tool, (4, 4), failed; root: where the arm begins on the ground, (2,)."""
+        self.tried += 1
+        far, high = float(np.linalg.norm(X_WT[:2, 3] - root)), float(X_WT[2, 3])
+        self.first = self.first or f"pointing down {far:.2f} m from the base and {high:.2f} m above the table: {reason}"
+
+    def __str__(self) -> str:
+        return f"none of {self.tried} home positions is possible; the first, {self.first}"
+
+
 def tool_seat(cell: Cell, tip: str, carried: Sequence[str], out: Array) -> Array:
     """Pose X_LT of a tool in the link `tip`, z along `out` (3,), beyond everything that the arm carries; (4, 4)."""
     X_WL = cell.model.link_poses(cell.model.home[None])
@@ -73,14 +99,6 @@ def tool_seat(cell: Cell, tip: str, carried: Sequence[str], out: Array) -> Array
     return pose(np.column_stack([x, cross(out, x), out]), offset * out)
 
 
-def lowest_point(cell: Cell) -> float:
-    """Height of the lowest point of the links that do not move, in the world [m]; 0 if they have no solid part."""
-    bound = cell.collision.bound.depth
-    X_WL = cell.model.link_poses(cell.model.home[None])
-    still = load_solids([part for part in cell.model.parts if bound[part.parent] == 0])
-    return min((float(transform(X_WL[s.part.parent][0], s.vertices)[:, 2].min()) for s in still), default=0.0)
-
-
 def arm_reach(model: RobotModel) -> float:
     """Approximate horizontal reach of the tool from the arm's first joint [m]."""
     q = spread_starts(model, 512)
@@ -88,30 +106,71 @@ def arm_reach(model: RobotModel) -> float:
     return float(np.quantile(np.linalg.norm(places - _root(model), axis=1), 0.98))
 
 
-def find_home(cell: Cell, reach: float) -> Home | None:
+def find_home(cell: Cell, reach: float, stand: Stand) -> Home | NoHome:
     """A position with the tool pointing down and without contact.
 
-    Of the IK branches at the first place that has any, the one that keeps the joints high and turns them little. None
-    if there is none.
+    Of the IK branches at the first place that has any, the one that keeps the joints high and turns them little.
     """
-    model = cell.model
+    failures = NoHome()
+    for X_WT, direction in _homes(cell.model, reach, stand):
+        free = _free_branches(cell, X_WT, failures)
+        if free:
+            q = max(free, key=lambda q: _ease(cell.model, q, reach))
+            joints = zip(cell.model.arm, q.tolist(), cell.model.turns.tolist(), strict=True)
+            return Home({name: Position(value, turns) for name, value, turns in joints}, direction)
+    return failures
+
+
+def _homes(model: RobotModel, reach: float, stand: Stand) -> Iterator[tuple[Array, float]]:
+    """Poses of the tool frame to try as home, (4, 4), and the direction of the work from there [rad].
+
+    First those at usual places, then some of all that the arm can take.
+    """
     for far, high in HOME_SHARES:
-        for direction in DIRECTIONS:
-            free = _free_branches(cell, tool_down(model, far * reach, direction, high * reach))
-            if free:
-                q = max(free, key=lambda q: _ease(model, q, reach))
-                joints = zip(model.arm, q.tolist(), model.turns.tolist(), strict=True)
-                return Home({name: Position(value, turns) for name, value, turns in joints}, direction)
-    return None
+        for direction in stand.directions:
+            for X_WT in turns_to_try(model, tool_down(model, far * reach, direction, high * reach)):
+                yield X_WT, direction
+    places = places_pointing_down(model)
+    off = places[:, :3, 3] - np.append(_root(model), 0.0)
+    far, high = np.linalg.norm(off[:, :2], axis=1) / reach, off[:, 2] / reach
+    directions = np.arctan2(off[:, 1], off[:, 0])
+    ahead = np.abs(np.angle(np.exp(1j * (directions - stand.directions[0])))) < ASKEW
+    usable = (high > 0.15) & (high < 0.7) & (far > 0.2) & (ahead | (len(stand.directions) > 1))
+    cost = np.hypot(far - HOME_SHARES[0][0], high - HOME_SHARES[0][1]) + 0.2 * ~ahead
+    for row in sorted(np.flatnonzero(usable), key=lambda row: float(cost[row]))[:MORE_HOMES]:
+        yield places[row], float(directions[row])
 
 
-def _free_branches(cell: Cell, X_WT: Array) -> list[Array]:
+def turns_to_try(model: RobotModel, X_WT: Array) -> Iterator[Array]:
+    """A pose of the tool frame, (4, 4), and for an arm of few axes the one turned as the arm has it there."""
+    yield X_WT
+    if len(model.arm) < FREE_TURN:
+        yield as_arm_turns(model, X_WT)
+
+
+def as_arm_turns(model: RobotModel, X_WT: Array) -> Array:
+    """A pose that points down, (4, 4), turned about the vertical so that the arm comes closest to it."""
+    everything = np.ones(len(model.arm), dtype=bool)
+    limits = (model.lower, model.upper)
+    q = np.concatenate([model.home[None], spread_starts(model, TURN_STARTS)])
+    for weight in (0.02, 1.0, 1.0):
+        reached, errors = descend(model, X_WT, q, everything, TURN_STEPS, weight, limits)
+        best = np.argsort((errors**2).sum(axis=1), kind="stable")[:8]
+        q = reached[best]
+        turned = model.tool_poses(q[:1])[0, :3, :3] @ X_WT[:3, :3].T
+        turn = float(np.arctan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1]))
+        X_WT = pose(axis_rotation(2, turn) @ X_WT[:3, :3], X_WT[:3, 3])
+    return X_WT
+
+
+def _free_branches(cell: Cell, X_WT: Array, failures: NoHome) -> list[Array]:
     """The positions (n,) near X_WT, in whole degrees or millimetres, within the limits and without contact."""
     model = cell.model
-    solutions = all_solutions(model, X_WT).solutions
+    solutions, reason = (found := all_solutions(model, X_WT)).solutions, found.reason
     solutions = np.where(model.turns, np.radians(np.round(np.degrees(solutions))), np.round(solutions, 3))
     inside = solutions[((solutions >= model.lower) & (solutions <= model.upper)).all(axis=1)]
     contacts = cell.collision.placed(cell.initial_world).check_all(inside) if len(inside) else ()
+    failures.add(X_WT, _root(model), str(reason) if reason is not None else str(next(iter(contacts), "at a limit")))
     return [q for q, contact in zip(inside, contacts, strict=True) if contact is None]
 
 
@@ -121,31 +180,65 @@ def tool_down(model: RobotModel, far: float, direction: float, high: float) -> A
     return pose(axis_rotation(0, pi), [*place, high])
 
 
-def places_to_try(model: RobotModel, reach: float, direction: float, size: float) -> Iterator[Cube]:
+def places_to_try(model: RobotModel, reach: float, direction: float, size: float, stand: Stand) -> Iterator[Cube]:
     """Cubes on the table with some distance between them, the most likely reachable ones first."""
     chosen: list[Array] = []
     for share in CUBE_SHARES:
         for turn in CUBE_TURNS:
-            place = tool_down(model, share * reach, direction + turn, 0.5 * size)[:3, 3].round(2)
-            if all(np.linalg.norm(place[:2] - other[:2]) > max(3 * size, 0.1) for other in chosen):
+            X_WT = tool_down(model, share * reach, direction + turn, 0.5 * size)
+            place = X_WT[:3, 3].round(2)
+            apart = all(np.linalg.norm(place[:2] - other[:2]) > max(3 * size, 0.1) for other in chosen)
+            on_table = np.abs(place[:2] - stand.at).max() < 0.5 * stand.side - size
+            if apart and on_table:
                 chosen.append(place)
-                yield Cube(f"c{len(chosen)}", "green", (float(place[0]), float(place[1]), 0.5 * size))
+                position = (float(place[0]), float(place[1]), 0.5 * size)
+                yield Cube(f"c{len(chosen)}", "green", position, _turn_of(model, X_WT, size))
 
 
-def cubes_in_reach(cell: Cell) -> list[Cube]:
-    """Those of the cubes of a workspace that the arm can pick up, as many as `COLORS`, named by their colours."""
+def _turn_of(model: RobotModel, X_WT: Array, size: float) -> float:
+    """How a cube is turned so that the arm can take it from above [rad]: not, if it can turn the tool.
+
+    X_WT: pose of the tool that points down at it, (4, 4), in its middle.
+    """
+    if len(model.arm) >= FREE_TURN:
+        return 0.0
+    above = pose(position=(0.0, 0.0, 0.5 * size)) @ X_WT
+    if all_solutions(model, above).reason is None:
+        return 0.0
+    R = as_arm_turns(model, above)[:3, :3] @ X_WT[:3, :3].T
+    return float(np.arctan2(R[1, 0], R[0, 0]))
+
+
+@dataclass(frozen=True)
+class Reachable:
+    """The cubes of a workspace that the arm can pick up, named by their colours, and why it cannot pick up another."""
+
+    cubes: Sequence[Cube]
+    """As many as `COLORS` at most."""
+    reason: str
+    """Of the first one that cannot; empty if there is none."""
+
+
+def cubes_in_reach(cell: Cell, trial: Sequence[Cube]) -> Reachable:
+    """Try to pick up the cubes of a workspace, which were placed as `trial` says, until there are enough."""
     world: World = cell.initial_world
+    turns = {cube.name: cube.turn for cube in trial}
     found: list[Cube] = []
+    reason = ""
     for candidate in read_task(TASK, cell.workspace).candidates:
-        if not isinstance(feasible_motion(cell, candidate, world), Infeasible):
-            (name,) = candidate.binding.values()
+        (name,) = candidate.binding.values()
+        motion = feasible_motion(cell, candidate, world)
+        if isinstance(motion, Infeasible):
+            x, y, _ = world.X_WO[name][:3, 3].tolist()
+            reason = reason or f"a cube at x {x:.2f} m, y {y:.2f} m: {motion.reasons[0]}"
+        else:
             x, y, z = world.X_WO[name][:3, 3].tolist()
             color = COLORS[len(found)]
             number = COLORS[: len(found)].count(color) + 1
-            found.append(Cube(f"{color[0]}{number}", color, (x, y, z)))
+            found.append(Cube(f"{color[0]}{number}", color, (x, y, z), turns[name]))
         if len(found) == len(COLORS):
             break
-    return found
+    return Reachable(found, reason)
 
 
 def views_of(cubes: Sequence[Cube], direction: float, lift: float) -> tuple[CameraView, ...]:
@@ -178,8 +271,8 @@ def _heading(turn: float) -> Array:
 
 
 def _root(model: RobotModel) -> Array:
-    """Where the arm's first joint is on the ground, shape (2,) [m]."""
-    return model.joint_origins(model.home)[0, :2]
+    """Where the arm begins on the ground, shape (2,) [m]."""
+    return shoulder_of(model)[:2]
 
 
 def _ease(model: RobotModel, q: Array, reach: float) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.motion.collision.collision import SAMPLES
+from sqrp_cli.report.documents.scene import FirstRun
 from sqrp_cli.starter.make import Starter
 from sqrp_cli.terminal.console import Column, print_table, say, say_command
 
@@ -64,13 +65,22 @@ def print_scene(cell: Cell) -> None:
     say(f"tasks   {', '.join(expected.task for expected in workspace.tasks) or 'none'}")
 
 
-def print_new_cell(folder: Path, starter: Starter, *, own_arm: bool) -> None:
-    """The new workspace, and how to go on. folder: as it was given; own_arm: whether the arm is the user's."""
+def print_new_cell(folder: Path, starter: Starter, run: FirstRun | None, *, own_arm: bool) -> None:
+    """The new workspace, and how to go on.
+
+    folder: as it was given. run: of its task in the simulated cell, if it was run. own_arm: whether the arm is the
+    user's.
+    """
     where = shlex.quote(str(folder))
     say(f"{where} is a new workspace: workspace.yaml says what is in the cell, skills/pickup how a task is done.")
     if own_arm:
         guessed = f"The tool is fixed to `{starter.tip}`. Lines marked `check:` were guessed; compare with:"
         say_command(guessed, f"sqrp show {where}")
+    if run is not None and run.outcome == "done":
+        seen = f", and {run.seen} of {run.promised} promised images showed what they should" if run.promised else ""
+        say(f"`{starter.task}` was run once in the simulated cell: done after {run.time:.1f} s{seen}.")
+    elif run is not None:
+        say(f"`{starter.task}` was run once in the simulated cell, and stopped at {run.time:.2f} s: {run.reason}")
     if starter.task is not None:
         say_command("Try:", f'sqrp rank {where} "{starter.task}"')
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
@@ -43,6 +44,9 @@ LONGEST_SLIDE = 100.0
 _JOINT_TYPES: tuple[JointType, ...] = ("fixed", "revolute", "continuous", "prismatic")
 _OTHER_JOINT_TYPES = ("floating", "planar")
 
+_SIZES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius",)}
+"""Attributes of shapes that are nothing if one is 0; a capsule without a straight part is a sphere."""
+
 _Named = TypeVar("_Named", UrdfLink, UrdfJoint)
 
 
@@ -71,6 +75,7 @@ def _model(path: Path, robot: Element) -> UrdfModel:
     root = _root(links, joints, robot.place)
     name = robot.attributes.get("name", path.stem)
     model = as_meant(UrdfModel(name, path, links, _outwards(root, joints), root))
+    model = replace(model, warnings=(*model.warnings, *_flat_shapes(robot)))
     return _with_renamed_world(model) if WORLD in links else model
 
 
@@ -116,9 +121,30 @@ def _unique(items: Iterable[_Named]) -> dict[str, _Named]:
 
 
 def _link(element: Element) -> UrdfLink:
-    collision = tuple(_geometry(child) for child in element.all("collision"))
-    visual = tuple(_geometry(child) for child in element.all("visual"))
+    collision = tuple(_geometry(child) for child in element.all("collision") if not _is_empty(child))
+    visual = tuple(_geometry(child) for child in element.all("visual") if not _is_empty(child))
     return UrdfLink(element.text("name"), collision, visual, _inertial(element), element.place)
+
+
+def _is_empty(piece: Element) -> bool:
+    """Whether a <collision> or <visual> is nothing: a box, sphere, cylinder or capsule with a size of 0."""
+    shapes = [shape for holder in piece.all("geometry") for shape in holder.children if shape.tag in _SIZES]
+    sizes = [size for shape in shapes for key in _SIZES[shape.tag] for size in shape.attributes.get(key, "").split()]
+    return any(re.fullmatch(r"[+-]?(0+\.?0*|\.0+)(e[+-]?\d+)?", size, re.IGNORECASE) for size in sizes)
+
+
+def _flat_shapes(robot: Element) -> Iterator[Problem]:
+    """A warning about shapes that are nothing, and left out; none without any."""
+    owners = [
+        (link.text("name"), piece)
+        for link in robot.all("link")
+        for piece in link.children
+        if piece.tag in ("collision", "visual") and _is_empty(piece)
+    ]
+    if owners:
+        names = ", ".join(f"`{name}`" for name in dict.fromkeys(name for name, _ in owners))
+        message = f"a shape with a size of 0 is left out, of {names}"
+        yield Problem("no-size", message, owners[0][1].place, severity="warning", mend="state its size, or remove it")
 
 
 def _inertial(link: Element) -> Inertial | None:

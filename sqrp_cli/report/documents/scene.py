@@ -271,6 +271,22 @@ class ShowDocument(WorkspaceDocument):
 
 
 @dataclass(frozen=True, kw_only=True)
+class FirstRun(Record):
+    """How the best candidate of a new workspace ran in the simulated cell, once."""
+
+    outcome: Literal["done", "stopped"]
+    """Whether all was done, or the robot stopped before."""
+    reason: str | None
+    """Why it stopped."""
+    time: float
+    """Simulated [s]."""
+    promised: int
+    """Images of a camera that were predicted to show a literal."""
+    seen: int
+    """Those of them that did."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class InitDocument(Document):
     """What `sqrp init` has made."""
 
@@ -282,6 +298,8 @@ class InitDocument(Document):
     """Names of the cubes that stand on the table."""
     task: str | None
     """A task that can be ranked at once."""
+    run: FirstRun | None
+    """Of its best candidate; null if it was not run, as without a simulator."""
 
 
 def _objects(workspace: Workspace, cell: Cell) -> dict[str, ObjectScene]:

@@ -15,7 +15,7 @@ from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.runtime.image import ImageArray
 from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, DetectionTargets, object_of
 from sqrp_cli.runtime.perception.projected import PosedCamera, ProjectedObject, ProjectedParts
-from sqrp_cli.runtime.perception.vision import Corners, FoundMarker, dilated, filled, find_markers
+from sqrp_cli.runtime.perception.vision import Corners, FoundMarker, color_mask, dilated, filled, find_markers
 from sqrp_cli.shapes import Box
 
 Crop = tuple[slice, slice]
@@ -104,8 +104,18 @@ class ExpectedView:
         return self.robot.mask(self.posed_camera.shape, (0, 0), np.inf)
 
     def sought_mask(self) -> Mask:
-        """The pixels that the objects which are looked for may cover, wherever they may be."""
-        return filled(self.posed_camera.shape, (0, 0), self._sought_polygons())
+        """The pixels that the objects which are looked for may cover, wherever they may be.
+
+        At a tool that was commanded to hold nothing, only those that have the colour of the object. The others show
+        what is behind it, which cannot be guessed from its surroundings where there is an edge, such as a table's.
+        """
+        polygons: dict[str | None, list[Corners]] = {None: []}
+        for corners, color in self._sought_polygons():
+            polygons.setdefault(color, []).append(corners)
+        mask = filled(self.posed_camera.shape, (0, 0), polygons.pop(None))
+        for color, corners_of_tool in polygons.items():
+            mask |= filled(self.posed_camera.shape, (0, 0), corners_of_tool) & color_mask(self.image, color or "")
+        return mask
 
     def movables_mask(self) -> Mask:
         """The pixels that movable objects cover where they are believed to be."""
@@ -117,13 +127,15 @@ class ExpectedView:
         """What the robot and the watched objects may cover, with a margin [pixels]."""
         return dilated(self.robot.cover(self.posed_camera.shape) | self.sought_mask(), margin)
 
-    def _sought_polygons(self) -> list[Corners]:
+    def _sought_polygons(self) -> list[tuple[Corners, str | None]]:
+        """Outlines of what is looked for, and its colour where it would be at a tool that holds nothing."""
         found = []
         for atom, box in self.boxes():
             obj = self.object_of(atom, box)
             outline = self.posed_camera.outline(self.pose(box), obj.size if obj else box.size)
             if outline is not None:
-                found.append(outline.corners)
+                empty = obj is not None and self.is_at_tool(box) and not self.believed.holding
+                found.append((outline.corners, obj.color if obj is not None and empty else None))
         return found
 
 

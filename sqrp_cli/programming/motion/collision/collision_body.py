@@ -88,10 +88,9 @@ class Body:
 
     @classmethod
     def of(cls, solid: Solid) -> Body:
-        """Make the body of a solid; for a mesh, this computes its convex hull, unless it is flat and has none."""
+        """Make the body of a solid; for a mesh, this computes its convex hull, if it has one."""
         hull, enclosing = solid.geometry, solid.corners
-        if isinstance(solid.part.shape, Mesh) and not _is_flat(solid.vertices):
-            hull.buildConvexHull(True, "Qt")
+        if isinstance(solid.part.shape, Mesh) and _has_hull(solid):
             hull = hull.convex
             enclosing = transform(solid.part.X_PG, np.array(hull.points()))
         corner, *_ = corners = solid.corners
@@ -112,6 +111,17 @@ class Body:
             half=lengths / 2,
             corners=enclosing,
         )
+
+
+def _has_hull(solid: Solid) -> bool:
+    """Whether coal can build the convex hull of a mesh: not of flat ones, nor with 256 edges at one corner."""
+    if _is_flat(solid.vertices):
+        return False
+    try:
+        solid.geometry.buildConvexHull(True, "Qt")
+    except RuntimeError:  # such as of a cylinder with a corner in the middle of its end
+        return False
+    return True
 
 
 def _is_flat(vertices: Array) -> bool:
