@@ -1,8 +1,8 @@
 """SQRP computes how well the cameras of a robot cell will see what matters, before the robot moves."""
 
 from sqrp_cli.api.cell import OpenCell as OpenCell
-from sqrp_cli.api.cell import new_cell as new_cell
 from sqrp_cli.api.cell import open_cell as open_cell
+from sqrp_cli.api.new_cell import new_cell as new_cell
 from sqrp_cli.api.program import OpenProgram as OpenProgram
 from sqrp_cli.api.program import open_program as open_program
 from sqrp_cli.api.program import read_run as read_run

@@ -14,7 +14,6 @@ from sqrp_cli.api.arguments import (
     check_calibration,
     check_callable,
     check_count,
-    check_crowd,
     check_progress,
     check_sampling,
     check_text,
@@ -31,7 +30,7 @@ if TYPE_CHECKING:
     from sqrp_cli.api.advice import TaskAdvice
     from sqrp_cli.api.arguments import WaysOption
     from sqrp_cli.api.placing import CellPlacement, PlaceRequest
-    from sqrp_cli.api.results import Check, Explanation, NewCell, Ranking, Scene, Scores
+    from sqrp_cli.api.results import Check, Explanation, Ranking, Scene, Scores
     from sqrp_cli.api.session import Session
     from sqrp_cli.knowledge.workspace.workspace import Workspace
     from sqrp_cli.logic.planner import Planner
@@ -40,7 +39,6 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.coverage.sampling import Sampling
     from sqrp_cli.programming.ranking import Criterion
     from sqrp_cli.scoring.scorecard import Progress
-    from sqrp_cli.starter.random_cell import Crowd
 
 
 @contextmanager
@@ -60,37 +58,6 @@ def open_cell(path: str | Path, *, seed: int = 0) -> OpenCell:
     if cell.errors:
         raise InputError(*cell.errors)
     return cell
-
-
-def new_cell(
-    folder: str | Path,
-    *,
-    urdf: str | Path | None = None,
-    tip: str | None = None,
-    crowd: Crowd | None = None,
-    run: bool = False,
-) -> NewCell:
-    """Make a new workspace with its skill, ready to rank, in a folder that does not exist or is empty.
-
-    urdf: the arm; by default one that comes with the package. tip: the link at the end of the arm, of a robot that has
-    several. crowd: how many random objects and cameras to put in. run: whether to run its task once in the simulated
-    cell, where there is one.
-    Raises InputError for an arm that cannot be used; nothing is ever overwritten.
-    """
-    from sqrp_cli.api.results import NewCell
-    from sqrp_cli.starter.make import make_starter
-
-    check_crowd(crowd)
-    if tip is not None:
-        check_text(tip, "tip", "the name of a link")
-    folder, arm = checked_path(folder, "folder"), optional_path(urdf, "urdf")
-    made = make_starter(folder, None if arm is None else str(urdf), crowd, tip)
-    tried = None
-    if run and made.task is not None:
-        from sqrp_cli.api.first_run import first_run
-
-        tried = first_run(made.folder, made.task)
-    return NewCell(made, folder, own_arm=arm is not None, run=tried)
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,7 +46,7 @@ def command(
     Guesses about your arm are marked `check:` in the file. Nothing is ever overwritten. Exit code 1 if the arm can pick
     up nothing anywhere, or the first run stops.
     """
-    from sqrp_cli.api.cell import new_cell
+    from sqrp_cli.api.new_cell import new_cell
     from sqrp_cli.starter.random_cell import Crowd
     from sqrp_cli.terminal.console import print_problems, progress
 

@@ -1,0 +1,73 @@
+"""A new workspace, and its first run: its task ranked, written as a program and run once in the simulated cell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from sqrp_cli.api.arguments import check_crowd, check_text, checked_path, optional_path
+from sqrp_cli.api.cell import open_cell
+from sqrp_cli.errors import InputError
+
+if TYPE_CHECKING:
+    from sqrp_cli.api.results import NewCell
+    from sqrp_cli.report.documents.scene import FirstRun
+    from sqrp_cli.starter.random_cell import Crowd
+
+
+def new_cell(
+    folder: str | Path,
+    *,
+    urdf: str | Path | None = None,
+    tip: str | None = None,
+    crowd: Crowd | None = None,
+    run: bool = False,
+) -> NewCell:
+    """Make a new workspace with its skill, ready to rank, in a folder that does not exist or is empty.
+
+    urdf: the arm; by default one that comes with the package. tip: the link at the end of the arm, of a robot that has
+    several. crowd: how many random objects and cameras to put in. run: whether to run its task once in the simulated
+    cell, where there is one.
+    Raises InputError for an arm that cannot be used; nothing is ever overwritten.
+    """
+    from sqrp_cli.api.results import NewCell
+    from sqrp_cli.starter.make import make_starter
+
+    check_crowd(crowd)
+    if tip is not None:
+        check_text(tip, "tip", "the name of a link")
+    folder, arm = checked_path(folder, "folder"), optional_path(urdf, "urdf")
+    made = make_starter(folder, None if arm is None else str(urdf), crowd, tip)
+    tried = first_run(made.folder, made.task) if run and made.task is not None else None
+    return NewCell(made, folder, own_arm=arm is not None, run=tried)
+
+
+def first_run(folder: Path, task: str) -> FirstRun | None:
+    """Run the best candidate of a task of the workspace in a folder, and keep nothing of it.
+
+    None where there is no simulator, or no candidate is feasible.
+    """
+    from sqrp_cli.api.program import open_program
+    from sqrp_cli.report.documents.scene import FirstRun
+    from sqrp_cli.runtime.cell.requirements import check_simulator
+
+    try:
+        check_simulator()
+    except InputError:
+        return None
+    ranking = open_cell(folder).rank(task)
+    if ranking.best is None:
+        return None
+    with TemporaryDirectory(dir=folder) as drafts:
+        program = Path(drafts) / "first.yaml"
+        ranking.write(program)
+        report = open_program(program).run(witnessed=False).report
+    promised = report.total.tp + report.total.fp
+    return FirstRun(
+        outcome=report.outcome,
+        reason=report.reason,
+        time=report.time,
+        promised=promised,
+        seen=report.total.tp,
+    )
