@@ -29,7 +29,7 @@ from sqrp_cli.errors import InputError, Problem
 if TYPE_CHECKING:
     from sqrp_cli.api.advice import TaskAdvice
     from sqrp_cli.api.arguments import WaysOption
-    from sqrp_cli.api.placing import CellPlacement, PlaceRequest
+    from sqrp_cli.api.placing import CellPlacement
     from sqrp_cli.api.results import Check, Explanation, Ranking, Scene, Scores
     from sqrp_cli.api.session import Session
     from sqrp_cli.knowledge.workspace.workspace import Workspace
@@ -248,6 +248,7 @@ class OpenCell:
         budget: float | None = None,
         ways: WaysOption = "best",
         mounts: str | Path | None = None,
+        out: str | Path | None = None,
         sampling: Sampling | None = None,
         jobs: int = 1,
         progress: Progress = silent,
@@ -258,9 +259,12 @@ class OpenCell:
         reach; then as few cameras as possible. Without both, Q_eoi 100 %. objective: `least` or `mean`, the quality of
         all candidates that counts first. survive: 1 if any one camera may fail. keep: cameras of the workspace that
         stay. budget: most that they may cost. ways: `best` chooses the way of each candidate, too. mounts: the file
-        that says where cameras may go and which, by default `place.yaml` beside the workspace.
+        that says where cameras may go and which, by default `place.yaml` beside the workspace. out: folder that keeps
+        what mounts see for a later call.
         """
-        from sqrp_cli.api.placing import PlaceRequest
+        from sqrp_cli.api.placing import PlaceRequest, find_placement
+        from sqrp_cli.programming.coverage.sampling import Adaptive
+        from sqrp_cli.scoring.work.compute import Means
 
         if cameras is not None:
             check_count(cameras, "cameras", 1)
@@ -278,24 +282,11 @@ class OpenCell:
             ways=check_ways(ways),
             mounts=optional_path(mounts, "mounts"),
         )
-        return self.place_for(request, sampling=sampling, jobs=jobs, progress=progress)
-
-    def place_for(
-        self,
-        request: PlaceRequest,
-        *,
-        sampling: Sampling | None = None,
-        jobs: int = 1,
-        progress: Progress = silent,
-    ) -> CellPlacement:
-        """The same, for a request as one record."""
-        from sqrp_cli.api.placing import find_placement
-        from sqrp_cli.programming.coverage.sampling import Adaptive
-
         check_sampling(sampling)
         check_count(jobs, "jobs", 1)
         check_progress(progress)
-        return find_placement(self.cell, request, sampling=sampling or Adaptive(), jobs=jobs, progress=progress)
+        means = Means(sampling or Adaptive(), jobs, None, optional_path(out, "out"), self.seed)
+        return find_placement(self.cell, request, means=means, progress=progress)
 
     def check(
         self,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import closing
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,20 +18,23 @@ from sqrp_cli.knowledge.workspace.load import read_workspace_document
 from sqrp_cli.knowledge.workspace.mounts import place_file, read_mounts
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.programming.advice.wish import Wish, read_wish
-from sqrp_cli.programming.placing.place import LocalVerdicts, PlaceQuestion, Placer
+from sqrp_cli.programming.placing.place import PlaceQuestion, Placer
 from sqrp_cli.programming.placing.problem import OBJECTIVES, Demand
 from sqrp_cli.programming.placing.solver import check_solver
+from sqrp_cli.programming.placing.tensor import LocalVerdicts, Verdicts
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.report.documents.placing import PlaceDocument, placed
 from sqrp_cli.scoring.sweep import from_here
+from sqrp_cli.scoring.work.looks import ClusterVerdicts, KeptVerdicts
+from sqrp_cli.scoring.work.results import Results
 
 if TYPE_CHECKING:
     from sqrp_cli.api.arguments import WaysOption
     from sqrp_cli.knowledge.workspace.workspace import Workspace
     from sqrp_cli.programming.cell import Cell
-    from sqrp_cli.programming.coverage.sampling import Sampling
-    from sqrp_cli.programming.placing.place import Placement
+    from sqrp_cli.programming.placing.place import Placement, Told
     from sqrp_cli.scoring.scorecard import Progress
+    from sqrp_cli.scoring.work.compute import Means
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -120,11 +124,15 @@ def find_placement(
     cell: Cell,
     request: PlaceRequest,
     *,
-    sampling: Sampling,
-    jobs: int,
+    means: Means,
     progress: Progress,
+    watch: Told | None = None,
 ) -> CellPlacement:
-    """The best cameras for some tasks. Raises InputError for a request that cannot be read."""
+    """The best cameras for some tasks; at Ctrl-C the best so far, if verdicts are complete.
+
+    watch: told what is sought, the best value so far and the bound. Raises InputError for a request that cannot be
+    read, and a folder that cannot be used.
+    """
     check_solver()
     workspace = cell.workspace
     mounts = read_mounts(place_file(workspace, request.mounts), workspace, tuple(cell.model.links))
@@ -135,12 +143,18 @@ def find_placement(
         tasks=tuple(read_task(text, workspace) for text in _tasks(request, workspace)),
         mounts=mounts,
         demand=demand,
-        sampling=sampling,
+        sampling=means.sampling,
         keep=_keep(request, workspace),
         fastest=request.ways == "fastest",
-        verdicts=LocalVerdicts(jobs),
     )
-    return CellPlacement(found=Placer(question, progress).place(), wish=wish)
+    with closing(Results(means.out)) as results:
+        verdicts: Verdicts = LocalVerdicts(cell, means.jobs)
+        if means.cluster is not None:
+            verdicts = ClusterVerdicts(means.cluster, workspace, cell.seed)
+        if results.folder is not None:
+            verdicts = KeptVerdicts(results, workspace, cell.seed, verdicts)
+        placer = Placer(replace(question, verdicts=verdicts), progress, watch)
+        return CellPlacement(found=placer.place(), wish=wish)
 
 
 def _demand(request: PlaceRequest) -> tuple[Wish | None, Demand]:

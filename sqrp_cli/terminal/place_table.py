@@ -2,12 +2,30 @@
 
 from __future__ import annotations
 
+from time import monotonic
+
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.report.documents.placing import PlaceDocument, in_words
-from sqrp_cli.terminal.console import Column, joined, print_table, say, say_command
+from sqrp_cli.terminal.console import Column, joined, note, print_table, say, say_command
+from sqrp_cli.terminal.progress_lines import PERIOD, wanted
 
 MOST_UNSEEN = 8
 """Most targets that are named where a wish cannot be met."""
+
+
+class Bounds:
+    """Lines on stderr about a search that is long: what is sought, the best so far, and the bound."""
+
+    def __init__(self) -> None:
+        """The first line comes after a while."""
+        self._told = monotonic()
+
+    def __call__(self, title: str, best: float | None, bound: float) -> None:
+        """Tell it, if the last line is old enough."""
+        if wanted.get() and monotonic() - self._told >= PERIOD:
+            self._told = monotonic()
+            known = "none" if best is None else f"{abs(best):.4g}"
+            note(f"{title}: best so far {known}, bound {abs(bound):.4g}")
 
 
 def print_placement(found: PlaceDocument, wish: Wish | None) -> None:

@@ -8,8 +8,10 @@ from typing import Annotated
 import typer
 
 from sqrp_cli.cli.options import (
+    Cluster,
     Jobs,
     Json,
+    Out,
     SampleCount,
     SampleStep,
     Seed,
@@ -70,6 +72,8 @@ def command(
     patch: Annotated[
         Path | None, typer.Option("--patch", metavar="FILE", help="Write a patch of the workspace with these cameras.")
     ] = None,
+    out: Out = None,
+    cluster: Cluster = None,
     samples: SampleCount = None,
     dt: SampleStep = None,
     tolerance: Tolerance = None,
@@ -82,30 +86,31 @@ def command(
     The mounts and lenses to choose from are in the file place.yaml beside the workspace.
     """
     from sqrp_cli.api.arguments import WAYS
-    from sqrp_cli.api.placing import PlaceRequest
+    from sqrp_cli.api.placing import PlaceRequest, find_placement
+    from sqrp_cli.scoring.work.cluster import connected
+    from sqrp_cli.scoring.work.compute import Means
     from sqrp_cli.terminal.console import note, progress
+    from sqrp_cli.terminal.place_table import Bounds
 
     sampling = read_sampling(samples, dt, tolerance)
     if patch is not None:
         check_patch(patch, MARK, "of `sqrp place`")
     cell = open_with_warnings(workspace, seed)
     check_not_read([patch], [mounts, *(file.path for file in cell.workspace.files.values())])
-    found = cell.place_for(
-        PlaceRequest(
-            tasks=tasks or (),
-            cameras=cameras,
-            want=want,
-            objective=objective,
-            survive=survive,
-            keep=keep or (),
-            budget=budget,
-            ways=read_ways(ways, WAYS).wanted,
-            mounts=mounts,
-        ),
-        sampling=sampling,
-        jobs=job_count(jobs),
-        progress=progress,
+    request = PlaceRequest(
+        tasks=tasks or (),
+        cameras=cameras,
+        want=want,
+        objective=objective,
+        survive=survive,
+        keep=keep or (),
+        budget=budget,
+        ways=read_ways(ways, WAYS).wanted,
+        mounts=mounts,
     )
+    with connected(cluster, note) as workers:
+        means = Means(sampling, job_count(jobs), workers, out, seed)
+        found = find_placement(cell.cell, request, means=means, progress=progress, watch=Bounds())
     if patch is not None and found.patch:
         write_atomically(patch, f"{MARK}\n{found.patch}")
         note(f"the patch is in {patch}")

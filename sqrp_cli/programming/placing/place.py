@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import count
-from typing import Protocol
 
 import numpy as np
 
@@ -16,7 +15,6 @@ from sqrp_cli.knowledge.camera.camera import Camera, image_of
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.knowledge.workspace.mounts import LensChoice, MountEntry, Mounts, Spot
 from sqrp_cli.knowledge.workspace.workspace import World
-from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Rehearsal, Study, observed
 from sqrp_cli.programming.coverage.sampling import Sampling
@@ -26,7 +24,7 @@ from sqrp_cli.programming.placing.cover import Cover
 from sqrp_cli.programming.placing.problem import Choice, Demand, Hiding, Placing, Worth, qualities_with_each, worth_of
 from sqrp_cli.programming.placing.room import blocked, hidden_by, pairs_apart
 from sqrp_cli.programming.placing.scenes import JudgedWay, judged, middle_of, varied
-from sqrp_cli.programming.placing.tensor import Portion, joined_items, portions, seen_by
+from sqrp_cli.programming.placing.tensor import LocalVerdicts, Verdicts, joined_items, portions
 from sqrp_cli.programming.placing.views import Option, View, camera_of, options_of, price_of, views_of
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.task import Candidate, Task
@@ -52,28 +50,6 @@ Told = Callable[[str, float | None, float], None]
 """Told what a search seeks, the best value so far if there is one, and the bound."""
 
 
-class Verdicts(Protocol):
-    """Where verdicts come from: processes, a cluster, or a run before this one."""
-
-    def of(
-        self, work: Callable[[Portion], Mask], parts: Sequence[Portion], ways: Sequence[JudgedWay]
-    ) -> Iterator[Mask]:
-        """The verdicts of every portion, in order."""
-
-
-@dataclass(frozen=True)
-class LocalVerdicts:
-    """Processes of this machine."""
-
-    jobs: int = 1
-
-    def of(
-        self, work: Callable[[Portion], Mask], parts: Sequence[Portion], _ways: Sequence[JudgedWay]
-    ) -> Iterator[Mask]:
-        """See `Verdicts`."""
-        yield from in_processes(work, parts, min(self.jobs, len(parts)))
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PlaceQuestion:
     """Which cameras are wanted, and for what."""
@@ -88,7 +64,8 @@ class PlaceQuestion:
     """Cameras of the workspace that stay."""
     fastest: bool = False
     """Whether candidates keep their fastest ways, or ways are chosen, too."""
-    verdicts: Verdicts = field(default_factory=LocalVerdicts)
+    verdicts: Verdicts | None = None
+    """Where verdicts come from; None: this process."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -341,19 +318,20 @@ class Placer:
     def _verdicts(self, ways: Sequence[JudgedWay]) -> list[Mask]:
         """Which options see which items of some ways."""
         question = self.question
-
-        def work(part: Portion) -> Mask:
-            views = self.views[part.first : part.last]
-            return seen_by(question.cell, ways[part.way], self.spots, views, self.lenses)
-
-        parts = portions(len(ways), len(self.views))
-        found: list[list[Mask]] = [[] for _ in ways]
+        verdicts = question.verdicts or LocalVerdicts(question.cell)
+        parts = [part for way in ways for part in portions(way, self.spots, self.views, self.lenses)]
+        found: dict[int, Mask] = {}
         with self._progress("Looking from every mount", len(parts)) as advance:
-            for part, sees in zip(parts, question.verdicts.of(work, parts, ways), strict=True):
-                found[part.way].append(sees)
+
+            def done(number: int, sees: Mask) -> None:
+                found[number] = sees
                 advance(1)
+
+            verdicts.of(parts, done)
+        each = len(parts) // max(1, len(ways))
+        by_way = [[found[first + number] for number in range(each)] for first in range(0, len(parts), each or 1)]
         view, lens = np.array([o.view for o in self.options]), np.array([o.lens for o in self.options])
-        return [np.concatenate(of_way, axis=1)[lens, view] for of_way in found]
+        return [np.concatenate(of_way, axis=1)[lens, view] for of_way in by_way]
 
     def problem(self) -> Placing:
         """The problem of choosing, at the samples so far."""

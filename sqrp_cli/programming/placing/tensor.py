@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import groupby
+from typing import Protocol
 
 import numpy as np
 
 from sqrp_cli.geometry import Indices, Mask
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.workspace.mounts import LensChoice, Spot
+from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.placing.scenes import JudgedWay
 from sqrp_cli.programming.placing.views import View, camera_of
@@ -25,18 +27,53 @@ TOGETHER = 24
 class Portion:
     """A piece of the work: what some poses, with all lenses, see in a way."""
 
-    way: int
-    """Index of the way."""
-    first: int
-    last: int
-    """The poses, by index, the last one excluded."""
+    way: JudgedWay
+    spots: tuple[Spot, ...]
+    """Those of the poses."""
+    views: tuple[View, ...]
+    """Their places are indices into `spots`."""
+    lenses: tuple[LensChoice, ...]
+
+    def seen(self, cell: Cell) -> Mask:
+        """Whether each pose with each lens sees each item of the way, shape (lenses, views, items)."""
+        return seen_by(cell, self.way, self.spots, self.views, self.lenses)
 
 
-def portions(ways: int, views: int) -> list[Portion]:
-    """All of the work."""
-    return [
-        Portion(way, first, min(first + TOGETHER, views)) for way in range(ways) for first in range(0, views, TOGETHER)
-    ]
+def portions(
+    way: JudgedWay, spots: Sequence[Spot], views: Sequence[View], lenses: Sequence[LensChoice]
+) -> list[Portion]:
+    """All of the work for a way."""
+    found = []
+    for first in range(0, len(views), TOGETHER):
+        some = views[first : first + TOGETHER]
+        own = sorted({view.spot for view in some})
+        renamed = tuple(replace(view, spot=own.index(view.spot)) for view in some)
+        found.append(Portion(way, tuple(spots[place] for place in own), renamed, tuple(lenses)))
+    return found
+
+
+class Verdicts(Protocol):
+    """Where verdicts come from: processes, a cluster, or a run before this one."""
+
+    def of(self, parts: Sequence[Portion], done: Callable[[int, Mask], None]) -> None:
+        """Call `done` with the number of every portion, in any order, and what it sees."""
+
+
+@dataclass(frozen=True, eq=False)
+class LocalVerdicts:
+    """Processes of this machine."""
+
+    cell: Cell
+    jobs: int = 1
+
+    def of(self, parts: Sequence[Portion], done: Callable[[int, Mask], None]) -> None:
+        """See `Verdicts`."""
+
+        def work(part: Portion) -> Mask:
+            return part.seen(self.cell)
+
+        for number, sees in enumerate(in_processes(work, parts, min(self.jobs, len(parts)))):
+            done(number, sees)
 
 
 def seen_by(

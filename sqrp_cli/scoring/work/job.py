@@ -68,6 +68,10 @@ class Job:
     coverage: bool
     """Whether their coverage is wanted besides their figures."""
 
+    def done_in(self, cell: Cell) -> tuple[str, ...]:
+        """The outcome of each candidate, as text."""
+        return tuple(_outcome(cell, self, candidate).to_text() for candidate in self.candidates)
+
     def goes_with(self, other: Job) -> bool:
         """Whether another job of the same run can be done together with this one."""
         return (self.content, self.coverage) == (other.content, other.coverage) and (
@@ -88,8 +92,7 @@ def run_job(job: Job, placed: Callable[[Workspace], Workspace] | None = None) ->
     Raises InputError for meshes or a sampling that cannot be used.
     """
     with _one_at_a_time:  # a cell has working memory of its own, and a cluster may run threads
-        cell = _cell(job, placed)
-        return tuple(_outcome(cell, job, candidate).to_text() for candidate in job.candidates)
+        return job.done_in(_cell(job, placed))
 
 
 def _outcome(cell: Cell, job: Job, candidate: Candidate) -> Outcome:

@@ -1,0 +1,195 @@
+"""What mounts see, computed by a cluster, and kept in a folder from which the same search can resume."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from sqrp_cli.errors import Infeasible, InputError
+from sqrp_cli.geometry import Mask
+from sqrp_cli.knowledge.workspace.mounts import LensChoice, Spot
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import rehearsal
+from sqrp_cli.programming.coverage.stage import Samples
+from sqrp_cli.programming.feasibility import feasible_motion
+from sqrp_cli.programming.placing.scenes import JudgedWay
+from sqrp_cli.programming.placing.tensor import Portion, Verdicts, seen_by
+from sqrp_cli.programming.placing.views import View
+from sqrp_cli.programming.task import Candidate
+from sqrp_cli.scoring.work.cluster import Cluster, DaskWorkers
+from sqrp_cli.scoring.work.dispatcher import Dispatcher, Done
+from sqrp_cli.scoring.work.identity import digest_of, program_digest
+from sqrp_cli.scoring.work.job import Job, PackedWorkspace
+from sqrp_cli.scoring.work.results import Results
+from sqrp_cli.shown import json_line
+
+
+@dataclass(frozen=True, eq=False)
+class LookJob(Job):
+    """A portion of looks, for a worker that plans the same motion again."""
+
+    task: str = ""
+    samples: Samples | None = None
+    spots: tuple[Spot, ...] = ()
+    views: tuple[View, ...] = ()
+    lenses: tuple[LensChoice, ...] = ()
+
+    def goes_with(self, other: Job) -> bool:  # noqa: ARG002 - each is large enough
+        """See `Job`."""
+        return False
+
+    def done_in(self, cell: Cell) -> tuple[str, ...]:
+        """What the portion sees, as text."""
+        (way,), world = self.candidates, cell.initial_world
+        motion = feasible_motion(cell, way, world)
+        if isinstance(motion, Infeasible) or self.samples is None:
+            raise ValueError(f"{way.name} was feasible a moment ago")
+        judged = JudgedWay(self.task, way, rehearsal(cell, way, world, motion), self.samples)
+        return (as_line(seen_by(cell, judged, self.spots, self.views, self.lenses)),)
+
+
+@dataclass(frozen=True, eq=False)
+class ClusterVerdicts:
+    """The workers of a Dask cluster; see `tensor.Verdicts`."""
+
+    cluster: Cluster
+    workspace: Workspace
+    seed: int
+
+    def of(self, parts: Sequence[Portion], done: Callable[[int, Mask], None]) -> None:
+        """See `Verdicts`. Raises InputError if a portion cannot be computed, or no worker is left."""
+        packed = PackedWorkspace.of(self.workspace)
+        jobs = [self._job(packed, part) for part in parts]
+        number = {id(job): index for index, job in enumerate(jobs)}
+
+        def keep(finished: Done) -> None:
+            if finished.problems:
+                raise InputError(*finished.problems)
+            sees = from_line(finished.outcomes[0])
+            assert sees is not None  # noqa: S101 - it was written a moment ago
+            done(number[id(finished.job)], sees)
+
+        with closing(DaskWorkers(self.cluster)) as workers:
+            dispatcher = Dispatcher(workers, keep)
+            try:
+                dispatcher.add(jobs)
+                dispatcher.finish()
+            except KeyboardInterrupt:
+                dispatcher.give_up()
+                raise
+
+    def _job(self, packed: PackedWorkspace, part: Portion) -> LookJob:
+        from sqrp_cli.programming.coverage.sampling import Adaptive
+
+        return LookJob(
+            workspace=packed,
+            content="",
+            candidates=(part.way.scene.candidate,),
+            sampling=Adaptive(),
+            seed=self.seed,
+            coverage=False,
+            task=part.way.task,
+            samples=part.way.samples,
+            spots=part.spots,
+            views=part.views,
+            lenses=part.lenses,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class KeptVerdicts:
+    """Verdicts that a folder keeps; only those that it does not have are computed."""
+
+    results: Results
+    workspace: Workspace
+    seed: int
+    others: Verdicts
+
+    def of(self, parts: Sequence[Portion], done: Callable[[int, Mask], None]) -> None:
+        """See `Verdicts`. Raises InputError where one cannot be written."""
+        keys = [self._key(part) for part in parts]
+        missing = []
+        for number, (key, part) in enumerate(zip(keys, parts, strict=True)):
+            text = self.results.get(key)
+            sees = None if text is None else from_line(text)
+            if sees is None or sees.shape != (len(part.lenses), len(part.views), len(part.way.items[0])):
+                missing.append(number)
+            else:
+                done(number, sees)
+
+        def keep(index: int, sees: Mask) -> None:
+            self.results.keep(keys[missing[index]], as_line(sees))
+            done(missing[index], sees)
+
+        if missing:
+            self.others.of([parts[number] for number in missing], keep)
+
+    def _key(self, part: Portion) -> str:
+        """Digest of all that the verdicts depend on."""
+        way = part.way.scene.candidate
+        return digest_of(
+            [
+                program_digest(),
+                "place",
+                self.workspace.digest,
+                self.seed,
+                _way(way),
+                part.way.samples.piece.tolist(),
+                part.way.samples.t.tolist(),
+                [[spot.frame, spot.position.tolist(), [lens.name for lens in spot.lenses]] for spot in part.spots],
+                [[view.spot, view.X_FC.tolist()] for view in part.views],
+                [_lens(lens) for lens in part.lenses],
+            ]
+        )
+
+
+def _way(way: Candidate) -> list[object]:
+    vias = {name: via.tolist() for name, via in way.vias.items()}
+    return [way.skill.name, dict(way.binding), dict(way.values), dict(way.branch), vias]
+
+
+def _lens(lens: LensChoice) -> list[object]:
+    own = lens.intrinsics
+    sensing = [getattr(lens, part.name) for part in fields(lens) if isinstance(getattr(lens, part.name), float)]
+    return [
+        lens.name,
+        own.width,
+        own.height,
+        own.matrix.tolist(),
+        own.distortion_model,
+        own.distortion.tolist(),
+        sensing,
+    ]
+
+
+def as_line(sees: Mask) -> str:
+    """Verdicts as a line of JSON."""
+    bits = base64.b64encode(np.packbits(sees).tobytes()).decode()
+    document: Mapping[str, object] = {"shape": list(sees.shape), "bits": bits}
+    return json_line({**document, "checksum": _checksum(document)}) + "\n"
+
+
+def from_line(text: str) -> Mask | None:
+    """The verdicts that `as_line` wrote; None for any other text."""
+    try:
+        document = json.loads(text)
+        known = document.pop("checksum")
+        if known != _checksum(document):
+            return None
+        shape = tuple(document["shape"])
+        bits = np.frombuffer(base64.b64decode(document["bits"]), dtype=np.uint8)
+        sees: Mask = np.unpackbits(bits, count=int(np.prod(shape))).astype(bool).reshape(shape)
+    except (ValueError, LookupError, TypeError, AttributeError):
+        return None
+    return sees
+
+
+def _checksum(document: Mapping[str, object]) -> str:
+    return hashlib.sha256(json_line(document).encode()).hexdigest()
