@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.programming.placing.cover import NEVER, CoveredWay, FaultSamples
-from sqrp_cli.programming.placing.problem import Choice, Demand, Placing, greedy, worth_of
+from sqrp_cli.programming.placing.problem import Choice, Demand, Placing, improved, worth_of
 from sqrp_cli.programming.placing.solver import LinearProgram, Solution, Terms, Watch
 
 SLACK = 1e-7
 """By how much a later aim may worsen an earlier one: figures of the solver are rounded."""
+
+_MOST_TRIED = 8
+"""Most cameras that are tried to find a first choice which meets a wish."""
 
 _QUALITIES = ("q_eoi", "q_avg")
 
@@ -31,6 +35,15 @@ class Chosen:
     fewest: int | None = None
     """With a wish: no fewer cameras than this meet it."""
     interrupted: bool = False
+
+
+class _Aim(NamedTuple):
+    """Something to maximize."""
+
+    title: str
+    terms: Terms
+    ideal: float
+    """It is never more."""
 
 
 class Search:
@@ -57,8 +70,8 @@ class Search:
         demand, fewest = self._demand, None
         if demand.wish is not None:
             self._wish()
-            if self._known is not None and self._meets(self._known):
-                self._values = self._parts.values_of(self._known)
+            known = next((choice for choice in self._candidates() if self._meets(choice)), None)
+            self._values = None if known is None else self._parts.values_of(known)
             count = self._next("fewest cameras", dict.fromkeys(self._parts.free.values(), -1.0))
             if self._values is None:
                 return Chosen(choice=None, bound=0.0, proven=self._proven, interrupted=self._interrupted)
@@ -67,19 +80,14 @@ class Search:
         else:
             self._start()
         first = self._parts.least if demand.objective == "least" else self._parts.mean
-        found = self._next(f"{demand.objective} Q", first)
-        bound = min(1.0, found.bound)
+        bound = self._first_bound(first)
         self._hold(first)
         if not self._interrupted:
             self._shorten_delay()
-        for title, terms in (
-            ("price", {x: -float(self._problem.price[o]) for o, x in self._parts.free.items()}),
-            ("fewest cameras", dict.fromkeys(self._parts.free.values(), -1.0)),
-            ("mean Q", self._parts.mean),
-        ):
-            if not self._interrupted and any(terms.values()):
-                self._next(title, terms)
-                self._hold(terms)
+        for aim in self._further():
+            if not self._interrupted and self._may_improve(aim):
+                self._next(aim.title, aim.terms)
+            self._hold(aim.terms)
         return Chosen(
             choice=self._choice(),
             bound=bound,
@@ -92,13 +100,35 @@ class Search:
         """The best choice as far as the first aim is concerned."""
         self._start()
         first = self._parts.least if self._demand.objective == "least" else self._parts.mean
-        found = self._next(f"{self._demand.objective} Q", first)
+        bound = self._first_bound(first)
         return Chosen(
             choice=self._choice(),
-            bound=min(1.0, found.bound),
+            bound=bound,
             proven=self._proven,
             interrupted=self._interrupted,
         )
+
+    def _first_bound(self, first: Terms) -> float:
+        """Improve the quality that counts first, unless it is perfect already; its bound."""
+        if self._values is not None and self._value(first) >= 1.0 - SLACK:
+            return 1.0
+        return min(1.0, self._next(f"{self._demand.objective} Q", first).bound)
+
+    def _further(self) -> Iterator[_Aim]:
+        """The aims after quality and delay, each with a value that nothing exceeds."""
+        free, price = self._parts.free, self._problem.price
+        needed = bool(self._choice().options) and not self._problem.kept  # without cameras nothing is seen
+        cheapest = float(min(price[option] for option in free)) if free and needed else 0.0
+        yield _Aim("price", {x: -float(price[option]) for option, x in free.items()}, -cheapest)
+        yield _Aim("fewest cameras", dict.fromkeys(free.values(), -1.0), -1.0 if needed else 0.0)
+        yield _Aim("mean Q", self._parts.mean, 1.0)
+
+    def _may_improve(self, aim: _Aim) -> bool:
+        return any(aim.terms.values()) and self._value(aim.terms) < aim.ideal - SLACK
+
+    def _value(self, terms: Terms) -> float:
+        values = self._values
+        return -np.inf if values is None else float(sum(factor * values[n] for n, factor in terms.items()))
 
     def _next(self, title: str, terms: Terms) -> Solution:
         """Improve one aim; keeps the values if there are better ones."""
@@ -142,10 +172,17 @@ class Search:
         """Begin with the greedy choice: so there is one whenever the search is ended."""
         problem, demand = self._problem, self._demand
         most = demand.most if demand.most is not None else len(self._parts.free)
-        known = [greedy(problem, demand, most)]
+        known = [improved(problem, demand, most)]
         known += [] if self._known is None or len(self._known.options) > most else [self._known]
         best = max(known, key=lambda choice: worth_of(problem, choice).of(demand.objective))
         self._values = self._parts.values_of(best)
+
+    def _candidates(self) -> Iterator[Choice]:
+        """Choices that may meet the wish."""
+        if self._known is not None:
+            yield self._known
+        most = self._demand.most if self._demand.most is not None else _MOST_TRIED
+        yield from (improved(self._problem, self._demand, count) for count in range(1, most + 1))
 
     def _meets(self, choice: Choice) -> bool:
         """Whether a choice reaches what is wished for."""
@@ -201,6 +238,9 @@ class Search:
 
     def _shorten_delay(self) -> None:
         """The shortest longest delay, by bisection over the values that it can have; each step is a program."""
+        shortest = min(self._problem.cover.responses, default=0.0)
+        if self._delay() <= shortest + SLACK and not any(map(self._may_improve, self._further())):
+            return
         low, high = 0, len(values := self._delays()) - 1
         if high < 0:
             return

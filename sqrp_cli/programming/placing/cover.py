@@ -8,7 +8,7 @@ both are covered.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -101,6 +101,18 @@ class RowTable:
         """All rows, shape (rows, options)."""
         return np.array(self.sees, dtype=bool)
 
+    def implied(self) -> Mask:
+        """Whether a row (first axis) is covered whenever another one (second axis) is, shape (rows, rows).
+
+        Of equal rows only the first one implies the others.
+        """
+        if not self.sees:
+            return np.zeros((0, 0), dtype=bool)
+        sees, needed = self.matrix.astype(np.float32), np.array(self.needed)
+        implied: Mask = (sees @ (1.0 - sees).T < 0.5).T & (needed[:, None] <= needed[None])
+        np.fill_diagonal(implied, val=False)
+        return implied
+
     def covered(self, chosen: Sequence[int]) -> Mask:
         """Which rows a choice of options covers, shape (rows,)."""
         if not self.sees:
@@ -135,7 +147,8 @@ class Cover:
             covered.append(
                 CoveredWay(way, number, tuple(_groups(way, rows[-1])), tuple(_faults(way, [*map(np.array, rows)])))
             )
-        return cls(tuple(covered), table, tiers)
+        implied = table.implied()
+        return cls(tuple(replace(way, groups=_without(way.groups, implied)) for way in covered), table, tiers)
 
     def quality(self, way: CoveredWay, covered: Mask) -> tuple[float | None, float | None]:
         """Q_eoi and Q_avg of a way if some rows are covered, shape (rows,)."""
@@ -189,6 +202,21 @@ def _groups(way: JudgedWay, rows: Sequence[int]) -> list[Group]:
         seconds, of_interest = found.get(key, (0.0, 0.0))
         found[key] = seconds + step, of_interest + step * pieces[piece[sample]].of_interest
     return [Group(key, *times) for key, times in found.items() if times[0] > 0]
+
+
+def _without(groups: Sequence[Group], implied: Mask) -> tuple[Group, ...]:
+    """The groups without rows that others of theirs imply; those that are then equal as one."""
+    found: dict[tuple[int, ...], tuple[float, float]] = {}
+    for group in groups:
+        rows = group.rows
+        if NEVER in rows:
+            rows = (NEVER,)
+        elif len(rows) > 1:
+            among: Mask = np.any(implied[np.ix_(rows, rows)], axis=1, keepdims=True)
+            rows = tuple(row for row, is_implied in zip(rows, among[:, 0].tolist(), strict=True) if not is_implied)
+        seconds, of_interest = found.get(rows, (0.0, 0.0))
+        found[rows] = seconds + group.seconds, of_interest + group.of_interest
+    return tuple(Group(rows, *times) for rows, times in found.items())
 
 
 def _faults(way: JudgedWay, rows: Sequence[Indices]) -> list[FaultSamples]:

@@ -21,7 +21,7 @@ from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.placing.choose import Chosen, Search
 from sqrp_cli.programming.placing.cover import Cover
-from sqrp_cli.programming.placing.problem import Choice, Demand, Hiding, Placing, Worth, qualities_with_each, worth_of
+from sqrp_cli.programming.placing.problem import Choice, Demand, Hiding, Placing, Worth, qualities_alone, worth_of
 from sqrp_cli.programming.placing.room import blocked, hidden_by, pairs_apart
 from sqrp_cli.programming.placing.scenes import JudgedWay, judged, middle_of, varied
 from sqrp_cli.programming.placing.tensor import LocalVerdicts, Verdicts, joined_items, portions
@@ -475,8 +475,7 @@ class Placer:
     def _seen_alone(self, problem: Placing) -> Array:
         """See `Placement.seen`."""
         found = np.zeros(len(self.question.mounts.spots))
-        ways = tuple(of_one[0] for of_one in problem.candidates)
-        _, mean = qualities_with_each(replace(problem, kept=frozenset()), ways, ())
+        mean = np.maximum(qualities_alone(replace(problem, kept=frozenset())), 0.0)
         np.maximum.at(found, problem.spot[: len(problem.spot) - len(self.kept)], mean[: len(mean) - len(self.kept)])
         return found
 

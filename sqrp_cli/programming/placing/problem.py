@@ -10,7 +10,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.programming.advice.wish import Wish
-from sqrp_cli.programming.placing.cover import Cover, CoveredWay
+from sqrp_cli.programming.placing.cover import NEVER, Cover, CoveredWay
 
 Objective = Literal["least", "mean"]
 OBJECTIVES: tuple[Objective, ...] = ("least", "mean")
@@ -126,76 +126,150 @@ def worth_of(problem: Placing, choice: Choice) -> Worth:
 
 
 def greedy(problem: Placing, demand: Demand, most: int) -> Choice:
-    """Cameras one by one, each the one that helps most, with the first way of every candidate that they allow.
+    """Cameras one by one, each the one that helps most, with the ways that are best for them.
 
-    It is where the exact search begins.
+    It shows what the exact search gains.
     """
-    options: list[int] = []
-    ways = tuple(of_one[0] for of_one in problem.candidates)
-    gain = _Gain(problem, ways)
+    gain, options = _Gain(problem, demand), list[int]()
     while len(options) < most:
-        allowed = _allowed(problem, demand, options, ways)
-        if not allowed.any():
+        better = gain.best_with(options)
+        if better is None:
             break
-        least, mean = gain.with_each([*options, *sorted(problem.kept)])
-        first, second = (least, mean) if demand.objective == "least" else (mean, least)
-        order = np.lexsort((problem.price, -np.round(second, 9), -np.round(first, 9), ~allowed))
-        options.append(int(order[0]))
-        if least[order[0]] >= 1.0:
+        options.append(better)
+        if gain.worth(options)[0] >= 1.0:
             break
-    return Choice(tuple(sorted(options)), ways)
+    return gain.choice(options)
 
 
-def _allowed(problem: Placing, demand: Demand, options: Sequence[int], ways: Sequence[int]) -> Mask:
-    """Which options may be added."""
-    taken = set(problem.spot[list(options)].tolist())
-    shut = taken | {b for a, b in problem.apart if a in taken} | {a for a, b in problem.apart if b in taken}
-    shut |= {place for place, way in problem.blocked if way in ways}
-    for hiding in problem.hiding:
-        shut |= {hiding.place} if set(hiding.options) & set(options) and hiding.way in ways else set()
-    allowed = ~np.isin(problem.spot, sorted(shut))
-    for hiding in problem.hiding:
-        if hiding.place in taken and hiding.way in ways:
-            allowed[list(hiding.options)] = False
-    allowed[sorted(problem.kept)] = False
-    if demand.budget is not None:
-        spent = float(problem.price[list(options)].sum())
-        allowed &= problem.price <= demand.budget - spent + 1e-9
-    return allowed
+def improved(problem: Placing, demand: Demand, most: int) -> Choice:
+    """The greedy choice, with cameras exchanged one by one as long as that helps: where the exact search begins."""
+    gain = _Gain(problem, demand)
+    options = list(greedy(problem, demand, most).options)
+    worth = gain.worth(options)
+    for _ in range(_EXCHANGES):
+        for place in range(len(options)):
+            others = [*options[:place], *options[place + 1 :]]
+            better = gain.best_with(others)
+            if better is not None and gain.worth([*others, better]) > worth:
+                options = [*others, better]
+                worth = gain.worth(options)
+                break
+        else:
+            break
+    return gain.choice(options)
 
 
-def qualities_with_each(problem: Placing, ways: Sequence[int], chosen: Sequence[int]) -> tuple[Array, Array]:
-    """The least quality and the mean with each option besides the chosen ones, shape (options,) each."""
-    return _Gain(problem, ways).with_each(chosen)
+_EXCHANGES = 20
+"""Most exchanges of one camera by another one, to find a start."""
+
+
+def qualities_alone(problem: Placing) -> Array:
+    """The mean quality of all candidates with each option alone, in its best ways, shape (options,)."""
+    gain = _Gain(problem, Demand(objective="mean"))
+    return gain.with_each([])[0]
 
 
 class _Gain:
     """What each option would add to others, for all options at once."""
 
-    def __init__(self, problem: Placing, ways: Sequence[int]) -> None:
+    def __init__(self, problem: Placing, demand: Demand) -> None:
         table = problem.cover.table
-        self._matrix = table.matrix.astype(np.int64).reshape(-1, problem.count)
-        self._needed = np.array(table.needed, dtype=np.int64)[:, None]
-        self._weights = problem.weights
-        self._parts: list[tuple[Array, Array]] = []
-        for number in ways:
-            way = problem.cover.ways[number]
-            groups = [group for group in way.groups if -1 not in group.rows]
-            incidence = np.zeros((len(groups), len(self._matrix)))
-            for index, group in enumerate(groups):
-                incidence[index, list(group.rows)] = 1.0
-            lengths = [[g.of_interest / way.T_eoi for g in groups]] if way.T_eoi > 0 else []
-            lengths += [[g.seconds / way.T for g in groups]] if way.T > 0 else []
-            self._parts.append((incidence, np.array(lengths).reshape(len(lengths), len(groups))))
+        self._problem, self._demand = problem, demand
+        self._matrix = table.matrix.reshape(-1, problem.count).astype(np.int16)
+        self._needed = np.array(table.needed, dtype=np.int16)[:, None]
+        self._parts = [self._part(way) for way in problem.cover.ways]
+        self._shut = np.zeros((len(problem.cover.ways), problem.count), dtype=bool)
+        for place, way in problem.blocked:
+            self._shut[way] |= problem.spot == place
+
+    @staticmethod
+    def _part(way: CoveredWay) -> tuple[Indices, Indices, Array, bool]:
+        """Of a way: the rows of all groups in a row, where each group begins, and what each is worth."""
+        groups = [group for group in way.groups if NEVER not in group.rows]
+        rows = np.array([row for group in groups for row in group.rows], dtype=np.int64)
+        begins = np.cumsum([0, *(len(group.rows) for group in groups)])[:-1]
+        shares = [[g.of_interest / way.T_eoi for g in groups]] if way.T_eoi > 0 else []
+        shares += [[g.seconds / way.T for g in groups]] if way.T > 0 else []
+        return rows, begins, np.array(shares).reshape(len(shares), len(groups)), bool(shares)
+
+    def _qualities(self, seen: Array) -> list[tuple[Array, Array]]:
+        """The least and the mean quality of each way, for several sets of cameras, (sets,) each; seen: (rows, sets)."""
+        missing, found = seen < self._needed, []
+        for rows, begins, shares, asked in self._parts:
+            if not asked:
+                found.append((np.ones(seen.shape[1]), np.ones(seen.shape[1])))
+                continue
+            good = np.zeros((len(begins), seen.shape[1]))
+            if len(begins):
+                good = (~np.logical_or.reduceat(missing[rows], begins, axis=0)).astype(float)
+            qualities = shares @ good
+            found.append((qualities.min(axis=0), qualities.mean(axis=0)))
+        return found
+
+    def _of_all(self, seen: Array, shut: Mask) -> tuple[Array, Array, list[Indices]]:
+        """What counts first and second, for several sets of cameras, and the best way of each candidate.
+
+        shut: whether a camera is in the way, shape (ways, sets).
+        """
+        first_is_least, weights = self._demand.objective == "least", self._problem.weights
+        of_way, least, mean, best = self._qualities(seen), [], [], []
+        for of_one in self._problem.candidates:
+            rough = np.stack([of_way[way][0 if first_is_least else 1] for way in of_one])
+            fine = np.stack([of_way[way][1] for way in of_one])
+            key = np.where(shut[list(of_one)], -1.0, np.round(rough, 9) + 1e-6 * fine)
+            which = key.argmax(axis=0)
+            here = np.arange(seen.shape[1])
+            usable = key[which, here] >= 0
+            least.append(np.where(usable, np.stack([of_way[way][0] for way in of_one])[which, here], -1.0))
+            mean.append(np.where(usable, fine[which, here], -1.0))
+            best.append(np.array(of_one)[which])
+        count, total = seen.shape[1], max(float(weights.sum()), 1e-12)
+        lowest = np.min([*least, np.ones(count)], axis=0)
+        means = np.where(lowest < 0, -1.0, weights @ np.array(mean).reshape(-1, count) / total)
+        return (lowest, means, best) if first_is_least else (means, lowest, best)
 
     def with_each(self, chosen: Sequence[int]) -> tuple[Array, Array]:
-        """The least quality and the mean with each option besides the chosen ones, shape (options,) each."""
-        seen = self._matrix[:, list(chosen)].sum(axis=1)[:, None] + self._matrix
-        seen[:, list(chosen)] = self._matrix[:, list(chosen)].sum(axis=1)[:, None]
-        missing = (seen < self._needed).astype(float)
-        qualities = [lengths @ (incidence @ missing < 0.5) for incidence, lengths in self._parts]
-        count = self._matrix.shape[1]
-        least = np.min(np.concatenate([*qualities, np.ones((1, count))]), axis=0)
-        means = np.array([q.mean(axis=0) if len(q) else np.ones(count) for q in qualities]).reshape(-1, count)
-        total = max(float(self._weights.sum()), 1e-12)
-        return least, self._weights @ means / total
+        """What counts first and second with each option besides the chosen ones and those that stay, (options,)."""
+        fixed = [*chosen, *sorted(self._problem.kept)]
+        seen = self._matrix[:, fixed].sum(axis=1, dtype=np.int16)[:, None] + self._matrix
+        shut = self._shut | np.any(self._shut[:, list(chosen)], axis=1, keepdims=True)
+        first, second, _ = self._of_all(seen, shut)
+        return first, second
+
+    def best_with(self, chosen: Sequence[int]) -> int | None:
+        """The option that helps most besides the chosen ones; None if none may be added."""
+        first, second = self.with_each(chosen)
+        allowed = self._allowed(chosen) & (first >= 0)
+        if not allowed.any():
+            return None
+        order = np.lexsort((self._problem.price, -np.round(second, 9), -np.round(first, 9), ~allowed))
+        return int(order[0])
+
+    def worth(self, chosen: Sequence[int]) -> tuple[float, float]:
+        """What counts first and second with some options and those that stay."""
+        first, second, _ = self._together(chosen)
+        return round(float(first[0]), 9), round(float(second[0]), 9)
+
+    def choice(self, chosen: Sequence[int]) -> Choice:
+        """The options with the best way of each candidate."""
+        _, _, best = self._together(chosen)
+        return Choice(tuple(sorted(chosen)), tuple(int(ways[0]) for ways in best))
+
+    def _together(self, chosen: Sequence[int]) -> tuple[Array, Array, list[Indices]]:
+        seen = self._matrix[:, [*chosen, *sorted(self._problem.kept)]].sum(axis=1, dtype=np.int16)[:, None]
+        return self._of_all(seen, np.any(self._shut[:, list(chosen)], axis=1, keepdims=True))
+
+    def _allowed(self, chosen: Sequence[int]) -> Mask:
+        """Which options may be added."""
+        problem, demand = self._problem, self._demand
+        taken = set(problem.spot[list(chosen)].tolist())
+        shut = taken | {b for a, b in problem.apart if a in taken} | {a for a, b in problem.apart if b in taken}
+        shut |= {hiding.place for hiding in problem.hiding if set(hiding.options) & {*chosen, *problem.kept}}
+        allowed: Mask = ~np.isin(problem.spot, sorted(shut))
+        for hiding in problem.hiding:
+            if hiding.place in taken:
+                allowed[list(hiding.options)] = False
+        allowed[sorted(problem.kept)] = False
+        if demand.budget is not None:
+            allowed &= problem.price <= demand.budget - float(problem.price[list(chosen)].sum()) + 1e-9
+        return allowed
