@@ -16,11 +16,11 @@ all: .venv/installed
 	@touch $@
 
 .venv/run: .venv/rank
-	$(INSTALL) '.[robots,sim,report,xacro]'
+	$(INSTALL) '.[robots,sim,report,xacro,bags]'
 	@touch $@
 
 .venv/installed: .venv/run
-	$(INSTALL) '.[robots,sim,report,place,cluster,planners,xacro,dev]'
+	$(INSTALL) '.[robots,sim,report,place,cluster,planners,xacro,bags,dev]'
 	@touch $@
 
 rank: .venv/rank

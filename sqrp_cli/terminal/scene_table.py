@@ -88,8 +88,10 @@ def print_new_cell(folder: Path, starter: Starter, run: FirstRun | None, *, own_
 def _print_files(cell: Cell) -> None:
     """What was read from which kind of file."""
     for camera in cell.workspace.cameras.values():
-        if camera.lens_file is not None:
-            say(f"{camera.name}: lens from {camera.lens_file}")
+        files = {"lens": camera.lens_file, "pose": camera.pose_file}
+        known = [f"{what} from {file}" for what, file in files.items() if file is not None]
+        if known:
+            say(f"{camera.name}: {', '.join(known)}")
 
 
 def _print_hand(robot: Robot) -> None:

@@ -85,6 +85,8 @@ class Camera(Sensing, Intrinsics):
     """`world`, or the link that carries the camera."""
     X_FC: Array
     """Pose of the optical frame (x right, y down, z forward) in `frame`, shape (4, 4)."""
+    pose_file: str | None = None
+    """Format of the file that says so; None: the workspace does."""
 
     def __post_init__(self) -> None:
         """Raises ValueError for an invalid pose and for figures that are not finite; `far` may be infinite."""
@@ -186,6 +188,16 @@ class CalibrationFile(Stored):
             check_pixels(self.width, self.height)
 
 
+@dataclass(frozen=True, kw_only=True)
+class PoseFile(Stored):
+    """A camera's pose in a file."""
+
+    file: Text
+    """Relative to this file, or package://; of a recording in a folder, the folder."""
+    camera: Text | None = None
+    """The camera's frame, if the file has several, such as `camera_color_optical_frame`."""
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CalibrationEntry(Stored):
     """Where a camera is and how it makes an image: stated, or by files that others wrote."""
@@ -201,8 +213,15 @@ class CalibrationEntry(Stored):
         CameraPose | None, Field(description="Pose of the optical frame (z forward, x right, y down) in `frame`.")
     ] = None
     hand_eye: Annotated[
-        Text | None,
-        Field(description="A result of easy_handeye or easy_handeye2, instead of `pose`; relative to this file."),
+        Annotated[
+            Annotated[PoseFile, Tag("<mapping>")] | Annotated[Text, Tag("<else>")],
+            mapping_or_else(),
+        ]
+        | None,
+        Field(
+            description="A file with the pose, instead of `pose`: of easy_handeye, TF messages, a launch file with a "
+            "static_transform_publisher, or a recording with /tf_static; as `{file, camera}` where it has several."
+        ),
     ] = None
     convention: Annotated[
         Literal["optical", "body"], Field(description="Axes of the stated orientation; body: x forward, y left, z up.")
@@ -221,6 +240,11 @@ class CalibrationEntry(Stored):
             "`{file, camera, width, height}` where it has several cameras or no image size."
         ),
     ] = None
+
+    @property
+    def pose_file(self) -> PoseFile | None:
+        """The file with the pose, if there is one."""
+        return PoseFile(file=self.hand_eye) if isinstance(self.hand_eye, str) else self.hand_eye
 
     @property
     def calibration_file(self) -> CalibrationFile | None:

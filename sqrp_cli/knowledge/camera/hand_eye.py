@@ -1,21 +1,34 @@
-"""Camera poses from hand-eye calibrations, as easy_handeye (ROS 1 and 2) stores them.
+"""Camera poses from the files that people have, recognised by content.
 
-The file says which frame carries the camera: the robot's effector (eye in hand) or its base (eye on base). The stored
-transform is the pose of the tracking frame, usually the camera's optical frame, in that frame.
+These are results of easy_handeye (ROS 1 and 2), static transforms (TF messages in YAML, launch files, commands), and
+recordings with `/tf_static`. easy_handeye says which frame carries the camera: the robot's effector (eye in hand) or
+its base (eye on base); its transform is the pose of the tracking frame, usually the camera's optical frame, in that.
 """
 
 from __future__ import annotations
 
+import re
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.geometry import Array, pose, quaternion_to_matrix, read_only
+from sqrp_cli.geometry import Array, pose, read_only
+from sqrp_cli.knowledge.camera.bag_transforms import is_bag, read_bag
+from sqrp_cli.knowledge.camera.static_transforms import (
+    StaticTransform,
+    TransformEntry,
+    camera_seat,
+    read_launch,
+    read_messages,
+    unit_quaternion,
+)
 from sqrp_cli.knowledge.text.entries import ForeignEntry, Length, Number, Text
+from sqrp_cli.knowledge.text.input_file import decoded, read_input
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.text.validation import validate
-from sqrp_cli.knowledge.text.yaml_file import read_yaml
+from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, parse_yaml
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +43,12 @@ class HandEye:
     """The frame at pose `X_FC` in the link."""
     X_FC: Array
     """Shape (4, 4)."""
-    document: SourceDocument
+    pose_file: str
+    """The format of the file."""
+    content: bytes
+    """What was read of it."""
+    document: SourceDocument | None = None
+    """Its keys and values, of easy_handeye."""
 
 
 class _Parameters(ForeignEntry):
@@ -51,27 +69,9 @@ class _Transformation(ForeignEntry):
     qw: Number
 
 
-class _Translation(ForeignEntry):
-    x: Length
-    y: Length
-    z: Length
-
-
-class _Quaternion(ForeignEntry):
-    x: Number
-    y: Number
-    z: Number
-    w: Number
-
-
-class _Transform(ForeignEntry):
-    translation: _Translation
-    rotation: _Quaternion
-
-
 class _Result(ForeignEntry):
     transformation: _Transformation | None = None
-    transform: _Transform | None = None
+    transform: TransformEntry | None = None
 
 
 class _File(_Result):
@@ -82,17 +82,60 @@ class _FlatFile(_Result, _Parameters):
     """The format of early versions: the parameters beside the transformation."""
 
 
-def read_hand_eye(path: Path) -> HandEye:
-    """The pose in a file of easy_handeye or easy_handeye2.
+_STAMPED = ("transforms", "child_frame_id")
+_KEYS = ("parameters", "transform", "transformation", "tracking_base_frame", "header", *_STAMPED)
 
-    Raises InputError, with the line, for missing keys, values of the wrong kind and a quaternion whose length is not 1.
+
+def read_hand_eye(
+    path: Path, camera: str | None = None, carriers: Collection[str] = (), asked: str = "hand_eye"
+) -> HandEye:
+    """The pose of a camera in a file of one of the formats that this module reads.
+
+    camera: its frame, where the file has several. carriers: frames that may carry it, such as the robot's links; of
+    static transforms one after the other, the camera is in the first of these. asked: the key of the workspace that
+    says so. Raises InputError, with the line, for missing keys, values of the wrong kind, and a quaternion whose length
+    is not 1.
     """
-    document = read_yaml(path, keys=("parameters", "transform", "transformation", "tracking_base_frame"))
+    if is_bag(path):
+        return _seated(read_bag(path), path, camera, carriers, asked, "/tf_static of a recording", None)
+    content = read_input(path, MAX_BYTES)
+    text = decoded(path, content)
+    launched = read_launch(path, content, text)
+    if launched is not None:
+        return _seated(launched, path, camera, carriers, asked, "static_transform_publisher", content)
+    if re.search(r"^\s*child_frame_id:|^transforms:", text, re.MULTILINE):
+        return _seated(read_messages(path, text), path, camera, carriers, asked, "TF messages", content)
+    document = parse_yaml(path, content, keys=_KEYS)
+    if not any(key in document.data for key in _KEYS):
+        message = "found no camera pose; expected a result of easy_handeye, TF messages, a launch file or a recording"
+        raise InputError(Problem("unknown-calibration", message, Place(path)))
     if "tracking_base_frame" in document.data:
         flat = validate(document, _FlatFile)
         return _hand_eye(document, flat, flat, ())
     file = validate(document, _File)
     return _hand_eye(document, file, file.parameters, ("parameters",))
+
+
+def _seated(
+    transforms: Sequence[StaticTransform],
+    path: Path,
+    camera: str | None,
+    carriers: Collection[str],
+    asked: str,
+    pose_file: str,
+    content: bytes | None,
+) -> HandEye:
+    """The pose of a camera among static transforms; content: None for a recording, which may be large."""
+    seat = camera_seat(transforms, path, camera, carriers, asked)
+    read = repr([(one.parent, one.child, one.X_PC.tolist()) for one in transforms]).encode()
+    return HandEye(
+        frame=seat.frame,
+        place=seat.place,
+        camera_frame=seat.camera_frame,
+        X_FC=seat.X_FC,
+        pose_file=pose_file,
+        content=read if content is None else content,
+    )
 
 
 def _hand_eye(document: SourceDocument, result: _Result, parameters: _Parameters, owner: KeyPath) -> HandEye:
@@ -106,6 +149,8 @@ def _hand_eye(document: SourceDocument, result: _Result, parameters: _Parameters
         place=document.value_place((*owner, key)),
         camera_frame=parameters.tracking_base_frame,
         X_FC=_pose(document, result),
+        pose_file="easy_handeye",
+        content=document.content,
         document=document,
     )
 
@@ -133,9 +178,9 @@ def _pose(document: SourceDocument, file: _Result) -> Array:
         position, quaternion, path = (f.x, f.y, f.z), (f.qx, f.qy, f.qz, f.qw), ("transformation",)
     else:
         raise _lacks(document, (), "`transform` (easy_handeye2) or `transformation` (easy_handeye)")
-    length = sum(value * value for value in quaternion) ** 0.5
-    if abs(length - 1.0) > 0.01:
-        raise InputError(
-            document.problem("not-a-rotation", path, f"the quaternion has length {length:.3g}, expected 1")
-        )
-    return read_only(pose(quaternion_to_matrix(quaternion), position))
+    R = unit_quaternion(quaternion)
+    if R is None:
+        length = sum(value * value for value in quaternion) ** 0.5
+        message = f"the quaternion has length {length:.3g}, expected 1"
+        raise InputError(document.problem("not-a-rotation", path, message))
+    return read_only(pose(R, position))

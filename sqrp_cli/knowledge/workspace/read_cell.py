@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, pose, read_only
+from sqrp_cli.knowledge.camera.bag_transforms import METADATA
 from sqrp_cli.knowledge.camera.calibration import check_distortion, doubtful_projection, read_calibration
 from sqrp_cli.knowledge.camera.camera import Camera, CameraEntry
 from sqrp_cli.knowledge.camera.hand_eye import HandEye, read_hand_eye
@@ -30,6 +33,15 @@ R_BODY_OPTICAL = ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))
 """Axes of an optical frame (x right, y down, z forward) in a body frame (x forward, y left, z up); REP 103."""
 
 _FACT = re.compile(r"\s*([A-Za-z][\w-]*)\s*(?:\(\s*([^()]*?)\s*\))?\s*")
+
+
+class _Seat(NamedTuple):
+    """Where a camera is, and from what kind of file that comes."""
+
+    frame: str
+    X_FC: Array
+    """Of its optical frame, shape (4, 4)."""
+    pose_file: str | None
 
 
 @dataclass
@@ -83,7 +95,7 @@ class CellReader:
 
     def _camera(self, name: str, entry: CameraEntry) -> Camera:
         path: KeyPath = ("cameras", name)
-        frame, X_FC = self._seat(path, entry)
+        seat = self._seat(path, entry)
         if entry.calibration_file is not None:
             at = (*path, "calibration")
             place = self.document.value_place((*at, "file") if (*at, "file") in self.document.keys else at)
@@ -98,24 +110,33 @@ class CellReader:
             intrinsics = entry.image.intrinsics()
             coefficients = (*path, "image", "distortion", "coefficients")
             check_distortion(self.document, coefficients, intrinsics.distortion_model, intrinsics.distortion.tolist())
-        return completed(Camera, entry, intrinsics, name=name, frame=frame, X_FC=X_FC)
+        return completed(Camera, entry, intrinsics, name=name, **seat._asdict())
 
-    def _seat(self, path: KeyPath, entry: CameraEntry) -> tuple[str, Array]:
-        """The frame that carries a camera, and the pose X_FC of its optical frame in that."""
-        if entry.hand_eye is None:
+    def _seat(self, path: KeyPath, entry: CameraEntry) -> _Seat:
+        """Where a camera is."""
+        stated = entry.pose_file
+        pose_file, mend = None, None
+        if stated is None:
             assert entry.pose is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
             frame, X_FC, place = entry.frame or WORLD, entry.pose.matrix(), self.document.value_place((*path, "frame"))
-            mend = None
         else:
-            seen = self.document.value_place((*path, "hand_eye"))
-            file = packages.resolve(entry.hand_eye, self.document.folder, self.roots, seen)
-            found = read_hand_eye(file)
-            self.digest.add(f"cameras.{path[-1]}.hand_eye", found.document.path, found.document.content)
-            self.warnings.extend(unusual_values(found.document, HAND_EYE))
+            key: KeyPath = (*path, "hand_eye")
+            seen = self.document.value_place((*key, "file") if (*key, "file") in self.document.keys else key)
+            is_folder = os.path.isdir(self.document.folder / stated.file)  # noqa: PTH112
+            named = f"{stated.file}/{METADATA}" if is_folder else stated.file
+            file = packages.resolve(named, self.document.folder, self.roots, seen)
+            carriers = (WORLD, *self.links) if entry.frame is None else (entry.frame,)
+            found = read_hand_eye(file, stated.camera, carriers, dotted(key))
+            self.digest.add(dotted(key), file, found.content)
+            if found.document is not None:
+                self.warnings.extend(unusual_values(found.document, HAND_EYE))
             if entry.frame is None and found.frame == WORLD == link_called(WORLD, self.links):
                 raise InputError(self._which_world(path, found))
             frame, X_FC, place = entry.frame or link_called(found.frame, self.links), found.X_FC, found.place
-            mend = f"say `frame:` for `{dotted(path)}`, which goes before what the file says"
+            mend, pose_file = (
+                f"say `frame:` for `{dotted(path)}`, which goes before what the file says",
+                found.pose_file,
+            )
             if (*path, "convention") not in self.document.keys:
                 self._doubt_axes(path, found)
         if frame != WORLD and frame not in self.links:
@@ -123,7 +144,8 @@ class CellReader:
             at = place if entry.frame is None else self.document.value_place((*path, "frame"))
             message = f"`{dotted((*path, 'frame'))}`: found `{frame}`, expected `world` or a link; {expected}"
             self.problems.append(Problem("unknown-frame", message, at, mend=mend))
-        return frame, read_only(X_FC @ pose(R_BODY_OPTICAL) if entry.convention == "body" else X_FC)
+        X_FC = read_only(X_FC @ pose(R_BODY_OPTICAL) if entry.convention == "body" else X_FC)
+        return _Seat(frame, X_FC, pose_file)
 
     def _which_world(self, path: KeyPath, found: HandEye) -> Problem:
         base = self.links[0] if self.links else "base_link"

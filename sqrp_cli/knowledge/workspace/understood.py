@@ -52,7 +52,7 @@ _LEFT_OUT = {
     "Tool": {"urdf", "file"},
     "UrdfJoint": {"name", "lower", "upper", "velocity"},  # `Robot.limits` has them
     "UrdfLink": {"name", "collision", "visual"},  # `Robot.parts` has what is used
-    "Camera": {"name", "lens_file"},
+    "Camera": {"name", "lens_file", "pose_file"},
     "SceneObject": {"name", "parts"},
     "Part": {"name"},
     "Skill": {"name", "folder", "places", "warnings"},

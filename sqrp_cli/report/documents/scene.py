@@ -147,6 +147,8 @@ class CameraScene(Record):
     """From exposure to the image being available [s]."""
     lens_file: str | None = field(default=None, metadata=LEFT_OUT)
     """Format of the calibration file, and the camera's name in it; left out if the workspace states the image."""
+    pose_file: str | None = field(default=None, metadata=LEFT_OUT)
+    """Format of the file with the pose; left out if the workspace states it."""
 
     @classmethod
     def of(cls, cell: Cell, seen_by: camera.Camera) -> CameraScene:

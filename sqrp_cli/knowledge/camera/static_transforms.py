@@ -1,0 +1,282 @@
+"""Static transforms between frames, as people have them: where a camera is on the robot or in the cell.
+
+TF messages in YAML (`ros2 topic echo /tf_static`), launch files and commands of `static_transform_publisher`, such as
+MoveIt's hand-eye calibration writes. Launch files are read as text: nothing in them is executed.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import shlex
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from itertools import pairwise, takewhile
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.geometry import Array, pose, quaternion_to_matrix, read_only, rpy_to_matrix
+from sqrp_cli.knowledge.text.entries import ForeignEntry, Length, Number, Text
+from sqrp_cli.knowledge.text.source import SourceDocument
+from sqrp_cli.knowledge.text.validation import validate
+from sqrp_cli.knowledge.text.xml_file import Element, parse_xml
+from sqrp_cli.knowledge.text.yaml_file import parse_yaml
+
+PUBLISHER = "static_transform_publisher"
+
+LARGEST_TRANSLATION = 1e4
+"""Largest coordinate [m]."""
+
+_DOCUMENTS = re.compile(r"^---[ \t]*$", re.MULTILINE)
+
+_SHELL = ("&", "&&", ";", "|", "||")
+"""What ends a command."""
+
+_POSITION = ("x", "y", "z")
+_RPY = ("roll", "pitch", "yaw")
+_QUATERNION = ("qx", "qy", "qz", "qw")
+
+
+class StaticTransform(NamedTuple):
+    """The pose of a frame in its parent."""
+
+    parent: str
+    child: str
+    X_PC: Array
+    """Shape (4, 4)."""
+    place: Place
+
+
+class Seat(NamedTuple):
+    """Where a camera is."""
+
+    frame: str
+    """The frame that carries it."""
+    camera_frame: str
+    X_FC: Array
+    """Pose of the camera's frame in that frame, shape (4, 4)."""
+    place: Place
+    """Where the file names the frame."""
+
+
+class Vector(ForeignEntry):
+    """A position [m]."""
+
+    x: Length
+    y: Length
+    z: Length
+
+
+class QuaternionEntry(ForeignEntry):
+    """A rotation."""
+
+    x: Number
+    y: Number
+    z: Number
+    w: Number
+
+
+class TransformEntry(ForeignEntry):
+    """`geometry_msgs/Transform`."""
+
+    translation: Vector
+    rotation: QuaternionEntry
+
+
+class _Header(ForeignEntry):
+    frame_id: Text
+
+
+class _Stamped(ForeignEntry):
+    header: _Header
+    child_frame_id: Text
+    transform: TransformEntry
+
+
+class _Message(ForeignEntry):
+    transforms: list[_Stamped] = Field(min_length=1)
+
+
+def unit_quaternion(quaternion: Sequence[float]) -> Array | None:
+    """The rotation matrix of x, y, z, w; None if that is not of length 1, to 1 %."""
+    length = sum(value * value for value in quaternion) ** 0.5
+    return None if abs(length - 1.0) > 0.01 else quaternion_to_matrix(quaternion)
+
+
+def camera_seat(
+    transforms: Sequence[StaticTransform], path: Path, wanted: str | None, carriers: Collection[str], asked: str
+) -> Seat:
+    """The pose of a camera's frame in the first frame above it that is among the carriers, else in the topmost.
+
+    wanted: the camera's frame; None: the only one without frames on it, or the only one of these that is optical.
+    asked: the key of the workspace that says so. Raises InputError, with the frames that there are.
+    """
+    above = {one.child: one for one in transforms}
+    frame = wanted.lstrip("/") if wanted is not None else _only_camera(transforms, path, asked)
+    if frame not in above:
+        message = f"`{asked}.camera`: found `{frame}`, which has no transform in the file; "
+        raise InputError(Problem("unknown-camera", message + expected_names(frame, above), Place(path)))
+    X, at, last = np.eye(4), frame, above[frame]
+    for _ in range(len(above) + 1):
+        if at not in above or (at in carriers and at != frame):
+            return Seat(at, frame, read_only(X), last.place)
+        last = above[at]
+        X, at = last.X_PC @ X, last.parent
+    raise InputError(Problem("wrong-value", f"the frames above `{frame}` lead back to it", last.place))
+
+
+def _only_camera(transforms: Sequence[StaticTransform], path: Path, asked: str) -> str:
+    parents = {one.parent for one in transforms}
+    leaves = list(dict.fromkeys(one.child for one in transforms if one.child not in parents))
+    optical = [frame for frame in leaves if "optical" in frame]
+    found = leaves if len(leaves) == 1 else optical
+    if len(found) == 1:
+        return found[0]
+    names = found or leaves
+    message = f"which frame is the camera's? The file has {', '.join(f'`{name}`' for name in names[:10])}"
+    mend = f"say which: `{asked}: {{file: {path.name}, camera: {names[0]}}}`" if names else None
+    raise InputError(Problem("ambiguous-entry", message, Place(path), mend=mend))
+
+
+def read_messages(path: Path, text: str) -> list[StaticTransform]:
+    """Transforms of TF messages in YAML, one or several (`---`)."""
+    found, line = [], 0
+    for part in _DOCUMENTS.split(text):
+        if part.strip() and not all(row.lstrip().startswith("#") for row in part.split("\n") if row.strip()):
+            document = parse_yaml(path, ("\n" * line + part).encode())
+            found += list(_of_message(document))
+        line += part.count("\n")
+    return found
+
+
+def _of_message(document: SourceDocument) -> Iterator[StaticTransform]:
+    if "transforms" in document.data:
+        for index, stamped in enumerate(validate(document, _Message).transforms):
+            yield _of_stamped(document, stamped, ("transforms", index))
+    else:
+        yield _of_stamped(document, validate(document, _Stamped), ())
+
+
+def _of_stamped(document: SourceDocument, stamped: _Stamped, at: tuple[str | int, ...]) -> StaticTransform:
+    t, r = stamped.transform.translation, stamped.transform.rotation
+    R = unit_quaternion((r.x, r.y, r.z, r.w))
+    if R is None:
+        message = "the quaternion is not of length 1 (order x, y, z, w)"
+        raise InputError(document.problem("not-a-rotation", (*at, "transform", "rotation"), message))
+    place = document.value_place((*at, "header", "frame_id"))
+    frames = (stamped.header.frame_id.lstrip("/"), stamped.child_frame_id.lstrip("/"))
+    return StaticTransform(*frames, pose(R, (t.x, t.y, t.z)), place)
+
+
+def read_launch(path: Path, content: bytes, text: str) -> list[StaticTransform] | None:
+    """Transforms that a launch file or script publishes; None for a file that has none.
+
+    Raises InputError, with the line, for arguments that only a launch could know.
+    """
+    if PUBLISHER not in text:
+        return None
+    if text.lstrip().startswith("<"):
+        return list(_of_xml(parse_xml(path, content, "launch")))
+    if re.search(r"^\s*(from|import)\s", text, re.MULTILINE):
+        return list(_of_python(path, text))
+    return list(_of_commands(path, text))
+
+
+def _of_xml(element: Element) -> Iterator[StaticTransform]:
+    for child in element.children:
+        yield from _of_xml(child)
+    if PUBLISHER in (element.attributes.get("type"), element.attributes.get("exec")):
+        yield _of_words(element.text("args").split(), element.place)
+
+
+def _of_commands(path: Path, text: str) -> Iterator[StaticTransform]:
+    joined = text.replace("\\\n", "  ")
+    for number, line in enumerate(joined.splitlines(), 1):
+        if PUBLISHER in line and not line.lstrip().startswith("#"):
+            try:
+                words = shlex.split(line.split(PUBLISHER, 1)[1], comments=True)
+            except ValueError as error:
+                raise InputError(Problem("wrong-value", f"cannot be split: {error}", Place(path, number))) from None
+            yield _of_words([*takewhile(lambda word: word not in _SHELL, words)], Place(path, number, 1))
+
+
+def _of_python(path: Path, text: str) -> Iterator[StaticTransform]:
+    """Nodes of a launch file in Python, which is parsed and not executed."""
+    try:
+        tree = ast.parse(text)
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        line = getattr(error, "lineno", None)
+        raise InputError(Problem("python-syntax", "this is no Python that can be parsed", Place(path, line))) from None
+    for call in ast.walk(tree):
+        if isinstance(call, ast.Call):
+            given = {keyword.arg: keyword.value for keyword in call.keywords}
+            executable = given.get("executable", given.get("node_executable"))
+            if isinstance(executable, ast.Constant) and executable.value == PUBLISHER:
+                place = Place(path, call.lineno, call.col_offset + 1)
+                yield _of_words([_word(path, item) for item in _items(given.get("arguments"), place)], place)
+
+
+def _items(value: ast.expr | None, place: Place) -> Sequence[ast.expr]:
+    if not isinstance(value, ast.List | ast.Tuple):
+        message = f"the `arguments` of `{PUBLISHER}` are no list that can be read without running the file"
+        raise InputError(Problem("wrong-value", message, place, mend="write them as a list of texts"))
+    return value.elts
+
+
+def _word(path: Path, item: ast.expr) -> str:
+    negative = isinstance(item, ast.UnaryOp) and isinstance(item.op, ast.USub)
+    plain = item.operand if isinstance(item, ast.UnaryOp) and negative else item
+    if isinstance(plain, ast.Constant) and isinstance(plain.value, str | int | float):
+        return f"{'-' if negative else ''}{plain.value}"
+    message = f"`{ast.unparse(item)}` is not known without running the file; expected text or a number"
+    place = Place(path, item.lineno, item.col_offset + 1)
+    raise InputError(Problem("wrong-value", message, place, mend="write the value itself"))
+
+
+def _of_words(words: Sequence[str], place: Place) -> StaticTransform:
+    """The transform of the publisher's arguments: with options, or in its older order."""
+    if any(word.startswith("--frame-id") for word in words):
+        return _of_options(words, place)
+    numbers = [word for word in words if re.fullmatch(r"[-+]?[\d.][\d.eE+-]*", word)]
+    count, frames = len(words) - 2, [word for word in words if word not in numbers]
+    if len(words) > 2 and len(frames) == 2 and words.index(frames[0]) in (6, 7):
+        count = words.index(frames[0])
+        names = (*_POSITION, "yaw", "pitch", "roll") if count == 6 else (*_POSITION, *_QUATERNION)
+        return _transform(dict(zip(names, words, strict=False)), frames[0], frames[1], place)
+    message = f"found {len(words)} arguments, expected x y z yaw pitch roll, or x y z qx qy qz qw, and two frames"
+    raise InputError(Problem("wrong-length", message, place))
+
+
+def _of_options(words: Sequence[str], place: Place) -> StaticTransform:
+    split = [part for word in words for part in (word.split("=", 1) if word.startswith("--") else [word])]
+    options = {name[2:].replace("-", "_"): value for name, value in pairwise(split) if name.startswith("--")}
+    for name in ("frame_id", "child_frame_id"):
+        if name not in options:
+            message = f"`{PUBLISHER}` lacks `--{name.replace('_', '-')}`"
+            raise InputError(Problem("missing-key", message, place))
+    return _transform(options, options["frame_id"], options["child_frame_id"], place)
+
+
+def _transform(values: Mapping[str, str], parent: str, child: str, place: Place) -> StaticTransform:
+    def number(name: str) -> float:
+        text = values.get(name, "1" if name == "qw" else "0")
+        try:
+            value = float(text)
+        except ValueError:
+            value = np.nan
+        if not abs(value) <= LARGEST_TRANSLATION:
+            message = f"`{name}` is `{text}`, expected a number of at most {LARGEST_TRANSLATION:g}"
+            raise InputError(Problem("wrong-value", message, place))
+        return value
+
+    R: Array | None = rpy_to_matrix([number(name) for name in _RPY])
+    if any(name in values for name in _QUATERNION):
+        R = unit_quaternion([number(name) for name in _QUATERNION])
+    if R is None:
+        message = "the quaternion is not of length 1 (order qx, qy, qz, qw)"
+        raise InputError(Problem("not-a-rotation", message, place))
+    frames = (parent.lstrip("/"), child.lstrip("/"))
+    return StaticTransform(*frames, pose(R, [number(name) for name in _POSITION]), place)
