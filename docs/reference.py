@@ -165,9 +165,9 @@ def _kind(schema: Schema) -> str:
     if schema.get("type") == "object":
         named = next(iter(schema.get("patternProperties", {}).values()), schema.get("additionalProperties"))
         return f"names with {_kind(named)} each" if isinstance(named, dict) else "keys and values"
-    return {"string": "text", "boolean": "true or false", "integer": "whole number"}.get(
-        schema.get("type", ""), schema.get("type", "anything")
-    )
+    names = {"string": "text", "boolean": "true or false", "integer": "whole number"}
+    kinds = schema.get("type", "anything")
+    return " or ".join(names.get(kind, kind) for kind in (kinds if isinstance(kinds, list) else [kinds]))
 
 
 def _plural(kind: str) -> str:
