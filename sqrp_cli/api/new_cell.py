@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -20,27 +21,34 @@ def new_cell(
     folder: str | Path,
     *,
     urdf: str | Path | None = None,
+    arguments: Mapping[str, str] | None = None,
+    package_roots: Sequence[str | Path] = (),
+    moveit: str | Path | None = None,
     tip: str | None = None,
     crowd: Crowd | None = None,
     run: bool = False,
 ) -> NewCell:
     """Make a new workspace with its skill, ready to rank, in a folder that does not exist or is empty.
 
-    urdf: the arm; by default one that comes with the package. tip: the link at the end of the arm, of a robot that has
-    several. crowd: how many random objects and cameras to put in. run: whether to run its task once in the simulated
-    cell, where there is one.
+    urdf: the arm, also as xacro with `arguments`; by default that of which the configuration of MoveIt in the folder
+    `moveit` was made, else one that comes with the package. package_roots: folders in which packages are looked up.
+    tip: the link at the end of the arm, of a robot that has several. crowd: how many random objects and cameras to put
+    in. run: whether to run its task once in the simulated cell, where there is one.
     Raises InputError for an arm that cannot be used; nothing is ever overwritten.
     """
     from sqrp_cli.api.results import NewCell
+    from sqrp_cli.starter.description import OwnRobot
     from sqrp_cli.starter.make import make_starter
 
     check_crowd(crowd)
     if tip is not None:
         check_text(tip, "tip", "the name of a link")
-    folder, arm = checked_path(folder, "folder"), optional_path(urdf, "urdf")
-    made = make_starter(folder, None if arm is None else str(urdf), crowd, tip)
+    folder, arm, config = checked_path(folder, "folder"), optional_path(urdf, "urdf"), optional_path(moveit, "moveit")
+    roots = tuple(checked_path(root, "package_roots") for root in package_roots)
+    own = OwnRobot(None if arm is None else str(urdf), dict(arguments or {}), roots, config)
+    made = make_starter(folder, own if arm is not None or config is not None else None, crowd, tip)
     tried = first_run(made.folder, made.task) if run and made.task is not None else None
-    return NewCell(made, folder, own_arm=arm is not None, run=tried)
+    return NewCell(made, folder, own_arm=arm is not None or config is not None, run=tried)
 
 
 def first_run(folder: Path, task: str) -> FirstRun | None:

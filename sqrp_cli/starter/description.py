@@ -3,61 +3,174 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeVar
 
 from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.knowledge.robot.moveit_limits import MoveitLimits, read_moveit_limits, with_position_limits
 from sqrp_cli.knowledge.robot.read_urdf import read_urdf
-from sqrp_cli.knowledge.robot.srdf import read_srdf
+from sqrp_cli.knowledge.robot.robot_source import RobotSource
+from sqrp_cli.knowledge.robot.srdf import SrdfModel, read_srdf
 from sqrp_cli.knowledge.robot.urdf import MeshReference, UrdfModel
 from sqrp_cli.knowledge.text.input_file import missing_file
-from sqrp_cli.knowledge.text.packages import package_roots, resolve
+from sqrp_cli.knowledge.text.packages import package_around, package_folder, package_name, package_roots, resolve
 from sqrp_cli.knowledge.text.xml_file import read_xml
+from sqrp_cli.starter.moveit_config import MoveitConfig, arm_tip, find_moveit, moveit_beside
 
 _SRDF_FOLDERS = (".", "srdf", "config", "../srdf", "../config")
 """Where the SRDF of a URDF is looked for, relative to its folder."""
 
 PACKAGE = "package://"
 
+_Read = TypeVar("_Read")
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True)
+class OwnRobot:
+    """What a user names of an arm."""
+
+    urdf: str | None = None
+    """A path or `package://...`, also of a xacro; None for the one of which the configuration of MoveIt was made."""
+    arguments: Mapping[str, str] = field(default_factory=dict)
+    """Values of the xacro's arguments."""
+    package_roots: tuple[Path, ...] = ()
+    """Folders in which packages are looked up first."""
+    moveit: Path | None = None
+    """The folder of a configuration of MoveIt; None for one that is found beside the URDF."""
+
+
+@dataclass(frozen=True)
+class NamedFile:
+    """A file as a workspace names it."""
+
+    path: str
+    """Relative to the workspace, or `package://...`."""
+    arguments: Mapping[str, str] = field(default_factory=dict)
+    """Of a xacro."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Description:
-    """A robot description.
-
-    urdf: parsed. reference, srdf: as a workspace file names them. package_roots: folders that its meshes need besides
-    the known ones, as the file names them. warnings: about files that were found but cannot be used.
-    """
+    """A robot description."""
 
     urdf: UrdfModel
-    reference: str
-    srdf: str | None
+    reference: NamedFile
+    srdf: NamedFile | None
+    semantics: SrdfModel | None
+    """The content of the SRDF."""
+    limits: MoveitLimits | None
+    """Those of MoveIt."""
+    limits_file: str | None
+    """Their file, as a workspace names it."""
+    tip: str | None
+    """The link to which a tool is fixed, as MoveIt says; None to guess."""
     package_roots: tuple[str, ...]
+    """Folders that it needs besides the known ones, as a workspace names them."""
     warnings: tuple[Problem, ...]
+    """About files that were found but cannot be used."""
 
 
-def describe_robot(reference: str, folder: Path) -> Description:
-    """Read a URDF, named by a path or `package://...`, for a workspace in `folder`.
-
-    Raises InputError for a URDF that cannot be used.
-    """
-    # `Path` would raise errors of its own for unknown users and for impossible names.
-    named = os.path.expanduser(reference)  # noqa: PTH111
-    if "://" not in reference and not os.path.isfile(named):  # noqa: PTH113
-        raise InputError(missing_file(Path(named)))
-    path = resolve(reference, Path.cwd(), package_roots(), None).resolve()
+def describe_robot(robot: OwnRobot, folder: Path) -> Description:
+    """Read a robot description for a workspace in `folder`. Raises InputError for one that cannot be used."""
+    config = None if robot.moveit is None else find_moveit(robot.moveit)
+    path, given = _find(robot, config)
+    around = _around(path) + (() if config is None else _around(config.folder / "package.xml"))
+    roots = package_roots(robot.package_roots)
+    source = RobotSource((*roots, path.parent), given, around)
     try:
-        urdf = read_urdf(path)
+        urdf = read_urdf(path, source)
     except InputError as error:
-        raise InputError(*(_placed_at(Path(named), path, problem) for problem in error.problems)) from error
-    srdf, warnings = _srdf_beside(path, urdf)
+        named = Path(os.path.expanduser(robot.urdf or path))  # noqa: PTH111
+        raise InputError(*(_placed_at(named, path, problem) for problem in error.problems)) from error
+    warnings: list[Problem] = []
+    if config is None:
+        config, found = moveit_beside(urdf, around)
+        warnings += found
+    limits = None if config is None or config.joint_limits is None else read_moveit_limits(config.joint_limits)
+    srdf, semantics = _semantics(config, urdf, source, warnings)
     return Description(
-        urdf=urdf,
-        reference=_named(path, folder),
-        srdf=None if srdf is None else _named(srdf, folder),
-        package_roots=tuple(os.path.relpath(root, folder.resolve()) for root in _missing_roots(urdf)),
+        urdf=urdf if limits is None else with_position_limits(urdf, limits),
+        reference=NamedFile(_named(path, folder), given),
+        srdf=None if srdf is None else replace(srdf, path=_named(Path(srdf.path), folder)),
+        semantics=semantics,
+        limits=limits,
+        limits_file=None if config is None or config.joint_limits is None else _named(config.joint_limits, folder),
+        tip=None if config is None else arm_tip(config, semantics, urdf),
+        package_roots=tuple(
+            os.path.relpath(root, folder.resolve()) for root in _missing_roots(urdf, robot.package_roots, around)
+        ),
         warnings=tuple(warnings),
     )
+
+
+def _find(robot: OwnRobot, config: MoveitConfig | None) -> tuple[Path, Mapping[str, str]]:
+    """The URDF's file, and the arguments that it is read with."""
+    roots = package_roots(robot.package_roots)
+    if robot.urdf is None:
+        assert config is not None  # noqa: S101 - a user names one of the two
+        if config.urdf is None:
+            message = "this configuration does not say which URDF it was made of (`.setup_assistant`)"
+            raise InputError(Problem("missing-key", message, Place(config.folder), mend="name it by `--urdf FILE`"))
+        around = _around(config.folder.resolve() / "package.xml")
+        try:
+            path = _or_its_xacro(config.urdf, config.folder, (*roots, *around))
+        except InputError as error:
+            mend = "name the folder that contains this package by `--package-root DIR`, or the file by `--urdf FILE`"
+            raise InputError(*(replace(problem, mend=mend) for problem in error.problems)) from error
+        return path.resolve(), {**config.arguments, **robot.arguments}
+    # `Path` would raise errors of its own for unknown users and for impossible names.
+    named = os.path.expanduser(robot.urdf)  # noqa: PTH111
+    if "://" not in robot.urdf and not os.path.isfile(named):  # noqa: PTH113
+        raise InputError(missing_file(Path(named)))
+    path = resolve(robot.urdf, Path.cwd(), roots, None).resolve()
+    same = config is not None and config.urdf is not None and config.urdf.endswith(f"/{path.name}")
+    return path, {**(config.arguments if config is not None and same else {}), **robot.arguments}
+
+
+def _or_its_xacro(reference: str, folder: Path, roots: tuple[Path, ...]) -> Path:
+    """The file of a reference, or the xacro beside it: packages are configured from a URDF that is not kept."""
+    for other in (f"{reference}.xacro", reference.removesuffix(".urdf") + ".xacro"):
+        try:
+            return resolve(reference, folder, roots, Place(folder))
+        except InputError:
+            with suppress(InputError):
+                return resolve(other, folder, roots, Place(folder))
+    return resolve(reference, folder, roots, Place(folder))
+
+
+def _around(path: Path) -> tuple[Path, ...]:
+    """Folders in which the packages beside a file's own one are: a checkout of repositories of one or more packages."""
+    own = package_around(path) or path.parent
+    return tuple(folder for folder in list(own.resolve().parents)[:2] if folder not in (folder.parent, Path.home()))
+
+
+def _semantics(
+    config: MoveitConfig | None, urdf: UrdfModel, source: RobotSource, warnings: list[Problem]
+) -> tuple[NamedFile | None, SrdfModel | None]:
+    """The SRDF of the configuration, else the one beside the URDF; warnings: gets why one does not fit."""
+    if config is not None and config.srdf is not None:
+        file = config.srdf.resolve()
+        srdf, arguments = _with_accepted(source, lambda accepted: read_srdf(file, urdf, accepted))
+        return NamedFile(str(file), arguments), srdf
+    beside, found = _srdf_beside(urdf.path, urdf)
+    warnings += found
+    return (None, None) if beside is None else (NamedFile(str(beside)), read_srdf(beside, urdf))
+
+
+def _with_accepted(source: RobotSource, read: Callable[[RobotSource], _Read]) -> tuple[_Read, Mapping[str, str]]:
+    """What is read with those of the URDF's arguments that this file takes, too; and these arguments."""
+    arguments = dict(source.arguments)
+    while True:
+        try:
+            return read(replace(source, arguments=arguments)), arguments
+        except InputError as error:
+            strange = next((name for name in arguments if f"no argument `{name}`" in str(error)), None)
+            if error.problems[0].code != "xacro-argument" or not arguments:
+                raise
+            arguments = {} if strange is None else {k: v for k, v in arguments.items() if k != strange}
 
 
 def _placed_at(given: Path, path: Path, problem: Problem) -> Problem:
@@ -85,20 +198,36 @@ def resolve_or_none(reference: str) -> Path | None:
         return None
 
 
-def _missing_roots(urdf: UrdfModel) -> Iterator[Path]:
-    """Folders around the URDF with packages of its meshes that are found nowhere else."""
+def _missing_roots(urdf: UrdfModel, stated: tuple[Path, ...], around: tuple[Path, ...]) -> Iterator[Path]:
+    """Folders with packages of the URDF, its xacro and its meshes that a workspace would find nowhere else."""
     pieces = [piece for link in urdf.links.values() for piece in (*link.collision, *link.visual)]
     references = [piece.shape.reference for piece in pieces if isinstance(piece.shape, MeshReference)]
-    needed = dict.fromkeys(name.removeprefix(PACKAGE).split("/")[0] for name in references if name.startswith(PACKAGE))
-    known = package_roots()
-    found: set[Path] = set()
-    for package in needed:
-        if any((root / package).is_dir() or root.name == package for root in known):
+    named = [name.removeprefix(PACKAGE).split("/")[0] for name in references if name.startswith(PACKAGE)]
+    own = package_around(urdf.path)
+    known = ((own,) if own else ()) + package_roots()
+    found: dict[Path, None] = {}
+    for package in dict.fromkeys((*urdf.packages, *named)):
+        if _has(package, known):
             continue
-        root = next((folder for folder in urdf.path.parents if (folder / package).is_dir()), None)
-        if root is not None and root not in found:
-            found.add(root)
-            yield root
+        for root in (*stated, *urdf.path.parents[:8], *around):
+            if (root / package).is_dir() or _has(package, (root,)):
+                found[root.resolve() if root in stated else _root_of(package, root)] = None
+                break
+    yield from found
+
+
+def _has(package: str, roots: tuple[Path, ...]) -> bool:
+    try:
+        package_folder(package, roots, None)
+    except InputError:
+        return False
+    return True
+
+
+def _root_of(package: str, root: Path) -> Path:
+    """The folder that names a package: the one around it if that has the package's name, else the package itself."""
+    folder = package_folder(package, (root,), None)
+    return folder.parent if folder.name == package or package_name(folder) is None else folder
 
 
 def _srdf_beside(path: Path, urdf: UrdfModel) -> tuple[Path | None, list[Problem]]:

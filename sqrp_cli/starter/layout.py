@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from math import degrees
 
 from sqrp_cli.geometry import Array, matrix_to_rpy
+from sqrp_cli.starter.description import NamedFile
 
 TASK = "pickup green"
 """The task of a starter workspace."""
@@ -60,16 +61,19 @@ class Layout:
     are marked. lift: height of the root link above the table [m].
     tip: the link of the robot that carries the suction cup, or grasps itself while there is none.
     X_LT: pose of the cup's root in that link, shape (4, 4); None while there is no cup.
-    home: of every joint of the arm by name. table_side: of the square table, 0 for none [m].
-    table_at: where its middle is, along x and y of the world [m].
+    home: of every joint of the arm by name. limits: what the file says of them.
+    home_state: the state of the SRDF that stands for it, if there is one.
+    table_side: of the square table, 0 for none [m]. table_at: where its middle is, along x and y of the world [m].
     """
 
-    urdf: str
-    srdf: str | None
+    urdf: NamedFile
+    srdf: NamedFile | None
     package_roots: tuple[str, ...]
     guessed: bool
     tip: str
     home: Mapping[str, Position]
+    limits: str
+    home_state: str | None = None
     lift: float = 0.0
     X_LT: Array | None = None
     table_side: float = 0.0
@@ -102,9 +106,9 @@ def _head(layout: Layout) -> str:
 
 
 def _robot(layout: Layout) -> str:
-    lines = ["robot:", f"  urdf: {_text(layout.urdf)}"]
+    lines = ["robot:", f"  urdf: {_file(layout.urdf)}"]
     if layout.srdf is not None:
-        lines.append(f"  srdf: {_text(layout.srdf)}{_check(layout, 'found beside the URDF')}")
+        lines.append(f"  srdf: {_file(layout.srdf)}{_check(layout, 'found beside the URDF')}")
     if layout.package_roots:
         roots = ", ".join(map(_text, layout.package_roots))
         lines.append(f"  package_roots: [{roots}]{_check(layout, 'where the package:// of its meshes is looked up')}")
@@ -122,11 +126,8 @@ def _robot(layout: Layout) -> str:
             f"    pose: {_pose(layout.X_LT)}" + _check(layout, "where the tool begins, its z axis pointing out"),
             f"  tool_frame: {TOOL_FRAME}" + _check(layout, "the link that grasps; its z axis points into the object"),
         ]
-    lines.append("  home:" + _check(layout, "where programs start and end"))
-    lines += [f"    {_text(name)}: {_joint(position)}" for name, position in layout.home.items()]
-    lines.append(
-        "  limits: {acceleration: 2, jerk: 20}  # rad/s^2 and rad/s^3, which a URDF cannot say; velocity is the URDF's"
-    )
+    lines += _home(layout)
+    lines.append(f"  limits: {layout.limits}")
     return "\n".join(lines) + "\n"
 
 
@@ -200,6 +201,22 @@ def _text(value: str) -> str:
     harmless = all(character.isalnum() or character in "/._-:" for character in value) and not value.endswith(":")
     words = {"true", "false", "null"}
     return value if plain and harmless and value.lower() not in words else json.dumps(value, ensure_ascii=False)
+
+
+def _home(layout: Layout) -> list[str]:
+    what = "where programs start and end"
+    if layout.home_state is not None:
+        return [f"  home: {_text(layout.home_state)}" + _check(layout, f"{what}; a state of the SRDF")]
+    positions = [f"    {_text(name)}: {_joint(position)}" for name, position in layout.home.items()]
+    return ["  home:" + _check(layout, what), *positions]
+
+
+def _file(file: NamedFile) -> str:
+    """A file, with the arguments of a xacro."""
+    if not file.arguments:
+        return _text(file.path)
+    arguments = ", ".join(f"{_text(name)}: {json.dumps(value)}" for name, value in file.arguments.items())
+    return f"{{xacro: {_text(file.path)}, args: {{{arguments}}}}}"
 
 
 def _number(value: float) -> str:

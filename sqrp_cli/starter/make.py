@@ -17,8 +17,9 @@ from sqrp_cli.platform.files import naming, no_folder
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.starter import search
 from sqrp_cli.starter.arm_guess import ArmGuess, guess_arm
-from sqrp_cli.starter.description import Description, describe_robot
-from sqrp_cli.starter.layout import Layout, Position, workspace_text
+from sqrp_cli.starter.description import Description, OwnRobot, describe_robot
+from sqrp_cli.starter.layout import TASK, Layout, Position, workspace_text
+from sqrp_cli.starter.limits_text import limits_text
 from sqrp_cli.starter.random_cell import Crowd, crowded
 from sqrp_cli.starter.stands import Stand, before_table, lowest_point, on_table
 
@@ -34,6 +35,9 @@ LARGEST_CUBE, SMALLEST_CUBE = 0.05, 0.02
 
 LARGEST_TABLE = 100.0
 """Side of the largest table, for arms on long rails [m]."""
+
+HOMES = ("home", "ready", "default", "start")
+"""Words in the names of states from which work begins, the likeliest first."""
 
 LIFT = 0.1
 """How far the skill lifts a cube [m]."""
@@ -54,10 +58,12 @@ class Starter:
     warnings: tuple[Problem, ...]
 
 
-def make_starter(folder: Path, robot: str | None, crowd: Crowd | None = None, tip: str | None = None) -> Starter:
+def make_starter(
+    folder: Path, robot: OwnRobot | str | None, crowd: Crowd | None = None, tip: str | None = None
+) -> Starter:
     """Make a workspace in a folder that does not exist or is empty.
 
-    robot: the URDF of the user's arm, a path or `package://...`; None for a shipped arm.
+    robot: the user's arm, or just its URDF, a path or `package://...`; None for a shipped arm.
     crowd: random contents, in place of the few cubes and cameras of a first workspace. tip: the link at the end of the
     arm, of a robot that has several; None to guess.
     Raises InputError, and writes nothing, if the folder cannot be made or the robot cannot be used.
@@ -68,7 +74,8 @@ def make_starter(folder: Path, robot: str | None, crowd: Crowd | None = None, ti
     try:
         with naming(folder, "this folder cannot be made"):
             _copy_shipped(draft, own_arm=robot is None)
-            description = describe_robot(str(draft / OWN_ARM) if robot is None else robot, draft)
+            own = robot if isinstance(robot, OwnRobot) else OwnRobot(robot or str(draft / OWN_ARM))
+            description = describe_robot(own, draft)
             layout, warnings = _fill(draft, description, tip, guessed=robot is not None)
             if crowd is not None and layout.cubes:
                 cell = _load(draft, layout)
@@ -117,12 +124,13 @@ def _fill(
     draft: Path, description: Description, tip: str | None, *, guessed: bool
 ) -> tuple[Layout, tuple[Problem, ...]]:
     """Determine the contents of the workspace file step by step, and write it."""
-    arm = guess_arm(description.urdf, tip)
+    arm = guess_arm(description.urdf, tip or description.tip)
     layout = Layout(
         urdf=description.reference,
         srdf=description.srdf,
         package_roots=description.package_roots,
         guessed=guessed,
+        limits=limits_text(description),
         tip=arm.tip,
         home={joint.name: _resting(joint) for joint in arm.joints},
     )
@@ -139,12 +147,28 @@ def _fill(
         if len(tried[-1].layout.cubes) == len(search.COLORS):
             break
     best = max(tried, key=lambda trial: len(trial.layout.cubes)).layout  # the first of equals: the least lifted
+    best = _with_named_home(draft, best, description)
     _write(draft, best)
     others = [_other_arms(arm)] if arm.others else []
     if not best.cubes:
         return best, (*others, _nothing_in_reach(tried))
     workspace = load_workspace(draft)
     return best, (*others, *workspace.warnings, *lint(workspace))
+
+
+def _with_named_home(draft: Path, layout: Layout, description: Description) -> Layout:
+    """The layout with a state of the SRDF as home, if one has all joints of the arm and loses no cube."""
+    states = description.semantics.states if description.semantics else {}
+    whole = [name for name, positions in states.items() if layout.home.keys() <= positions.keys()]
+    for name in sorted(whole, key=lambda name: next((i for i, word in enumerate(HOMES) if word in name.lower()), 99)):
+        named = replace(layout, home_state=name)
+        try:
+            found = search.cubes_in_reach(_load(draft, named), layout.cubes)
+        except InputError:  # outside the limits
+            continue
+        if 0 < sum(cube.color in TASK for cube in layout.cubes) == len(found.cubes):
+            return named
+    return layout
 
 
 def _lazily(stands: Callable[[], Sequence[Stand]]) -> Iterator[Stand]:

@@ -18,9 +18,20 @@ DEFAULT_OBJECTS, DEFAULT_CAMERAS = 9, 4
 
 def command(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The new folder; it must not exist or be empty.")],
+    arguments: Annotated[
+        list[str] | None, typer.Argument(metavar="NAME:=VALUE", help="Arguments of a xacro, such as ur_type:=ur5e.")
+    ] = None,
     urdf: Annotated[
         str | None,
-        typer.Option("--urdf", metavar="FILE", help="Your arm; without it, an arm that comes with the program."),
+        typer.Option("--urdf", metavar="FILE", help="Your arm, URDF or xacro; without it, one of the program's own."),
+    ] = None,
+    moveit: Annotated[
+        Path | None,
+        typer.Option("--moveit", metavar="DIR", help="Its configuration of MoveIt; one beside the URDF is found."),
+    ] = None,
+    package_root: Annotated[
+        list[Path] | None,
+        typer.Option("--package-root", metavar="DIR", help="Where packages are looked up; may be repeated."),
     ] = None,
     tip: Annotated[
         str | None,
@@ -53,11 +64,36 @@ def command(
     for option, value in (("--objects", objects), ("--cameras", cameras), ("--seed", seed)):
         if value is not None and not random:
             raise InputError(Problem("bad-option", f"{option} is about --random, which is missing"))
-    if tip is not None and urdf is None:
-        raise InputError(Problem("bad-option", "--tip is about the arm of --urdf, which is missing"))
+    folder, given = _split([str(folder), *(arguments or [])])
+    for option, stated in (("--tip", tip), ("--package-root", package_root), ("an argument", given)):
+        if stated and urdf is None and moveit is None:
+            raise InputError(Problem("bad-option", f"{option} is about the arm of --urdf, which is missing"))
+    for root in package_root or []:
+        if not root.is_dir():
+            raise InputError(Problem("missing-folder", f"--package-root: there is no folder {root}"))
     crowd = Crowd(seed or 0, objects or DEFAULT_OBJECTS, cameras or DEFAULT_CAMERAS) if random else None
     with progress(f"Making {folder}", None):
-        made = new_cell(folder, urdf=urdf, tip=tip, crowd=crowd, run=run and crowd is None)
+        made = new_cell(
+            folder,
+            urdf=urdf,
+            arguments=given,
+            package_roots=package_root or (),
+            moveit=moveit,
+            tip=tip,
+            crowd=crowd,
+            run=run and crowd is None,
+        )
     print_problems(made.problems)
     answer(made, as_json=as_json)
     return ExitCode.OK if made.works else ExitCode.NONE_FEASIBLE
+
+
+def _split(words: list[str]) -> tuple[Path, dict[str, str]]:
+    """The folder and the arguments, in whatever order they come."""
+    given = dict(word.split(":=", 1) for word in words if ":=" in word)
+    folders = [word for word in words if ":=" not in word]
+    if len(folders) != 1:
+        found = ", ".join(f"`{word}`" for word in folders) or "none"
+        message = f"expected one folder, and arguments such as `ur_type:=ur5e`; found the folders {found}"
+        raise InputError(Problem("bad-option", message))
+    return Path(folders[0]), given

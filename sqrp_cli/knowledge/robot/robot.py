@@ -247,9 +247,26 @@ PerJoint = Annotated[
 """A limit of joints by name, or of all of them."""
 
 
-class LimitsEntry(Entry):
-    """Limits of the joints: one value for all of them, or one for each joint by name."""
+Factor = Annotated[float, In(None, 1e-3, 1.0)]
 
+
+class LimitsEntry(Entry):
+    """Limits of the joints: one value for all of them, or one for each joint by name.
+
+    What is stated here goes before what a file of MoveIt says.
+    """
+
+    moveit: Text | None = Field(
+        default=None,
+        description="A joint_limits.yaml of MoveIt: its velocities, accelerations and jerks, with its default scaling "
+        "factors; position limits where they are narrower than the URDF's.",
+    )
+    velocity_scaling: Factor | None = Field(
+        default=None, description="Of velocities of that file and the URDF; default: as the file says, else 1."
+    )
+    acceleration_scaling: Factor | None = Field(
+        default=None, description="Of accelerations of that file; default: as the file says, else 1."
+    )
     velocity: Annotated[PerJoint | None, _Velocity] = Field(default=None, description="Default: the URDF's.")
     acceleration: Annotated[PerJoint | None, _Acceleration] = Field(
         default=None, description="Default: 5 rad/s^2 or m/s^2."
@@ -261,6 +278,12 @@ class LimitsEntry(Entry):
     stop_jerk: Annotated[PerJoint | None, _Jerk] = Field(
         default=None, description="Of such a stop. Default, and least: as of every motion."
     )
+
+    @model_validator(mode="after")
+    def _scaling_of_moveit(self) -> LimitsEntry:
+        if self.moveit is None and (self.velocity_scaling or self.acceleration_scaling):
+            raise PydanticCustomError("conflicting-keys", "scaling has a meaning only together with `moveit`")
+        return self
 
     @classmethod
     def kind(cls, limit: str) -> LimitKind:

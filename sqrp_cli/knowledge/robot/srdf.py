@@ -38,7 +38,7 @@ class SrdfModel:
     groups: Mapping[str, tuple[str, ...]]
     """The movable joints of each group, in the order of the URDF."""
     tips: Mapping[str, str]
-    """The last link of each group that is stated as one chain."""
+    """The last link of each group whose links are in one line."""
     states: Mapping[str, Mapping[str, float]]
     """Named positions [rad or m] of joints; of two states of one name, for different groups, all joints."""
     state_groups: Mapping[str, tuple[str, ...]]
@@ -159,9 +159,13 @@ class _SrdfReader:
     def _tips(self, robot: Element) -> dict[str, str]:
         tips = {}
         for group in robot.all("group"):
-            chains = [*group.all("chain")]
-            tip = self._known(chains[0], "tip_link", "link", self.urdf.links) if len(chains) == 1 else None
-            if tip is not None:
+            ends = [child.attributes.get("tip_link", "") for child in group.all("chain")]
+            ends += [child.attributes.get("name", "") for child in group.all("link")]
+            named = [child.attributes.get("name", "") for child in group.all("joint")]
+            ends += [self.urdf.joints[name].child for name in named if name in self.urdf.joints]
+            chains = {end: {joint.child for joint in self.urdf.chain(end)} for end in ends if end in self.urdf.links}
+            tip = max(chains, key=lambda end: len(chains[end]), default=None)
+            if tip is not None and all(end in chains[tip] or end == self.urdf.root for end in chains):
                 tips[group.text("name")] = tip
         return tips
 

@@ -12,6 +12,7 @@ from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.geometry import read_only
 from sqrp_cli.knowledge.frames import link_called
 from sqrp_cli.knowledge.robot.joint_tree import driving_joints
+from sqrp_cli.knowledge.robot.moveit_limits import MoveitLimits, read_moveit_limits, with_position_limits
 from sqrp_cli.knowledge.robot.read_urdf import read_urdf
 from sqrp_cli.knowledge.robot.robot import (
     ANGLE_TOLERANCE,
@@ -65,6 +66,10 @@ class RobotReader:
             if not root.is_dir():
                 self._report("missing-folder", ("robot", "package_roots", index), f"there is no folder {root}")
         self.urdf = self._read_urdf(self.entry.urdf, ("robot", "urdf"))
+        self.moveit: MoveitLimits | None = None
+        if self.entry.limits.moveit is not None:
+            self.moveit = self._read_moveit(self.entry.limits.moveit, ("robot", "limits", "moveit"))
+            self.urdf = with_position_limits(self.urdf, self.moveit)
         self.srdf: SrdfModel | None = None
         if self.entry.srdf is not None:
             self.srdf_path, source = self._resolve(self.entry.srdf, ("robot", "srdf"))
@@ -117,6 +122,12 @@ class RobotReader:
             path = (*path, "xacro")
         file = packages.resolve(entry.xacro, self.document.folder, self.roots, self.document.value_place(path))
         return file, RobotSource((*self.roots, self.document.folder), entry.args)
+
+    def _read_moveit(self, reference: str, path: KeyPath) -> MoveitLimits:
+        file = packages.resolve(reference, self.document.folder, self.roots, self.document.value_place(path))
+        limits = read_moveit_limits(file)
+        self.digest.add("robot.limits.moveit", file, limits.document.content)
+        return limits
 
     def _read_urdf(self, entry: XacroEntry | str, path: KeyPath) -> UrdfModel:
         urdf = read_urdf(*self._resolve(entry, path))
@@ -273,10 +284,9 @@ class RobotReader:
         return positions
 
     def _limits(self, joints: Sequence[UrdfJoint]) -> dict[str, JointLimits]:
-        limits = {limit: self._values(limit, joints) for limit in ("velocity", "acceleration", "jerk")}
-        limits["velocity"] = {
-            **{joint.name: joint.velocity for joint in joints if joint.velocity},
-            **limits["velocity"],
+        limits = {
+            limit: {**self._from_files(limit, joints), **self._values(limit, joints)}
+            for limit in ("velocity", "acceleration", "jerk")
         }
         assumed = {limit: LimitsEntry.kind(limit).assumed for limit in limits}
         self._warn_of_assumed_limits(joints, limits, assumed)
@@ -288,6 +298,20 @@ class RobotReader:
             )
             for joint in joints
         }
+
+    def _from_files(self, limit: str, joints: Sequence[UrdfJoint]) -> dict[str, float]:
+        """The values of one limit that URDF and MoveIt state, with MoveIt's scaling."""
+        found = {joint.name: joint.velocity for joint in joints if joint.velocity} if limit == "velocity" else {}
+        if self.moveit is None:
+            return found
+        names = tuple(joint.name for joint in joints)
+        strange = self.moveit.unknown(names)
+        if strange is not None and strange not in self.warnings:
+            self.warnings.append(strange)
+        stated = self.moveit.stated[limit]
+        factor: float | None = getattr(self.entry.limits, f"{limit}_scaling", None)
+        scale = self.moveit.scaling.get(limit, 1.0) if factor is None else factor
+        return {name: scale * value for name, value in {**found, **stated}.items() if name in names}
 
     def _stop_limits(self, limits: Mapping[str, JointLimits], joints: Sequence[UrdfJoint]) -> dict[str, StopLimits]:
         stops = {limit: self._values(f"stop_{limit}", joints) for limit in ("acceleration", "jerk")}

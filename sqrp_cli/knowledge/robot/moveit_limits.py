@@ -1,0 +1,187 @@
+"""Joint limits as MoveIt's `joint_limits.yaml` states them."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.knowledge.robot.urdf import UrdfModel
+from sqrp_cli.knowledge.text.bounds import NO_LIMIT, SMALLEST_LIMIT
+from sqrp_cli.knowledge.text.input_file import read_input
+from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, describe
+from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, parse_yaml
+
+TOP = "joint_limits"
+"""The key of the joints; what is around it, such as a namespace of parameters, does not matter."""
+
+SCALED = ("velocity", "acceleration")
+"""Limits that MoveIt multiplies with a factor, if the file states one; it leaves jerk as it is."""
+
+KINDS = (*SCALED, "jerk")
+
+_KEYS = (
+    "max_position", "min_position", "has_position_limits", *(f"max_{kind}" for kind in KINDS),
+    *(f"has_{kind}_limits" for kind in KINDS),
+)  # fmt: skip
+
+_TOPS = (TOP, "robot_description_planning", "/**", *(f"default_{kind}_scaling_factor" for kind in SCALED))
+"""With one of these keys a file is one of MoveIt."""
+
+_DEGREES = re.compile(rb"!(degrees|radians)\s+([-+.\deE]+)")
+
+
+@dataclass(frozen=True, eq=False)
+class MoveitLimits:
+    """The limits that a file states [rad or m, s], by joint; scaling factors are not applied."""
+
+    document: SourceDocument
+    stated: Mapping[str, Mapping[str, float]]
+    """Of each kind of `KINDS`, by joint; only limits that are switched on."""
+    positions: Mapping[str, tuple[float, float]]
+    """Position limits by joint."""
+    scaling: Mapping[str, float]
+    """Factor of each kind of `SCALED`; 1 where none is stated."""
+    joints: tuple[str, ...]
+    """All joints that it names."""
+
+    def unknown(self, known: tuple[str, ...]) -> Problem | None:
+        """A warning about joints that the robot lacks; None if there are none."""
+        strange = [joint for joint in self.joints if joint not in known]
+        if not strange:
+            return None
+        more = f" and {len(strange) - 1} more" if len(strange) > 1 else ""
+        message = f"unknown joint `{strange[0]}`{more}; {expected_names(strange[0], known)}; their limits are left out"
+        place = next(place for path, place in self.document.keys.items() if path[-1] == strange[0])
+        return Problem("unknown-joint", message, place, severity="warning", mend="check that the file is of this robot")
+
+
+def read_moveit_limits(path: Path) -> MoveitLimits:
+    """Read a `joint_limits.yaml`.
+
+    As MoveIt does, a limit holds if it is stated and not switched off by `has_..._limits: false`. Raises InputError,
+    with line and column, for what is no such file, unknown keys of a joint, and values that are no limits.
+    """
+    content = _DEGREES.sub(_in_radians, read_input(path, MAX_BYTES))
+    document = parse_yaml(path, content, keys=_TOPS)
+    base, above = _find_top(document)
+    reader = _LimitsReader(document)
+    joints = {name: reader.joint((*base, name), entry) for name, entry in _at(document.data, base).items()}
+    scaling = {kind: reader.factor((*above, f"default_{kind}_scaling_factor")) for kind in SCALED}
+    if reader.problems:
+        raise InputError(*reader.problems)
+    stated = {kind: {name: found[kind] for name, found in joints.items() if kind in found} for kind in KINDS}
+    positions = {name: (found["lower"], found["upper"]) for name, found in joints.items() if "lower" in found}
+    return MoveitLimits(document, stated, positions, scaling, tuple(joints))
+
+
+def with_position_limits(urdf: UrdfModel, limits: MoveitLimits) -> UrdfModel:
+    """The robot with the position limits of the file where they are narrower: nothing moves past those of the URDF."""
+    joints = dict(urdf.joints)
+    for name, (lower, upper) in limits.positions.items():
+        joint = joints.get(name)
+        if joint is not None and joint.movable:
+            joints[name] = replace(joint, lower=max(lower, joint.lower), upper=min(upper, joint.upper))
+    return replace(urdf, joints=joints)
+
+
+def _in_radians(match: re.Match[bytes]) -> bytes:
+    try:
+        number = float(match[2])
+    except ValueError:
+        return match[0]
+    return repr(math.radians(number) if match[1] == b"degrees" else number).encode()
+
+
+def _find_top(document: SourceDocument) -> tuple[KeyPath, KeyPath]:
+    """Where the joints are, and what holds them. Raises InputError if nothing does."""
+    path: KeyPath = ()
+    data: Any = document.data
+    while isinstance(data, dict):
+        if isinstance(data.get(TOP), dict):
+            return (*path, TOP), path
+        inner = [key for key, value in data.items() if isinstance(value, dict)]
+        if len(inner) != 1 or TOP in data:
+            break
+        path, data = (*path, inner[0]), data[inner[0]]
+    found = ", ".join(f"`{key}`" for key in [*document.data][:5])
+    message = f"found {found}, expected `{TOP}:` with the limits of each joint, as MoveIt writes them"
+    raise InputError(Problem("missing-key", message, document.key_place((TOP,))))
+
+
+def _at(data: Any, path: KeyPath) -> dict[str, Any]:  # noqa: ANN401
+    for key in path:
+        data = data[key]
+    return dict(data)
+
+
+class _LimitsReader:
+    """Reads joints and collects problems."""
+
+    def __init__(self, document: SourceDocument) -> None:
+        self.document, self.problems = document, list[Problem]()
+
+    def joint(self, path: KeyPath, entry: object) -> dict[str, float]:
+        """The limits of a joint that hold: of each kind, and `lower` and `upper`."""
+        if not isinstance(entry, dict):
+            self._report("wrong-type", path, f"found {describe(entry)}, expected a mapping with `max_velocity`")
+            return {}
+        for key in entry:
+            if key not in _KEYS and re.fullmatch(r"(has|max|min)_\w+", key):
+                expected = expected_names(key, _KEYS)
+                self.problems.append(
+                    Problem("unknown-key", f"`{self.document.name((*path, key))}` is no known key; {expected}",
+                            self.document.key_place((*path, key)))
+                )  # fmt: skip
+        found: dict[str, float] = {}
+        for kind in KINDS:
+            if entry.get(f"max_{kind}") is not None and self._on(path, entry, kind):
+                value = self._number((*path, f"max_{kind}"), entry[f"max_{kind}"], SMALLEST_LIMIT)
+                found |= {} if value is None else {kind: value}
+        if "max_position" in entry and "min_position" in entry and self._on(path, entry, "position"):
+            found |= self._range(path, entry)
+        return found
+
+    def factor(self, path: KeyPath) -> float:
+        """A scaling factor, above 0 and at most 1; 1 if it is not stated."""
+        data: Any = self.document.data
+        for key in path:
+            data = data.get(key) if isinstance(data, dict) else None
+        if data is None:
+            return 1.0
+        value = self._number(path, data, 1e-3)
+        if value is not None and value > 1.0:
+            self._report("wrong-value", path, f"found {describe(data)}, expected a factor of at most 1")
+        return value or 1.0
+
+    def _on(self, path: KeyPath, entry: Mapping[str, object], kind: str) -> bool:
+        flag = entry.get(f"has_{kind}_limits", True)
+        if not isinstance(flag, bool):
+            message = f"found {describe(flag)}, expected `true` or `false`"
+            self._report("wrong-type", (*path, f"has_{kind}_limits"), message)
+        return flag is True
+
+    def _range(self, path: KeyPath, entry: Mapping[str, object]) -> dict[str, float]:
+        keys = ("min_position", "max_position")
+        lower, upper = (self._number((*path, key), entry[key], -NO_LIMIT) for key in keys)
+        if lower is None or upper is None:
+            return {}
+        if lower > upper:
+            self._report("wrong-value", (*path, "min_position"), f"found {lower:g}, above `max_position`, {upper:g}")
+        return {"lower": lower, "upper": upper}
+
+    def _number(self, path: KeyPath, value: object, least: float) -> float | None:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            self._report("wrong-type", path, f"found {describe(value)}, expected a number in rad or m, and s")
+            return None
+        if not least <= value <= NO_LIMIT:
+            self._report("wrong-value", path, f"found {value:g}, expected at least {least:g}")
+            return None
+        return float(value)
+
+    def _report(self, code: str, path: KeyPath, message: str) -> None:
+        self.problems.append(self.document.problem(code, path, message))
