@@ -49,7 +49,8 @@ def print_placement(found: PlaceDocument, wish: Wish | None) -> None:
     say()
     say(found.proof)
     if found.survive:
-        say(f"Counted is only what is seen still if {in_words(found.survive)} of the cameras fails.")
+        say("Counted is only what is still seen if any one of the cameras fails.")
+        _print_price(found)
     say(
         "The proof is about these mounts, samples and ways; the chosen cameras were also checked between the samples."
         if found.proven
@@ -59,6 +60,18 @@ def print_placement(found: PlaceDocument, wish: Wish | None) -> None:
     )
     if found.patch:
         say_command("To have it, add", "--patch FILE")
+
+
+def _print_price(found: PlaceDocument) -> None:
+    """What it costs that a camera may fail."""
+    without = found.without_spare
+    if without is None:
+        return
+    more = len(found.cameras) - without.cameras
+    cost = f"{in_words(more)} more camera{'' if more == 1 else 's'}" if more else "no more cameras"
+    money = f" and a price of {found.price - without.price:g}" if found.price or without.price else ""
+    have = f"{in_words(without.cameras)} with a {found.by} Q of {100 * without.objective:.1f} % would do without"
+    say(f"That takes {cost}{money}: {have}.")
 
 
 def _print_unmet(found: PlaceDocument, wish: Wish | None) -> None:

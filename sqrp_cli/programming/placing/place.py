@@ -107,6 +107,18 @@ class FewerCameras:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class WithoutSpare:
+    """What would do if no camera could fail."""
+
+    cameras: int
+    """How many."""
+    price: float
+    """Of all of them."""
+    objective: float
+    """The quality that counts first, in 0..1."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Unseen:
     """Something that too few places see, so that no choice of them covers it."""
 
@@ -155,6 +167,8 @@ class Placement:
     """The fewest cameras that meet the wish; None without one, and if none do."""
     fewer: FewerCameras | None = None
     """With one camera less, if there are several."""
+    without_spare: WithoutSpare | None = None
+    """If cameras may fail: what would do otherwise."""
     unseen: tuple[Unseen, ...] = ()
     """If nothing meets the wish: what no choice of places covers."""
 
@@ -248,7 +262,7 @@ class Placer:
     ) -> tuple[Placing, Chosen]:
         """The best choice at samples at which its own figures are exact; first_only: only the first aim counts."""
         for number in range(ROUNDS):
-            problem = self.problem()
+            problem = self.problem(demand.survive)
             chosen = self._search(problem, demand, first_only=first_only, start=start)
             if chosen.choice is None or chosen.interrupted or number == ROUNDS - 1:
                 break
@@ -256,7 +270,7 @@ class Placer:
             if hiding:
                 self._known_hiding |= hiding
                 start = None
-            elif not self._sharpen(problem, chosen.choice):
+            elif not self._sharpen(problem, chosen.choice, demand.survive):
                 break
         return problem, chosen
 
@@ -333,14 +347,14 @@ class Placer:
         view, lens = np.array([o.view for o in self.options]), np.array([o.lens for o in self.options])
         return [np.concatenate(of_way, axis=1)[lens, view] for of_way in by_way]
 
-    def problem(self) -> Placing:
-        """The problem of choosing, at the samples so far."""
+    def problem(self, survive: int) -> Placing:
+        """The problem of choosing, at the samples so far, if so many cameras may fail."""
         spot = np.array([self.views[option.view].spot for option in self.options], dtype=np.int64)
         responses = np.array([self.lenses[option.lens].response for option in self.options])
         tasks = [self.ways[of_one[0]].task for of_one in self.candidates]
         weights = self.question.mounts.weights
         return Placing(
-            cover=Cover.of(self.ways, self.sees, responses, self.question.demand.survive),
+            cover=Cover.of(self.ways, self.sees, responses, survive),
             candidates=tuple(self.candidates),
             weights=np.array([weights.get(task, 1.0) / tasks.count(task) for task in tasks]),
             spot=spot,
@@ -406,12 +420,12 @@ class Placer:
         scenes = [self.ways[number].scene for number in choice.ways]
         return [observed(cell, scene, self.question.sampling, full=False) for scene in scenes]
 
-    def _sharpen(self, problem: Placing, choice: Choice) -> bool:
+    def _sharpen(self, problem: Placing, choice: Choice, spare: int) -> bool:
         """Add samples where the chosen cameras lose or gain sight between those of a way; whether any were added.
 
         Then the figures at the samples are the exact ones. Where cameras may fail, states are not what the studies see.
         """
-        if self.question.demand.survive:
+        if spare:
             return False
         worth, added = worth_of(problem, choice), False
         for number, study, pair in zip(choice.ways, self.studies(choice), worth.qualities, strict=True):
@@ -472,6 +486,19 @@ class Placer:
         best = 0.0 if found.choice is None else worth_of(problem, found.choice).of(demand.objective)
         return FewerCameras(cameras=cameras, objective=best, bound=max(best, found.bound))
 
+    def _without_spare(self) -> WithoutSpare | None:
+        """What would do if no camera could fail; None where that is not asked."""
+        demand = self.question.demand
+        if not demand.survive:
+            return None
+        proven = list(self.ways), list(self.sees)
+        problem, found = self._sharpened(replace(demand, survive=0))
+        self.ways, self.sees = proven
+        if found.choice is None:
+            return None
+        worth = worth_of(problem, found.choice)
+        return WithoutSpare(cameras=len(found.choice.options), price=worth.price, objective=worth.of(demand.objective))
+
     def _seen_alone(self, problem: Placing) -> Array:
         """See `Placement.seen`."""
         found = np.zeros(len(self.question.mounts.spots))
@@ -531,4 +558,5 @@ class Placer:
             worth=worth,
             bound=max(chosen.bound, worth.of(self.question.demand.objective)),
             fewer=None if chosen.interrupted else self._fewer(chosen.choice),
+            without_spare=None if chosen.interrupted else self._without_spare(),
         )

@@ -103,6 +103,18 @@ class WithFewer(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class SpareCost(Record):
+    """What would do if no camera could fail."""
+
+    cameras: int
+    """How many."""
+    price: float
+    """Of all of them."""
+    objective: float
+    """The quality that counts first, in 0..1."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class UnseenTarget(Record):
     """What too few places see, so that no choice of them covers it."""
 
@@ -181,6 +193,8 @@ class PlaceDocument(WorkspaceDocument):
     """The fewest cameras that meet `want`; null without one."""
     fewer: WithFewer | None
     """What one camera less could do."""
+    without_spare: SpareCost | None
+    """With `survive`: what would do if no camera could fail."""
     candidates: Sequence[PlacedCandidate]
     """The exact figures of each, as `sqrp score` gives them for the patched workspace."""
     ways: Mapping[str, Mapping[str, float | str]]
@@ -220,6 +234,7 @@ def placed(found: Placement, patch: str, wish: Wish | None) -> PlaceDocument:
         price=sum(camera.price for camera in found.cameras),
         fewest=found.fewest,
         fewer=WithFewer.of(found.fewer),
+        without_spare=None if found.without_spare is None else SpareCost(**vars(found.without_spare)),
         candidates=[PlacedCandidate.of_candidate(one) for one in found.candidates],
         ways={f"{one.task}: {one.candidate.name}": one.found.way.parameters for one in found.candidates},
         infeasible=[

@@ -112,7 +112,7 @@ def test_the_figures_are_those_of_the_exact_timeline(pair):
 
 def test_the_best_choice_is_never_worse_than_the_greedy_one(pair):
     asked, found, _ = pair
-    problem = asked.problem()
+    problem = asked.problem(0)
     assert found.objective >= worth_of(problem, greedy(problem, asked.question.demand, 2)).least - 1e-9
 
 
@@ -144,6 +144,8 @@ def test_with_a_spare_camera_everything_is_seen_whichever_is_lost(cell, tmp_path
     for lost in chosen:
         assert brute.qualities([c for c in chosen if c != lost])[0] == pytest.approx(1.0)
     assert len(chosen) == 2
+    assert found.without_spare is not None
+    assert (found.without_spare.cameras, found.without_spare.price) == (1, 100.0)
 
 
 def test_ways_that_are_chosen_too_are_never_worse(cell, tmp_path, pair):
