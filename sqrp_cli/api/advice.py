@@ -208,7 +208,8 @@ class TaskAdvice(Answer[AdviceDocument]):
     def _listed_alone(self) -> str | None:
         """The text of the listed task that has only the candidate; None if each has others as well."""
         workspace, own = self.session.workspace, _key(self.before.candidate)
-        listed = ((one.task, read_task(one.task, workspace).candidates) for one in workspace.tasks)
+        alone = [one.task for one in workspace.tasks if not one.has_steps]
+        listed = ((task, read_task(task, workspace).candidates) for task in alone)
         return next((text for text, candidates in listed if list(map(_key, candidates)) == [own]), None)
 
     def _is_as_stated(self, name: str) -> bool:
@@ -351,6 +352,8 @@ def _listed(session: Session, assessments: Sequence[Assessment], chosen: Assessm
     known = {_key(one.candidate): one.way for one in assessments}
     found = []
     for listed in workspace.tasks:
+        if listed.has_steps:
+            continue
         candidates = read_task(listed.task, workspace).candidates
         if assignment.wanted.fastest:
             ways = tuple(map(first_grip, candidates))

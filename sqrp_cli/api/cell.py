@@ -165,6 +165,7 @@ class OpenCell:
         task: str,
         choose: str | None = "best",
         *,
+        step: int | None = None,
         sampling: Sampling | None = None,
         after: str | Path | None = None,
         ways: WaysOption = "best",
@@ -174,11 +175,11 @@ class OpenCell:
     ) -> Explanation:
         """Explain when each camera sees each literal, and what is in the way when it does not.
 
-        choose: the candidate's name, `best` for the first in the ranking, or None to compare all of them. ways,
-        max_time: see `rank`.
+        choose: the candidate's name, `best` for the first in the ranking, or None to compare all of them. step: of a
+        task of several, from 1; by default the one that is seen worst. ways, max_time: see `rank`.
         """
         from sqrp_cli.api.results import Explanation
-        from sqrp_cli.api.session import assess, check_choice, choose_candidate
+        from sqrp_cli.api.session import assess, at_step, check_choice, check_one_step, choose_candidate
         from sqrp_cli.programming.ranking import rank
 
         check_count(jobs, "jobs", 1)
@@ -187,7 +188,15 @@ class OpenCell:
             check_text(choose, "choose", "the name of a candidate, `best`, or None for all")
         session = self.begin(task, sampling=sampling, after=after, ways=ways, max_time=max_time)
         check_choice(session.task, "best" if choose is None else choose)
+        whole = bool(session.task.candidates[0].steps)
+        if step is not None and not whole:
+            raise InputError(Problem("bad-option", f"--step is {step}, but `{task}` is a task of one step"))
+        if choose is None:
+            check_one_step(session, "--all")
         ranking = rank(list(assess(session, jobs, progress)), "q_eoi")
+        if whole and choose is not None:
+            session, one = at_step(session, choose_candidate(ranking, choose), step)
+            ranking, task, choose = (one,), session.task.text, "best"
         chosen = list(ranking) if choose is None else [choose_candidate(ranking, choose)]
         explained = []
         with progress("Looking up causes", len(chosen)) as advance:
@@ -218,6 +227,7 @@ class OpenCell:
         which the answer of each kind is kept; those there are used.
         """
         from sqrp_cli.api.advice import find_advice
+        from sqrp_cli.api.session import check_one_step
         from sqrp_cli.programming.advice.change import read_kinds
 
         check_count(jobs, "jobs", 1)
@@ -226,6 +236,7 @@ class OpenCell:
         if want is not None:
             check_text(want, "want", "a wish such as `q_eoi 100 %, time 20 s`")
         session = self.begin(task, sampling=sampling, after=after, ways=ways)
+        check_one_step(session, "advise")
         return find_advice(
             session,
             self.path,

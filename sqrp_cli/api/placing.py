@@ -23,6 +23,7 @@ from sqrp_cli.programming.placing.problem import OBJECTIVES, Demand
 from sqrp_cli.programming.placing.solver import check_solver
 from sqrp_cli.programming.placing.tensor import LocalVerdicts, Verdicts
 from sqrp_cli.programming.task import read_task
+from sqrp_cli.programming.whole_task import split_steps
 from sqrp_cli.report.documents.placing import PlaceDocument, placed
 from sqrp_cli.scoring.sweep import from_here
 from sqrp_cli.scoring.work.looks import ClusterVerdicts, KeptVerdicts
@@ -176,6 +177,10 @@ def _demand(request: PlaceRequest) -> tuple[Wish | None, Demand]:
 
 def _tasks(request: PlaceRequest, workspace: Workspace) -> Sequence[str]:
     texts = list(dict.fromkeys(request.tasks or [task.task for task in workspace.tasks]))
+    whole = [text for text in texts if len(split_steps(text)) > 1]
+    if whole:
+        message = f"`{whole[0]}` has several steps, and cameras are placed for tasks of one step"
+        raise InputError(Problem("bad-option", message, mend="name tasks of one step"))
     if not texts:
         message = "the workspace lists no tasks, so it is not known what cameras are for"
         raise InputError(Problem("bad-option", message, mend="name a task, such as `pickup green`"))

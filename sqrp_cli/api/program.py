@@ -23,6 +23,7 @@ from sqrp_cli.api.cell import OpenCell, silent
 from sqrp_cli.errors import InputError, Place, Problem
 
 if TYPE_CHECKING:
+    from sqrp_cli.api.results import Explanation
     from sqrp_cli.api.run_results import Audit, SimulatedRun, SlipSweep
     from sqrp_cli.knowledge.workspace.workspace import Workspace, World
     from sqrp_cli.program.record import Program, Step
@@ -126,6 +127,32 @@ class OpenProgram:
         check_texts(faults, option, "texts such as ['slip@a4+0.4']")
         rng, steps, cameras = np.random.default_rng(self.seed), self.program.steps, self.workspace.cameras
         return [parse_fault(text, steps, cameras, rng, option) for text in faults]
+
+    def explain(self, step: int | None = None) -> Explanation:
+        """Explain a step, from 1; by default the one that is seen worst. See `OpenCell.explain`."""
+        from sqrp_cli.api.results import Explanation
+        from sqrp_cli.api.session import Session
+        from sqrp_cli.programming.candidate import Task
+        from sqrp_cli.programming.cell import Cell
+        from sqrp_cli.programming.coverage.sampling import Adaptive
+        from sqrp_cli.programming.pipeline import Assignment
+        from sqrp_cli.programming.program_update import candidate_of
+        from sqrp_cli.programming.ranking import rank
+
+        steps = self.program.steps
+        if step is None:
+            seen = [(1.0 if one.q_eoi is None else one.q_eoi, 1.0 if one.q_avg is None else one.q_avg) for one in steps]
+            step = 1 + seen.index(min(seen)) if seen else 1
+        if not 1 <= step <= len(steps):
+            message = f"--step is {step}, but {self.path} has {len(steps)} steps"
+            raise InputError(Problem("bad-option", message))
+        cell, chosen = Cell.load(self.workspace, self.seed), steps[step - 1]
+        assignment = Assignment(cell, chosen.before, Adaptive())
+        candidate = candidate_of(chosen, cell)
+        task = Task(chosen.short_task, candidate.skill, (candidate,))
+        ranking = rank([assignment.assess(candidate)], "q_eoi")
+        explained = [assignment.explain(ranking[0])]
+        return Explanation(Session(task, assignment), task.text, ranking, explained, several=False)
 
     def run(
         self,

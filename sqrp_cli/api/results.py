@@ -87,7 +87,7 @@ class Ranking(Answer["RankDocument"]):
         choose: the candidate's name, or `best` for the first. Raises InputError where it is infeasible, or does not
         begin where the program ends.
         """
-        from sqrp_cli.api.session import ChosenStep, add_steps, check_choice, choose_candidate
+        from sqrp_cli.api.session import add_steps, check_choice, choose_candidate, steps_of
 
         file, session = checked_path(path), self.session
         check_text(choose, "choose", "the name of a candidate, or `best`")
@@ -96,8 +96,7 @@ class Ranking(Answer["RankDocument"]):
         if not chosen.feasible:
             message = f"{chosen.candidate.name} is infeasible ({chosen.reasons[0]}), so {file} was not written"
             raise InputError(Problem("bad-option", message))
-        step = ChosenStep(session.task.text, chosen, session.assignment.world)
-        add_steps(session.cell, [step], session.assignment.sampling, file)
+        add_steps(session.cell, steps_of(session, chosen), session.assignment.sampling, file)
 
     def show(self) -> None:
         """Print the table of `sqrp rank`."""

@@ -23,6 +23,7 @@ from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.task import Task, read_task
 from sqrp_cli.programming.ways.find import WantedWay
 from sqrp_cli.programming.ways.grips import first_grip
+from sqrp_cli.programming.whole_assessment import StepDone
 
 if TYPE_CHECKING:
     from sqrp_cli.programming.suggestion import SuggestedStep
@@ -66,10 +67,11 @@ class Session:
         before: a program; the task starts where it ends, by default in the workspace's own state. wanted: which way of
         each candidate, by default the one that is seen best. Raises InputError for input that cannot be used.
         """
-        read, wanted = read_task(task, cell.workspace), wanted or WantedWay()
+        wanted = wanted or WantedWay()
+        world = cell.initial_world if before is None else _world_after(before, cell)
+        read = read_task(task, cell.workspace, world.facts)
         if wanted.fastest:
             read = replace(read, candidates=tuple(map(first_grip, read.candidates)))
-        world = cell.initial_world if before is None else _world_after(before, cell)
         return cls(read, Assignment(cell, world, sampling, calibration, wanted))
 
 
@@ -136,6 +138,48 @@ class ChosenStep:
     task: str
     assessment: Assessment
     world: World
+
+
+def steps_of(session: Session, chosen: Assessment) -> list[ChosenStep]:
+    """What a feasible candidate appends to a program: a step, or several."""
+    assignment = session.assignment
+    if not chosen.candidate.steps:
+        return [ChosenStep(session.task.text, chosen, assignment.world)]
+    return [ChosenStep(one.assessment.candidate.task, one.assessment, one.before) for one in _done(session, chosen)]
+
+
+def _done(session: Session, chosen: Assessment) -> list[StepDone]:
+    return session.assignment.steps_done(chosen.candidate)
+
+
+def at_step(session: Session, chosen: Ranked, number: int | None) -> tuple[Session, Ranked]:
+    """A step of a candidate of several as a task of its own, in the world that the steps before it leave.
+
+    number: from 1; None for the step that is seen worst. Raises InputError if there is no such step.
+    """
+    done = _done(session, chosen.assessment)
+    if number is None:
+        number = 1 + min(range(len(done)), key=lambda index: _seen(done[index].assessment))
+    if not 1 <= number <= len(done):
+        message = f"--step is {number}, expected a step of {chosen.assessment.candidate.name}: 1 to {len(done)}"
+        raise InputError(Problem("bad-option", message))
+    step = done[number - 1]
+    candidate = step.assessment.candidate
+    task = Task(candidate.task, candidate.skill, (candidate,))
+    one = Session(task, replace(session.assignment, world=step.before))
+    return one, Ranked(step.assessment, rank=1 if step.assessment.feasible else None, pareto=True)
+
+
+def _seen(found: Assessment) -> tuple[float, float]:
+    return tuple(1.0 if quality is None else quality for quality in (found.q_eoi, found.q_avg))  # type: ignore[return-value]
+
+
+def check_one_step(session: Session, what: str) -> None:
+    """Raises InputError for a task of several steps where only one can be looked at."""
+    if session.task.candidates[0].steps:
+        message = f"`{session.task.text}` has several steps, and {what} looks at one"
+        mend = "write the steps before it with `sqrp rank ... --program FILE`, then ask about it with `--after FILE`"
+        raise InputError(Problem("bad-option", message, mend=mend))
 
 
 def chosen_steps(suggested: Sequence[SuggestedStep]) -> list[ChosenStep]:

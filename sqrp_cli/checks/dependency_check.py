@@ -12,7 +12,8 @@ from sqrp_cli.programming.pipeline import Assignment, assess_all
 from sqrp_cli.programming.ranking import rank
 from sqrp_cli.programming.suggestion import SuggestedStep, Suggester, Suggestion
 from sqrp_cli.programming.task import Candidate
-from sqrp_cli.programming.ways.find import some_motion
+from sqrp_cli.programming.ways.find import WantedWay, some_motion
+from sqrp_cli.programming.ways.grips import first_grip
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -35,6 +36,8 @@ class Feasibility:
 
 def check_candidate(candidate: Candidate, suggester: Suggester) -> Feasibility:
     """Check one candidate in the suggester's world: its precondition, and whether the robot can make its motion."""
+    if candidate.steps:
+        return _check_steps(candidate, suggester)
     suggestion = suggester.suggest(candidate)
     motion = some_motion(suggester.cell, candidate, suggester.world)
     if isinstance(motion, Infeasible):
@@ -49,6 +52,20 @@ def check_candidate(candidate: Candidate, suggester: Suggester) -> Feasibility:
     )
 
 
+def _check_steps(candidate: Candidate, suggester: Suggester) -> Feasibility:
+    """Check a candidate of several steps, each in its fastest way after those before it."""
+    wanted = WantedWay(fastest=True)
+    found = Assignment(suggester.cell, suggester.world, Adaptive(), wanted=wanted).assess(first_grip(candidate))
+    return Feasibility(
+        candidate=candidate,
+        feasible=found.feasible,
+        reasons=found.reasons,
+        time=found.time,
+        suggestion=Suggestion("satisfied", ""),
+        ways_around=found.ways_around,
+    )
+
+
 def best_suggestion(found: Sequence[Feasibility], suggester: Suggester) -> tuple[SuggestedStep, ...]:
     """The steps to complete a task: its best candidate, or a plan and the best candidate after it.
 
@@ -58,7 +75,10 @@ def best_suggestion(found: Sequence[Feasibility], suggester: Suggester) -> tuple
     if now:
         assignment = Assignment(suggester.cell, suggester.world, Adaptive())
         best = rank(tuple(assess_all(assignment, now, suggester.jobs)), "q_eoi")[0].assessment
-        return (SuggestedStep.of(best, suggester.world),)
+        done = assignment.steps_done(best.candidate)
+        return tuple(SuggestedStep.of(one.assessment, one.before) for one in done) or (
+            SuggestedStep.of(best, suggester.world),
+        )
     later = [feasibility.suggestion for feasibility in found if feasibility.suggestion.feasible]
     assessments = [step.assessment for suggestion in later if (step := suggestion.last) and step.assessment]
     if not assessments:

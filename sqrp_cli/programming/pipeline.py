@@ -17,6 +17,7 @@ from sqrp_cli.programming.coverage.verdict import verdict, verdicts
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.find import BestWay, WantedWay, find_ways
+from sqrp_cli.programming.whole_assessment import StepDone, assessment_of_all, steps_done
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -56,6 +57,11 @@ class Assignment:
 
     def assess_together(self, candidates: Sequence[Candidate]) -> list[Assessment]:
         """As `assess` of each of several candidates, which is faster together."""
+        alone = iter(self._assess_alone([one for one in candidates if not one.steps]))
+        return [assessment_of_all(one, self.steps_done(one)) if one.steps else next(alone) for one in candidates]
+
+    def _assess_alone(self, candidates: Sequence[Candidate]) -> list[Assessment]:
+        """As `assess_together`, of candidates of one step."""
         found = find_ways(self.cell, candidates, self.world, self.sampling, self.wanted)
         feasible = (one.study for one in found if isinstance(one, BestWay))
         said = iter(verdicts(self.cell, list(feasible)))
@@ -73,6 +79,14 @@ class Assignment:
             return assessment
         recalibrated = under_calibration_errors(self.cell, study, self.sampling, self.calibration)
         return replace(assessment, recalibrated=recalibrated)
+
+    def steps_done(self, candidate: Candidate) -> list[StepDone]:
+        """The steps of a candidate of several, each in its wanted way."""
+
+        def assess(world: World, step: Candidate) -> Assessment:
+            return replace(self, world=world).assess(step)
+
+        return steps_done(self.cell, candidate, self.world, assess, (self.sampling, self.calibration, self.wanted))
 
     def explain(self, ranked: Ranked) -> Explained:
         """A candidate with the full study of its way, and the figures from that."""

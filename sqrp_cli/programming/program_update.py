@@ -42,13 +42,7 @@ class StepReplanner:
 
         Where its branch is, after the object was moved, any other branch that the skill leaves free.
         """
-        skill = self.cell.workspace.skills[step.skill]
-        names = [parameter.name for parameter in skill.action.parameters]
-        binding = {name: str(step.parameters[name]) for name in names}
-        said = {name: value for name, value in step.parameters.items() if name not in binding}
-        branch = {name: said.pop(name) for name in [*said] if name not in skill.defaults}
-        values = {**skill.defaults, **said}
-        candidate = Candidate(skill, binding, values, " ".join(binding.values()) or skill.name, branch=branch)
+        candidate = candidate_of(step, self.cell)
         if candidate.open_paths:
             from sqrp_cli.programming.seen.seen_ways import way_with_seen_paths
 
@@ -60,6 +54,17 @@ class StepReplanner:
             return None
         cameras = tuple(camera.name for camera in self.cell.observer.cameras)
         return make_step(step.task, found, found.assessment(verdict(self.cell, found)), cameras)
+
+
+def candidate_of(step: Step, cell: Cell) -> Candidate:
+    """The way that a step of a program was made from; paths around vias are planned again by who needs them."""
+    skill = cell.workspace.skills[step.skill]
+    names = [parameter.name for parameter in skill.action.parameters]
+    binding = {name: str(step.parameters[name]) for name in names}
+    said = {name: value for name, value in step.parameters.items() if name not in binding}
+    branch = {name: said.pop(name) for name in [*said] if name not in skill.defaults}
+    values = {**skill.defaults, **said}
+    return Candidate(skill, binding, values, " ".join(binding.values()) or skill.name, branch=branch)
 
 
 def _with_any_branch(way: Candidate) -> Candidate:

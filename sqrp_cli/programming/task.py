@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import fields, replace
 from itertools import combinations_with_replacement, pairwise, product
 from math import comb, prod
 
 from sqrp_cli.errors import InputError, Problem, counted, expected_names
-from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill.settings import ANY, DIRECT, SEEN, MotionValue, Reference
+from sqrp_cli.knowledge.skill.settings import MotionValue
 from sqrp_cli.knowledge.skill.skill import JointMove, Skill
 from sqrp_cli.knowledge.text import units
 from sqrp_cli.knowledge.text.units import expected_quantity, read_quantity
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask, Workspace
 from sqrp_cli.logic.domain import Parameter
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.programming.candidate import Candidate as Candidate
+from sqrp_cli.programming.candidate import Task as Task
+from sqrp_cli.programming.whole_task import split_steps, whole_task
 
 MAX_CANDIDATES = 100_000
 """A task with more candidates than this is refused."""
@@ -24,86 +27,19 @@ MOST_OF_UNIT = 3
 """Most letters of an unknown word that may be meant as a unit."""
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """One binding of all parameters of a skill."""
+def read_task(text: str, workspace: Workspace, facts: frozenset[Atom] | None = None) -> Task:
+    """The candidates of a task such as `pickup red screw`, `place g1 tray` or `pickup peg1 then insert peg1 socket`.
 
-    skill: Skill
-
-    binding: Mapping[str, str]
-    """The object of each skill parameter."""
-
-    values: Mapping[str, MotionValue]
-    """Of each motion parameter."""
-
-    name: str
-    """Its distinguishing name among the candidates of its task, such as `g1` or `g1 lift=200mm`."""
-
-    vias: Mapping[str, Array] = field(default_factory=dict, compare=False)
-    """Joint positions that joint moves bend around on their way, shape (k, n) [rad or m], by the primitive's name."""
-
-    branch: Mapping[str, MotionValue] = field(default_factory=dict)
-    """Of a way: the branch of inverse kinematics, by the parameters that leave it free; see `plan_motion.Branches`."""
-
-    @property
-    def parameters(self) -> dict[str, MotionValue]:
-        """All parameters with their values, objects first; an implicit one only where it is not at its default."""
-        unsaid = {p.name: p.values[0] for p in self.skill.motion_parameters if p.implicit}
-        return {name: value for name, value in self.all_parameters.items() if unsaid.get(name) != value}
-
-    @property
-    def all_parameters(self) -> dict[str, MotionValue]:
-        """The same with every implicit one."""
-        return {**self.binding, **self.values, **self.branch}
-
-    @property
-    def task(self) -> str:
-        """The task text for its skill and objects, such as `place g2 tray`."""
-        return " ".join([self.skill.name, *self.binding.values()])
-
-    @property
-    def leaves_free(self) -> bool:
-        """Whether there may be several ways of doing it: a motion parameter is free, or a path need not be direct."""
-        return ANY in self.values.values() or bool(self.open_paths)
-
-    @property
-    def open_paths(self) -> frozenset[str]:
-        """Names of the joint moves whose paths need not be direct."""
-        return frozenset(move.name for move in self._joint_moves if self._path(move) != DIRECT)
-
-    def with_paths(self, vias: Mapping[str, Array]) -> Candidate:
-        """The way in which joint moves with open paths bend around vias, by the name of the move, if they have any.
-
-        An open path becomes `seen` or `direct`; where moves share the parameter, the vias of any decide.
-        """
-        paths: dict[str, MotionValue] = {}
-        for move in self._joint_moves:
-            if isinstance(move.path, Reference) and self._path(move) != DIRECT:
-                paths[move.path.parameter] = SEEN if move.name in vias else paths.get(move.path.parameter, DIRECT)
-        return replace(self, values={**self.values, **paths}, vias=vias)
-
-    @property
-    def _joint_moves(self) -> list[JointMove]:
-        return [primitive for primitive in self.skill.primitives if isinstance(primitive, JointMove)]
-
-    def _path(self, move: JointMove) -> MotionValue:
-        """What a move's path is to be; direct unless the candidate or the skill says otherwise."""
-        return self.values.get(move.path.parameter, DIRECT) if isinstance(move.path, Reference) else move.path
+    facts: that hold before it, by default those of the workspace; of a task of several steps, they decide which
+    choices go together. Raises InputError if nothing matches.
+    """
+    parts = split_steps(text)
+    steps = [_read_step(part, workspace) for part in parts]
+    return steps[0] if len(steps) == 1 else whole_task(text, steps, workspace, facts)
 
 
-@dataclass(frozen=True)
-class Task:
-    """A task with its candidates."""
-
-    text: str
-    """As it was given."""
-
-    skill: Skill
-    candidates: tuple[Candidate, ...]
-
-
-def read_task(text: str, workspace: Workspace) -> Task:
-    """The candidates of a task such as `pickup red screw`, `place g1 tray` or `pickup object=g1 speed=0.5`.
+def _read_step(text: str, workspace: Workspace) -> Task:
+    """A task of one step, such as `pickup object=g1 speed=0.5`.
 
     The first word is a skill. `name=value` sets a parameter, and `name=a,b` tries several values or objects for it.
     Every other word is the name, the type, the colour or an attribute of an object; with several parameters, the words
@@ -132,7 +68,7 @@ def impossible_tasks(workspace: Workspace) -> Iterator[Problem]:
         try:
             task = read_task(expected.task, workspace)
         except InputError as error:
-            place = workspace.places.get(f"{path}.task")
+            place = workspace.places.get(f"{path}.{'steps' if expected.steps else 'task'}")
             yield from (replace(problem, place=place) for problem in error.problems)
             continue
         usable = dict.fromkeys(name for candidate in task.candidates for name in candidate.binding.values())
@@ -348,7 +284,7 @@ def _no_match(skill: Skill, workspace: Workspace, fitting: Mapping[str, Sequence
 
 def _against_infeasible(workspace: Workspace, path: str, expected: ExpectedTask) -> Iterator[Problem]:
     """Expectations of the best candidate of a task that is expected to be infeasible."""
-    names = [field.name for field in fields(expected) if field.name not in ("task", "feasible")]
+    names = [field.name for field in fields(expected) if field.name not in ("task", "steps", "feasible")]
     stated = [name for name in names if getattr(expected, name) is not None]
     if stated:
         keys = ", ".join(f"`{name}`" for name in stated)

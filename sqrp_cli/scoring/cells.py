@@ -11,6 +11,7 @@ from sqrp_cli.checks.lint import lint
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.workspace.load import WORKSPACE_FILE, load_workspace, workspace_file
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask, Workspace
+from sqrp_cli.programming.first_steps import with_first_steps
 from sqrp_cli.programming.task import Task, read_task
 from sqrp_cli.scoring.work.identity import content_digest
 from sqrp_cli.shown import shown_name
@@ -63,17 +64,20 @@ def read_cell(file: Path, name: str, content: bytes | None = None) -> ScoredCell
 
 def _tasks(workspace: Workspace) -> tuple[ScoredTask, ...]:
     tasks = []
-    contents: dict[str, str] = {}
+    contents: dict[tuple[str, ...], str] = {}
     for expected in workspace.tasks:
         try:
             task = read_task(expected.task, workspace)
         except InputError as error:
             tasks.append(ScoredTask(expected.task, expected, None, "", error.problems))
             continue
-        skill = task.skill.name
-        if skill not in contents:
-            contents[skill] = content_digest(workspace, skill)
-        tasks.append(ScoredTask(expected.task, expected, task, contents[skill]))
+        if expected.feasible is not False:
+            task = with_first_steps(task, workspace)
+        steps = task.candidates[0].steps or task.candidates[:1]
+        skills = tuple(dict.fromkeys(step.skill.name for step in steps))
+        if skills not in contents:
+            contents[skills] = content_digest(workspace, *skills)
+        tasks.append(ScoredTask(expected.task, expected, task, contents[skills]))
     return tuple(tasks)
 
 

@@ -18,7 +18,6 @@ from sqrp_cli.cli.options import (
     SampleCount,
     SampleStep,
     Seed,
-    TaskText,
     Tolerance,
     WorkspacePath,
     check_max_time,
@@ -63,6 +62,15 @@ Choice = Annotated[
     str | None,
     typer.Option("--choose", metavar="best|NAME", help="Which candidate to explain; the first-ranked by default."),
 ]
+StepNumber = Annotated[
+    int | None,
+    typer.Option(
+        "--step", metavar="N", help="Of a task of several steps, or of a program: which; by default the one seen worst."
+    ),
+]
+MaybeTask = Annotated[
+    str | None, typer.Argument(metavar="TASK", show_default=False, help="As for rank; none for a program.")
+]
 AllCandidates = Annotated[bool, typer.Option("--all", help="Compare all candidates side by side.")]
 ShownWays = Annotated[
     str,
@@ -76,8 +84,9 @@ ShownWays = Annotated[
 
 def command(
     workspace: WorkspacePath,
-    task: TaskText,
+    task: MaybeTask = None,
     choose: Choice = None,
+    step: StepNumber = None,
     all_candidates: AllCandidates = False,
     ways: ShownWays = "best",
     max_time: MaxTime = None,
@@ -102,11 +111,14 @@ def command(
     wanted, all_ways = read_ways(ways)
     sampling = read_sampling(samples, dt, tolerance)
     check_max_time(max_time)
+    if task is None:
+        return _explain_program(workspace, step, seed, as_json=as_json)
     cell = open_with_warnings(workspace, seed)
     choice = None if all_candidates else "best" if choose is None else choose
     explanation = cell.explain(
         task,
         choice,
+        step=step,
         sampling=sampling,
         after=after,
         ways=wanted,
@@ -123,6 +135,23 @@ def command(
     if images is not None:
         _write_images(cell.cell, studies, images, several=all_candidates)
     return ExitCode.OK if studies else ExitCode.NONE_FEASIBLE
+
+
+def _explain_program(file: Path, step: int | None, seed: int, *, as_json: bool) -> ExitCode:
+    """Explain a step of a program, which stands where a workspace would."""
+    from sqrp_cli.api.program import open_program
+    from sqrp_cli.terminal.console import say_raw
+
+    if file.is_dir() or b"sqrp_program" not in file.read_bytes()[:200_000] if file.exists() else True:
+        raise InputError(
+            Problem("missing-task", f"{file} is no program, so say what to explain: sqrp explain {file} TASK")
+        )
+    explanation = open_program(file, seed=seed).explain(step)
+    if as_json:
+        say_raw(explanation.to_json())
+    else:
+        explanation.show()
+    return ExitCode.OK
 
 
 def _check_options(choose: str | None, images: Path | None, *, all_candidates: bool) -> None:

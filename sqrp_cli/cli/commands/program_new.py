@@ -110,6 +110,9 @@ class _Dialog:
             except InputError as error:
                 print_problems(error.problems)
                 continue
+            if task.candidates[0].steps:
+                say("One step at a time, please: name the first one alone.")
+                continue
             self._add(self._choose(task))
             return True
         return False

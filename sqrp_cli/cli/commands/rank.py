@@ -77,7 +77,7 @@ def command(
     The best are those in which the cameras see what matters. The chosen one can be written as a program.
     """
     from sqrp_cli.api.results import Ranking
-    from sqrp_cli.api.session import check_choice
+    from sqrp_cli.api.session import check_choice, check_one_step
     from sqrp_cli.checks.cell_warnings import cell_warnings
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.programming.ranking import rank, read_criterion
@@ -90,6 +90,8 @@ def command(
     session = cell.begin(
         task, sampling=sampling, calibration=drawn, after=before, by=criterion, ways=wanted, max_time=max_time
     )
+    if report is not None:
+        check_one_step(session, "--report")
     print_problems(cell_warnings(session.cell))
     check_choice(session.task, choose)
     assessments, interrupted = _assess(session, job_count(jobs))
@@ -162,7 +164,7 @@ def _write_chosen(
 
     Returns the exit code and a message.
     """
-    from sqrp_cli.api.session import ChosenStep, add_steps, choose_candidate
+    from sqrp_cli.api.session import add_steps, choose_candidate, steps_of
 
     chosen = choose_candidate(ranking, choose)
     if chosen.rank is None:
@@ -175,6 +177,7 @@ def _write_chosen(
     if program is None:
         message = "" if choose == "best" else f"{chosen.assessment.candidate.name} is chosen; --program FILE writes it"
         return ExitCode.OK, message
-    step = ChosenStep(session.task.text, chosen.assessment, session.assignment.world)
-    add_steps(session.cell, [step], session.assignment.sampling, program)
-    return ExitCode.OK, f"{chosen.assessment.candidate.name} is now the last step of {program}"
+    steps = steps_of(session, chosen.assessment)
+    add_steps(session.cell, steps, session.assignment.sampling, program)
+    where = "the last step" if len(steps) == 1 else f"the last {len(steps)} steps"
+    return ExitCode.OK, f"{chosen.assessment.candidate.name} is now {where} of {program}"

@@ -22,10 +22,12 @@ def check_tasks(
 ) -> Iterator[Problem]:
     """Check the names in the expected tasks: the skill, and the object that the best candidate should use."""
     for index, task in enumerate(tasks):
-        skill = task.task.split()[0] if task.task.split() else ""
-        if skill not in skills:
-            message = f"found `{skill}`, which is no skill of this workspace; {expected_names(skill, skills)}"
-            yield document.problem("unknown-skill", ("tasks", index, "task"), message)
+        for number, text in enumerate(task.steps or (task.task,)):
+            skill = text.split()[0] if text.split() else ""
+            if skill not in skills:
+                message = f"found `{skill}`, which is no skill of this workspace; {expected_names(skill, skills)}"
+                at = ("steps", number) if task.steps else ("task",)
+                yield document.problem("unknown-skill", ("tasks", index, *at), message)
         winner = task.winner
         if winner is not None and winner not in objects:
             message = f"found `{winner}`, which is no object; {expected_names(winner, objects)}"

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field
+from pydantic_core import PydanticCustomError
 
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.knowledge.camera.camera import Camera, CameraEntry
@@ -49,8 +50,10 @@ Padding = Annotated[float, In(LENGTH, 0.0, 10.0)]
 class ExpectedTask(Stored):
     """A task that the cell must support, with requirements on its best candidate."""
 
-    task: Text
+    task: Text = ""
     """As on the command line, such as `pickup green`."""
+    steps: tuple[Text, ...] = ()
+    """Instead of `task`: several tasks, one after the other, that are scored as a whole."""
     min_q_avg: Share | None = None
     """Least share of the time in which all is seen."""
     min_q_eoi: Share | None = None
@@ -63,6 +66,18 @@ class ExpectedTask(Stored):
     """Whether a feasible candidate is expected at all."""
     winner: Name | None = None
     """The object that the best candidate is expected to use."""
+
+    def __post_init__(self) -> None:
+        """Join the steps as one text. Raises PydanticCustomError unless there is either a task or steps."""
+        if bool(self.task) == bool(self.steps):
+            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `task`, `steps`")
+        if self.steps:
+            object.__setattr__(self, "task", " then ".join(self.steps))
+
+    @property
+    def has_steps(self) -> bool:
+        """Whether it is one of several steps."""
+        return " then " in self.task
 
 
 class WorkspaceFile(Entry):

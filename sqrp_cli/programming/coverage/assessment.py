@@ -94,6 +94,8 @@ class Assessment(Figures):
     """The ways in which it can be done; None where its motion was not asked for."""
     best_way: Candidate | None = None
     """The way behind the figures, if the candidate leaves something free."""
+    steps: tuple[Assessment, ...] = ()
+    """Of a task of several steps: those of the steps that were looked at."""
 
     @property
     def way(self) -> Candidate:

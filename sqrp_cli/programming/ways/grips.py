@@ -17,12 +17,15 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.motion.waypoints import setting_value
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.symmetry import ROUND, equal_sides, equal_turns, part_turns, tool_turns
+from sqrp_cli.programming.whole_task import whole_candidate
 
 _Values = Mapping[str, MotionValue]
 
 
 def first_grip(candidate: Candidate) -> Candidate:
     """The candidate with the first choice of all that it leaves free, other than branches and paths."""
+    if candidate.steps:
+        return whole_candidate(candidate.skill, [first_grip(step) for step in candidate.steps])
     first = {
         parameter: choice
         for setting, choice in (("side", FIRST_SIDE), ("yaw", FIRST_NUMBER), ("via", DIRECT))

@@ -37,6 +37,25 @@ class CandidatePlace(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class StepFigures(Figures):
+    """The figures of one step of a candidate of several."""
+
+    task: str
+    """The skill and its objects."""
+    parameters: Mapping[str, float | str]
+    """Objects and motion parameters by name, of the way behind the figures."""
+    feasible: bool
+    """Whether the robot can do it after the steps before it."""
+    verdict: str
+    """Where it is blind, why, and what would help."""
+
+    @classmethod
+    def of(cls, found: Assessment) -> StepFigures:
+        """The figures of a step."""
+        return completed(cls, found, task=found.candidate.task, parameters=found.way.parameters)
+
+
+@dataclass(frozen=True, kw_only=True)
 class CandidateFigures(Figures, CandidatePlace):
     """The figures of a candidate; those of an infeasible one are null.
 
@@ -49,12 +68,15 @@ class CandidateFigures(Figures, CandidatePlace):
     """Where it is blind, why, and what would help."""
     ways: WaysFound | None
     """The ways in which it can be done; its own figures are those of the first."""
+    steps: tuple[StepFigures, ...] | None = field(default=None, metadata=LEFT_OUT)
+    """Of a task of several steps: the figures of each. Names of parameters and faults begin with the step's number."""
 
     @classmethod
     def of(cls, ranked: Ranked) -> CandidateFigures:
         """The figures of a candidate in a ranking."""
         found = ranked.assessment
-        return completed(cls, found, ranked, parameters=found.candidate.parameters)
+        steps = tuple(map(StepFigures.of, found.steps)) or None
+        return completed(cls, found, ranked, parameters=found.candidate.parameters, steps=steps)
 
 
 @dataclass(frozen=True, kw_only=True)

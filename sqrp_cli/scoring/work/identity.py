@@ -47,12 +47,12 @@ def code_digest(root: Path) -> str:
     return hashed.hexdigest()
 
 
-def content_digest(workspace: Workspace, skill: str) -> str:
-    """Digest of everything in a workspace that the figures of a skill's candidates depend on.
+def content_digest(workspace: Workspace, *skills: str) -> str:
+    """Digest of everything in a workspace that the figures of candidates of some skills depend on.
 
     That is what was understood of it, see `knowledge.workspace.understood`, except for other skills.
     """
-    return digest_of_understood(with_skills(workspace.understood, [skill]))
+    return digest_of_understood(with_skills(workspace.understood, skills))
 
 
 def says_something(path: str) -> bool:

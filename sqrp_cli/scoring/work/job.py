@@ -99,7 +99,7 @@ def _outcome(cell: Cell, job: Job, candidate: Candidate) -> Outcome:
     world = cell.initial_world
     assignment = Assignment(cell, world, job.sampling)
     assessment = assignment.assess(candidate)
-    if not job.coverage or not assessment.feasible:
+    if not job.coverage or not assessment.feasible or candidate.steps:
         return Outcome(assessment, None)
     explained, found = assignment.explain(Ranked(assessment, rank=1, pareto=True))
     return Outcome(explained.assessment, None if found is None else coverage_of(cell, found))

@@ -34,7 +34,7 @@ MAX_BYTES = 10_000_000
 
 _NOT_KEPT = "results cannot be kept in this folder"
 
-_RECORDS = ("candidate", "faults", "recalibrated", "ways", "best_way")
+_RECORDS = ("candidate", "faults", "recalibrated", "ways", "best_way", "steps")
 _PLAIN = tuple(f.name for f in fields(Assessment) if f.name not in _RECORDS)
 """An assessment in numbers and texts."""
 
@@ -82,7 +82,8 @@ class Outcome:
 def _way_record(way: Candidate) -> dict[str, object]:
     """What sets a way apart from its candidate, in plain lists and numbers."""
     vias = {name: via.tolist() for name, via in way.vias.items()}
-    return {"values": dict(way.values), "branch": dict(way.branch), "vias": vias}
+    record: dict[str, object] = {"values": dict(way.values), "branch": dict(way.branch), "vias": vias}
+    return {**record, "steps": list(map(_way_record, way.steps))} if way.steps else record
 
 
 def _way(record: Mapping[str, Any] | None, candidate: Candidate) -> Candidate | None:
@@ -90,7 +91,8 @@ def _way(record: Mapping[str, Any] | None, candidate: Candidate) -> Candidate | 
     if record is None:
         return None
     vias = {name: np.array(via) for name, via in record["vias"].items()}
-    return replace(candidate, values=record["values"], branch=record["branch"], vias=vias)
+    steps = [_way(one, step) or step for one, step in zip(record.get("steps", ()), candidate.steps, strict=True)]
+    return replace(candidate, values=record["values"], branch=record["branch"], vias=vias, steps=tuple(steps))
 
 
 def _ways(record: Mapping[str, Any] | None) -> WaysFound | None:

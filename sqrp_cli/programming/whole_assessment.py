@@ -1,0 +1,128 @@
+"""The figures of a task of several steps, from those of its steps; see the page of numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
+
+from sqrp_cli.errors import Infeasible
+from sqrp_cli.knowledge.workspace.workspace import World
+from sqrp_cli.programming.candidate import Candidate
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import Assessment
+from sqrp_cli.programming.coverage.quality import Qualities
+from sqrp_cli.programming.feasibility import feasible_motion
+from sqrp_cli.programming.program_update import world_after
+from sqrp_cli.programming.whole_task import whole_candidate
+
+Assess = Callable[[World, Candidate], Assessment]
+"""Finds the figures of a candidate that starts in a world."""
+
+
+@dataclass(frozen=True, eq=False)
+class StepDone:
+    """A step in its best way, and what it leaves behind."""
+
+    assessment: Assessment
+    before: World
+    after: World | None
+    """None if it is infeasible."""
+
+
+def steps_done(
+    cell: Cell, candidate: Candidate, world: World, assess: Assess, settings: tuple[object, ...]
+) -> list[StepDone]:
+    """The steps of a candidate one after the other, each in its wanted way in the world that those before it leave.
+
+    The last is the first infeasible one, if any is. settings: all that `assess` depends on besides cell and world;
+    steps that candidates share are assessed once for the same settings.
+    """
+    done: list[StepDone] = []
+    before: World | None = world
+    for step in candidate.steps:
+        if before is None:
+            break
+        key = (str(id(cell)), step.skill.name, repr(step.all_parameters), *map(repr, settings))
+        known = _known.setdefault(before, {})
+        if key not in known:
+            assessment = assess(before, step)
+            known[key] = StepDone(assessment, before, _after(cell, assessment, before))
+        done.append(known[key])
+        before = done[-1].after
+    return done
+
+
+def assessment_of_all(candidate: Candidate, steps: Sequence[StepDone]) -> Assessment:
+    """The figures of a candidate over all its steps, or why one of them is infeasible."""
+    done = [one.assessment for one in steps]
+    last = done[-1]
+    if not last.feasible:
+        reasons = tuple(f"step {len(done)}, {last.candidate.task}: {reason}" for reason in last.reasons)
+        return replace(Assessment.infeasible(candidate, reasons, reasons[0]), steps=tuple(done))
+    times = [one.time or 0.0 for one in done]
+    return Assessment(
+        candidate=candidate,
+        feasible=True,
+        time=sum(times),
+        q_avg=_mean([(one.q_avg, one.t_total) for one in done]),
+        q_eoi=_mean([(one.q_eoi, one.t_eoi) for one in done]),
+        t_total=sum(one.t_total or 0.0 for one in done),
+        t_eoi=sum(one.t_eoi or 0.0 for one in done),
+        faults={
+            f"{number}.{name}": replace(fault, expected_time=fault.expected_time + sum(times) - times[number - 1])
+            for number, one in enumerate(done, 1)
+            for name, fault in one.faults.items()
+        },
+        states=sum(one.states or 0 for one in done),
+        error=max((one.error for one in done if one.error is not None), default=None),
+        largest_gap=max((one.largest_gap for one in done if one.largest_gap is not None), default=None),
+        ways_around=tuple(f"{n}.{text}" for n, one in enumerate(done, 1) for text in one.ways_around),
+        verdict=_verdict(done),
+        recalibrated=_recalibrated(done),
+        best_way=whole_candidate(candidate.skill, [one.way for one in done]),
+        steps=tuple(done),
+    )
+
+
+_known: WeakKeyDictionary[World, dict[tuple[str, ...], StepDone]] = WeakKeyDictionary()
+"""Steps that several candidates share, by the world that they start from."""
+
+
+def _after(cell: Cell, assessment: Assessment, world: World) -> World | None:
+    if not assessment.feasible:
+        return None
+    motion = feasible_motion(cell, assessment.way, world)
+    return None if isinstance(motion, Infeasible) else world_after(assessment.way, motion, world)
+
+
+def _mean(parts: Sequence[tuple[float | None, float | None]]) -> float | None:
+    """The mean of qualities, each weighted by the time that it is about; None where there is no such time."""
+    known = [(quality, time) for quality, time in parts if quality is not None and time]
+    total = sum(time for _, time in known)
+    return min(1.0, sum(quality * time for quality, time in known) / total) if known else None
+
+
+def _recalibrated(done: Sequence[Assessment]) -> tuple[Qualities, ...]:
+    """The qualities of the whole for each draw of camera poses, which all steps share."""
+
+    def of(draw: Sequence[Qualities], quality: Callable[[Qualities], float | None], total: str) -> float | None:
+        return _mean([(quality(one), getattr(step, total)) for one, step in zip(draw, done, strict=True)])
+
+    return tuple(
+        Qualities(of(draw, lambda one: one.q_avg, "t_total"), of(draw, lambda one: one.q_eoi, "t_eoi"))
+        for draw in zip(*(one.recalibrated for one in done), strict=True)
+    )
+
+
+def _verdict(done: Sequence[Assessment]) -> str:
+    """The verdicts of the steps, the worst seen first; of several that miss nothing one stands for all."""
+    numbered = sorted(enumerate(done, 1), key=lambda one: (_worth(one[1].q_eoi), _worth(one[1].q_avg), one[0]))
+    losing = [(n, one) for n, one in numbered if min(_worth(one.q_eoi), _worth(one.q_avg)) < 1.0]
+    if not losing:
+        return done[0].verdict
+    return " ".join(f"Step {n}, {one.candidate.task}: {one.verdict}" for n, one in losing)
+
+
+def _worth(quality: float | None) -> float:
+    return 1.0 if quality is None else quality
