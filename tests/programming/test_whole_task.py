@@ -80,7 +80,7 @@ def test_a_program_of_the_whole_has_its_steps_and_each_can_be_explained(ranking:
     figures = second.explained[0].ranked.assessment
     assert figures.time == pytest.approx(program.program.steps[1].time)
     assert figures.q_avg == pytest.approx(program.program.steps[1].q_avg)
-    with pytest.raises(InputError, match="--step is 3, but .* has 2 steps"):
+    with pytest.raises(InputError, match=r"--step is 3, but .* has 2 steps"):
         program.explain(3)
 
 

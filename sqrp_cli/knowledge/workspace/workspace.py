@@ -50,7 +50,7 @@ Padding = Annotated[float, In(LENGTH, 0.0, 10.0)]
 class ExpectedTask(Stored):
     """A task that the cell must support, with requirements on its best candidate."""
 
-    task: Text = ""
+    task: str = ""
     """As on the command line, such as `pickup green`."""
     steps: tuple[Text, ...] = ()
     """Instead of `task`: several tasks, one after the other, that are scored as a whole."""
