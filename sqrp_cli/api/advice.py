@@ -14,7 +14,7 @@ import numpy as np
 from sqrp_cli.api.answer import Answer
 from sqrp_cli.api.session import assess, check_choice, choose_candidate
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.geometry import read_only
+from sqrp_cli.geometry import inverse, read_only
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.yaml_edit import patch
 from sqrp_cli.knowledge.workspace.edits import (
@@ -237,7 +237,8 @@ class TaskAdvice(Answer[AdviceDocument]):
 def changed_file(document: SourceDocument, workspace: Workspace, change: ProposedChange) -> bytes:
     """A workspace file with a change. Raises InputError for one that the file does not state."""
     if change.X_WO is not None:
-        return with_object(document, change.target, change.X_WO)
+        X_FO = workspace.objects[change.target].X_FO
+        return with_object(document, change.target, change.X_WO @ inverse(X_FO))
     assert change.camera is not None  # noqa: S101 - else it is about an object
     assert change.aim is not None  # noqa: S101 - it goes with the camera
     present = workspace.cameras.get(change.camera.name)

@@ -8,7 +8,7 @@ square and margin together as large as fits there; on links the workspace states
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, PlainValidator, Tag, WithJsonSchema, model_validator
@@ -16,6 +16,7 @@ from pydantic_core import PydanticCustomError
 
 from sqrp_cli.geometry import Array, axis_rotation, check_finite, check_poses, inverse, pose, read_only, side_pose
 from sqrp_cli.knowledge.text.bounds import SMALLEST_SIZE
+from sqrp_cli.knowledge.text.described import DescriptionEntry
 from sqrp_cli.knowledge.text.entries import (
     Angle,
     Distance,
@@ -37,6 +38,9 @@ MODULES = 7
 """Modules along a side of a marker's black square: 5 of the code, and its border."""
 
 MarkerId = Annotated[int, Field(strict=True, ge=0, le=1023)]
+
+NO_SIZE = (0.0, 0.0, 0.0)
+"""The size of an object that is as large as its parts."""
 
 MOST_TURNS = 64
 """Most turns of a stated symmetry."""
@@ -157,6 +161,8 @@ class SceneObject(ObjectTraits):
     name: str
     parts: tuple[Part, ...]
     """Its solid pieces, in its own frame; a plain box of `size` unless the workspace says otherwise."""
+    X_FO: Array = field(default_factory=lambda: read_only(pose()))
+    """Its own frame, the middle of its box, in the frame whose pose the workspace states, shape (4, 4)."""
 
     def __post_init__(self) -> None:
         """Raises ValueError for an invalid pose and for a size that is not finite."""
@@ -213,7 +219,18 @@ class PartEntry(Entry):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ObjectEntry(ObjectTraits):
-    """An object in the cell."""
+    """An object in the cell.
 
+    Without `size`, the size is that of its parts or its URDF, and `pose` is the pose of their frame.
+    """
+
+    size: Annotated[
+        Extents,
+        Field(description="Full extents of the box around it, along its own axes; default: those of its parts."),
+    ] = NO_SIZE
     parts: tuple[PartEntry, ...] = ()
     """Its solid pieces; default: the box."""
+    urdf: Annotated[
+        DescriptionEntry | None,
+        Field(description="A URDF or xacro with its solid pieces, joints at 0; relative to this file, or package://."),
+    ] = None

@@ -22,6 +22,14 @@ from sqrp_cli.knowledge.text.bounds import LARGEST
 from sqrp_cli.knowledge.text.input_file import open_input
 from sqrp_cli.shapes import Mesh
 
+_EXACT = frozenset({".step", ".stp", ".iges", ".igs", ".brep"})
+"""Endings of files of CAD programs, whose surfaces are exact and not triangles."""
+
+_CONVERSIONS = (
+    "make triangles of it, such as by `gmsh part.step -2 -o part.stl` (pip install gmsh) or in FreeCAD; such files are"
+    " usually in mm, so state `scale: 0.001`"
+)
+
 _CHUNK = 65_536
 """Bytes of a COLLADA file to read at once until its unit is known."""
 
@@ -80,7 +88,7 @@ def _check(path: Path, size: int, _time: int) -> None:
             count = check_dae(path)
         case _:
             message = f"found a mesh with the ending `{path.suffix}`, expected .stl, .obj or .dae"
-            mend = "export it as one of these"
+            mend = _CONVERSIONS if suffix in _EXACT else "export it as one of these"
             raise InputError(Problem("unknown-mesh", message, Place(path), mend=mend))
     check_triangles(path, count)
 

@@ -11,13 +11,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BeforeValidator, Field, Tag, WithJsonSchema, model_validator
+from pydantic import Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.geometry import Array, check_poses
 from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfModel
 from sqrp_cli.knowledge.scene import MarkerId
 from sqrp_cli.knowledge.text import units
+from sqrp_cli.knowledge.text.described import DescriptionEntry
 from sqrp_cli.knowledge.text.entries import AnyQuantity, Entry, Extents, In, Pose, Size, Stored, Text, mapping_or_else
 from sqrp_cli.knowledge.text.units import Dimension
 from sqrp_cli.shapes import Geometry, Part
@@ -132,31 +133,6 @@ class Robot:
     def rest(self) -> Mapping[str, float]:
         """Position of joints while nothing moves them [rad or m]: the arm's at home, the fingers' when open."""
         return {**self.home, **(self.fingers.open if self.fingers else {})}
-
-
-def _argument(value: object) -> object:
-    """An argument as xacro takes it: text."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    return f"{value:.15g}" if isinstance(value, int | float) else value
-
-
-XacroArgument = Annotated[
-    str, BeforeValidator(_argument), WithJsonSchema({"type": ["string", "number", "boolean"]}),
-]  # fmt: skip
-
-
-class XacroEntry(Entry):
-    """A xacro file and the values of its arguments."""
-
-    xacro: Text = Field(description="The file; relative to this file, or package://.")
-    args: dict[str, XacroArgument] = Field(default={}, description="Values of its arguments, by name.")
-
-
-DescriptionEntry = Annotated[
-    Annotated[XacroEntry, Tag("<mapping>")] | Annotated[Text, Tag("<else>")], mapping_or_else()
-]
-"""A robot description: the path of a plain file or a xacro, or a xacro with arguments."""
 
 
 class ToolBoxEntry(Entry):

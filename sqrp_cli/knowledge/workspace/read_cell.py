@@ -10,16 +10,22 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
-from sqrp_cli.geometry import Array, pose, read_only
+from sqrp_cli.geometry import Array, inverse, pose, read_only
 from sqrp_cli.knowledge.camera.bag_transforms import METADATA
 from sqrp_cli.knowledge.camera.calibration import check_distortion, doubtful_projection, read_calibration
 from sqrp_cli.knowledge.camera.camera import Camera, CameraEntry
 from sqrp_cli.knowledge.camera.hand_eye import HandEye, read_hand_eye
 from sqrp_cli.knowledge.frames import TOOL, WORLD, link_called
+from sqrp_cli.knowledge.mesh.mesh_extent import bounds_of
 from sqrp_cli.knowledge.mesh.mesh_file import check_mesh, mesh_of
-from sqrp_cli.knowledge.scene import Held, ObjectEntry, SceneObject
+from sqrp_cli.knowledge.robot.read_urdf import read_urdf
+from sqrp_cli.knowledge.robot.robot_source import RobotSource
+from sqrp_cli.knowledge.scene import NO_SIZE, Held, ObjectEntry, SceneObject
 from sqrp_cli.knowledge.text import packages
+from sqrp_cli.knowledge.text.described import XacroEntry
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.knowledge.text.input_file import ContentDigest
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
@@ -191,7 +197,55 @@ class CellReader:
             )
 
     def _object(self, name: str, entry: ObjectEntry) -> SceneObject:
-        parts = [Part(name, name, Box(entry.size), read_only(pose()))] if not entry.parts else []
+        parts = [*self._stated_parts(name, entry), *self._urdf_parts(name, entry)]
+        if entry.size != NO_SIZE:
+            parts = parts or [Part(name, name, Box(entry.size), read_only(pose()))]
+            return completed(SceneObject, entry, name=name, parts=tuple(parts))
+        if not parts:
+            if not (entry.parts or entry.urdf):  # else their problems are reported
+                place = self.document.key_place(("objects", name))
+                mend = "state it, or `parts` or a `urdf` from which it is taken"
+                message = f"`objects.{name}` lacks the key `size`"
+                self.problems.append(Problem("missing-key", message, place, mend=mend))
+            return completed(SceneObject, entry, name=name, parts=(), size=(1.0, 1.0, 1.0))
+        return self._sized(name, entry, parts)
+
+    def _sized(self, name: str, entry: ObjectEntry, parts: Sequence[Part]) -> SceneObject:
+        """An object of the size of its parts, in the middle of them."""
+        low, high = bounds_of(parts)
+        X_FO = pose(np.eye(3), (low + high) / 2)
+        moved = [replace(part, X_PG=read_only(inverse(X_FO) @ part.X_PG)) for part in parts]
+        size = tuple((high - low).tolist())
+        stated = entry.pose
+        X_WO = read_only(stated @ X_FO) if isinstance(stated, np.ndarray) else stated
+        return completed(SceneObject, entry, name=name, parts=tuple(moved), size=size, pose=X_WO, X_FO=read_only(X_FO))
+
+    def _urdf_parts(self, name: str, entry: ObjectEntry) -> list[Part]:
+        """The links of an object's URDF, with its joints at 0."""
+        if entry.urdf is None:
+            return []
+        path: KeyPath = ("objects", name, "urdf")
+        try:
+            urdf = read_urdf(*resolve_description(entry.urdf, self.document, path, self.roots))
+            found = urdf.parts("collision", partial(packages.resolve_mesh, self.roots))
+            role = ".".join(map(str, path))
+            self.digest.add(role, urdf.path, urdf.content)
+            for part in found:
+                if isinstance(part.shape, Mesh):
+                    add_mesh(self.digest, f"{role}.{part.name}", part.shape.path, self.document.value_place(path))
+        except InputError as error:
+            self.problems.extend(error.problems)
+            return []
+        self.warnings.extend(urdf.warnings)
+        if not found:
+            self._report("no-links", path, f"`{urdf.path.name}` has no link with geometry")
+        return [
+            Part(f"{name}/{part.name}", name, part.shape, read_only(urdf.pose_in(urdf.root, part.parent) @ part.X_PG))
+            for part in found
+        ]
+
+    def _stated_parts(self, name: str, entry: ObjectEntry) -> list[Part]:
+        parts = []
         for index, part in enumerate(entry.parts):
             path: KeyPath = ("objects", name, "parts", index)
             try:
@@ -200,7 +254,7 @@ class CellReader:
                 self.problems.extend(error.problems)
                 continue
             parts.append(Part(f"{name}/{part.name or index}", name, shape, read_only(part.pose.matrix())))
-        return completed(SceneObject, entry, name=name, parts=tuple(parts))
+        return parts
 
     def _mesh(self, path: KeyPath, name: str, scale: tuple[float, float, float]) -> Mesh:
         """The mesh of that name in the part at `path`."""
@@ -239,6 +293,18 @@ class CellReader:
                 message = f"`{argument}` is of type `{entry.type}`, expected `{parameter.type}`: {signature}"
                 self._report("wrong-object-type", path, message)
         return Atom(predicate, arguments)
+
+
+def resolve_description(
+    entry: XacroEntry | str, document: SourceDocument, path: KeyPath, roots: Sequence[Path]
+) -> tuple[Path, RobotSource]:
+    """The file of a URDF or SRDF that a workspace names, and what else it is made of."""
+    if isinstance(entry, str):
+        entry = XacroEntry(xacro=entry)
+    else:
+        path = (*path, "xacro")
+    file = packages.resolve(entry.xacro, document.folder, roots, document.value_place(path))
+    return file, RobotSource((*roots, document.folder), entry.args)
 
 
 def add_mesh(digest: ContentDigest, role: str, path: Path, place: Place) -> None:

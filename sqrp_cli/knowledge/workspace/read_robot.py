@@ -26,18 +26,18 @@ from sqrp_cli.knowledge.robot.robot import (
     StopLimits,
     Tool,
     ToolEntry,
-    XacroEntry,
 )
 from sqrp_cli.knowledge.robot.robot_source import RobotSource
 from sqrp_cli.knowledge.robot.srdf import SrdfModel, read_srdf
 from sqrp_cli.knowledge.robot.urdf import TOOL_TIP, UrdfJoint, UrdfModel, tool_of_boxes
 from sqrp_cli.knowledge.text import packages, units
 from sqrp_cli.knowledge.text.bounds import SMALLEST_LIMIT
+from sqrp_cli.knowledge.text.described import XacroEntry
 from sqrp_cli.knowledge.text.entries import Pose
 from sqrp_cli.knowledge.text.input_file import ContentDigest
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument
 from sqrp_cli.knowledge.text.units import Dimension, Quantity, expected_quantity
-from sqrp_cli.knowledge.workspace.read_cell import add_mesh
+from sqrp_cli.knowledge.workspace.read_cell import add_mesh, resolve_description
 from sqrp_cli.shapes import Mesh, Part
 
 MAX_ARM_JOINTS = 20
@@ -116,12 +116,7 @@ class RobotReader:
 
     def _resolve(self, entry: XacroEntry | str, path: KeyPath) -> tuple[Path, RobotSource]:
         """The file of a description, and what else it is made of."""
-        if isinstance(entry, str):
-            entry = XacroEntry(xacro=entry)
-        else:
-            path = (*path, "xacro")
-        file = packages.resolve(entry.xacro, self.document.folder, self.roots, self.document.value_place(path))
-        return file, RobotSource((*self.roots, self.document.folder), entry.args)
+        return resolve_description(entry, self.document, path, self.roots)
 
     def _read_moveit(self, reference: str, path: KeyPath) -> MoveitLimits:
         file = packages.resolve(reference, self.document.folder, self.roots, self.document.value_place(path))

@@ -53,7 +53,7 @@ _LEFT_OUT = {
     "UrdfJoint": {"name", "lower", "upper", "velocity"},  # `Robot.limits` has them
     "UrdfLink": {"name", "collision", "visual"},  # `Robot.parts` has what is used
     "Camera": {"name", "lens_file", "pose_file"},
-    "SceneObject": {"name", "parts"},
+    "SceneObject": {"name", "parts", "X_FO"},
     "Part": {"name"},
     "Skill": {"name", "folder", "places", "warnings"},
     "Domain": {"name", "path", "requirements", "actions"},
