@@ -51,6 +51,9 @@ def print_placement(found: PlaceDocument, wish: Wish | None) -> None:
     if found.survive:
         say("Counted is only what is still seen if any one of the cameras fails.")
         _print_price(found)
+    if any(one.moved for one in found.cameras):
+        moved = ", ".join(f"{one.name} {100 * one.moved:.1f} cm" for one in found.cameras if one.moved)
+        say(f"The cameras were then moved between the places ({moved}), which the figures above are for.")
     say(
         "The proof is about these mounts, samples and ways; the chosen cameras were also checked between the samples."
         if found.proven

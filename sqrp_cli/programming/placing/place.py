@@ -22,9 +22,10 @@ from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.placing.choose import Chosen, Search
 from sqrp_cli.programming.placing.cover import Cover
 from sqrp_cli.programming.placing.problem import Choice, Demand, Hiding, Placing, Worth, qualities_alone, worth_of
+from sqrp_cli.programming.placing.refine import Seat, refined
 from sqrp_cli.programming.placing.room import blocked, hidden_by, pairs_apart
 from sqrp_cli.programming.placing.scenes import JudgedWay, judged, middle_of, varied
-from sqrp_cli.programming.placing.tensor import LocalVerdicts, Verdicts, joined_items, portions
+from sqrp_cli.programming.placing.tensor import LocalVerdicts, Verdicts, joined_items, portions, seen_by
 from sqrp_cli.programming.placing.views import Option, View, camera_of, options_of, price_of, views_of
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.task import Candidate, Task
@@ -81,6 +82,8 @@ class PlacedCamera:
     """The quality that counts first with no other camera, not even one that stays, in 0..1."""
     loss: float
     """By how much that quality falls if this camera is lost."""
+    moved: float = 0.0
+    """How far from the place it is, between places [m]."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -416,9 +419,62 @@ class Placer:
         for option in choice.options:
             view, lens = self.views[self.options[option].view], self.lenses[self.options[option].lens]
             cameras.append(camera_of(f"placed {option}", self.spots[view.spot], view, lens))
+        return self._studies_with(cameras, choice)
+
+    def _studies_with(self, cameras: Sequence[Camera], choice: Choice) -> list[Study]:
         cell = self.cell_with(cameras)
         scenes = [self.ways[number].scene for number in choice.ways]
         return [observed(cell, scene, self.question.sampling, full=False) for scene in scenes]
+
+    def _refined(
+        self, problem: Placing, choice: Choice, cameras: tuple[PlacedCamera, ...], studies: list[Study]
+    ) -> tuple[tuple[PlacedCamera, ...], list[Study]]:
+        """The cameras moved and turned between their places, with the exact studies, if they are better then."""
+        ways = [self.ways[number] for number in choice.ways]
+        stay = [self.sees[number][sorted(problem.kept)].sum(axis=0) for number in choice.ways]
+        seats = [Seat(placed.spot, placed.view, placed.lens) for placed in cameras]
+        with self._progress("Refining", 1):
+            found = refined(seats, ways, stay, lambda some: self._seen_from(some, ways), self._free(ways))
+        if any(self._hides(one, other, ways) for one in found for other in found if one is not other):
+            return cameras, studies
+        moved = tuple(
+            replace(
+                placed,
+                camera=camera_of(placed.camera.name, seat.spot, seat.view, seat.lens),
+                view=seat.view,
+                moved=float(np.linalg.norm(seat.spot.position - placed.spot.position)),
+            )
+            for placed, seat in zip(cameras, found, strict=True)
+        )
+        better = self._studies_with([placed.camera for placed in moved], choice)
+        return (moved, better) if _least(better) > _least(studies) + CLOSE else (cameras, studies)
+
+    def _seen_from(self, seats: Sequence[Seat], ways: Sequence[JudgedWay]) -> list[Mask]:
+        """What seats see of each way, shape (seats, items) each."""
+        spots = [replace(seat.spot, lenses=(seat.lens,)) for seat in seats]
+        views = [replace(seat.view, spot=number) for number, seat in enumerate(seats)]
+        return [seen_by(self.question.cell, way, spots, views, (seats[0].lens,))[0] for way in ways]
+
+    def _free(self, ways: Sequence[JudgedWay]) -> Callable[[Sequence[Seat], Sequence[Seat]], Mask]:
+        def free(tried: Sequence[Seat], rest: Sequence[Seat]) -> Mask:
+            """Whether nothing touches a camera there, and it touches no other one."""
+            spots = [seat.spot for seat in tried]
+            good = np.ones(len(spots), dtype=bool)
+            for way in ways if spots else ():
+                good &= ~blocked(self.question.cell, way, spots)
+            for number, spot in enumerate(spots):
+                good[number] &= not any(True for seat in rest for _ in pairs_apart([spot, seat.spot]))
+            return good
+
+        return free
+
+    def _hides(self, one: Seat, other: Seat, ways: Sequence[JudgedWay]) -> bool:
+        """Whether a camera hides something that another one sees."""
+        seen = self._seen_from([other], ways)
+        return any(
+            bool((hidden_by(way, one.spot, other.spot) & of_way[0]).any())
+            for way, of_way in zip(ways, seen, strict=True)
+        )
 
     def _sharpen(self, problem: Placing, choice: Choice, spare: int) -> bool:
         """Add samples where the chosen cameras lose or gain sight between those of a way; whether any were added.
@@ -545,7 +601,9 @@ class Placer:
         if chosen.choice is None:
             return replace(found, met=False)
         worth = worth_of(problem, chosen.choice)
-        cameras = self.cameras(problem, chosen.choice)
+        cameras, studies = self.cameras(problem, chosen.choice), self.studies(chosen.choice)
+        if worth.least < 1.0 - ROUNDED and not chosen.interrupted and not self.question.demand.survive:
+            cameras, studies = self._refined(problem, chosen.choice, cameras, studies)
         cell = self.cell_with([placed.camera for placed in cameras])
         return replace(
             found,
@@ -553,10 +611,16 @@ class Placer:
             cell=cell,
             candidates=tuple(
                 self._judged(cell, problem, chosen.choice, number, found)
-                for number, found in zip(chosen.choice.ways, self.studies(chosen.choice), strict=True)
+                for number, found in zip(chosen.choice.ways, studies, strict=True)
             ),
             worth=worth,
             bound=max(chosen.bound, worth.of(self.question.demand.objective)),
             fewer=None if chosen.interrupted else self._fewer(chosen.choice),
             without_spare=None if chosen.interrupted else self._without_spare(),
         )
+
+
+def _least(studies: Sequence[Study]) -> float:
+    """The least of all Q_eoi and Q_avg of some studies."""
+    figures = [study.assessment("") for study in studies]
+    return min((q for one in figures for q in (one.q_eoi, one.q_avg) if q is not None), default=1.0)

@@ -33,6 +33,8 @@ class CameraPlaced(Record):
     """`world`, or the link that carries it."""
     look_at: tuple[float, float, float] | None
     """The point in the middle of its image, in `frame` [m]; null where the mount states an orientation."""
+    moved: float
+    """How far it is from that place, between places, which improves the exact figures [m]; 0 where nothing does."""
     price: float
     """Of the camera and of mounting it."""
     alone: float
@@ -51,6 +53,7 @@ class CameraPlaced(Record):
             pose=placed.camera.X_FC.tolist(),
             frame=placed.camera.frame,
             look_at=None if at is None else (float(at[0]), float(at[1]), float(at[2])),
+            moved=placed.moved,
             price=placed.price,
             alone=placed.alone,
             loss=placed.loss,
