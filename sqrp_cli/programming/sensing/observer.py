@@ -19,7 +19,7 @@ from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.limits import LimitVerdicts
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.sensing.sight_lines import BoxViews, WatchedBoxes
-from sqrp_cli.programming.sensing.visibility.culprit import find_culprits, find_largest
+from sqrp_cli.programming.sensing.visibility.culprit import find_hidden, find_largest
 from sqrp_cli.programming.sensing.visibility.occlusion import HullTester, near_pairs
 from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
 from sqrp_cli.programming.solids import Solid, Solids
@@ -194,18 +194,16 @@ class Observer:
         least = np.array([entry.limits.min_visible for entry in boxes])[views.box]
         lines, poses = watched.sight_lines(views), watched.solid_poses
         near, whole = near_pairs(lines, poses, watched.opaque), least >= 1
-        met = self._tester.met(lines, poses, near.of_lines(whole), first_only=False)
+        blocked = find_hidden(lines, poses, near.of_lines(whole), self._tester)
         partly = near.of_lines(~whole)
-        seen = visible_shares(lines, poses, partly.joined(met) if shares else partly)
+        seen = visible_shares(lines, poses, partly.joined(blocked.pairs) if shares else partly)
         if shares:
             visible[camera, at] = 1.0
             visible[camera[seen.line], at[seen.line]] = seen.share
-        hidden = np.zeros(len(at), dtype=bool)
-        hidden[met.line] = True
+        hidden = blocked.culprit >= 0
         hidden[seen.line] |= ~whole[seen.line] & (seen.share < least[seen.line])
-        first = find_culprits(lines, poses, met)
         largest = find_largest(lines, poses, partly.of_lines(hidden), self._parts)
-        culprits = np.where(whole, first, largest)
+        culprits = np.where(whole, blocked.culprit, largest)
         cause[camera[hidden], at[hidden]], by[camera[hidden], at[hidden]] = Cause.HIDDEN, culprits[hidden]
 
         def of_boxes(values: NDArray[Scalar]) -> list[NDArray[Scalar]]:

@@ -18,6 +18,7 @@ from sqrp_cli.geometry import Array, Indices, begins_run, cross, inverse, norms,
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import TOUCH, Pairs, SightLines
 from sqrp_cli.programming.sensing.visibility.hull_spaces import HullSpaces
+from sqrp_cli.programming.sensing.visibility.occlusion import HullTester
 from sqrp_cli.programming.sensing.visibility.triangulation import Triangulation
 from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
 from sqrp_cli.programming.solids import Solid
@@ -32,21 +33,44 @@ _CLIPPED = 100_000
 """Most triangles to clip at once, to bound the memory."""
 
 
-def find_culprits(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Indices:
-    """Index of the solid that hides each sight line's box, shape (v,); -1 where no pair names the sight line.
+class Hidden(NamedTuple):
+    """Which of v sight lines are hidden, of boxes that must be seen whole."""
 
-    It is the solid with the nearest hit along the ray from the camera to the box's centre or, if none meets that ray,
-    the one with a point inside the view hull closest to the camera. pairs: of solids that reach into the view hulls.
+    culprit: Indices
+    """Index of the solid that is named as hiding the box, -1 where none does, shape (v,)."""
+    pairs: Pairs
+    """The hidden lines with every solid that reaches into their view hulls, and perhaps others."""
+
+
+def find_hidden(lines: SightLines, poses: SolidPoses, pairs: Pairs, tester: HullTester) -> Hidden:
+    """Which sight lines are hidden, and by what; pairs: of all solids that may reach into the view hulls.
+
+    The culprit is the solid with the nearest hit along the ray from the camera to the box's centre or, if none meets
+    that ray, the one with a point inside the view hull closest to the camera. What the ray meets reaches into the hull;
+    of the lines of these solids no pair needs a test.
     """
+    along = _along_rays(lines, poses, pairs)
+    struck = np.zeros(len(lines.state), dtype=bool)
+    struck[pairs.line[along <= 1.0]] = True
+    struck &= (lines.offset == 0.0).all(axis=1)[lines.hull]  # a thin box moves: the centre may lie outside the hull
+    met = tester.met(lines, poses, pairs.of_lines(~struck), first_only=False)
     culprits = np.full(len(lines.state), -1, dtype=np.int64)
-    culprits[pairs.line] = pairs.solid
-    rivals = pairs.some(np.bincount(pairs.line, minlength=len(culprits))[pairs.line] > 1)
-    along = _along_rays(lines, poses, rivals)
+    culprits[met.line] = met.solid
+    _name_least(culprits, pairs.of_lines(struck), along[struck[pairs.line]])
+    rivals = met.some(np.bincount(met.line, minlength=len(culprits))[met.line] > 1)
+    _name_rivals(culprits, lines, poses, rivals)
+    return Hidden(culprits, met.joined(pairs.of_lines(struck)))
+
+
+def _name_rivals(culprits: Indices, lines: SightLines, poses: SolidPoses, rivals: Pairs) -> None:
+    """Name the culprits of lines with several solids in their hulls; only boxes that move have rays that meet one."""
+    moved = (lines.offset != 0.0).any(axis=1)[lines.hull[rivals.line]]
+    along = np.full(len(rivals), np.inf)
+    along[moved] = _along_rays(lines, poses, rivals.some(moved))
     _name_least(culprits, rivals, along)
     missed = rivals.some(_least_of_lines(rivals.line, along) > 1.0)
     if len(missed):
         _name_least(culprits, missed, nearest_inside(lines, poses, missed))
-    return culprits
 
 
 def find_largest(lines: SightLines, poses: SolidPoses, pairs: Pairs, part: Indices) -> Indices:
