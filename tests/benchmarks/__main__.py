@@ -17,7 +17,7 @@ PARTS = ("rank", "versions", "coverage", "growth", "candidates", "ways", "planni
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks", description=__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}; all by default")
-    parser.add_argument("--runs", type=int, default=5, help="runs of which the median is printed (default: 5)")
+    parser.add_argument("--runs", type=int, default=5, help="of each measurement (default: 5)")
     parser.add_argument("--candidates", type=int, default=48, help="of the 1,600 to assess (default: 48)")
     parser.add_argument("--baseline", type=Path, help="a checkout of another version, to time in turns with this one")
     parser.add_argument("--cells", type=int, default=30, help="random cells in which paths are compared (default: 30)")
@@ -30,7 +30,8 @@ def main() -> None:
     print(
         fill(f"Python {platform.python_version()}, " + ", ".join(f"{name} {version(name)}" for name in libraries), 80)
     )
-    print(f"{platform.machine()}, {os.cpu_count()} cores, one used; wall times, median of {arguments.runs}")
+    print(f"{platform.machine()}, {os.cpu_count()} cores, one used")
+    print(f"{arguments.runs} runs: the median where times are wall times, the least where they are CPU times")
     if "rank" in parts:
         from tests.benchmarks.startup import processes, stages
 

@@ -11,7 +11,7 @@ from sqrp_cli.programming.sensing.cause import Cause
 from tests.benchmarks import oracle
 from tests.benchmarks.peers import EmbreePeer, MujocoPeer, Peer
 from tests.benchmarks.scene import BenchmarkScene, lattice, make_scene
-from tests.benchmarks.table import milliseconds, print_table
+from tests.benchmarks.table import cpu_milliseconds, print_table
 
 SIDES = (3, 4, 5, 6, 8, 10, 12)
 """Lattices that are tried, in this order, until the rays are as often right as the view hulls."""
@@ -32,7 +32,10 @@ def _compare(name: str, scene: BenchmarkScene, runs: int) -> None:
     truth = oracle.hidden(scene, within)
     ours = _ours_hidden(scene)
     agreement = _agreement(ours, truth, within)
-    full, alone = milliseconds(lambda: _ours_full(scene), runs), milliseconds(lambda: _ours_covered(scene), runs)
+    full, alone = (
+        cpu_milliseconds(lambda: _ours_full(scene), runs),
+        cpu_milliseconds(lambda: _ours_covered(scene), runs),
+    )
     rows = [["sqrp, view hulls with causes", "", f"{full:.1f}", "1.0", f"{alone:.1f}", "1.0", f"{agreement:.2%}"]]
     notes = []
     for peer in (MujocoPeer(scene), EmbreePeer(scene)):
@@ -53,7 +56,7 @@ def _compare(name: str, scene: BenchmarkScene, runs: int) -> None:
                 break
         notes.append(f"{peer.name}, rays and agreement: " + ", ".join(shares))
     print_table(
-        f"Coverage, {name}: {scene.states.count} states, {len(scene.observer.cameras)} cameras, "
+        f"Coverage, CPU, {name}: {scene.states.count} states, {len(scene.observer.cameras)} cameras, "
         f"{len(scene.boxes)} boxes,\n  {scene.triangles:,} triangles, {within.sum():,} lines of sight, "
         f"{(truth & within).sum() / within.sum():.0%} hidden",
         ["", "rays", "full ms", "x ours", "cover ms", "x ours", "agree"],
@@ -80,13 +83,13 @@ def grow(runs: int) -> None:
     for name, change in variants:
         scene = make_scene(**change)
         times = [
-            milliseconds(lambda s=scene: _ours_full(s), runs),
-            milliseconds(lambda s=scene: _ours_covered(s), runs),
+            cpu_milliseconds(lambda s=scene: _ours_full(s), runs),
+            cpu_milliseconds(lambda s=scene: _ours_covered(s), runs),
         ]
         first = first or times
         rows.append([name, f"{scene.triangles:,}", f"{times[0]:.1f}", f"{times[0] / first[0]:.2f}",
                      f"{times[1]:.1f}", f"{times[1] / first[1]:.2f}"])  # fmt: skip
-    print_table("Growth", ["", "triangles", "full ms", "x", "cover ms", "x"], rows)
+    print_table("Growth, CPU", ["", "triangles", "full ms", "x", "cover ms", "x"], rows)
 
 
 def _within(scene: BenchmarkScene) -> Array:
@@ -111,8 +114,8 @@ def _ours_covered(scene: BenchmarkScene) -> list[object]:
 
 def _peer_times(scene: BenchmarkScene, peer: Peer, points: Array, runs: int) -> tuple[float, float]:
     """Full matrix and coverage alone [ms]; both include the limits, which are computed for the peer as for us."""
-    full = milliseconds(lambda: peer.hidden(_within(scene), points), runs)
-    return full, milliseconds(lambda: peer.covered(_within(scene), points), runs)
+    full = cpu_milliseconds(lambda: peer.hidden(_within(scene), points), runs)
+    return full, cpu_milliseconds(lambda: peer.covered(_within(scene), points), runs)
 
 
 def _agreement(found: Array, truth: Array, within: Array) -> float:
