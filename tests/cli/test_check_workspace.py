@@ -34,7 +34,7 @@ def test_the_cells_that_come_with_the_program_work_as_they_are_meant(sqrp: Calla
 def test_a_new_cell_works_as_it_is_meant(
     sqrp: Callable[..., Outcome], tmp_path: Path, options: tuple[str, ...]
 ) -> None:
-    assert sqrp("init", tmp_path / "new", *options).code == 0
+    assert sqrp("init", tmp_path / "new", "--no-run", *options).code == 0
     assert _codes(sqrp("check", tmp_path / "new", "--json")) == set()
 
 
@@ -81,7 +81,7 @@ def test_what_the_robot_hits_at_home_is_a_warning_where_home_stands(
 
 
 def _new_cell(sqrp: Callable[..., Outcome], folder: Path, old: str, new: str) -> Path:
-    assert sqrp("init", folder / "new").code == 0
+    assert sqrp("init", folder / "new", "--no-run").code == 0
     path = folder / "new" / "workspace.yaml"
     text = path.read_text(encoding="utf-8")
     assert old in text

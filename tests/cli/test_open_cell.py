@@ -145,7 +145,7 @@ def test_a_prompt_shows_an_answer_as_one_short_line(cell):
 
 
 def test_a_new_cell_is_that_of_init_and_can_be_opened(sqrp, tmp_path):
-    made = new_cell(tmp_path / "one")
+    made = new_cell(tmp_path / "one", run=True)
     assert str(made).replace("/one", "/two") == printed(sqrp, "init", tmp_path / "two")
     assert repr(made) == f"NewCell({tmp_path / 'one'}: {made.document.task})"
     assert made.to_json().replace("/one", "/three") == printed(sqrp, "init", tmp_path / "three", "--json")
