@@ -18,7 +18,7 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.starter import search
 from sqrp_cli.starter.arm_guess import ArmGuess, guess_arm
 from sqrp_cli.starter.description import Description, OwnRobot, describe_robot
-from sqrp_cli.starter.layout import TASK, Layout, Position, workspace_text
+from sqrp_cli.starter.layout import TASK, Cube, Layout, Position, workspace_text
 from sqrp_cli.starter.limits_text import limits_text
 from sqrp_cli.starter.random_cell import Crowd, crowded
 from sqrp_cli.starter.stands import Stand, before_table, lowest_point, on_table
@@ -205,10 +205,21 @@ def _with_work(draft: Path, layout: Layout, reach: float, stand: Stand) -> _Tria
     if isinstance(home, search.NoHome):
         return _Trial(layout, str(home))
     layout = replace(layout, home=home.positions)
-    trial = [*search.places_to_try(cell.model, reach, home.direction, layout.cube_size, stand)]
-    found = search.cubes_in_reach(_load(draft, replace(layout, cubes=trial)), trial)
+    size = layout.cube_size
+    found = _reachable(draft, layout, search.places_to_try(cell.model, reach, home.direction, size, stand))
+    if len(found.cubes) < len(search.COLORS):
+        others = _reachable(draft, layout, search.other_places(cell.model, reach, size, stand))
+        found = max(found, others, key=lambda one: len(one.cubes))
     views = search.views_of(found.cubes, home.direction, LIFT) if found.cubes else ()
-    return _Trial(replace(layout, cubes=found.cubes, views=views), found.reason or "nothing is left of the table")
+    return _Trial(replace(layout, cubes=found.cubes, views=views), found.reason)
+
+
+def _reachable(draft: Path, layout: Layout, places: Iterator[Cube]) -> search.Reachable:
+    """The cubes of those at some places that the arm can pick up."""
+    trial = [*places]
+    if not trial:
+        return search.Reachable((), "there is no place on the table for anything")
+    return search.cubes_in_reach(_load(draft, replace(layout, cubes=trial)), trial)
 
 
 def _load(draft: Path, layout: Layout) -> Cell:

@@ -30,6 +30,12 @@ HOME_SHARES = ((0.55, 0.35), (0.45, 0.3), (0.65, 0.3), (0.5, 0.5), (0.35, 0.35),
 MORE_HOMES, ASKEW = 24, 0.8
 """Other places of the tool that are tried at last, and how far off the direction of the work they may be [rad]."""
 
+LOW = 0.25
+"""Height below which places of the tool count as ones above the table, as a share of the reach."""
+
+MORE_CUBES = 12
+"""Cubes that are tried where few usual places are within reach."""
+
 FREE_TURN = 5
 """An arm with this many axes can turn a tool that points down about its axis; others may not."""
 
@@ -193,6 +199,23 @@ def places_to_try(model: RobotModel, reach: float, direction: float, size: float
                 chosen.append(place)
                 position = (float(place[0]), float(place[1]), 0.5 * size)
                 yield Cube(f"c{len(chosen)}", "green", position, _turn_of(model, X_WT, size))
+
+
+def other_places(model: RobotModel, reach: float, size: float, stand: Stand) -> Iterator[Cube]:
+    """Cubes on the table below places where the arm can point the tool down, for arms that reach few usual places."""
+    chosen: list[Array] = []
+    found = places_pointing_down(model)
+    low = found[(found[:, 2, 3] > size) & (found[:, 2, 3] < LOW * reach)][:, :3, 3]
+    far = np.linalg.norm(low[:, :2] - _root(model), axis=1)
+    for row in np.argsort(np.abs(far - CUBE_SHARES[0] * reach), kind="stable").tolist():
+        place = low[row, :2].round(2)
+        apart = all(np.linalg.norm(place - other) > max(3 * size, 0.1) for other in chosen)
+        if apart and np.abs(place - stand.at).max() < 0.5 * stand.side - size:
+            chosen.append(place)
+            X_WT = pose(axis_rotation(0, pi), (*place, 0.5 * size))
+            yield Cube(f"c{len(chosen)}", "green", (*place.tolist(), 0.5 * size), _turn_of(model, X_WT, size))
+        if len(chosen) == MORE_CUBES:
+            return
 
 
 def _turn_of(model: RobotModel, X_WT: Array, size: float) -> float:

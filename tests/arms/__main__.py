@@ -1,7 +1,7 @@
 """What `init` makes of arms as packages ship them: `python -m tests.arms [ARM ...]`, part of `make trials`.
 
-Each arm of the matrix gets a new workspace from nothing but its URDF or xacro; its task is ranked, and the best candidate
-run once in the simulated cell. The table says how far each got, and why no further. Exit code 0 if at least
+Each arm of the matrix gets a new workspace from nothing but its URDF or xacro; its task is ranked, and the best
+candidate run once in the simulated cell. The table says how far each got, and why no further. Exit code 0 if at least
 `LEAST_RANKED` arms of packages and all written ones rank, and all that rank run to the end with at least 98 % of the
 promised images as promised.
 
@@ -66,7 +66,7 @@ def _try_all(arms: Sequence[Arm], made: Path, packages: Path) -> dict[str, Outco
         cell = made / "cells" / arm.name.replace(" ", "_").replace(",", "")
         shutil.rmtree(cell, ignore_errors=True)
         outcome = tried(arm, cell, packages)
-        print(f"{outcome.name}: {'holds' if outcome.holds else outcome.reason or 'seen less'}", file=sys.stderr, flush=True)
+        print(outcome.name, "holds" if outcome.holds else outcome.reason or "seen less", file=sys.stderr, flush=True)
         return outcome
 
     with ThreadPoolExecutor(AT_A_TIME) as pool, (made / "outcomes.jsonl").open("a", encoding="utf-8") as file:
@@ -80,7 +80,8 @@ def _try_all(arms: Sequence[Arm], made: Path, packages: Path) -> dict[str, Outco
 
 
 def _print(outcomes: Sequence[Outcome]) -> None:
-    titles = (Column("arm"), *(Column(title, right=True) for title in ("axes", "cubes", "can")), Column("run"), Column("seen"), Column("why not"))
+    counts = (Column(title, right=True) for title in ("axes", "cubes", "can"))
+    titles = (Column("arm"), *counts, Column("run"), Column("seen"), Column("why not"))
     rows = [
         [
             one.name, f"{one.axes or ''}", str(one.cubes), str(one.feasible), "done" if one.done else "",

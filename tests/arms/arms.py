@@ -129,9 +129,7 @@ def solid(folder: Path, name: str, joints: Sequence[str]) -> Path:
     """A URDF with a box on each link, and what it stands on."""
     path = written_urdf(folder / f"{name.replace(' ', '_').replace(',', '')}.urdf", *joints)
     boxed = re.sub(r'(<link name="\w+")/>', rf"\1>{BOX}</link>", path.read_text())
-    for stand in ("floor", "torso"):
-        boxed = boxed.replace(f'<link name="{stand}">{BOX}', f'<link name="{stand}">{COLUMN if stand == "floor" else BOX}')
-    path.write_text(boxed)
+    path.write_text(boxed.replace(f'<link name="floor">{BOX}', f'<link name="floor">{COLUMN}'))
     return path
 
 
