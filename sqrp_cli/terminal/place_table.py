@@ -5,7 +5,14 @@ from __future__ import annotations
 from time import monotonic
 
 from sqrp_cli.programming.advice.wish import Wish
-from sqrp_cli.report.documents.placing import PlaceDocument, in_words
+from sqrp_cli.report.documents.placing import (
+    PlaceDocument,
+    compared_in_words,
+    in_words,
+    moved_in_words,
+    scope_in_words,
+    unmet_in_words,
+)
 from sqrp_cli.terminal.console import Column, joined, note, print_table, say, say_command
 from sqrp_cli.terminal.progress_lines import PERIOD, wanted
 
@@ -31,12 +38,8 @@ class Bounds:
 def print_placement(found: PlaceDocument, wish: Wish | None) -> None:
     """The cameras, the figures of the candidates with them, and the proof."""
     tasks = ", ".join(found.tasks)
-    compared = found.compared
     say(joined([(tasks, "bold"), f" in {found.workspace}\n"]))
-    say(
-        f"{compared.mounts} mounts ({compared.in_the_way} in the way), {compared.options} poses with lenses, "
-        f"{_count(compared.ways, 'way')}, {_count(compared.samples, 'sample')}"
-    )
+    say(compared_in_words(found))
     if not found.met:
         _print_unmet(found, wish)
     if found.cameras:
@@ -51,16 +54,9 @@ def print_placement(found: PlaceDocument, wish: Wish | None) -> None:
     if found.survive:
         say("Counted is only what is still seen if any one of the cameras fails.")
         _print_price(found)
-    if any(one.moved for one in found.cameras):
-        moved = ", ".join(f"{one.name} {100 * one.moved:.1f} cm" for one in found.cameras if one.moved)
-        say(f"The cameras were then moved between the places ({moved}), which the figures above are for.")
-    say(
-        "The proof is about these mounts, samples and ways; the chosen cameras were also checked between the samples."
-        if found.proven
-        else "Interrupted: the best so far."
-        if found.interrupted
-        else "Not proven to be the best."
-    )
+    if moved := moved_in_words(found):
+        say(moved)
+    say(scope_in_words(found))
     if found.patch:
         say_command("To have it, add", "--patch FILE")
 
@@ -79,13 +75,9 @@ def _print_price(found: PlaceDocument) -> None:
 
 def _print_unmet(found: PlaceDocument, wish: Wish | None) -> None:
     say()
-    if found.fewest is not None:
-        say(f"So many cameras do not reach {wish}; {in_words(found.fewest)} do:", style="red")
-        return
-    say(f"No choice of these mounts reaches {wish}. The nearest is below.", style="red")
+    say(unmet_in_words(found, wish), style="red")
     for one in found.unseen[:MOST_UNSEEN]:
-        seen = "no mount sees it" if one.seen_by == 0 else f"only {one.seen_by} of {one.needed} needed see it"
-        say(f"  {one.candidate}: {one.literal} at {one.time:.2f} s: {seen}", indent=4)
+        say(f"  {one.candidate}: {one.words}", indent=4)
     if len(found.unseen) > MOST_UNSEEN:
         say(f"  and {len(found.unseen) - MOST_UNSEEN} more, see --json", indent=4)
 
@@ -113,7 +105,3 @@ def _print_candidates(found: PlaceDocument) -> None:
         times = ["-" if t is None else f"{t:.2f}" for t in (one.time, one.delay_worst)]
         rows.append([*([one.task] if several else []), one.candidate, *qualities, *times])
     print_table(columns, rows)
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number:,} {what}{'' if number == 1 else 's'}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,6 +12,7 @@ from sqrp_cli.cli.options import (
     Jobs,
     Json,
     Out,
+    Report,
     SampleCount,
     SampleStep,
     Seed,
@@ -19,13 +20,20 @@ from sqrp_cli.cli.options import (
     WorkspacePath,
     answer,
     check_patch,
+    check_report,
     job_count,
     open_with_warnings,
+    page_is_written,
     read_sampling,
     read_ways,
 )
 from sqrp_cli.errors import ExitCode
-from sqrp_cli.platform.files import check_not_read, write_atomically
+from sqrp_cli.platform.files import check_distinct, check_not_read, write_atomically
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sqrp_cli.api.placing import CellPlacement
 
 NAME = "place"
 
@@ -34,6 +42,7 @@ MARK = "# Cameras that `sqrp place` found"
 
 
 def command(
+    context: typer.Context,
     workspace: WorkspacePath,
     tasks: Annotated[
         list[str] | None,
@@ -72,6 +81,7 @@ def command(
     patch: Annotated[
         Path | None, typer.Option("--patch", metavar="FILE", help="Write a patch of the workspace with these cameras.")
     ] = None,
+    report: Report = None,
     out: Out = None,
     cluster: Cluster = None,
     samples: SampleCount = None,
@@ -93,10 +103,13 @@ def command(
     from sqrp_cli.terminal.place_table import Bounds
 
     sampling = read_sampling(samples, dt, tolerance)
+    check_distinct({"--patch": patch, "--report": report})
     if patch is not None:
         check_patch(patch, MARK, "of `sqrp place`")
+    if report is not None:
+        check_report(report)
     cell = open_with_warnings(workspace, seed)
-    check_not_read([patch], [mounts, *(file.path for file in cell.workspace.files.values())])
+    check_not_read([patch, report], [mounts, *(file.path for file in cell.workspace.files.values())])
     request = PlaceRequest(
         tasks=tasks or (),
         cameras=cameras,
@@ -114,7 +127,21 @@ def command(
     if patch is not None and found.patch:
         write_atomically(patch, f"{MARK}\n{found.patch}")
         note(f"the patch is in {patch}")
+    interrupted = found.interrupted
+    if report is not None and not interrupted:
+        interrupted = not _page_is_written(found, report, context.obj, job_count(jobs))
     answer(found, as_json=as_json)
-    if found.interrupted:
+    if interrupted:
         return ExitCode.INTERRUPTED
     return ExitCode.OK if found.met else ExitCode.NONE_FEASIBLE
+
+
+def _page_is_written(found: CellPlacement, file: Path, arguments: Sequence[str], jobs: int) -> bool:
+    """Write the page about a placement; returns False if Ctrl-C came first."""
+    from sqrp_cli.report.pages.place_page import write_placement
+    from sqrp_cli.terminal.console import progress
+
+    def write(path: Path) -> None:
+        write_placement(found.found, found.document, path, arguments=arguments, jobs=jobs, progress=progress)
+
+    return page_is_written(file, write)

@@ -139,6 +139,12 @@ class UnseenTarget(Record):
         """It as a record."""
         return cls(**vars(unseen))
 
+    @property
+    def words(self) -> str:
+        """Such as `hold(g1) at 12.40 s: no mount sees it`."""
+        seen = "no mount sees it" if self.seen_by == 0 else f"only {self.seen_by} of {self.needed} needed see it"
+        return f"{self.literal} at {self.time:.2f} s: {seen}"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Compared(Record):
@@ -280,6 +286,40 @@ def proof_in_words(found: Placement, wish: Wish | None) -> str:
     return " ".join(sentences)
 
 
+def unmet_in_words(found: PlaceDocument, wish: Wish | None) -> str:
+    """That the wish cannot be met, and what is shown instead; empty if it is met."""
+    if found.met:
+        return ""
+    if found.fewest is not None:
+        return f"So many cameras do not reach {wish}; {in_words(found.fewest)} do:"
+    return f"No choice of these mounts reaches {wish}. The nearest is below."
+
+
+def compared_in_words(found: PlaceDocument) -> str:
+    """What was compared, in numbers."""
+    one = found.compared
+    return (
+        f"{one.mounts} mounts ({one.in_the_way} in the way), {one.options} poses with lenses, "
+        f"{_count(one.ways, 'way')}, {_count(one.samples, 'sample')}"
+    )
+
+
+def moved_in_words(found: PlaceDocument) -> str:
+    """By how much the chosen cameras were moved from their mounts; empty if they were not."""
+    moved = ", ".join(f"{one.name} {100 * one.moved:.1f} cm" for one in found.cameras if one.moved)
+    return moved and f"The cameras were then moved between the places ({moved}), which the figures above are for."
+
+
+def scope_in_words(found: PlaceDocument) -> str:
+    """What the proof is about, or why there is none."""
+    if found.proven:
+        return (
+            "The proof is about these mounts, samples and ways; "
+            "the chosen cameras were also checked between the samples."
+        )
+    return "Interrupted: the best so far." if found.interrupted else "Not proven to be the best."
+
+
 def in_words(count: int) -> str:
     """A number as text, such as `two`."""
     return _COUNTS[count] if count < len(_COUNTS) else str(count)
@@ -287,3 +327,7 @@ def in_words(count: int) -> str:
 
 def _percent(quality: float) -> str:
     return f"{100 * quality:.1f} %"
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number:,} {what}{'' if number == 1 else 's'}"

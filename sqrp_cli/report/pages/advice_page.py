@@ -57,8 +57,8 @@ def write_advice(shown: AdviceShown, path: Path, *, arguments: Sequence[str], jo
     scenes = [cell_scene(original.cell)]
     entries = []
     with progress("Writing the report", len(rows)) as advance:
-        studied = in_processes(lambda row: _studied(row, shown.wish), rows, min(jobs, len(rows)))
-        for (_, _, assignment), row in zip(rows, studied, strict=True):
+        found = in_processes(lambda row: studied(*row, shown.wish), rows, min(jobs, len(rows)))
+        for (_, _, assignment), row in zip(rows, found, strict=True):
             same = assignment.cell is original.cell
             if not same:
                 scenes.append(CellScene(ShowDocument.of(assignment.cell), scenes[0].model))  # cameras are no solids
@@ -111,16 +111,15 @@ def _rows(shown: AdviceShown) -> Iterator[_Row]:
         yield _Row(row(one.words, mark, one.kind, advice.found, reasons), advice.found, changed)
 
 
-def _studied(item: _Row, wish: Wish) -> PageRow:
-    """A row with its figures, which are those of the advice, and its playback, with the verdict on that.
+def studied(row: PageRow, found: Assessment, assignment: Assignment, wish: Wish | None) -> PageRow:
+    """A row with figures that are known, and the playback of their way, with the verdict on that.
 
     Playback has samples where any camera's verdict changes, so it may show what the figures are too coarse for.
     """
-    row, found, assignment = item
     ranked = Ranked(found, 1 if found.feasible else None, pareto=False)
     explained = assignment.explain(ranked)
     shown = explained.ranked.assessment
     figures = CandidateFigures.of(replace(ranked, assessment=replace(found, verdict=shown.verdict)))
-    short = wish.missed(shown) if wish.met(found) else ()
+    short = wish.missed(shown) if wish is not None and wish.met(found) else ()
     reasons = [*row.reasons, *(f"{missed}, if sampled as finely as the timeline below" for missed in short)]
     return replace(row, candidate=figures, reasons=reasons, detail=playback(assignment, explained))

@@ -15,7 +15,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.report.documents.candidates import CandidateFigures
@@ -23,13 +23,29 @@ from sqrp_cli.report.documents.document import plain
 from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.libraries import viewer_library
 
+if TYPE_CHECKING:
+    from sqrp_cli.report.pages.place_page import PlacementShown
+
 DIGITS = 6
 """Decimals that figures keep: micrometres and microseconds."""
 
 _UNSEEN = ("Cc", "Cf", "Co", "Cs", "Zl", "Zp")
 """Unicode categories of invisible characters that change a line."""
 
-SCRIPTS = ("data", "motion", "table", "plot", "timeline", "shape", "orbit", "camera", "sight", "scene", "main")
+SCRIPTS = (
+    "data",
+    "motion",
+    "table",
+    "plot",
+    "timeline",
+    "shape",
+    "orbit",
+    "camera",
+    "sight",
+    "scene",
+    "mounts",
+    "main",
+)
 """The page's own scripts, each after those that it needs."""
 
 
@@ -68,7 +84,8 @@ class PageContent:
     """What a page shows.
 
     heading: of the table. about: what was computed, as pairs of a term and its value, such as version and command.
-    of_images: whether the details are what images showed, not what is predicted.
+    of_images: whether the details are what images showed, not what is predicted. placement: mounts and the cameras on
+    them, if it is about these.
     """
 
     title: str
@@ -78,6 +95,7 @@ class PageContent:
     entries: Sequence[PageRow]
     scenes: Sequence[CellScene]
     of_images: bool = False
+    placement: PlacementShown | None = None
 
 
 def write_page(content: PageContent, path: Path) -> None:
@@ -97,6 +115,7 @@ def page(content: PageContent) -> str:
         "entries": [_row(entry) for entry in content.entries],
         "scenes": [scene.scene for scene in content.scenes],
         "of_images": content.of_images,
+        "placement": content.placement,
     }
     data = {"overview": packed(overview)}
     data |= {f"model-{index}": scene.model for index, scene in enumerate(content.scenes)}

@@ -16,7 +16,7 @@ class Page {
     this.time = 0;
     this.head();
     const select = (i) => this.select(i);
-    this.table = new EntryTable(this.entries, select);
+    this.table = new EntryTable(this.entries, select, overview.placement !== null);
     this.plot = new ParetoPlot(this.entries, select);
     this.controls();
     this.legend();
@@ -33,6 +33,9 @@ class Page {
     const some = (test) => this.entries.some((e) => e.candidate && test(e.candidate));
     byId('pareto-only').parentElement.hidden = !some((c) => c.pareto);
     byId('feasible-only').parentElement.hidden = !some((c) => !c.feasible);
+    const { placement } = this.overview;
+    document.body.classList.toggle('placing', placement !== null);
+    if (placement) showPlacement(placement, (name) => this.look(name));
   }
 
   // Show another cell.
@@ -43,7 +46,13 @@ class Page {
     this.scene = null;
     byId('view').replaceChildren(make('div', { id: 'labels' }));
     try {
-      this.scene = new Scene3D(model, cell, byId('view'), (name) => this.look(name));
+      this.scene = new Scene3D(
+        model,
+        cell,
+        byId('view'),
+        (name) => this.look(name),
+        this.overview.placement?.mounts ?? [],
+      );
     } catch (error) {
       byId('view').replaceChildren(
         make('p', { class: 'missing' }, `This browser cannot draw in three dimensions: ${error.message}`),
@@ -76,7 +85,7 @@ class Page {
       this.seek(this.time + step);
     });
     byId('play').addEventListener('click', () => (this.playing ? this.pause() : this.play()));
-    for (const id of ['show-boxes', 'show-lines', 'show-frusta'])
+    for (const id of ['show-boxes', 'show-lines', 'show-frusta', 'show-mounts'])
       byId(id).addEventListener('change', () => this.seek(this.time));
     const follow = byId('follow');
     follow.parentElement.hidden = !this.overview.of_images;
@@ -154,6 +163,12 @@ class Page {
         unpack(`detail-${i}`).then((detail) => new Motion(detail)),
       );
     return this.details.get(i);
+  }
+
+  // Show in the table when each entry is covered.
+  async lanes() {
+    for (const [i, { moves }] of this.entries.entries())
+      if (moves) this.table.fill(i, this.details.get(i) ? await this.detail(i) : new Motion(await unpack(`detail-${i}`)));
   }
 
   figures({ candidate, figures, retried }) {
@@ -315,7 +330,7 @@ unpack('overview')
   .then((overview) => {
     const page = new Page(overview);
     window.sqrp = page;
-    return page.select(0);
+    return page.select(0).then(() => overview.placement && page.lanes());
   })
   .then(() => {
     document.documentElement.dataset.ready = 'true';

@@ -142,12 +142,13 @@ class ParetoPlot {
   }
 }
 
-// A tip that follows pointer and keyboard focus.
+// A tip that follows pointer and keyboard focus. text: what it says at a place of the window; nothing: there is none.
 function attachTip(element, text) {
   const tip = byId('tip');
   const show = (x, y) => {
-    tip.textContent = `\u2068${text()}\u2069`;
-    tip.hidden = false;
+    const words = text(x, y);
+    tip.textContent = `\u2068${words}\u2069`;
+    tip.hidden = !words;
     const size = tip.getBoundingClientRect();
     tip.style.left = `${Math.max(4, Math.min(x + 12, innerWidth - size.width - 8))}px`;
     tip.style.top = `${y + size.height + 24 > innerHeight ? y - size.height - 10 : y + 16}px`;

@@ -1,7 +1,7 @@
 // The cell in three dimensions: robot, objects, cameras and what they look at, at any time of a motion.
 
 class Scene3D {
-  constructor(model, scene, host, chosen) {
+  constructor(model, scene, host, chosen, places) {
     this.scene = scene;
     this.host = host;
     this.renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true });
@@ -16,6 +16,7 @@ class Scene3D {
     this.build(model);
     this.light();
     this.addCameras(chosen);
+    this.mounts = new Mounts(places, this);
     this.lines = this.group();
     this.sights = [];
     this.starts = [];
@@ -118,7 +119,7 @@ class Scene3D {
     for (const x of [box.min.x, box.max.x])
       for (const y of [box.min.y, box.max.y])
         for (const z of [box.min.z, box.max.z]) points.push(new THREE.Vector3(x, y, z));
-    points.push(...this.cameras.map((camera) => camera.position()));
+    points.push(...this.cameras.map((camera) => camera.position()), ...this.mounts.positions());
     box.setFromPoints(points).getCenter(this.orbit.target);
     this.orbit.update();
     const [right, up, back] = [0, 1, 2].map((column) =>
@@ -202,6 +203,7 @@ class Scene3D {
       camera.body.visible = this.through !== camera.name;
       camera.label.hidden = this.through !== null;
     }
+    this.mounts.show(byId('show-mounts').checked && this.through === null);
   }
 
   // Keep the tool in the middle of the outside view, close up; or return to the last viewpoint.

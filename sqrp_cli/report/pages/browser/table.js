@@ -1,8 +1,10 @@
 // The table: sorted by a click on a title, filtered by words.
 
 class EntryTable {
-  constructor(entries, select) {
+  // lanes: whether a column shows when each entry is covered, once its motion is there.
+  constructor(entries, select, lanes) {
     this.entries = entries;
+    this.lanes = entries.map(() => make('div', { class: 'lane brief' }));
     this.sorting = { column: 0, descending: false };
     const labels = Object.keys(entries[0].labels);
     const figures = (e) => e.candidate ?? { faults: {} };
@@ -15,12 +17,16 @@ class EntryTable {
       number: true,
     });
     const quality = (title, value) => ({ title, value, cell: (e) => this.quality(value(e)), most: true });
-    this.columns = [
+    const marked = entries.some((e) => e.mark);
+    const status = [
       {
         title: entries.some((e) => /^\d+$/.test(e.mark)) ? '#' : '',
         value: (e) => (/^\d+$/.test(e.mark) ? Number(e.mark) : e.candidate && !e.candidate.feasible ? null : e.mark),
         cell: (e) => this.mark(e),
       },
+    ];
+    this.columns = [
+      ...(marked ? status : []),
       ...labels.map((title, place) => ({
         title,
         value: (e) => e.labels[title],
@@ -31,13 +37,14 @@ class EntryTable {
       quality('Q_eoi', (e) => figures(e).q_eoi),
       quality('Q_avg', (e) => figures(e).q_avg),
       timed('time [s]', (e) => figures(e).time),
+      ...(lanes ? [{ title: 'covered over time', value: (e) => figures(e).q_avg, cell: (e, i) => this.lanes[i] }] : []),
       ...faults.flatMap((fault) => [
         timed(`${fault} seen [s]`, (e) => figures(e).faults[fault]?.delay_mean),
         timed('at worst', (e) => figures(e).faults[fault]?.delay_worst),
         ...(entries.some((e) => done(e, fault) !== undefined) ? [timed('all done', (e) => done(e, fault), 1)] : []),
       ]),
     ];
-    this.telling = 1 + labels.length;
+    this.telling = Number(marked) + labels.length;
     this.rows = entries.map((e, i) => make('tr', { onclick: () => select(i) }, ...this.cells(e, i)));
     this.heads = this.columns.map((column, i) =>
       make(
@@ -63,6 +70,22 @@ class EntryTable {
         make('td', { class: 'faint', colspan: this.columns.length - this.telling }, named(e.reasons[0] ?? '')),
       );
     return cells;
+  }
+
+  // Show when an entry is covered.
+  fill(i, motion) {
+    const runs = motion.runs(({ covered }) => {
+      const kind = covered ? 'covered' : 'missed';
+      return covered === null ? null : { key: kind, kind };
+    });
+    const placed = runs.map(({ kind, start, end }) => {
+      const run = make('div', { class: `run ${kind}` });
+      run.style.left = `${(100 * start) / motion.time}%`;
+      run.style.width = `${(100 * (end - start)) / motion.time}%`;
+      attachTip(run, () => `${seconds(start)} to ${seconds(end)}: ${KINDS[kind][2]}`);
+      return run;
+    });
+    this.lanes[i].replaceChildren(...placed);
   }
 
   mark(e) {

@@ -1,0 +1,116 @@
+// Where cameras may go: every mount as a ball, larger and greener the more one camera there would see, and the cameras
+// that were chosen in a table.
+
+const BALL = 0.024; // radius of the best mount's ball [m]
+
+class Mounts {
+  constructor(places, scene) {
+    Object.assign(this, { places, scene });
+    this.spread = spreadOf(places);
+    const frames = [...new Set(places.map(({ frame }) => frame))];
+    this.groups = frames.map((frame) => this.balls(frame));
+    attachTip(scene.host, (x, y) => this.at(x, y));
+  }
+
+  // The balls of one frame, as instances of a single mesh.
+  balls(frame) {
+    const own = this.places.filter((place) => place.frame === frame);
+    const mesh = new THREE.InstancedMesh(new THREE.SphereGeometry(BALL, 14, 10), new THREE.MeshBasicMaterial(), own.length);
+    own.forEach((place, i) => {
+      const size = place.seen === null ? 0.45 : 0.55 + 0.45 * this.share(place.seen);
+      const pose = new THREE.Matrix4().makeScale(size, size, size).setPosition(...place.position);
+      mesh.setMatrixAt(i, pose);
+    });
+    mesh.frustumCulled = false;
+    (this.scene.nodes.get(frame) || this.scene.world).add(mesh);
+    return { own, mesh };
+  }
+
+  // Where a mount is between the one that sees least and the one that sees most, from 0 to 1.
+  share(seen) {
+    const [least, most] = this.spread;
+    return most > least ? (seen - least) / (most - least) : 1;
+  }
+
+  // Show or hide them, in the colours of the page.
+  show(visible) {
+    const [poor, middling, good, shut] = ['hidden', 'range', 'covered', 'nothing'].map((kind) => linear(colour(kind)));
+    for (const { own, mesh } of this.groups) {
+      mesh.visible = visible;
+      own.forEach(({ seen }, i) => {
+        const share = seen === null ? 0 : 2 * this.share(seen);
+        const shade = share < 1 ? poor.clone().lerp(middling, share) : middling.clone().lerp(good, share - 1);
+        mesh.setColorAt(i, seen === null ? shut : shade);
+      });
+      mesh.instanceColor.needsUpdate = true;
+    }
+  }
+
+  // Where all are in the world [m].
+  positions() {
+    return this.groups.flatMap(({ own, mesh }) =>
+      own.map(({ position }) => new THREE.Vector3(...position).applyMatrix4(mesh.matrixWorld)),
+    );
+  }
+
+  // What is said of the mount at a place of the window; nothing where there is none.
+  at(x, y) {
+    const { left, top, width, height } = this.scene.host.getBoundingClientRect();
+    const ray = new THREE.Raycaster();
+    ray.setFromCamera({ x: (2 * (x - left)) / width - 1, y: 1 - (2 * (y - top)) / height }, this.scene.eye);
+    const hits = this.groups.flatMap(({ own, mesh }) =>
+      mesh.visible ? ray.intersectObject(mesh).map((hit) => ({ ...hit, place: own[hit.instanceId] })) : [],
+    );
+    const [first] = hits.sort((a, b) => a.distance - b.distance);
+    return first ? mountInWords(first.place) : '';
+  }
+}
+
+// What the least and the most seeing mount see.
+function spreadOf(places) {
+  const seen = places.map((place) => place.seen).filter((value) => value !== null);
+  return seen.length ? [Math.min(...seen), Math.max(...seen)] : [0, 0];
+}
+
+function mountInWords({ name, seen, camera }) {
+  const chosen = camera === null ? '' : `, where ${camera} is`;
+  return seen === null ? `${name}: a camera here would be in the way` : `${name}${chosen}: with one camera only, here, the mean Q is ${percent(seen)}`;
+}
+
+// The chosen cameras as a table, and what its columns and the balls mean. look: called with a camera that is clicked.
+function showPlacement({ by, cameras, keep, mounts }, look) {
+  const priced = cameras.some(({ price }) => price > 0);
+  const titles = ['camera', 'mount', 'lens', 'where [m]', 'alone', 'its loss', ...(priced ? ['price'] : [])];
+  const number = (i) => (i > 3 ? { class: 'number' } : {});
+  const row = ({ name, mount, lens, pose, frame, alone, loss, price }) => {
+    const place = pose.slice(0, 3).map((line) => line[3].toFixed(2));
+    const cells = [
+      make('button', { type: 'button', 'aria-label': `Look through ${name}`, onclick: () => look(name) }, named(name)),
+      named(mount),
+      named(lens),
+      named(`${place.join(', ')}${frame === 'world' ? '' : ` on ${frame}`}`),
+      percent(alone),
+      `−${(100 * loss).toFixed(1)} points`,
+      ...(priced ? [shownValue(price)] : []),
+    ];
+    return make('tr', {}, ...cells.map((cell, i) => make('td', number(i), cell)));
+  };
+  byId('cameras').append(
+    make('thead', {}, make('tr', {}, ...titles.map((title, i) => make('th', { scope: 'col', ...number(i) }, title)))),
+    make('tbody', {}, ...cameras.map(row)),
+  );
+  const terms = [
+    ['Q', 'share of the time in which cameras see all that has to be seen: in events of interest Q_eoi, in all Q_avg'],
+    ['alone', `the ${by} Q of all candidates with this camera only`],
+    ['its loss', `by how much the ${by} Q falls without it`],
+    ...(keep.length ? [['kept', `${keep.join(', ')}, as in the workspace`]] : []),
+  ];
+  byId('cameras-words').append(...terms.flatMap(([term, words]) => [make('dt', {}, term), make('dd', {}, named(words))]));
+  const [least, most] = spreadOf(mounts).map(percent);
+  const shut = mounts.some(({ seen }) => seen === null);
+  byId('mounts-words').append(
+    make('span', {}, 'mean Q with one camera only, at a mount:', named(least), make('i', { class: 'ramp' }), named(most)),
+    ...(shut ? [make('span', {}, make('i', { class: 'spot nothing' }), 'in the way')] : []),
+    make('span', {}, 'point at a ball to read its name'),
+  );
+}
