@@ -86,7 +86,7 @@ def poses_at(X: Sequence[Array], which: Indices, state: Indices) -> Array:
 
     X: poses of each frame over all states, shape (m, 4, 4), or (1, 4, 4) where it never moves.
     """
-    found: Array = np.stack([poses[0] for poses in X])[which]
+    found: Array = np.array([poses[0] for poses in X]).reshape(-1, 4, 4)[which]
     for index, poses in enumerate(X):
         if len(poses) > 1:
             here = np.flatnonzero(which == index)
