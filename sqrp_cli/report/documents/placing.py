@@ -272,8 +272,8 @@ def proof_in_words(found: Placement, wish: Wish | None) -> str:
     sentences = []
     number = in_words(count)
     if found.proven and found.gap == 0.0:
-        best = f"{number} of these {places} mounts" if count else "of these mounts"
-        sentences.append(f"No {best} do better than a {which} of {_percent(found.objective)} (gap 0).")
+        best = f"No {number} of these {places} mounts do" if count > 1 else f"None of these {places} mounts does"
+        sentences.append(f"{best} better than a {which} of {_percent(found.objective)} (gap 0).")
     else:
         sentences.append(
             f"The {which} is {_percent(found.objective)}; no choice of these {places} mounts has more than "

@@ -137,6 +137,7 @@ def test_a_placement_without_any_camera_has_a_page_too(folder, browser):
     (entry,) = carried(page, "overview")["entries"]
     assert entry["candidate"]["q_avg"] == 0.0
     opened = Opened(browser, page)
+    assert opened.texts("#cameras") == ["None: no camera on these mounts would help."]
     assert opened.complaints == []
     opened.context.close()
 

@@ -167,8 +167,11 @@ class Page {
 
   // Show in the table when each entry is covered.
   async lanes() {
-    for (const [i, { moves }] of this.entries.entries())
-      if (moves) this.table.fill(i, this.details.get(i) ? await this.detail(i) : new Motion(await unpack(`detail-${i}`)));
+    for (const [i, { moves }] of this.entries.entries()) {
+      if (!moves) continue;
+      const known = this.details.get(i) ?? unpack(`detail-${i}`).then((detail) => new Motion(detail));
+      this.table.fill(i, await known);
+    }
   }
 
   figures({ candidate, figures, retried }) {

@@ -6,7 +6,6 @@ const BALL = 0.024; // radius of the best mount's ball [m]
 class Mounts {
   constructor(places, scene) {
     Object.assign(this, { places, scene });
-    this.spread = spreadOf(places);
     const frames = [...new Set(places.map(({ frame }) => frame))];
     this.groups = frames.map((frame) => this.balls(frame));
     attachTip(scene.host, (x, y) => this.at(x, y));
@@ -15,9 +14,10 @@ class Mounts {
   // The balls of one frame, as instances of a single mesh.
   balls(frame) {
     const own = this.places.filter((place) => place.frame === frame);
-    const mesh = new THREE.InstancedMesh(new THREE.SphereGeometry(BALL, 14, 10), new THREE.MeshBasicMaterial(), own.length);
+    const ball = new THREE.SphereGeometry(BALL, 14, 10);
+    const mesh = new THREE.InstancedMesh(ball, new THREE.MeshBasicMaterial(), own.length);
     own.forEach((place, i) => {
-      const size = place.seen === null ? 0.45 : 0.55 + 0.45 * this.share(place.seen);
+      const size = place.seen === null ? 0.45 : 0.55 + 0.45 * place.seen;
       const pose = new THREE.Matrix4().makeScale(size, size, size).setPosition(...place.position);
       mesh.setMatrixAt(i, pose);
     });
@@ -26,20 +26,13 @@ class Mounts {
     return { own, mesh };
   }
 
-  // Where a mount is between the one that sees least and the one that sees most, from 0 to 1.
-  share(seen) {
-    const [least, most] = this.spread;
-    return most > least ? (seen - least) / (most - least) : 1;
-  }
-
   // Show or hide them, in the colours of the page.
   show(visible) {
     const [poor, middling, good, shut] = ['hidden', 'range', 'covered', 'nothing'].map((kind) => linear(colour(kind)));
     for (const { own, mesh } of this.groups) {
       mesh.visible = visible;
       own.forEach(({ seen }, i) => {
-        const share = seen === null ? 0 : 2 * this.share(seen);
-        const shade = share < 1 ? poor.clone().lerp(middling, share) : middling.clone().lerp(good, share - 1);
+        const shade = seen < 0.5 ? poor.clone().lerp(middling, 2 * seen) : middling.clone().lerp(good, 2 * seen - 1);
         mesh.setColorAt(i, seen === null ? shut : shade);
       });
       mesh.instanceColor.needsUpdate = true;
@@ -66,15 +59,10 @@ class Mounts {
   }
 }
 
-// What the least and the most seeing mount see.
-function spreadOf(places) {
-  const seen = places.map((place) => place.seen).filter((value) => value !== null);
-  return seen.length ? [Math.min(...seen), Math.max(...seen)] : [0, 0];
-}
-
 function mountInWords({ name, seen, camera }) {
   const chosen = camera === null ? '' : `, where ${camera} is`;
-  return seen === null ? `${name}: a camera here would be in the way` : `${name}${chosen}: with one camera only, here, the mean Q is ${percent(seen)}`;
+  if (seen === null) return `${name}: a camera here would be in the way`;
+  return `${name}${chosen}: with one camera only, here, the mean Q is ${percent(seen)}`;
 }
 
 // The chosen cameras as a table, and what its columns and the balls mean. look: called with a camera that is clicked.
@@ -95,9 +83,11 @@ function showPlacement({ by, cameras, keep, mounts }, look) {
     ];
     return make('tr', {}, ...cells.map((cell, i) => make('td', number(i), cell)));
   };
+  const head = titles.map((title, i) => make('th', { scope: 'col', ...number(i) }, title));
   byId('cameras').append(
-    make('thead', {}, make('tr', {}, ...titles.map((title, i) => make('th', { scope: 'col', ...number(i) }, title)))),
-    make('tbody', {}, ...cameras.map(row)),
+    ...(cameras.length
+      ? [make('thead', {}, make('tr', {}, ...head)), make('tbody', {}, ...cameras.map(row))]
+      : [make('caption', {}, 'None: no camera on these mounts would help.')]),
   );
   const terms = [
     ['Q', 'share of the time in which cameras see all that has to be seen: in events of interest Q_eoi, in all Q_avg'],
@@ -105,11 +95,11 @@ function showPlacement({ by, cameras, keep, mounts }, look) {
     ['its loss', `by how much the ${by} Q falls without it`],
     ...(keep.length ? [['kept', `${keep.join(', ')}, as in the workspace`]] : []),
   ];
-  byId('cameras-words').append(...terms.flatMap(([term, words]) => [make('dt', {}, term), make('dd', {}, named(words))]));
-  const [least, most] = spreadOf(mounts).map(percent);
+  for (const [term, words] of terms)
+    byId('cameras-words').append(make('dt', {}, term), make('dd', {}, named(words)));
   const shut = mounts.some(({ seen }) => seen === null);
   byId('mounts-words').append(
-    make('span', {}, 'mean Q with one camera only, at a mount:', named(least), make('i', { class: 'ramp' }), named(most)),
+    make('span', {}, 'mean Q with one camera only, at a mount: 0 %', make('i', { class: 'ramp' }), '100 %'),
     ...(shut ? [make('span', {}, make('i', { class: 'spot nothing' }), 'in the way')] : []),
     make('span', {}, 'point at a ball to read its name'),
   );
