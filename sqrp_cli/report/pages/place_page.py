@@ -140,7 +140,9 @@ def _infeasible(found: Placement) -> Iterator[PageRow]:
         name, labels = _name(found, task, one.candidate.name), _labels(found, task, one.candidate.name)
         labels |= {} if found.question.fastest else {"way": ""}
         figures = CandidateFigures.of(Ranked(one, None, pareto=False))
-        yield PageRow(name, "" if found.question.demand.wish is None else "infeasible", labels, figures, one.reasons, None, None)
+        yield PageRow(
+            name, "" if found.question.demand.wish is None else "infeasible", labels, figures, one.reasons, None, None
+        )
 
 
 def _labels(found: Placement, task: str, name: str) -> dict[str, float | str]:
