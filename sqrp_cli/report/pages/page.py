@@ -15,16 +15,14 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.report.documents.candidates import CandidateFigures
-from sqrp_cli.report.documents.document import plain
+from sqrp_cli.report.documents.document import Record, plain
+from sqrp_cli.report.documents.placing import CameraPlaced
 from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.libraries import viewer_library
-
-if TYPE_CHECKING:
-    from sqrp_cli.report.pages.place_page import PlacementShown
 
 DIGITS = 6
 """Decimals that figures keep: micrometres and microseconds."""
@@ -77,6 +75,36 @@ class CellScene:
 
     scene: ShowDocument
     model: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class MountShown(Record):
+    """A place for a camera."""
+
+    name: str
+    """Such as `ceiling 17`."""
+    frame: str
+    """`world`, or the link that carries it."""
+    position: tuple[float, float, float]
+    """In `frame` [m]."""
+    seen: float | None
+    """The mean quality of all candidates with one camera here and no other, in 0..1; null where none can be."""
+    camera: str | None
+    """The camera that was put here."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlacementShown(Record):
+    """What a page shows of a placement besides the candidates."""
+
+    by: str
+    """Which quality counts first: `least` or `mean`."""
+    cameras: Sequence[CameraPlaced]
+    """Those on mounts."""
+    keep: Sequence[str]
+    """Cameras of the workspace that stay."""
+    mounts: Sequence[MountShown]
+    """All places."""
 
 
 @dataclass(frozen=True, eq=False)

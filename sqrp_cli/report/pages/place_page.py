@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,9 +10,7 @@ from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.report.documents.candidates import CandidateFigures
-from sqrp_cli.report.documents.document import Record
 from sqrp_cli.report.documents.placing import (
-    CameraPlaced,
     PlaceDocument,
     compared_in_words,
     scope_in_words,
@@ -21,42 +18,12 @@ from sqrp_cli.report.documents.placing import (
 )
 from sqrp_cli.report.pages.advice_page import studied
 from sqrp_cli.report.pages.candidate_page import cell_scene, origin
-from sqrp_cli.report.pages.page import PageContent, PageRow, write_page
+from sqrp_cli.report.pages.page import MountShown, PageContent, PageRow, PlacementShown, write_page
 from sqrp_cli.report.sentences import accuracy, way_of
 
 if TYPE_CHECKING:
     from sqrp_cli.programming.placing.place import JudgedCandidate, Placement
     from sqrp_cli.scoring.scorecard import Progress
-
-
-@dataclass(frozen=True, kw_only=True)
-class MountShown(Record):
-    """A place for a camera."""
-
-    name: str
-    """Such as `ceiling 17`."""
-    frame: str
-    """`world`, or the link that carries it."""
-    position: tuple[float, float, float]
-    """In `frame` [m]."""
-    seen: float | None
-    """The mean quality of all candidates with one camera here and no other, in 0..1; null where none can be."""
-    camera: str | None
-    """The camera that was put here."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlacementShown(Record):
-    """What a page shows of a placement besides the candidates."""
-
-    by: str
-    """Which quality counts first: `least` or `mean`."""
-    cameras: Sequence[CameraPlaced]
-    """Those on mounts."""
-    keep: Sequence[str]
-    """Cameras of the workspace that stay."""
-    mounts: Sequence[MountShown]
-    """All places."""
 
 
 def write_placement(
