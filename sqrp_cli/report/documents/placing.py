@@ -307,7 +307,10 @@ def compared_in_words(found: PlaceDocument) -> str:
 def moved_in_words(found: PlaceDocument) -> str:
     """By how much the chosen cameras were moved from their mounts; empty if they were not."""
     moved = ", ".join(f"{one.name} {100 * one.moved:.1f} cm" for one in found.cameras if one.moved)
-    return moved and f"The cameras were then moved between the places ({moved}), which the figures above are for."
+    return (
+        moved
+        and f"The cameras were then moved between the places ({moved}), which the figures of the candidates are for."
+    )
 
 
 def scope_in_words(found: PlaceDocument) -> str:

@@ -13,6 +13,7 @@ from sqrp_cli.report.documents.candidates import CandidateFigures
 from sqrp_cli.report.documents.placing import (
     PlaceDocument,
     compared_in_words,
+    moved_in_words,
     scope_in_words,
     unmet_in_words,
 )
@@ -56,7 +57,8 @@ def write_placement(
         judged = [Ranked(one.found, 1, pareto=False) for one in found.candidates]
         about.append(("accuracy", accuracy(question.sampling, judged)))
     title = f"where cameras go: {', '.join(document.tasks)} in {document.workspace}"
-    summary = f"{unmet_in_words(document, question.demand.wish)} {document.proof}".strip()
+    said = (unmet_in_words(document, question.demand.wish), document.proof, moved_in_words(document))
+    summary = " ".join(filter(None, said))
     scenes = [cell_scene(found.cell)]
     write_page(
         PageContent(title, summary, "Candidates", about, entries, scenes, placement=_placement(found, document)), path
