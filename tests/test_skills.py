@@ -9,10 +9,12 @@ import pytest
 from sqrp_cli.errors import Place
 from sqrp_cli.knowledge.skill.read_skill import read_skill
 from sqrp_cli.knowledge.text.input_file import ContentDigest
+from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.logic.domain import Conjunction, Constant, Domain, Holds, merge_domains
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.planner import Plan, find_plan
 from sqrp_cli.logic.planning_task import PlanStep
+from sqrp_cli.programming.task import read_task
 
 SKILLS = Path(__file__).parents[1] / "skills"
 CUBES = ("a", "b", "c")
@@ -84,17 +86,40 @@ def test_towers_are_planned_with_pickup_place_stack_and_unstack(
 
 def test_a_gripper_with_fingers_is_open_again_once_it_has_placed_something() -> None:
     facts = frozenset([Atom("open", ()), *(Atom("obj_on_table", (cube,)) for cube in CUBES)])
-    fingers = domain("pickup_two_finger", "place_two_finger")
+    fingers = domain("pickup/fingers", "place/fingers")
     held = find_plan(fingers, OBJECTS, facts, goal(Atom("hold", ("a",))), {})
     assert isinstance(held, Plan)
-    assert [str(step) for step in held.steps] == ["pickup_two_finger(a)"]
+    assert [str(step) for step in held.steps] == ["pickup(a)"]
     then = facts - {Atom("open", ()), Atom("obj_on_table", ("a",))} | {Atom("hold", ("a",))}
     other = find_plan(fingers, OBJECTS, then, goal(Atom("hold", ("b",))), {})
     assert isinstance(other, Plan)
-    assert [step.action for step in other.steps] == ["place_two_finger", "pickup_two_finger"]
+    assert [step.action for step in other.steps] == ["place", "pickup"]
 
 
 def test_every_shipped_skill_is_in_the_documentation() -> None:
     page = (SKILLS.parent / "docs" / "reference" / "skills.md").read_text(encoding="utf-8")
     missing = [folder.name for folder in SKILLS.iterdir() if f"`{folder.name}`" not in page]
     assert not missing
+
+
+SCREWS = SKILLS.parent / "workspaces" / "screws" / "workspace.yaml"
+
+
+def test_pickup_is_done_with_whatever_tool_a_cell_has() -> None:
+    fingers, suction = load_workspace(SCREWS), load_workspace(SKILLS.parent / "workspaces" / "tabletop")
+    assert fingers.skills["pickup"].folder == SKILLS / "pickup" / "fingers"
+    assert suction.skills["pickup"].folder == SKILLS / "pickup"
+    assert "open" in fingers.skills["pickup"].domain.predicates
+
+
+def test_what_names_the_former_skill_for_fingers_is_still_read() -> None:
+    text = SCREWS.read_text(encoding="utf-8")
+    former = text.replace("skills/pickup]", "skills/pickup_two_finger]")
+    former = former.replace("task: pickup", "task: pickup_two_finger")
+        "task: pickup", "task: pickup_two_finger"
+    )
+    workspace = load_workspace(SCREWS, former.encode())
+    assert former != text
+    assert list(workspace.skills) == ["pickup"]
+    old, new = (read_task(f"{word} screw", workspace) for word in ("pickup_two_finger", "pickup"))
+    assert old.candidates == new.candidates

@@ -10,7 +10,7 @@ from math import comb, prod
 from sqrp_cli.errors import InputError, Problem, counted, expected_names
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.settings import MotionValue
-from sqrp_cli.knowledge.skill.skill import JointMove, Skill
+from sqrp_cli.knowledge.skill.skill import JointMove, Skill, named_skill
 from sqrp_cli.knowledge.text import units
 from sqrp_cli.knowledge.text.units import expected_quantity, read_quantity
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask, Workspace
@@ -104,7 +104,7 @@ def _skill(words: Sequence[str], workspace: Workspace) -> Skill:
         skills = ", ".join(f"`{name}`" for name in workspace.skills)
         message = f"the task is empty; expected a skill ({skills}) and what to do it with"
         raise InputError(Problem("empty-task", message))
-    skill = workspace.skills.get(words[0])
+    skill = named_skill(words[0], workspace.skills)
     if skill is None:
         known = expected_names(words[0], workspace.skills)
         message = f"there is no skill `{words[0]}` under `skills` in {workspace.whole_file}; {known}"

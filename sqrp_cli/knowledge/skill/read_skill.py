@@ -21,6 +21,7 @@ from sqrp_cli.knowledge.skill.settings import (
     ValueRange,
 )
 from sqrp_cli.knowledge.skill.skill import (
+    FORMER_ENDING,
     HOME,
     FormulaEntry,
     Grasp,
@@ -52,35 +53,55 @@ FreedEntry = TypeVar("FreedEntry", bound=Entry)
 
 SKILL_FILE = "skill.yaml"
 
+FINGERS = "fingers"
+"""The folder in that of a skill which has its two files for tools with fingers, where these do it differently."""
+
 PATH = "path"
 """The parameter that every skill with joint moves has, unless they state their paths."""
 
 
+def skill_folder(folder: Path, *, fingers: bool) -> Path:
+    """The folder that has the files of a skill: with `fingers`, that for tools with fingers if there is one.
+
+    `pickup_two_finger`, unless there is such a folder, is what `pickup` is for fingers.
+    """
+    former = folder.with_name(folder.name.removesuffix(FORMER_ENDING)) / FINGERS
+    if folder.name.endswith(FORMER_ENDING) and not folder.is_dir() and former.is_dir():
+        return former
+    return folder / FINGERS if fingers and (folder / FINGERS / SKILL_FILE).is_file() else folder
+
+
+def skill_name(folder: Path) -> str:
+    """The name of the skill in a folder."""
+    return folder.parent.name if folder.name == FINGERS else folder.name
+
+
 def read_skill(folder: Path, place: Place, digest: ContentDigest) -> Skill:
-    """The skill in `folder`, named after it.
+    """The skill in `folder`, named after it; after the folder around it, if it is the one for tools with fingers.
 
     place: where the workspace names the folder. Raises InputError with all problems of its two files; the workspace
     checks the names of links, objects and detectors.
     """
+    name = skill_name(folder)
     if not folder.is_dir():
         known = [entry.name for entry in folder.parent.iterdir() if entry.is_dir()] if folder.parent.is_dir() else []
         message = f"there is no skill folder {folder}; {expected_names(folder.name, known)}"
         raise InputError(Problem("unknown-skill", message, place))
-    for required in (SKILL_FILE, f"{folder.name}.pddl"):
+    for required in (SKILL_FILE, f"{name}.pddl"):
         if not (folder / required).is_file():
             close = nearest(required, (entry.name for entry in folder.iterdir()))
             message = f"the skill folder {folder} has no `{required}`" + (f"; did you mean `{close}`?" if close else "")
             raise InputError(Problem("missing-file", message, place))
     document = read_yaml(folder / SKILL_FILE, keys=("primitives", "waypoints", "targets", "formulas"))
-    domain = _read_domain(folder / f"{folder.name}.pddl", digest)
-    digest.add(f"skills.{folder.name}.yaml", document.path, document.content)
-    if folder.name not in domain.actions:
-        message = f"no action `{folder.name}`, named like its folder; {expected_names(folder.name, domain.actions)}"
-        meant = nearest(folder.name, domain.actions) or next(iter(domain.actions), None)
+    domain = _read_domain(folder / f"{name}.pddl", digest)
+    digest.add(f"skills.{name}.yaml", document.path, document.content)
+    if name not in domain.actions:
+        message = f"no action `{name}`, named like its folder; {expected_names(name, domain.actions)}"
+        meant = nearest(name, domain.actions) or next(iter(domain.actions), None)
         there = Place(domain.path) if meant is None else domain.actions[meant].place
         mend = "rename the action, or the folder and its file"
         raise InputError(Problem("missing-action", message, there, mend=mend))
-    return _SkillReader(document, validate(document, SkillFile), domain, domain.actions[folder.name]).read(folder)
+    return _SkillReader(document, validate(document, SkillFile), domain, domain.actions[name]).read(folder)
 
 
 def _read_domain(path: Path, digest: ContentDigest) -> Domain:
@@ -122,7 +143,7 @@ class _SkillReader:
         if self.problems:
             raise InputError(*self.problems)
         return Skill(
-            name=folder.name,
+            name=skill_name(folder),
             folder=folder,
             domain=self.domain,
             action=self.action,

@@ -417,3 +417,12 @@ class Skill:
         """Names of the faults after which the robot tries again."""
         retried = (found.name for found in self.requirements if isinstance(found.stated.response, RetryEntry))
         return frozenset(name for name in retried if name is not None)
+
+
+FORMER_ENDING = "_two_finger"
+"""Ending of the names that skills for fingers had when they were skills of their own."""
+
+
+def named_skill(word: str, skills: Mapping[str, Skill]) -> Skill | None:
+    """The skill that a word means, also by the name that it had before; None if none is called so."""
+    return skills.get(word) or (skills.get(word.removesuffix(FORMER_ENDING)) if word.endswith(FORMER_ENDING) else None)

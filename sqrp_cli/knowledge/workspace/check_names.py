@@ -9,7 +9,7 @@ import numpy as np
 from sqrp_cli.errors import Place, Problem, counted, expected_names
 from sqrp_cli.knowledge.frames import TOOL, WORLD, WORLD_LINK, link_called
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill.skill import Names, OffsetWaypoint, Skill, marked
+from sqrp_cli.knowledge.skill.skill import FORMER_ENDING, Names, OffsetWaypoint, Skill, marked
 from sqrp_cli.knowledge.skill.target_box import BoxSpec
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.workspace.read_robot import RobotReader
@@ -24,7 +24,7 @@ def check_tasks(
     for index, task in enumerate(tasks):
         for number, text in enumerate(task.steps or (task.task,)):
             skill = text.split()[0] if text.split() else ""
-            if skill not in skills:
+            if skill not in skills and skill.removesuffix(FORMER_ENDING) not in skills:
                 message = f"found `{skill}`, which is no skill of this workspace; {expected_names(skill, skills)}"
                 at = ("steps", number) if task.steps else ("task",)
                 yield document.problem("unknown-skill", ("tasks", index, *at), message)

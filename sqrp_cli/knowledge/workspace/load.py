@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.knowledge.skill.read_skill import read_skill
+from sqrp_cli.knowledge.skill.read_skill import read_skill, skill_folder, skill_name
 from sqrp_cli.knowledge.skill.skill import Skill
 from sqrp_cli.knowledge.text.input_file import NOT_THERE, YAML_ENDINGS, ContentDigest, nearest_entry
 from sqrp_cli.knowledge.text.source import SourceDocument
@@ -148,11 +148,13 @@ def _skills(
     for index, name in enumerate(file.skills):
         place = document.value_place(("skills", index))
         folder = Path(os.path.normpath(document.path.parent / name))
-        if folder.name in skills:
-            problems.append(Problem("duplicate-name", f"skill `{folder.name}` is listed twice", place))
+        folder = skill_folder(folder, fingers=file.robot.fingers is not None)
+        called = skill_name(folder)
+        if called in skills:
+            problems.append(Problem("duplicate-name", f"skill `{called}` is listed twice", place))
             continue
         try:
-            skills[folder.name] = read_skill(folder, place, digest)
+            skills[called] = read_skill(folder, place, digest)
         except InputError as error:
             problems.extend(error.problems)
     return skills, problems

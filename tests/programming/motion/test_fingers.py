@@ -139,7 +139,7 @@ def test_a_move_by_home_stops_there_and_takes_as_long_as_both_parts(cell: Cell) 
     q = np.array([lifted.joints[name] for name in cell.model.arm]) + np.array([0.4, 0.1, 0, 0, 0, 0])
     away = replace(world, joints={**lifted.joints, **dict(zip(cell.model.arm, q.tolist(), strict=True))})
     away = replace(away, X_WO={**away.X_WO, "cube": cell.model.tool_pose(q) @ away.X_TO})
-    place = cell.workspace.skills["place_two_finger"]
+    place = cell.workspace.skills["place"]
     values = {parameter.name: parameter.values[0] for parameter in place.motion_parameters}
     times = {}
     for via in ("direct", "home"):
