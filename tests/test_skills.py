@@ -116,8 +116,6 @@ def test_what_names_the_former_skill_for_fingers_is_still_read() -> None:
     text = SCREWS.read_text(encoding="utf-8")
     former = text.replace("skills/pickup]", "skills/pickup_two_finger]")
     former = former.replace("task: pickup", "task: pickup_two_finger")
-        "task: pickup", "task: pickup_two_finger"
-    )
     workspace = load_workspace(SCREWS, former.encode())
     assert former != text
     assert list(workspace.skills) == ["pickup"]
