@@ -1,0 +1,91 @@
+"""What mounts see agrees with an independent renderer: MuJoCo's depth images during a motion of `tabletop`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sqrp_cli import open_cell
+from sqrp_cli.geometry import inverse
+from sqrp_cli.knowledge.camera.projection import Projection
+from sqrp_cli.programming.placing.problem import Demand
+from sqrp_cli.programming.placing.views import camera_of
+from sqrp_cli.programming.sensing.moved_camera import MovedCamera
+from tests.programming.placing.test_place import TABLETOP, placer
+from tests.programming.sensing.renderer import MujocoScene
+from tests.programming.sensing.test_truth import exit_depth, shrunk
+
+RESOLUTION = 120
+
+SIX = """
+mounts:
+  ceiling: {points: [[-0.5, -1.1, 1.6], [0.3, 0.3, 1.6], [1.1, 0.1, 1.4]]}
+  low: {points: [[0.0, 1.15, 0.5], [0.9, -1.15, 0.3], [-0.9, 0.6, 0.25]]}
+lenses:
+  wide: {image: {width: 640, height: 480, horizontal_fov: 60 deg}, near: 20 cm, far: 4 m, rate: 10 Hz}
+"""
+
+
+@pytest.mark.slow
+def test_six_cameras_see_what_a_renderer_shows(tmp_path: Path) -> None:
+    cell = open_cell(TABLETOP)
+    asked = placer(cell, tmp_path, SIX, Demand(most=2))
+    asked.place()
+    (way,), (sees,) = asked.ways, asked.sees
+    scene, states = way.scene, way.states
+    objects = cell.workspace.objects
+    carried = scene.candidate.binding["object"]
+    fixed = [part for name, obj in objects.items() if name != carried for part in _placed(obj)]
+    (held,) = objects[carried].parts
+    stage = MujocoScene(cell.workspace.robot, fixed, held, RESOLUTION)
+    q = scene.stage.positions(way.samples)
+    boxes = [box for target in scene.targets for box in target.boxes]
+    assert len(boxes) == len(scene.targets)
+    agree: list[bool] = []
+    shown = 0
+    for option, one in enumerate(asked.options):
+        view, lens = asked.views[one.view], asked.lenses[one.lens]
+        camera = camera_of("here", asked.spots[view.spot], view, lens)
+        sample, target = way.items
+        looks = MovedCamera(Projection.of(camera), boxes, cell.cell.observer.solids, states, box=target, state=sample)
+        within = looks.within(view.X_FC[None])[0]
+        assert not sees[option][~within].any()
+        for item in np.flatnonzero(within).tolist():
+            state, box = int(sample[item]), boxes[int(target[item])]
+            stage.move(dict(zip(scene.motion.joint_names, q[state], strict=True)))
+            stage.place(held.parent, _at(states.X_WF[carried], state))
+            stage.show([i for i, name in enumerate(stage.names) if name in box.encloses])
+            share = _share(stage, view.X_FC, _at(states.box_poses(box), state), box)
+            agree.append((share >= box.limits.min_visible) == bool(sees[option][item]))
+            shown += share >= box.limits.min_visible
+    stage.close()
+    assert len(agree) > 200
+    assert 0.1 < shown / len(agree) < 0.99, "else a wrong verdict would hardly show"
+    assert np.mean(agree) >= 0.999
+
+
+def _placed(obj):
+    from dataclasses import replace
+
+    return [replace(part, parent="world", X_PG=obj.X_WO @ part.X_PG) for part in obj.parts]
+
+
+def _at(poses, state):
+    return poses[state if len(poses) > 1 else 0]
+
+
+def _share(stage, X_WC, X_WB, box) -> float:
+    """The share of the silhouette of a box without its skin along which nothing lies before its far side."""
+    low, high = shrunk(box)
+    X_CB = inverse(X_WC) @ X_WB
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * (high - low) + low
+    corners_C = corners @ X_CB[:3, :3].T + X_CB[:3, 3]
+    image = corners_C[:, :2] / corners_C[:, 2:]
+    side = 1.04 * float((image.max(axis=0) - image.min(axis=0)).max())
+    near = float(corners_C[:, 2].min()) / 300
+    picture = stage.picture(X_WC, (image.max(axis=0) + image.min(axis=0) - side) / 2, side, near)
+    leaves = exit_depth(picture, X_CB, low, high)
+    inside = leaves > 0
+    return 1.0 - float((inside & (picture.depth < leaves)).sum() / inside.sum())
