@@ -393,7 +393,7 @@ def test_two_runs_do_not_share_a_folder(own_watch, sqrp, tmp_path):
     outcome = sqrp("score", own_watch, "--out", tmp_path / "results")
     holder.communicate()
     assert outcome.code == 2
-    assert "another `sqrp score` or `sqrp advise`" in outcome.err
+    assert "another `sqrp score`, `sqrp advise` or `sqrp place`" in outcome.err
     assert sqrp("score", own_watch, "--out", tmp_path / "results").code == 0
 
 

@@ -279,7 +279,7 @@ def proof_in_words(found: Placement, wish: Wish | None) -> str:
             f"The {which} is {_percent(found.objective)}; no choice of these {places} mounts has more than "
             f"{_percent(found.bound)}. Whether there is a better one is not proven."
         )
-    if wish is not None and found.met and found.fewest is not None and found.fewest > 0:
+    if wish is not None and found.met and found.fewest is not None and found.fewest > 1:
         sentences.append(f"Fewer than {number} do not reach {wish}.")
     if found.fewer is not None:
         sentences.append(f"With {in_words(found.fewer.cameras)} it is at most {_percent(found.fewer.bound)}.")

@@ -261,7 +261,7 @@ def _locked(folder: Path) -> IO[str]:
         file.close()
         if error.errno not in (errno.EACCES, errno.EAGAIN):
             raise
-        message = "another `sqrp score` or `sqrp advise` is writing to this folder"
+        message = "another `sqrp score`, `sqrp advise` or `sqrp place` is writing to this folder"
         mend = "wait for it, or name another folder"
         raise InputError(Problem("folder-in-use", message, Place(folder), mend=mend)) from error
     return file
