@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,6 +19,7 @@ from sqrp_cli.knowledge.camera.bag_transforms import METADATA
 from sqrp_cli.knowledge.camera.calibration import check_distortion, doubtful_projection, read_calibration
 from sqrp_cli.knowledge.camera.camera import Camera, CameraEntry
 from sqrp_cli.knowledge.camera.hand_eye import HandEye, read_hand_eye
+from sqrp_cli.knowledge.fixture.fixture_file import FixturesEntry, read_fixtures
 from sqrp_cli.knowledge.frames import TOOL, WORLD, link_called
 from sqrp_cli.knowledge.mesh.mesh_extent import bounds_of
 from sqrp_cli.knowledge.mesh.mesh_file import check_mesh, mesh_of
@@ -80,7 +82,31 @@ class CellReader:
         held = [name for name, entry in self.file.objects.items() if isinstance(entry.pose, Held)]
         for name, entry in self.file.objects.items():
             self._check_object(name, entry, held[:1])
-        return {name: self._object(name, entry) for name, entry in self.file.objects.items()}
+        objects = {name: self._object(name, entry) for name, entry in self.file.objects.items()}
+        for index, fixtures in enumerate(self.file.fixtures):
+            try:
+                objects |= self._fixtures(index, fixtures, objects)
+            except InputError as error:
+                self.problems.extend(error.problems)
+        return objects
+
+    def _fixtures(self, index: int, entry: FixturesEntry, taken: Mapping[str, SceneObject]) -> dict[str, SceneObject]:
+        """The objects of a scene or world, under their names as far as those are free."""
+        path: KeyPath = ("fixtures", index, "file")
+        file = packages.resolve(entry.file, self.document.folder, self.roots, self.document.value_place(path))
+        standing, warnings, content = read_fixtures(file, self.roots)
+        self.digest.add(f"fixtures.{index}", file, content)
+        self.warnings.extend(warnings)
+        found: dict[str, SceneObject] = {}
+        for one in standing:
+            name = _free_name(one.name, {*taken, *found, *self.links, WORLD, TOOL, "home"})
+            parts = [Part(f"{name}/{i}", name, shape, X) for i, (shape, X) in enumerate(one.shapes)]
+            for part in parts:
+                if isinstance(part.shape, Mesh):
+                    add_mesh(self.digest, f"fixtures.{index}.{part.name}", part.shape.path, one.place)
+            stands = ObjectEntry(type="obstacle", pose=read_only(entry.pose.matrix()), fixed=True)
+            found[name] = self._sized(name, stands, parts)
+        return found
 
     def facts(self, domain: Domain | None) -> dict[Atom, int]:
         """The facts of `state`, each with its place in the list from 0.
@@ -293,6 +319,18 @@ class CellReader:
                 message = f"`{argument}` is of type `{entry.type}`, expected `{parameter.type}`: {signature}"
                 self._report("wrong-object-type", path, message)
         return Atom(predicate, arguments)
+
+
+def _free_name(name: str, taken: Collection[str]) -> str:
+    """A name that formulas and tasks can use, and nothing else has."""
+    base = re.sub(r"[^A-Za-z0-9_-]", "_", name)[:60]
+    base = base if base[:1].isalpha() else f"fixture_{base}".rstrip("_")
+    free = base
+    for number in count(2):
+        if free not in taken:
+            break
+        free = f"{base}_{number}"
+    return free
 
 
 def resolve_description(

@@ -15,6 +15,7 @@ from pydantic_core import PydanticCustomError
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.knowledge.camera.camera import Camera, CameraEntry
 from sqrp_cli.knowledge.camera.detector import Detector
+from sqrp_cli.knowledge.fixture.fixture_file import FixturesEntry
 from sqrp_cli.knowledge.robot.robot import Robot, RobotEntry
 from sqrp_cli.knowledge.scene import ObjectEntry, SceneObject
 from sqrp_cli.knowledge.skill.skill import Skill
@@ -88,6 +89,9 @@ class WorkspaceFile(Entry):
     cameras: dict[Name, CameraEntry] = Field(default={}, max_length=200, description="Cameras by name.")
     skills: list[Text] = Field(default=[], description="Folders of the skills that may be used.")
     objects: dict[Name, ObjectEntry] = Field(default={}, max_length=2000, description="Objects in the cell by name.")
+    fixtures: list[FixturesEntry] = Field(
+        default=[], max_length=50, description="Files with further objects that never move: scenes and worlds."
+    )
     state: list[Text] = Field(default=[], description="The facts that hold now; every other one does not.")
     tasks: list[ExpectedTask] = Field(default=[], description="Tasks that the cell must support.")
     padding: Padding = Field(default=0.0, description="Least distance that motions keep from fixed objects.")
