@@ -40,7 +40,7 @@ def print_placement(found: PlaceDocument, wish: Wish | None) -> None:
     tasks = ", ".join(found.tasks)
     say(joined([(tasks, "bold"), f" in {found.workspace}\n"]))
     say(compared_in_words(found))
-    if not found.met:
+    if not found.met and found.compared.ways:
         _print_unmet(found, wish)
     if found.cameras:
         say()

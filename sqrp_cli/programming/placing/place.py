@@ -30,6 +30,7 @@ from sqrp_cli.programming.placing.views import Option, View, camera_of, options_
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.task import Candidate, Task
 from sqrp_cli.programming.ways.find import WantedWay, find_way, planned_ways
+from sqrp_cli.programming.ways.time_limit import TimeLimit
 
 ROUNDS = 8
 """Most rounds in which samples are added at which the chosen cameras lose sight, between those that were judged."""
@@ -213,6 +214,8 @@ class Placer:
         self._shut: list[Mask] = []
         """Of each way, at which places a camera would touch something."""
         self._apart: frozenset[tuple[int, int]] = frozenset(pairs_apart(self.spots))
+        self._too_slow = False
+        """Whether no camera helps, because a candidate takes longer than is wished for."""
         self._known_hiding: frozenset[Hiding] = frozenset()
         self.sees: list[Mask] = []
         """Of each way, which options see which items, shape (options, items)."""
@@ -220,6 +223,8 @@ class Placer:
     def place(self) -> Placement:
         """The best cameras for the tasks, with the fastest way of each candidate where no other can do better."""
         self._plan()
+        if not self.ways:
+            return self._nothing()
         self._choose_from()
         self._judge(self.ways)
         demand = self.question.demand
@@ -299,6 +304,10 @@ class Placer:
             for task, candidate in found:
                 scenes = planned_ways(question.cell, candidate, question.world, fastest=question.fastest)
                 advance(1)
+                wish = question.demand.wish
+                if wish is not None and wish.time is not None and not isinstance(scenes, Infeasible):
+                    scenes = TimeLimit(wish.time).within(scenes)
+                    self._too_slow |= isinstance(scenes, Infeasible)
                 if isinstance(scenes, Infeasible):
                     self.infeasible.append((task.text, Assessment.infeasible(candidate, scenes.reasons)))
                     continue
@@ -582,6 +591,21 @@ class Placer:
         way = replace(self.ways[choice.ways[0]], scene=other)
         return not (worse or later or (places and blocked(self.question.cell, way, places).any()))
 
+    def _nothing(self) -> Placement:
+        """The answer where no candidate can be done."""
+        count = len(self.question.mounts.spots)
+        return Placement(
+            question=self.question,
+            infeasible=tuple(self.infeasible),
+            ways=0,
+            samples=0,
+            options=0,
+            seen=np.zeros(count),
+            shut=np.zeros(count, dtype=bool),
+            cell=self.cell_with(()),
+            met=False,
+        )
+
     def _placement(self, problem: Placing, chosen: Chosen) -> Placement:
         count = len(self.question.mounts.spots)
         found = Placement(
@@ -597,6 +621,7 @@ class Placer:
             proven=chosen.proven,
             bound=chosen.bound,
             fewest=chosen.fewest,
+            met=not self._too_slow,
         )
         if chosen.choice is None:
             return replace(found, met=False)

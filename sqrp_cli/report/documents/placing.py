@@ -268,7 +268,7 @@ def proof_in_words(found: Placement, wish: Wish | None) -> str:
     count, places = len(found.cameras), found.places
     which = "least Q" if found.question.demand.objective == "least" else "mean Q"
     if found.worth is None:
-        return f"No choice of these {places} mounts was found."
+        return "No candidate can be done." if not found.ways else f"No choice of these {places} mounts was found."
     sentences = []
     number = in_words(count)
     if found.proven and found.gap == 0.0:

@@ -13,8 +13,9 @@ from sqrp_cli.api.cell import silent
 from sqrp_cli.knowledge.workspace.mounts import read_mounts
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.coverage.sampling import Adaptive
+from sqrp_cli.programming.placing.choose import Search
 from sqrp_cli.programming.placing.place import Placement, PlaceQuestion, Placer
-from sqrp_cli.programming.placing.problem import Demand, greedy, worth_of
+from sqrp_cli.programming.placing.problem import Choice, Demand, greedy, worth_of
 from sqrp_cli.programming.placing.views import camera_of
 from sqrp_cli.programming.sensing.observer import Observer, sees_all
 from sqrp_cli.programming.task import read_task
@@ -180,3 +181,41 @@ def test_nothing_stands_where_the_robot_moves(cell, tmp_path):
     found = placer(cell, tmp_path, text, Demand(most=2)).place()
     shut = [spot.name for spot, gone in zip(found.question.mounts.spots, found.shut, strict=True) if gone]
     assert shut == ["swept", "table"]
+
+
+def test_of_equally_good_pairs_the_one_with_the_shortest_delay_is_chosen(pair):
+    asked, found, _ = pair
+    problem = asked.problem(0)
+    ways = tuple(of_one[0] for of_one in problem.candidates)
+    worths = [worth_of(problem, Choice(chosen, ways)) for chosen in combinations(range(problem.count), 2)]
+    best = max(worth.least for worth in worths)
+    assert len({round(worth.delay, 3) for worth in worths}) > 3
+    shortest = min(worth.delay for worth in worths if worth.least >= best - 1e-6)
+    assert found.worth is not None
+    assert found.worth.delay == pytest.approx(shortest, abs=1e-4)
+
+
+def test_a_wished_delay_takes_no_more_cameras_than_needed(cell, tmp_path):
+    narrow = FORTY.replace("6 deg", "4.5 deg")
+    asked = placer(cell, tmp_path, narrow, Demand(most=2))
+    asked.place()
+    problem = asked.problem(0)
+    ways = tuple(of_one[0] for of_one in problem.candidates)
+
+    def shortest(count: int) -> float:
+        choices = combinations(range(problem.count), count)
+        return min(worth_of(problem, Choice(options, ways)).delay for options in choices)
+
+    wished = shortest(2) + 0.02
+    assert shortest(1) > wished + 0.1
+    found = Search(problem, Demand(wish=Wish(delay=wished)), lambda _title, _best, _bound: None).best()
+    assert found.choice is not None
+    assert found.fewest == len(found.choice.options) == 2
+    assert worth_of(problem, found.choice).delay <= wished + 1e-6
+
+
+def test_a_motion_that_takes_longer_than_wished_is_said_to(cell, tmp_path):
+    found = placer(cell, tmp_path, FORTY, Demand(wish=Wish(time=5.0))).place()
+    assert not found.met
+    ((_, slow),) = found.infeasible
+    assert "more than allowed" in slow.reasons[0]
