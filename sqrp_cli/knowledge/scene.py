@@ -1,8 +1,7 @@
 """The objects of a cell, their entries in a workspace file, and the markers on them.
 
-Markers are ArUco markers as printed: dictionary `DICT_ARUCO_ORIGINAL` of OpenCV, ids 0 to 1023. A marker has a white
-margin at least as wide as one of its modules. An object with a marker has it in the middle of its top (+z), black
-square and margin together as large as fits there; on links the workspace states the black square.
+A marker has a white margin at least as wide as one of its modules. An object with a marker has it in the middle of its
+top (+z), black square and margin together as large as fits there unless the workspace states the black square.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ from pydantic import Discriminator, Field, PlainValidator, Tag, WithJsonSchema, 
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.geometry import Array, axis_rotation, check_finite, check_poses, inverse, pose, read_only, side_pose
+from sqrp_cli.knowledge.markers import Marker, ObjectMarker, StatedMarker, object_marker
 from sqrp_cli.knowledge.text.bounds import SMALLEST_SIZE
 from sqrp_cli.knowledge.text.described import DescriptionEntry
 from sqrp_cli.knowledge.text.entries import (
@@ -33,11 +33,6 @@ from sqrp_cli.knowledge.text.entries import (
 )
 from sqrp_cli.knowledge.text.source import describe
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Shape, Sphere
-
-MODULES = 7
-"""Modules along a side of a marker's black square: 5 of the code, and its border."""
-
-MarkerId = Annotated[int, Field(strict=True, ge=0, le=1023)]
 
 NO_SIZE = (0.0, 0.0, 0.0)
 """The size of an object that is as large as its parts."""
@@ -131,7 +126,11 @@ class ObjectTraits(Stored):
             "by default as its shape does."
         ),
     ] = None
-    marker: Annotated[MarkerId | None, Field(description="Id of the ArUco marker on it.")] = None
+    marker: Annotated[
+        ObjectMarker | None,
+        Written(StatedMarker | None, lambda stated: None if stated is None else object_marker(stated)),
+        Field(description="The marker on it: its id in `aruco_original`, or {id, dictionary, side}."),
+    ] = None
 
     @property
     def types(self) -> tuple[str, ...]:
@@ -149,9 +148,9 @@ class ObjectTraits(Stored):
         return self.pose.X_TO(self.size) if isinstance(self.pose, Held) else None
 
     @property
-    def marker_side(self) -> float:
-        """Side of the black square of a marker on it [m]."""
-        return min(self.size[:2]) * MODULES / (MODULES + 2)
+    def printed_marker(self) -> Marker | None:
+        """The marker on it, with its side; None if there is none."""
+        return None if self.marker is None else self.marker.on(self.size)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

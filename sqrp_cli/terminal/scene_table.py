@@ -103,7 +103,7 @@ def _print_hand(robot: Robot) -> None:
         )
         say(f"\nfingers  {'; '.join(joints)}")
     if robot.markers:
-        markers = (f"{link} (id {m.id}, {1000 * m.side:.0f} mm)" for link, m in robot.markers.items())
+        markers = (f"{link} (id {m.id} of {m.dictionary}, {1000 * m.side:.0f} mm)" for link, m in robot.markers.items())
         say(f"markers  {', '.join(markers)}")
 
 

@@ -15,11 +15,11 @@ from pydantic import Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.geometry import Array, check_poses
+from sqrp_cli.knowledge.markers import Marker as Marker
 from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfModel
-from sqrp_cli.knowledge.scene import MarkerId
 from sqrp_cli.knowledge.text import units
 from sqrp_cli.knowledge.text.described import DescriptionEntry
-from sqrp_cli.knowledge.text.entries import AnyQuantity, Entry, Extents, In, Pose, Size, Stored, Text, mapping_or_else
+from sqrp_cli.knowledge.text.entries import AnyQuantity, Entry, Extents, In, Pose, Size, Text, mapping_or_else
 from sqrp_cli.knowledge.text.units import Dimension
 from sqrp_cli.shapes import Geometry, Part
 
@@ -73,16 +73,6 @@ class Fingers:
     """By the joint's name, with nothing between the fingers."""
     width: float | None = None
     """Clear width between them when open, None where it is not stated [m]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Marker(Stored):
-    """An ArUco marker on a link: around the origin of the link's frame, facing along its z axis."""
-
-    id: MarkerId
-    """Its number in the dictionary."""
-    side: Size
-    """Side of the printed square."""
 
 
 @dataclass(frozen=True, eq=False)

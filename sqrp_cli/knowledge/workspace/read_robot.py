@@ -221,15 +221,16 @@ class RobotReader:
         return Fingers(opened, {name: closed[name] for name in opened if name in closed}, entry.width)
 
     def _markers(self) -> dict[str, Marker]:
-        ids: dict[int, str] = {}
+        ids: dict[tuple[str, int], str] = {}
         for named, marker in self.entry.markers.items():
             path, link = ("robot", "markers", named), link_called(named, self.links)
             if link not in self.links:
                 self._report(
                     "unknown-link", path, f"found `{link}`, which is no link; {expected_names(link, self.links)}"
                 )
-            if ids.setdefault(marker.id, link) != link:
-                self._report("repeated-value", (*path, "id"), f"`{ids[marker.id]}` has the marker {marker.id} too")
+            key = (marker.dictionary, marker.id)
+            if ids.setdefault(key, link) != link:
+                self._report("repeated-value", (*path, "id"), f"`{ids[key]}` has the marker {marker.id} too")
         return {link_called(link, self.links): marker for link, marker in self.entry.markers.items()}
 
     def _positions(

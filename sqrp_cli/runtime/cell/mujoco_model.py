@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, pose
+from sqrp_cli.knowledge.markers import DICTIONARIES, ORIGINAL, Marker, opencv_name
 from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.knowledge.robot.urdf import Inertial, UrdfJoint, UrdfLink, UrdfModel
-from sqrp_cli.knowledge.scene import MODULES, SceneObject
+from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.text.packages import resolve_mesh
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.runtime.cell.engine import mujoco
@@ -100,10 +101,11 @@ def build_model(workspace: Workspace, objects: Mapping[str, Array]) -> mujoco.Mj
     return spec.compile()
 
 
-def marker_picture(marker: int) -> NDArray[np.uint8]:
-    """A marker seen from outside, its black square without margin; shape (n, n, 3)."""
-    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_ARUCO_ORIGINAL)
-    gray = cv2.aruco.generateImageMarker(dictionary, marker, MODULES * _MARKER_PIXELS, borderBits=1)
+def marker_picture(marker: int, name: str = ORIGINAL) -> NDArray[np.uint8]:
+    """A marker of a dictionary seen from outside, its black square without margin; shape (n, n, 3)."""
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, opencv_name(name)))
+    pixels = DICTIONARIES[name].modules * _MARKER_PIXELS
+    gray = cv2.aruco.generateImageMarker(dictionary, marker, pixels, borderBits=1)
     return np.repeat(gray[:, :, None], 3, axis=2)
 
 
@@ -127,7 +129,7 @@ class _ModelBuilder:
         if robot.tool is not None:
             self._add_urdf(robot.tool.urdf, robot, self._spec.body(robot.tool.link), robot.tool.X_LT)
         for link, marker in robot.markers.items():
-            self._add_marker(self._spec.body(link), marker.id, marker.side, pose())
+            self._add_marker(self._spec.body(link), marker, pose())
         tip = self._spec.body(robot.tool_frame).add_geom(name=TIP, type=mujoco.mjtGeom.mjGEOM_SPHERE)
         tip.size[0], tip.mass, tip.group = TIP_RADIUS, 0.0, FELT
         tip.contype = tip.conaffinity = 0
@@ -139,9 +141,9 @@ class _ModelBuilder:
         for part in obj.parts:
             self._add_part(body, part, DRAWN, color)
             self._add_part(body, part, FELT, color, touches=_FIXED if obj.fixed else _MOVABLE, density=DENSITY)
-        if obj.marker is not None:
+        if obj.printed_marker is not None:
             top = pose(position=(0.0, 0.0, obj.size[2] / 2))
-            self._add_marker(body, obj.marker, obj.marker_side, top)
+            self._add_marker(body, obj.printed_marker, top)
         if obj.fixed:
             return
         body.add_freejoint(name=obj.name)
@@ -230,11 +232,11 @@ class _ModelBuilder:
             self._meshes[mesh, group] = name
         return self._meshes[mesh, group]
 
-    def _add_marker(self, body: mujoco.MjsBody, marker: int, side: float, X_BF: Array) -> None:
-        """A marker, black square `side` [m] wide with its margin, on a face whose middle is at X_BF with z outwards."""
-        name = f"marker{marker}"
+    def _add_marker(self, body: mujoco.MjsBody, marker: Marker, X_BF: Array) -> None:
+        """A marker with its margin on a face whose middle is at X_BF with z outwards."""
+        name, side, modules = f"{marker.dictionary} {marker.id}", marker.side, DICTIONARIES[marker.dictionary].modules
         if self._spec.material(name) is None:
-            image = marker_picture(marker)
+            image = marker_picture(marker.id, marker.dictionary)
             texture = self._spec.add_texture(
                 name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, width=image.shape[1], height=image.shape[0], nchannel=3
             )
@@ -242,7 +244,7 @@ class _ModelBuilder:
             material = self._spec.add_material(name=name, specular=0.0, shininess=0.0)
             material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
         margin = body.add_geom(rgba=(*COLORS["white"], 1.0))
-        margin.size[:] = (*(side / 2 * (1.0 + 2.0 / MODULES),) * 2, MARKER_DEPTH)
+        margin.size[:] = (*(side / 2 * (1.0 + 2.0 / modules),) * 2, MARKER_DEPTH)
         black = body.add_geom(material=name)
         black.size[:] = side / 2, side / 2, 2 * MARKER_DEPTH
         for geom in (margin, black):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import cached_property
 
 import numpy as np
 
@@ -37,15 +36,17 @@ class ExpectedView:
         self.camera, self.cell, self.sought = camera, cell, sought
         self.image, self.believed = image, believed
         self._X_WL = cell.robot.link_poses(believed.joints)
+        self._markers: dict[str, list[FoundMarker]] = {}
         self._X_WF = frame_poses(self._X_WL, believed.X_WO, sought.starts)
         self.posed_camera = PosedCamera(projection, self._X_WF[camera.frame] @ camera.X_FC)
         self.robot: ProjectedParts = self.posed_camera.silhouette(cell.robot.surfaces, self._X_WL)
         """The silhouette that the robot has in it, by its encoders."""
 
-    @cached_property
-    def markers(self) -> list[FoundMarker]:
-        """The markers in the image."""
-        return find_markers(self.image)
+    def markers(self, dictionary: str) -> list[FoundMarker]:
+        """The markers of a dictionary in the image."""
+        if dictionary not in self._markers:
+            self._markers[dictionary] = find_markers(self.image, dictionary)
+        return self._markers[dictionary]
 
     def boxes(self) -> Iterator[tuple[str, TargetBox]]:
         """All boxes to look at, each with its atom."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sqrp_cli.geometry import Array
+from sqrp_cli.knowledge.markers import Marker, ObjectMarker
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.runtime.perception.background import Background
@@ -30,7 +31,8 @@ class MarkerDetector:
         if outline is None:
             return BoxDetection(box.name, Truth.UNKNOWN, 0.0, NO_OUTLINE)
         wanted = self._wanted(atom, box)
-        found = next((marker for marker in self._view.markers if marker.id == wanted), None)
+        inside = () if wanted is None else self._view.markers(wanted.dictionary)
+        found = next((marker for marker in inside if wanted is not None and marker.id == wanted.id), None)
         share = 0.0 if found is None else 1.0
         if box.frame in self._view.cell.markers:
             evidence = Truth.UNKNOWN if found is None else self._on_finger(atom, box, found)
@@ -84,11 +86,11 @@ class MarkerDetector:
         background &= ~dilated(self._view.robot.mask(shape, origin, outline.depth), 1)
         return min(1.0, float(background.sum()) / max(outline.area, 1.0))
 
-    def _wanted(self, atom: str, box: TargetBox) -> int | None:
-        """The id of the marker that a box is for."""
+    def _wanted(self, atom: str, box: TargetBox) -> Marker | ObjectMarker | None:
+        """The marker that a box is for."""
         obj, markers = self._view.object_of(atom, box), self._view.cell.markers
-        on_links = [markers[name].id for name in (*box.encloses, box.frame) if name in markers]
-        return next(iter(on_links), obj.marker if obj else None)
+        on_links = [markers[name] for name in (*box.encloses, box.frame) if name in markers]
+        return on_links[0] if on_links else obj.marker if obj else None
 
 
 def _center(marker: FoundMarker) -> Array:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.markers import ORIGINAL, opencv_name
 from sqrp_cli.runtime.image import COLORS, ImageArray
 
 HUE_TOLERANCE = 12
@@ -143,9 +144,9 @@ def blobs(mask: Mask) -> list[Blob]:
     return sorted(found, key=lambda blob: (-blob.area, *blob.center.tolist()))
 
 
-def find_markers(image: ImageArray) -> list[FoundMarker]:
-    """The ArUco markers in an image, by id."""
-    corners, ids, _ = _marker_detector().detectMarkers(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
+def find_markers(image: ImageArray, dictionary: str = ORIGINAL) -> list[FoundMarker]:
+    """The markers of a dictionary in an image, by id."""
+    corners, ids, _ = _marker_detector(dictionary).detectMarkers(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
     if ids is None:
         return []
     # OpenCV's corners are those of pixels' edges, half a pixel off from their centres.
@@ -154,8 +155,8 @@ def find_markers(image: ImageArray) -> list[FoundMarker]:
 
 
 @cache
-def _marker_detector() -> Any:  # noqa: ANN401
-    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_ARUCO_ORIGINAL)
+def _marker_detector(name: str) -> Any:  # noqa: ANN401
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, opencv_name(name)))
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     parameters.perspectiveRemovePixelPerCell = 8  # the default, 4, misses one in twenty of the smallest

@@ -11,6 +11,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, look_at, pose, read_only
 from sqrp_cli.knowledge.camera.camera import Camera, DistortionModel
+from sqrp_cli.knowledge.markers import ObjectMarker, object_marker
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
@@ -71,14 +72,21 @@ def thing(
     color: str | None = "red",
     fixed: bool = False,
     shape: Shape | None = None,
-    marker: int | None = None,
+    marker: int | ObjectMarker | None = None,
     rotation: Array | None = None,
 ) -> SceneObject:
     """A thing made of one part, a box unless `shape` says otherwise."""
     part = Part(name, name, shape or Box(size), read_only(pose()))
     X_WO = read_only(pose(rotation, position))
     return SceneObject(
-        name=name, type="thing", color=color, size=size, pose=X_WO, fixed=fixed, marker=marker, parts=(part,)
+        name=name,
+        type="thing",
+        color=color,
+        size=size,
+        pose=X_WO,
+        fixed=fixed,
+        marker=None if marker is None else object_marker(marker),
+        parts=(part,),
     )
 
 

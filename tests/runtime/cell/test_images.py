@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, transform
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.projection import Projection
+from sqrp_cli.knowledge.markers import ObjectMarker
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
@@ -21,6 +22,7 @@ from sqrp_cli.runtime.cell.mujoco_model import build_model
 from sqrp_cli.runtime.cell.physics import Physics
 from sqrp_cli.runtime.cell.render_pool import RenderPool
 from sqrp_cli.runtime.cell.renderer import Renderer
+from sqrp_cli.runtime.perception.vision import find_markers
 from sqrp_cli.shapes import Sphere
 from tests.runtime.cell.scenes import TABLE, camera, cell, empty, thing, workspace, world
 
@@ -174,13 +176,44 @@ def test_a_marker_lies_on_top_of_its_object_the_right_way_round(turn: float) -> 
     corners, ids, _ = detector.detectMarkers(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
     assert ids is not None
     assert ids.ravel().tolist() == [42]
-    half = plate.marker_side / 2
+    assert plate.printed_marker is not None
+    half = plate.printed_marker.side / 2
     assert half == pytest.approx(0.035)
     # OpenCV's corners: upper left first, clockwise, as one who looks at the marker sees it.
     square = np.array([[-half, half, 0.05], [half, half, 0.05], [half, -half, 0.05], [-half, -half, 0.05]])
     assert plate.X_WO is not None
     expected, _ = Projection.of(eye).pixels(transform(inverse(eye.X_FC) @ plate.X_WO, square))
     assert np.abs(corners[0][0] - expected).max() < 1.0
+
+
+@pytest.mark.parametrize(
+    ("name", "constant"),
+    [
+        ("4x4_50", cv2.aruco.DICT_4X4_50),
+        ("7x7_1000", cv2.aruco.DICT_7X7_1000),
+        ("apriltag_36h11", cv2.aruco.DICT_APRILTAG_36h11),
+        ("apriltag_16h5", cv2.aruco.DICT_APRILTAG_16h5),
+        ("aruco_mip_36h12", cv2.aruco.DICT_ARUCO_MIP_36h12),
+    ],
+)
+def test_a_marker_of_another_dictionary_is_drawn_at_its_stated_side_and_found(name: str, constant: int) -> None:
+    marker = ObjectMarker(id=23, dictionary=name, side=0.06)
+    plate = thing("plate", (0.3, 0.1, 0.05), (0.12, 0.12, 0.1), color="white", marker=marker)
+    eye = camera(eye=(0.6, 0.3, 0.7))
+    with drawing([TABLE, plate], [eye]) as renderer:
+        image = renderer.image("cam", 0.0)
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(constant), cv2.aruco.DetectorParameters())
+    corners, ids, _ = detector.detectMarkers(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
+    assert ids is not None
+    assert ids.ravel().tolist() == [23]
+    square = 0.03 * np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]) + [0, 0, 0.05]
+    assert plate.X_WO is not None
+    expected, _ = Projection.of(eye).pixels(transform(inverse(eye.X_FC) @ plate.X_WO, square))
+    assert np.abs(corners[0][0] - expected).max() < 1.0
+    (found,) = find_markers(image, name)
+    assert found.id == 23
+    assert np.abs(found.corners - expected).max() < 1.0
+    assert [one.id for one in find_markers(image)] == []
 
 
 def test_only_things_with_a_colour_are_colourful() -> None:

@@ -16,6 +16,7 @@ from sqrp_cli.geometry import Array, box_corners, look_at, pose, read_only, tran
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.frames import FrameName
+from sqrp_cli.knowledge.markers import ObjectMarker
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.knowledge.workspace.workspace import Workspace
@@ -38,6 +39,7 @@ PLACE = (4.0, 0.0, 0.02)
 CUBE, SCREEN = thing("cube", PLACE, color="green"), thing("screen", (4.0, 2.0, 0.5), (0.4, 0.4, 0.004), color="black")
 GROUND = thing("ground", (4.0, 0.0, -0.02), (20.0, 20.0, 0.04), color="grey", fixed=True)
 PLATE = thing("plate", PLACE, (0.054, 0.054, 0.002), color="white", marker=37)
+MARKER = ObjectMarker(id=37).on(PLATE.size)
 
 
 class Stage:
@@ -74,13 +76,13 @@ def marker_rate(pixels: float, incidence: float, trials: int, seed: int = 0) -> 
     """Share of random views in which a marker is found whose image has an area of pixels^2, tilted by `incidence`."""
     random = np.random.default_rng([seed, round(pixels * 10), round(incidence * 1000)])
     eye = camera(X_FC=look_at((3.0, 0.0, 2.0), (5.0, 0.0, 1.5)), focal=(FOCAL, FOCAL))
-    depth = FOCAL * PLATE.marker_side * np.sqrt(np.cos(incidence)) / pixels
+    depth = FOCAL * MARKER.side * np.sqrt(np.cos(incidence)) / pixels
     found = 0
     with staged([PLATE], [eye]) as stage:
         for trial in range(trials):
             center = depth * np.array([*random.uniform((-0.3, -0.25), (0.3, 0.25)), 1.0])
             stage.put("plate", eye.X_FC @ pose(_tilted(center, incidence, random), center))
-            found += any(marker.id == PLATE.marker for marker in find_markers(stage.frame("cam", trial).image))
+            found += any(marker.id == MARKER.id for marker in find_markers(stage.frame("cam", trial).image))
     return found / trials
 
 

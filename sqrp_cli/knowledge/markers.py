@@ -1,0 +1,123 @@
+"""Markers and the dictionaries that they are from, by the names that OpenCV gives these."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
+
+from pydantic import Field, PlainValidator, Tag, WithJsonSchema
+from pydantic_core import PydanticCustomError
+
+from sqrp_cli.errors import expected_names
+from sqrp_cli.knowledge.text.entries import Size, Stored, mapping_or_else, refused
+
+
+class MarkerDictionary(NamedTuple):
+    """A set of markers."""
+
+    modules: int
+    """Along a side of the black square: those of the code, and its border."""
+
+    ids: int
+    """How many: they are called 0 to one less than this."""
+
+
+_ARUCO = {
+    f"{bits}x{bits}_{count}": MarkerDictionary(bits + 2, count)
+    for bits in (4, 5, 6, 7)
+    for count in (50, 100, 250, 1000)
+}
+
+ORIGINAL = "aruco_original"
+"""The dictionary of markers that do not name one."""
+
+DICTIONARIES: Mapping[str, MarkerDictionary] = {
+    ORIGINAL: MarkerDictionary(7, 1024),
+    **_ARUCO,
+    "apriltag_16h5": MarkerDictionary(6, 30),
+    "apriltag_25h9": MarkerDictionary(7, 35),
+    "apriltag_36h10": MarkerDictionary(8, 2320),
+    "apriltag_36h11": MarkerDictionary(8, 587),
+    "aruco_mip_36h12": MarkerDictionary(8, 250),
+}
+"""By name; `DICT_` before it and capitals, as OpenCV writes it, are accepted too."""
+
+
+def opencv_name(name: str) -> str:
+    """What OpenCV calls a dictionary: `DICT_4X4_50`, but `DICT_APRILTAG_36h11`."""
+    return f"DICT_{name.upper()}" if not name.startswith("apriltag") else f"DICT_APRILTAG_{name.split('_')[1]}"
+
+
+def _dictionary(value: object) -> str:
+    name = str(value).lower().removeprefix("dict_")
+    if not isinstance(value, str) or name not in DICTIONARIES:
+        raise refused("wrong-value", f"found `{value}`, which is no dictionary; {expected_names(name, DICTIONARIES)}")
+    return name
+
+
+DictionaryName = Annotated[str, PlainValidator(_dictionary), WithJsonSchema({"type": "string"})]
+
+MarkerNumber = Annotated[int, Field(strict=True, ge=0, lt=max(one.ids for one in DICTIONARIES.values()))]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Marker(Stored):
+    """A printed marker: on a link around the origin of the link's frame, facing along its z axis."""
+
+    id: MarkerNumber
+    """Its number in the dictionary."""
+    dictionary: DictionaryName = ORIGINAL
+    """Which set it is from: aruco_original, 4x4_50 to 7x7_1000, apriltag_36h11 and others."""
+    side: Size
+    """Side of the printed black square."""
+
+    def __post_init__(self) -> None:
+        """Raises PydanticCustomError for an id that the dictionary does not have."""
+        _check_id(self.id, self.dictionary)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObjectMarker(Stored):
+    """A printed marker in the middle of the top (+z) of an object."""
+
+    id: MarkerNumber
+    """Its number in the dictionary."""
+    dictionary: DictionaryName = ORIGINAL
+    """Which set it is from: aruco_original, 4x4_50 to 7x7_1000, apriltag_36h11 and others."""
+    side: Size | None = None
+    """Side of the printed black square; by default as large as fits there with a margin."""
+
+    def __post_init__(self) -> None:
+        """Raises PydanticCustomError for an id that the dictionary does not have."""
+        _check_id(self.id, self.dictionary)
+
+    def on(self, size: tuple[float, float, float]) -> Marker:
+        """The marker on an object of a size [m], with its side."""
+        return Marker(id=self.id, dictionary=self.dictionary, side=self.side or self._largest(size))
+
+    def fits(self, size: tuple[float, float, float]) -> bool:
+        """Whether it fits on top of an object of a size [m], without its margin."""
+        return self.side is None or self.side <= min(size[:2])
+
+    def _largest(self, size: tuple[float, float, float]) -> float:
+        modules = DICTIONARIES[self.dictionary].modules
+        return min(size[:2]) * modules / (modules + 2)
+
+
+def _check_id(number: int, dictionary: str) -> None:
+    count = DICTIONARIES[dictionary].ids
+    if number >= count:
+        message = "found id {id}, expected one of `{dictionary}`: 0 to {last}"
+        raise PydanticCustomError("wrong-value", message, {"id": number, "dictionary": dictionary, "last": count - 1})
+
+
+StatedMarker = Annotated[
+    Annotated[ObjectMarker, Tag("<mapping>")] | Annotated[MarkerNumber, Tag("<else>")], mapping_or_else()
+]
+"""A marker on an object as a file states it: its id alone, or a mapping."""
+
+
+def object_marker(stated: ObjectMarker | int) -> ObjectMarker:
+    """The marker that a file states."""
+    return stated if isinstance(stated, ObjectMarker) else ObjectMarker(id=stated)
