@@ -37,8 +37,10 @@ _MatrixOrNumbers = Annotated[
     Annotated[_Matrix, Tag("<mapping>")] | Annotated[_Numbers, Tag("<else>")], mapping_or_else()
 ]
 
-K_KEYS = ("camera_matrix", "K", "k", "cameraMatrix", "intrinsic_matrix", "mtx")
-_D_KEYS = ("distortion_coefficients", "D", "d", "distCoeffs", "dist_coeffs", "dist_coeff", "dist")
+K_KEYS = ("camera_matrix", "K", "k", "Camera_Matrix", "cameraMatrix", "intrinsic_matrix", "mtx")
+_D_KEYS = (
+    "distortion_coefficients", "D", "d", "Distortion_Coefficients", "distCoeffs", "dist_coeffs", "dist_coeff", "dist",
+)  # fmt: skip
 WIDTHS, HEIGHTS = ("image_width", "width", "image_Width"), ("image_height", "height", "image_Height")
 SIZES = ("resolution", "image_size", "imageSize")
 

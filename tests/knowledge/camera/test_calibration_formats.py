@@ -49,6 +49,17 @@ def file_storage(ending: str, *, size: bool = True, D: tuple[float, ...] = PLUMB
     return write
 
 
+def sample_of_opencv(folder: Path) -> CalibrationFile:
+    """With the names of the calibration program that comes with OpenCV."""
+    path = folder / "out_camera_data.yml"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for name, value in (("image_Width", SIZE[0]), ("image_Height", SIZE[1]), ("Camera_Matrix", K)):
+        storage.write(name, value)
+    storage.write("Distortion_Coefficients", np.array([PLUMB_BOB]).T)
+    storage.release()
+    return CalibrationFile(file=str(path))
+
+
 def vins(model: str, projection: Mapping[str, float], distortion: Mapping[str, float]) -> Writer:
     """As camodocal writes it, with OpenCV's writer."""
 
@@ -128,6 +139,7 @@ FILES: Mapping[str, tuple[Writer, str, tuple[float, ...], str]] = {
     "OpenCV YAML": (file_storage("yaml"), "plumb_bob", PLUMB_BOB, "OpenCV FileStorage (YAML)"),
     "OpenCV XML": (file_storage("xml"), "plumb_bob", PLUMB_BOB, "OpenCV FileStorage (XML)"),
     "OpenCV JSON": (file_storage("json"), "plumb_bob", PLUMB_BOB, "OpenCV FileStorage (JSON)"),
+    "OpenCV's sample": (sample_of_opencv, "plumb_bob", PLUMB_BOB, "OpenCV FileStorage (YAML)"),
     "OpenCV without size": (file_storage("yaml", size=False), "plumb_bob", PLUMB_BOB, "OpenCV FileStorage (YAML)"),
     "OpenCV XML, 8": (file_storage("xml", D=RATIONAL), "rational_polynomial", RATIONAL, "OpenCV FileStorage (XML)"),
     "OpenCV, 14 with zeros": (
