@@ -21,7 +21,7 @@ from sqrp_cli.starter.description import Description, OwnRobot, describe_robot
 from sqrp_cli.starter.layout import TASK, Cube, Layout, Position, workspace_text
 from sqrp_cli.starter.limits_text import limits_text
 from sqrp_cli.starter.random_cell import Crowd, crowded
-from sqrp_cli.starter.stands import Stand, before_table, lowest_point, on_table
+from sqrp_cli.starter.stands import DownPlaces, Stand, before_table, lowest_point, on_table
 
 SHIPPED = Path(__file__).parent
 """Folder of the shipped skills and robots."""
@@ -142,8 +142,9 @@ def _fill(
     layout = replace(layout, table_side=side, cube_size=_cube_size(reach))
     floor = max(0.0, -round(lowest_point(bare), 3))
     tried: list[_Trial] = []
-    for stand in chain(on_table(floor, reach, side), _lazily(lambda: before_table(seated, reach))):
-        tried.append(_with_work(draft, layout, reach, stand))
+    down = DownPlaces(seated.model)
+    for stand in chain(on_table(floor, reach, side), _lazily(lambda: before_table(seated, reach, down))):
+        tried.append(_with_work(draft, layout, reach, stand, down))
         if len(tried[-1].layout.cubes) == len(search.COLORS):
             break
     best = max(tried, key=lambda trial: len(trial.layout.cubes)).layout  # the first of equals: the least lifted
@@ -198,17 +199,17 @@ class _Trial:
     reason: str
 
 
-def _with_work(draft: Path, layout: Layout, reach: float, stand: Stand) -> _Trial:
+def _with_work(draft: Path, layout: Layout, reach: float, stand: Stand, down: DownPlaces) -> _Trial:
     layout = replace(layout, lift=stand.lift, table_side=stand.side, table_at=stand.at)
     cell = _load(draft, layout)
-    home = search.find_home(cell, reach, stand)
+    home = search.find_home(cell, reach, stand, down)
     if isinstance(home, search.NoHome):
         return _Trial(layout, str(home))
     layout = replace(layout, home=home.positions)
     size = layout.cube_size
     found = _reachable(draft, layout, search.places_to_try(cell.model, reach, home.direction, size, stand))
     if len(found.cubes) < len(search.COLORS):
-        others = _reachable(draft, layout, search.other_places(cell.model, reach, size, stand))
+        others = _reachable(draft, layout, search.other_places(cell.model, reach, size, stand, down))
         found = max(found, others, key=lambda one: len(one.cubes))
     views = search.views_of(found.cubes, home.direction, LIFT) if found.cubes else ()
     return _Trial(replace(layout, cubes=found.cubes, views=views), found.reason)

@@ -19,7 +19,7 @@ from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.solids import load_solids
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.starter.layout import TASK, CameraView, Cube, Position
-from sqrp_cli.starter.stands import Stand, places_pointing_down, shoulder_of
+from sqrp_cli.starter.stands import DownPlaces, Stand, shoulder_of
 
 TOOL_GAP = 0.002
 """Gap between what the arm carries and the suction cup [m]."""
@@ -112,13 +112,13 @@ def arm_reach(model: RobotModel) -> float:
     return float(np.quantile(np.linalg.norm(places - _root(model), axis=1), 0.98))
 
 
-def find_home(cell: Cell, reach: float, stand: Stand) -> Home | NoHome:
+def find_home(cell: Cell, reach: float, stand: Stand, down: DownPlaces) -> Home | NoHome:
     """A position with the tool pointing down and without contact.
 
     Of the IK branches at the first place that has any, the one that keeps the joints high and turns them little.
     """
     failures = NoHome()
-    for X_WT, direction in _homes(cell.model, reach, stand):
+    for X_WT, direction in _homes(cell.model, reach, stand, down.at(stand.lift)):
         free = _free_branches(cell, X_WT, failures)
         if free:
             q = max(free, key=lambda q: _ease(cell.model, q, reach))
@@ -127,16 +127,17 @@ def find_home(cell: Cell, reach: float, stand: Stand) -> Home | NoHome:
     return failures
 
 
-def _homes(model: RobotModel, reach: float, stand: Stand) -> Iterator[tuple[Array, float]]:
+def _homes(model: RobotModel, reach: float, stand: Stand, places: Array) -> Iterator[tuple[Array, float]]:
     """Poses of the tool frame to try as home, (4, 4), and the direction of the work from there [rad].
 
-    First those at usual places, then some of all that the arm can take.
+    First those at usual places, then some of all `places` that the arm can take, (k, 4, 4); without any, one will do.
     """
     for far, high in HOME_SHARES:
         for direction in stand.directions:
             for X_WT in turns_to_try(model, tool_down(model, far * reach, direction, high * reach)):
                 yield X_WT, direction
-    places = places_pointing_down(model)
+            if not len(places):
+                return
     off = places[:, :3, 3] - np.append(_root(model), 0.0)
     far, high = np.linalg.norm(off[:, :2], axis=1) / reach, off[:, 2] / reach
     directions = np.arctan2(off[:, 1], off[:, 0])
@@ -201,10 +202,10 @@ def places_to_try(model: RobotModel, reach: float, direction: float, size: float
                 yield Cube(f"c{len(chosen)}", "green", position, _turn_of(model, X_WT, size))
 
 
-def other_places(model: RobotModel, reach: float, size: float, stand: Stand) -> Iterator[Cube]:
+def other_places(model: RobotModel, reach: float, size: float, stand: Stand, down: DownPlaces) -> Iterator[Cube]:
     """Cubes on the table below places where the arm can point the tool down, for arms that reach few usual places."""
     chosen: list[Array] = []
-    found = places_pointing_down(model)
+    found = down.at(stand.lift)
     low = found[(found[:, 2, 3] > size) & (found[:, 2, 3] < LOW * reach)][:, :3, 3]
     far = np.linalg.norm(low[:, :2] - _root(model), axis=1)
     for row in np.argsort(np.abs(far - CUBE_SHARES[0] * reach), kind="stable").tolist():

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, transform
+from sqrp_cli.geometry import Array, pose, transform
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.arm.pose_search import descend, halton
 from sqrp_cli.programming.cell import Cell
@@ -61,9 +62,25 @@ def on_table(floor: float, reach: float, side: float) -> Iterator[Stand]:
         yield Stand(round(floor + share * reach, 3), side)
 
 
-def before_table(cell: Cell, reach: float) -> list[Stand]:
+@dataclass(frozen=True, eq=False)
+class DownPlaces:
+    """Where an arm can bring its tool so that it points down, found once."""
+
+    model: RobotModel
+    """With the root at height 0."""
+
+    @cached_property
+    def _poses(self) -> Array:
+        return places_pointing_down(self.model)
+
+    def at(self, lift: float) -> Array:
+        """Poses of the tool frame, shape (k, 4, 4), with the root at a height [m]."""
+        return pose(position=(0.0, 0.0, lift)) @ self._poses
+
+
+def before_table(cell: Cell, reach: float, down: DownPlaces) -> list[Stand]:
     """Beside a table that is wholly before the robot, the most promising first; cell: with the root at height 0."""
-    places = places_pointing_down(cell.model)[:, :3, 3]
+    places = down.at(0.0)[:, :3, 3]
     shoulder = shoulder_of(cell.model)
     found = []
     for direction in DIRECTIONS:

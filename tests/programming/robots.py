@@ -203,7 +203,9 @@ LINKAGES = {
         turning("passive_2", "crank", "rod", "-0.4 0 0", "0 1 0", mimics="joint_2"),
     ),
     "a level flange": (
-        *SIX_AXES[:3],
+        *SIX_AXES[:2],
+        turning("parallel", "link_2", "elbow", "0 0 1", "0 1 0", mimics="joint_2"),
+        turning("joint_3", "elbow", "link_3", "0 0 0", "0 1 0"),
         turning("level", "link_3", "link_4", "1 0 0", "0 1 0", mimics="joint_3"),
         turning("joint_4", "link_4", "tool0", "0 0 -0.1", "0 0 1"),
     ),

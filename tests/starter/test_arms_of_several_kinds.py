@@ -1,0 +1,65 @@
+"""A sample of the arm matrix (`python -m tests.arms`): a pedestal, two arms, shapes that are nothing, and no reach."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from sqrp_cli.errors import InputError
+from sqrp_cli.knowledge.robot.read_urdf import read_urdf
+from sqrp_cli.starter.arm_guess import guess_arm
+from sqrp_cli.starter.make import make_starter
+from tests.arms.arms import PEDESTAL, side, solid
+from tests.programming.robots import FEW_AXES, LINKAGES, written_urdf
+
+
+def test_an_arm_with_a_pedestal_works_at_a_table_of_its_height(tmp_path: Path) -> None:
+    made = make_starter(tmp_path / "cell", str(solid(tmp_path, "pedestal", PEDESTAL)))
+    assert len(made.cubes) == 4
+    written = (made.folder / "workspace.yaml").read_text()
+    assert "base: {position: [0, 0, 0.9" in written or "base: {position: [0, 0, -" in written
+
+
+def test_of_two_arms_the_first_is_taken_and_the_other_is_named(tmp_path: Path) -> None:
+    urdf = read_urdf(solid(tmp_path, "two", (*side("left", 0.25), *side("right", -0.25))))
+    guessed = guess_arm(urdf)
+    assert (guessed.tip, guessed.others) == ("left_hand", ("right_hand",))
+    chosen = guess_arm(urdf, "right_hand")
+    assert [joint.name for joint in chosen.joints] == [f"right_joint_{k}" for k in range(1, 7)]
+    with pytest.raises(InputError, match="did you mean `right_hand`"):
+        guess_arm(urdf, "right_hnd")
+    with pytest.raises(InputError, match="no joint moves `torso`"):
+        guess_arm(urdf, "torso")
+
+
+@pytest.mark.parametrize(
+    ("name", "joints"),
+    [("a level flange", ["joint_1", "joint_2", "joint_3", "joint_4"]),
+     ("an elbow led by a rod", ["joint_1", "joint_2", "motor_3", "joint_4", "joint_5", "joint_6"])],
+)  # fmt: skip
+def test_the_joints_of_a_linkage_are_those_that_drive_it(name: str, joints: list[str], tmp_path: Path) -> None:
+    guessed = guess_arm(read_urdf(written_urdf(tmp_path / "arm.urdf", *LINKAGES[name])))
+    assert [joint.name for joint in guessed.joints] == joints
+    assert guessed.tip == "tool0"
+
+
+def test_a_wrist_without_roll_points_its_tool_across_its_last_axis(tmp_path: Path) -> None:
+    guessed = guess_arm(read_urdf(written_urdf(tmp_path / "arm.urdf", *FEW_AXES["four axes"])))
+    assert guessed.out.tolist() == [1.0, 0.0, 0.0]
+
+
+def test_shapes_without_size_are_left_out_with_one_warning(tmp_path: Path) -> None:
+    urdf = solid(tmp_path, "flat", FEW_AXES["gantry"])
+    urdf.write_text(urdf.read_text().replace('size="0.05 0.05 0.06"', 'size="0.05 0 0.06"', 1))
+    model = read_urdf(urdf)
+    (warning,) = [problem for problem in model.warnings if problem.code == "no-size"]
+    assert "`base`" in warning.message
+    assert [name for name, link in model.links.items() if not link.collision] == ["base"]
+
+
+def test_where_nothing_is_in_reach_the_first_check_that_fails_is_named_with_its_figure(tmp_path: Path) -> None:
+    made = make_starter(tmp_path / "cell", str(solid(tmp_path, "short", FEW_AXES["SCARA"][:1])))
+    (warning,) = [problem for problem in made.warnings if problem.code == "nothing-in-reach"]
+    assert made.task is None
+    assert "home positions is possible; the first, pointing down" in warning.message
