@@ -159,7 +159,7 @@ def _camera_failures(cell: Cell, study: Study, assessment: Assessment) -> str:
 
 
 def _because(total: CauseTotal) -> str:
-    words = total.cause.words
+    words = total.cause.words if total.box is None else f"box {total.box} is {total.cause.words}"
     match total.cause:
         case Cause.HIDDEN:
             return f"{words} by {total.by}"

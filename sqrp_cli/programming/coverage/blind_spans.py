@@ -33,6 +33,8 @@ class Failure:
     """As in `BoxVerdicts`."""
     figure: float
     """Amount by which the limit is missed, in the limit's unit."""
+    box: int = 0
+    """Index of the box that fails it."""
 
 
 SEEN = Failure(Cause.NONE, -1, 0.0)
@@ -52,6 +54,8 @@ class CauseTotal:
     """The occluder, or the side of the image; None otherwise."""
     duration: float
     """[s]."""
+    box: str | None = None
+    """Name of the box that is not seen, if its target has several."""
 
 
 def cause_totals(cell: Cell, study: Study) -> tuple[CauseTotal, ...]:
@@ -64,11 +68,11 @@ def cause_totals(cell: Cell, study: Study) -> tuple[CauseTotal, ...]:
     totals = []
     for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
         rows = np.flatnonzero(observation.required[:, column])
-        sums: dict[tuple[int, Cause, int], float] = defaultdict(float)
+        sums: dict[tuple[int, Cause, int, int], float] = defaultdict(float)
         for camera in range(len(cell.observer.cameras)):
             for row, failure in zip(rows.tolist(), first_failures(boxes, rows, camera), strict=True):
                 if failure.cause is not Cause.NONE:
-                    sums[camera, failure.cause, failure.by] += float(weights[row])
+                    sums[camera, failure.cause, failure.by, failure.box] += float(weights[row])
         found = [
             CauseTotal(
                 atom=target.atom,
@@ -76,8 +80,9 @@ def cause_totals(cell: Cell, study: Study) -> tuple[CauseTotal, ...]:
                 cause=cause,
                 by=by_name(cell, cause, by),
                 duration=duration,
+                box=target.boxes[box].name if len(target.boxes) > 1 else None,
             )
-            for (camera, cause, by), duration in sums.items()
+            for (camera, cause, by, box), duration in sums.items()
             if duration > 0
         ]
         totals += sorted(found, key=lambda total: -total.duration)
@@ -96,6 +101,8 @@ class FirstFailing(NamedTuple):
     cause: NDArray[np.int8]
     by: Indices
     figure: Array
+    box: Indices
+    """Index of that box; 0 where all are seen."""
 
 
 def first_failing(boxes: Sequence[BoxVerdicts], rows: Indices, cameras: slice = slice(None)) -> FirstFailing:
@@ -104,7 +111,8 @@ def first_failing(boxes: Sequence[BoxVerdicts], rows: Indices, cameras: slice = 
     first = (causes != Cause.NONE).argmax(axis=0)[None]
     by = np.stack([box.by[rows, cameras] for box in boxes])
     figure = np.stack([box.figure[rows, cameras] for box in boxes])
-    return FirstFailing(*(np.take_along_axis(values, first, axis=0)[0] for values in (causes, by, figure)))
+    cause, which, missed = (np.take_along_axis(values, first, axis=0)[0] for values in (causes, by, figure))
+    return FirstFailing(cause=cause, by=which, figure=missed, box=first[0])
 
 
 def by_name(cell: Cell, cause: Cause, by: int) -> str | None:

@@ -262,7 +262,7 @@ def _camera_causes(cell: Cell, boxes: Sequence[BoxVerdicts], rows: Indices) -> S
     Cameras that fail all the time come first, and among them those that fail at the latest check.
     """
     found = []
-    columns = (values.T.tolist() for values in first_failing(boxes, rows))
+    columns = (values.T.tolist() for values in first_failing(boxes, rows)[:3])
     for camera, *of_camera in zip(cell.observer.cameras, *columns, strict=True):
         figures: dict[tuple[int, int], list[float]] = defaultdict(list)
         for code, by, figure in zip(*of_camera, strict=True):

@@ -137,6 +137,8 @@ class Verdict(Record):
     """The first limit that fails."""
     by: str | None
     """What hides it, or the side on which it is out of the image."""
+    box: str | None = field(default=None, metadata=LEFT_OUT)
+    """Of a target with several boxes: the first that fails, in their order."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -305,7 +307,7 @@ def _coverage(
                     BoxCoverage(corners=_at(points, row).tolist(), cameras=cameras)
                     for points, cameras in zip(corners, verdicts, strict=True)
                 ],
-                cameras={name: _first_failure([cameras[name] for cameras in verdicts]) for name in names},
+                cameras={name: _first_failure(target, [cameras[name] for cameras in verdicts]) for name in names},
             )
         )
     return found
@@ -321,11 +323,12 @@ def _verdict(cell: Cell, boxes: BoxVerdicts, row: int, camera: int) -> BoxVerdic
     )
 
 
-def _first_failure(verdicts: Sequence[BoxVerdict]) -> Verdict:
-    failed = next((verdict for verdict in verdicts if not verdict.covered), None)
-    if failed is None:
+def _first_failure(target: Target, verdicts: Sequence[BoxVerdict]) -> Verdict:
+    number = next((number for number, verdict in enumerate(verdicts) if not verdict.covered), None)
+    if number is None:
         return Verdict(covered=True, cause=None, by=None)
-    return Verdict(covered=False, cause=failed.cause, by=failed.by)
+    box = target.boxes[number].name if len(verdicts) > 1 else None
+    return Verdict(covered=False, cause=verdicts[number].cause, by=verdicts[number].by, box=box)
 
 
 def _at(X: Array, row: int) -> Array:

@@ -116,7 +116,8 @@ def _picture(
     X_CW = inverse(states.camera_poses(camera)[0])
     for target, failure, failures in _asked(study, interval.row, index):
         seen = failure.cause is Cause.NONE
-        captions.append(Caption(f"{target.atom}: {_because(cell, failure)}", COVERED if seen else HIDDEN))
+        why = f"{_of_box(target, failure)}{_because(cell, failure)}"
+        captions.append(Caption(f"{target.atom}: {why}", COVERED if seen else HIDDEN))
         for box, cause in zip(target.boxes, failures, strict=True):
             corners = transform(X_CW @ states.box_poses(box)[0], box_corners(box.size))
             outlines.append(BoxOutline(corners, COVERED if cause is Cause.NONE else HIDDEN))
@@ -144,6 +145,12 @@ def _asked(study: Study, row: int, camera: int) -> Iterator[tuple[Target, Failur
         if observation.required[row, column]:
             (failure,) = first_failures(boxes, np.array([row]), camera)
             yield target, failure, [Cause(int(box.cause[row, camera])) for box in boxes]
+
+
+def _of_box(target: Target, failure: Failure) -> str:
+    """Which box of several fails, before the reason."""
+    several = len(target.boxes) > 1 and failure.cause is not Cause.NONE
+    return f"box {target.boxes[failure.box].name} is " if several else ""
 
 
 def _because(cell: Cell, failure: Failure) -> str:

@@ -56,6 +56,11 @@ const stateOf = (state) => state.kind ?? (state.covered ? 'covered' : 'missed');
 const truthOf = ({ really }) => (typeof really === 'boolean' ? `truly_${really}` : null);
 
 function because(verdict) {
+  const reason = reasonOf(verdict);
+  return verdict.box ? `box ${verdict.box} is ${reason}` : reason;
+}
+
+function reasonOf(verdict) {
   const words = KINDS[kindOf(verdict)][2];
   if (verdict.cause === 'hidden') return `hidden by ${verdict.by}`;
   return verdict.cause === 'out_of_image' ? `${words} (${verdict.by})` : words;
