@@ -1,0 +1,1 @@
+"""Laws of `sqrp place` over shipped and random cells."""
