@@ -92,12 +92,22 @@ def judged(cell: Cell, task: str, candidate: Candidate, scene: Rehearsal, every:
 
 
 def varied(scenes: Sequence[Rehearsal]) -> list[Rehearsal]:
-    """Some of the ways of a candidate: the fastest, then the fastest of each other branch of the arm."""
+    """Some of the ways of a candidate: the fastest, that of the first grip, then that of each other branch of the arm.
+
+    That of the first grip is there so that a choice among them is never worse than without a choice of ways.
+    """
     ordered = sorted(scenes, key=lambda scene: compared_time(scene.motion.time))
     branches: dict[str, Rehearsal] = {}
     for scene in ordered:
         branches.setdefault(repr(sorted(scene.candidate.branch.items())), scene)
-    return list(branches.values())[:MOST_WAYS]
+    of_first_grip = next(scene for scene in ordered if _grip(scene) == _grip(scenes[0]))
+    return list(dict.fromkeys([ordered[0], of_first_grip, *branches.values()]))[:MOST_WAYS]
+
+
+def _grip(scene: Rehearsal) -> dict[str, float | str]:
+    """What a way has chosen besides the branch."""
+    way = scene.candidate
+    return {name: value for name, value in way.parameters.items() if name not in way.branch}
 
 
 def middle_of(ways: Sequence[JudgedWay]) -> Array:
