@@ -138,6 +138,7 @@ def find_placement(
     workspace = cell.workspace
     mounts = read_mounts(place_file(workspace, request.mounts), workspace, tuple(cell.model.links))
     wish, demand = _demand(request)
+    demand = replace(demand, needed=max(0, _needed(workspace) - len(set(request.keep))))
     question = PlaceQuestion(
         cell=cell,
         world=cell.initial_world,
@@ -156,6 +157,12 @@ def find_placement(
             verdicts = KeptVerdicts(results, workspace, cell.seed, verdicts)
         placer = Placer(replace(question, verdicts=verdicts), progress, watch)
         return CellPlacement(found=placer.place(), wish=wish)
+
+
+def _needed(workspace: Workspace) -> int:
+    """How many cameras the skills of a workspace need at once; with fewer it has errors."""
+    targets = (target for skill in workspace.skills.values() for target in skill.targets.values())
+    return max((target.cameras for target in targets), default=0)
 
 
 def _demand(request: PlaceRequest) -> tuple[Wish | None, Demand]:

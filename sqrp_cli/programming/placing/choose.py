@@ -117,10 +117,11 @@ class Search:
     def _further(self) -> Iterator[_Aim]:
         """The aims after quality and delay, each with a value that nothing exceeds."""
         free, price = self._parts.free, self._problem.price
-        needed = bool(self._choice().options) and not self._problem.kept  # without cameras nothing is seen
-        cheapest = float(min(price[option] for option in free)) if free and needed else 0.0
+        needed = int(bool(self._choice().options) and not self._problem.kept)  # without cameras nothing is seen
+        needed = max(needed, self._demand.at_least)
+        cheapest = float(np.sort(price[list(free)])[:needed].sum())
         yield _Aim("price", {x: -float(price[option]) for option, x in free.items()}, -cheapest)
-        yield _Aim("fewest cameras", dict.fromkeys(free.values(), -1.0), -1.0 if needed else 0.0)
+        yield _Aim("fewest cameras", dict.fromkeys(free.values(), -1.0), -float(needed))
         yield _Aim("mean Q", self._parts.mean, 1.0)
 
     def _may_improve(self, aim: _Aim) -> bool:
@@ -173,7 +174,8 @@ class Search:
         problem, demand = self._problem, self._demand
         most = demand.most if demand.most is not None else len(self._parts.free)
         known = [improved(problem, demand, most)]
-        known += [] if self._known is None or len(self._known.options) > most else [self._known]
+        start = self._known
+        known += [start] if start is not None and demand.at_least <= len(start.options) <= most else []
         best = max(known, key=lambda choice: worth_of(problem, choice).of(demand.objective))
         self._values = self._parts.values_of(best)
 
@@ -195,7 +197,8 @@ class Search:
             for least, quality in zip((wish.q_eoi, wish.q_avg), pair, strict=True)
         )
         in_time = wish.delay is None or worth.delay <= wish.delay + SLACK
-        return enough and in_time and (most is None or len(choice.options) <= most)
+        count = len(choice.options)
+        return enough and in_time and count >= self._demand.at_least and (most is None or count <= most)
 
     def _limits(self) -> None:
         """One camera at a place, none that are in each other's or the robot's way, number and budget."""
@@ -218,6 +221,8 @@ class Search:
             both, taken = {**at.get(hiding.place, {}), **seeing}, parts.taken.get(hiding.way)
             most = 1.0 if seeing else 0.0  # what a camera that stays sees must not be hidden
             program.row(both if taken is None else {**both, taken: 1.0}, most=most + (taken is not None))
+        if demand.at_least:
+            program.row(dict.fromkeys(parts.free.values(), 1.0), least=float(demand.at_least))
         if demand.most is not None:
             program.row(dict.fromkeys(parts.free.values(), 1.0), most=float(demand.most))
         if demand.budget is not None:

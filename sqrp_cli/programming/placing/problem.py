@@ -24,12 +24,19 @@ class Demand:
     """What every candidate has to reach; then as few cameras as possible."""
     most: int | None = None
     """Most cameras on mounts; None: no limit."""
+    needed: int = 0
+    """Fewest cameras on mounts, unless `most` is less: so many a skill needs at once, in whatever task."""
     objective: Objective = "least"
     """Whether the least quality counts first, or the mean."""
     survive: int = 0
     """So many cameras may fail: only what is seen then still counts as seen."""
     budget: float | None = None
     """Most that the cameras may cost; None: no limit."""
+
+    @property
+    def at_least(self) -> int:
+        """Fewest cameras on mounts."""
+        return self.needed if self.most is None else min(self.needed, self.most)
 
 
 class Hiding(NamedTuple):
@@ -136,7 +143,7 @@ def greedy(problem: Placing, demand: Demand, most: int) -> Choice:
         if better is None:
             break
         options.append(better)
-        if gain.worth(options)[0] >= 1.0:
+        if gain.worth(options)[0] >= 1.0 and len(options) >= demand.at_least:
             break
     return gain.choice(options)
 
