@@ -88,7 +88,8 @@ def test_too_small_a_budget_cannot_meet_the_wish(sqrp, cell):
 
 def test_a_wish_that_more_cameras_meet_names_their_number(sqrp, cell):
     text = cell / "narrow.yaml"
-    text.write_text(MOUNTS.replace("  wide: {catalogue: realsense-d435-color, price: 300}\n", ""))
+    narrow = MOUNTS.replace("12 deg", "7 deg")
+    text.write_text(narrow.replace("  wide: {catalogue: realsense-d435-color, price: 300}\n", ""))
     few = sqrp("place", cell, "--cameras", "1", "--want", "q_avg 99 %", "--mounts", text, "--json")
     assert few.code == 1
     found = few.document
@@ -103,7 +104,7 @@ def test_a_wish_that_more_cameras_meet_names_their_number(sqrp, cell):
         ("mounts: {a: {points: [[0, 0, 1]], frame: wirst}}", "a mount on a link needs `aims`"),
         ("mounts: {a: {points: [[0, 0, 1]], lenses: [wdie]}}", "wide"),
         ("mounts: {a: {grid: {from: [0, 0, 1], to: [9, 9, 9], step: 2 cm}}}", "expected at most 20,000"),
-        ("mounts: {a: {points: [[0, 0, 1]], size: 3}}", "unknown key"),
+        ("mounts: {a: {points: [[0, 0, 1]], size: 3}}", "is no known key"),
     ],
 )
 def test_a_file_that_says_nothing_sensible_is_refused(sqrp, cell, tmp_path, text, message):

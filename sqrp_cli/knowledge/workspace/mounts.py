@@ -184,6 +184,17 @@ class MountEntry(Stored):
                 "conflicting-keys", "`targets` stand still; on a link use `fixed`, `at` or a `cone`"
             )
 
+    @property
+    def count(self) -> int:
+        """How many places there are, without making them."""
+        if self.points is not None:
+            return len(self.points)
+        laid = self.rail if self.rail is not None else self.grid
+        assert laid is not None  # noqa: S101 - exactly one of the three is given
+        way = np.array(laid.end) - np.array(laid.start)
+        lengths = np.array([np.linalg.norm(way)]) if self.rail is not None else np.abs(way)
+        return int(np.prod(np.floor(lengths / laid.step + 1e-9) + 1))
+
     def places(self) -> Array:
         """The places, shape (n, 3)."""
         if self.points is not None:
@@ -305,11 +316,11 @@ def read_mounts(path: Path, workspace: Workspace, links: tuple[str, ...]) -> Mou
     problems = [*_wrong_frames(document, file, links), *_wrong_lenses(document, file)]
     if problems:
         raise InputError(*problems)
+    if (count := sum(entry.count for entry in file.mounts.values())) > MOST_SPOTS:
+        message = f"the mounts have {count:,} places, expected at most {MOST_SPOTS:,}; make a `step` longer"
+        raise InputError(document.problem("too-many-mounts", ("mounts",), message))
     lenses = {name: _lens(document, name, entry) for name, entry in file.lenses.items()}
     spots = tuple(spot for name, entry in file.mounts.items() for spot in _spots(name, entry, lenses))
-    if len(spots) > MOST_SPOTS:
-        message = f"the mounts have {len(spots):,} places, expected at most {MOST_SPOTS:,}; make a `step` longer"
-        raise InputError(document.problem("too-many-mounts", ("mounts",), message))
     listed = [task.task for task in workspace.tasks]
     for task in file.weights:
         if listed and task not in listed:
