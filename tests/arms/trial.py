@@ -12,7 +12,7 @@ from typing import Any
 
 from tests.arms.arms import Arm
 
-LONGEST = 240.0
+LONGEST = 900.0
 """Seconds after which a trial is given up."""
 
 LEAST_SEEN = 0.98
