@@ -58,11 +58,12 @@ class CollisionScene:
         skipped = {pair(*names) for names in (*disabled_pairs, *model.adjacent_pairs)}
         depth, rods = self.bound.depth, self.bound.rods
         self.self_pairs = tuple(
-            (i, j) if depth[a.name] < depth[b.name] or (depth[a.name] == depth[b.name] and b.name in rods) else (j, i)
+            (i, j) if depth[a.name] < depth[b.name] else (j, i)
             for i, a in enumerate(self.bodies)
             for j, b in enumerate(self.bodies[:i])
-            if (depth[a.name], rods.get(a.name)) != (depth[b.name], rods.get(b.name))
+            if depth[a.name] != depth[b.name]
             and pair(a.name, b.name) not in skipped
+            and not {a.name, b.name} & rods.keys()  # rods pass the links that they are made for
         )
         every = [*self.bodies, *chain.from_iterable(self.object_bodies.values())]
         self._arrays, self._rows = BodyArrays.of(every), {body: row for row, body in enumerate(every)}
