@@ -36,6 +36,7 @@ class Page {
     const { placement } = this.overview;
     document.body.classList.toggle('placing', placement !== null);
     if (placement) showPlacement(placement, (name) => this.look(name));
+    else byId('placement').remove();
   }
 
   // Show another cell.
