@@ -142,10 +142,9 @@ def _explain_program(file: Path, step: int | None, seed: int, *, as_json: bool) 
     from sqrp_cli.api.program import open_program
     from sqrp_cli.terminal.console import say_raw
 
-    if file.is_dir() or b"sqrp_program" not in file.read_bytes()[:200_000] if file.exists() else True:
-        raise InputError(
-            Problem("missing-task", f"{file} is no program, so say what to explain: sqrp explain {file} TASK")
-        )
+    if not (file.is_file() and b"sqrp_program" in file.read_bytes()[:200_000]):
+        message = f"{file} is no program, so a task is missing"
+        raise InputError(Problem("no-program", message, mend=f"sqrp explain {file} TASK"))
     explanation = open_program(file, seed=seed).explain(step)
     if as_json:
         say_raw(explanation.to_json())

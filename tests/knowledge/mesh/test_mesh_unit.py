@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from sqrp_cli.errors import InputError, Place
 from sqrp_cli.geometry import Array, pose, read_only
 from sqrp_cli.knowledge.mesh.mesh_file import mesh_of, mesh_unit
 from sqrp_cli.knowledge.robot.read_urdf import read_urdf
+from sqrp_cli.knowledge.text.input_file import SourceFile
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
@@ -90,9 +92,11 @@ def test_all_readers_of_a_mesh_take_it_in_its_unit_and_along_its_axes(asset: str
 def test_physics_and_pages_show_a_mesh_in_inches_as_large_as_it_is(tabletop: Workspace, tmp_path: Path) -> None:
     asset = '<unit name="inch" meter="0.0254"/>'
     g1 = tabletop.objects["g1"]
-    mesh = mesh_of(dae(tmp_path / "it.dae", asset, 0.0254), (1.0, 1.0, 1.0))
+    file = dae(tmp_path / "it.dae", asset, 0.0254)
+    mesh = mesh_of(file, (1.0, 1.0, 1.0))
     g1 = replace(g1, parts=(Part("g1/0", "g1", mesh, read_only(pose())),), size=(0.12, 0.12, 0.12))
-    workspace = replace(tabletop, objects={**tabletop.objects, "g1": g1})
+    files = {**tabletop.files, "mesh": SourceFile(file, sha256(file.read_bytes()).hexdigest())}
+    workspace = replace(tabletop, objects={**tabletop.objects, "g1": g1}, files=files)
     assert list(doubtful_meshes(workspace, RobotModel.load(workspace.robot))) == []
 
     cell = Cell.load(workspace)

@@ -124,7 +124,7 @@ def test_a_missing_mesh_is_reported_where_the_urdf_names_it(tmp_path):
         ('type="revolute"', 'type="floating"', "unsupported-joint", 12, "is floating"),
         ('<link name="tip"/>', '<link name="tip"/><link name="apart"/>', "two-roots", 11, "`apart` are both roots"),
         ('<child link="tip"/>', '<child link="base"/>', "cycle", 19, "links form a cycle"),
-        ('<sphere radius="0.1"/>', '<sphere radius="0"/>', "wrong-value", 6, "expected it above 0"),
+        ('<sphere radius="0.1"/>', '<sphere radius="-1"/>', "wrong-value", 6, "expected it above 0"),
         ('<sphere radius="0.1"/>', '<spheer radius="0.1"/>', "unknown-shape", 6, "did you mean `sphere`?"),
         ('<box size="1 2 3"/>', "", "wrong-geometry", 3, "0 shapes, expected one"),
         ('<parent link="base"/>', "", "missing-element", 12, "has no <parent>"),
