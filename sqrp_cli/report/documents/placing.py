@@ -282,7 +282,8 @@ def proof_in_words(found: Placement, wish: Wish | None) -> str:
     if wish is not None and found.met and found.fewest is not None and found.fewest > 1:
         sentences.append(f"Fewer than {number} do not reach {wish}.")
     if found.fewer is not None:
-        sentences.append(f"With {in_words(found.fewer.cameras)}, in these ways, it is at most {_percent(found.fewer.bound)}.")
+        fewer = in_words(found.fewer.cameras)
+        sentences.append(f"With {fewer}, in these ways, it is at most {_percent(found.fewer.bound)}.")
     return " ".join(sentences)
 
 
