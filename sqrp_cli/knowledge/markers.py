@@ -58,7 +58,7 @@ def _dictionary(value: object) -> str:
 
 DictionaryName = Annotated[str, PlainValidator(_dictionary), WithJsonSchema({"type": "string"})]
 
-MarkerNumber = Annotated[int, Field(strict=True, ge=0, lt=max(one.ids for one in DICTIONARIES.values()))]
+MarkerNumber = Annotated[int, Field(strict=True, ge=0, le=max(one.ids for one in DICTIONARIES.values()) - 1)]
 
 
 @dataclass(frozen=True, kw_only=True)

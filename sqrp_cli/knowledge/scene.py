@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, PlainValidator, Tag, WithJsonSchema, model_validator
 from pydantic_core import PydanticCustomError
@@ -56,6 +56,11 @@ Symmetry = Annotated[
     WithJsonSchema({"anyOf": [{"type": "integer", "minimum": 1, "maximum": MOST_TURNS}, {"const": "round"}]}),
 ]
 """Into how many equal turns about an axis something looks the same, or `round`: any turn."""
+
+def _without_default(schema: dict[str, Any]) -> None:
+    """Leaves out of a JSON Schema a default that stands for none."""
+    schema.pop("default", None)
+
 
 BoxSide = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 """A side of a box, by its outward axis."""
@@ -225,7 +230,10 @@ class ObjectEntry(ObjectTraits):
 
     size: Annotated[
         Extents,
-        Field(description="Full extents of the box around it, along its own axes; default: those of its parts."),
+        Field(
+            description="Full extents of the box around it, along its own axes; default: those of its parts.",
+            json_schema_extra=_without_default,
+        ),
     ] = NO_SIZE
     parts: tuple[PartEntry, ...] = ()
     """Its solid pieces; default: the box."""

@@ -158,10 +158,10 @@ def _fill(
 
 
 def _with_named_home(draft: Path, layout: Layout, description: Description) -> Layout:
-    """The layout with a state of the SRDF as home, if one has all joints of the arm and loses no cube."""
+    """The layout with a state of the SRDF that is called home, if it has all joints of the arm and loses no cube."""
     states = description.semantics.states if description.semantics else {}
     whole = [name for name, positions in states.items() if layout.home.keys() <= positions.keys()]
-    for name in sorted(whole, key=lambda name: next((i for i, word in enumerate(HOMES) if word in name.lower()), 99)):
+    for name in (name for word in HOMES for name in whole if word in name.lower()):
         named = replace(layout, home_state=name)
         try:
             found = search.cubes_in_reach(_load(draft, named), layout.cubes)

@@ -82,7 +82,7 @@ def test_every_object_that_it_puts_there_can_be_picked_up(starter: Starter, moti
 def test_the_workspace_is_sound_and_its_home_points_down_and_touches_nothing(cell: Cell) -> None:
     """A home that is a state of the SRDF is as that says."""
     assert [problem for problem in lint(cell.workspace) if problem.severity == "error"] == []
-    named = re.search(r"home: \w+  # check: .*a state of the SRDF", cell.workspace.path.read_text())
+    named = re.search(r"home: [\w-]+  # check: .*a state of the SRDF", cell.workspace.path.read_text())
     assert named or cell.model.tool_pose(cell.model.home)[2, 2] < np.cos(np.radians(179)) + 1e-3
     assert cell.collision.placed(cell.initial_world).check(cell.model.home) is None
 

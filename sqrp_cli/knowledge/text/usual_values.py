@@ -45,7 +45,7 @@ _ANGLE_WHY = "more is as good as the rest of it after whole turns"
 _TURN = radians(360.0) + 1e-9
 _HOURS = "motions with less take hours, and no arm does more"
 _SHAPES = ("box.*", "sphere", "cylinder.radius", "cylinder.length", "capsule.radius", "capsule.length")
-_STATED_PLACES = ("objects.*.pose", "cameras.*.pose", "robot.base")
+_STATED_PLACES = ("objects.*.pose", "fixtures.*.pose", "cameras.*.pose", "robot.base")
 _INNER_PLACES = ("robot.tool.pose", "robot.tool.frame", "robot.tool.boxes.*.pose", "objects.*.parts.*.pose")
 
 FIELD_OF_VIEW = Usual(

@@ -55,10 +55,8 @@ HalfAngle = Annotated[float, In(ANGLE, 0.0, np.radians(180))]
 class RailEntry(Stored):
     """Places along a straight line, the first at `from`."""
 
-    start: Annotated[Position, Field(alias="from")]
-    """Where it begins."""
-    end: Annotated[Position, Field(alias="to")]
-    """Where it ends."""
+    start: Annotated[Position, Field(alias="from", description="Where it begins.")]
+    end: Annotated[Position, Field(alias="to", description="Where it ends.")]
     step: Size
     """Between neighbouring places."""
 
@@ -75,10 +73,8 @@ class RailEntry(Stored):
 class GridEntry(Stored):
     """Places on a grid along the axes of the frame: a box, a plane where two coordinates are equal."""
 
-    start: Annotated[Position, Field(alias="from")]
-    """One corner."""
-    end: Annotated[Position, Field(alias="to")]
-    """The opposite corner."""
+    start: Annotated[Position, Field(alias="from", description="One corner.")]
+    end: Annotated[Position, Field(alias="to", description="The opposite corner.")]
     step: Size
     """Between neighbouring places along each axis."""
 

@@ -97,6 +97,9 @@ BOUNDED_ENOUGH = {
         "yaw",
         "turn",
         "tilt",
+        "velocity_scaling",
+        "acceleration_scaling",
+        "angle_tolerance",
     ),  # whose bounds are the usual ones
     *("home", "fingers"),  # positions of joints, checked against their limits
 }
