@@ -57,6 +57,7 @@ Symmetry = Annotated[
 ]
 """Into how many equal turns about an axis something looks the same, or `round`: any turn."""
 
+
 def _without_default(schema: dict[str, Any]) -> None:
     """Leaves out of a JSON Schema a default that stands for none."""
     schema.pop("default", None)
