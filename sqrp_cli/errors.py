@@ -16,6 +16,9 @@ _LONG_QUOTE = re.compile(r'(`)(?!sqrp )([^`]{60})[^`]{200,}`|(")([^`"]{60})[^`"]
 MOST_PROBLEMS = 20
 """Most problems that an error carries: a file may have one in each line."""
 
+SURE = 0.7
+"""How alike a name and the nearest valid one are, of 0 to 1, so that the others need no mention."""
+
 MOST_NAMES = 20
 """Most names that a message lists."""
 
@@ -114,13 +117,14 @@ def nearest(name: str, valid: Iterable[str]) -> str | None:
 
 
 def expected_names(name: str, valid: Iterable[str]) -> str:
-    """The second half of an "unknown name" message: the nearest valid name, or the valid names."""
+    """The second half of an "unknown name" message: the nearest valid name; the valid names where that is no help."""
     names = sorted(valid)
     close = nearest(name, names)
-    if close is not None:
+    if close is not None and difflib.SequenceMatcher(None, close, name).ratio() >= SURE:
         return f"did you mean `{close}`?"
     if not names:
         return "none is defined"
     more = len(names) - MOST_NAMES
     shown = ", ".join(f"`{valid_name}`" for valid_name in names[:MOST_NAMES])
-    return f"expected one of {shown}" + (f" and {more} more" if more > 0 else "")
+    listed = f"expected one of {shown}" + (f" and {more} more" if more > 0 else "")
+    return listed if close is None else f"{listed}; did you mean `{close}`?"

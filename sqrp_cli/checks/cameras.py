@@ -15,7 +15,7 @@ from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.text.usual_values import FIELD_OF_VIEW, MOST_STRETCHED
+from sqrp_cli.knowledge.text.usual_values import FIELD_OF_VIEW, FISHEYE_VIEW, MOST_STRETCHED
 from sqrp_cli.knowledge.workspace.read_cell import camera_axes_as_body
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.shapes import Mesh
@@ -31,7 +31,7 @@ _WIDEST = 1e3
 
 
 def doubtful_images(workspace: Workspace) -> Iterator[Problem]:
-    """Cameras with the principal point outside the image, or with implausible focal lengths."""
+    """Cameras with implausible focal lengths."""
     for camera in workspace.cameras.values():
         stated = f"cameras.{camera.name}"
         place = next(
@@ -39,8 +39,9 @@ def doubtful_images(workspace: Workspace) -> Iterator[Problem]:
             for key in (f"{stated}.image", f"{stated}.calibration", stated)
             if key in workspace.places
         )
-        for code, message, mend in _image_doubts(camera, f"{stated}.image.horizontal_fov" in workspace.places):
-            yield Problem(code, f"camera `{camera.name}`: {message}", place, severity="warning", mend=mend)
+        for message, mend in _image_doubts(camera, f"{stated}.image.horizontal_fov" in workspace.places):
+            whose = f"camera `{camera.name}`: {message}"
+            yield Problem("unusual-focal-lengths", whose, place, severity="warning", mend=mend)
 
 
 def implausible_lenses(workspace: Workspace) -> Iterator[Problem]:
@@ -108,26 +109,18 @@ def thresholds_out_of_reach(workspace: Workspace) -> Iterator[Problem]:
             yield Problem("threshold-out-of-reach", message, place, severity="warning", mend=mend)
 
 
-def _image_doubts(camera: Camera, view_is_stated: bool) -> Iterator[tuple[str, str, str]]:
-    """Code, message and remedy of each doubt; view_is_stated: the file gives the field of view, not `fx`."""
-    (fx, _, cx), (_, fy, cy), _ = camera.matrix.tolist()
-    width, height = camera.width, camera.height
-    if not (-0.5 <= cx <= width - 0.5 and -0.5 <= cy <= height - 0.5):
-        message = f"the principal point ({cx:g}, {cy:g}) is outside its image of {width} x {height} pixels"
-        yield "principal-point-outside", message, "check `cx` and `cy`; is the calibration that of another image size?"
+def _image_doubts(camera: Camera, view_is_stated: bool) -> Iterator[tuple[str, str]]:
+    """Message and remedy of each doubt; view_is_stated: the file gives the field of view, not `fx`."""
+    fx, fy = float(camera.matrix[0, 0]), float(camera.matrix[1, 1])
     if not 1 / MOST_STRETCHED <= fx / fy <= MOST_STRETCHED:
         message = f"the focal lengths {fx:g} and {fy:g} make pixels {max(fx / fy, fy / fx):.3g} times as long as wide"
-        yield "unusual-focal-lengths", message, "check `fx` and `fy`; both are in pixels"
-    view = 2 * atan(0.5 * width / fx)
-    if (
-        camera.distortion_model != "equidistant"
-        and not view_is_stated
-        and not (FIELD_OF_VIEW.least <= view <= FIELD_OF_VIEW.most)
-    ):
-        message = (
-            f"`fx` of {fx:g} pixels makes it see {degrees(view):.3g} deg from left to right, usual is {FIELD_OF_VIEW}"
-        )
-        yield "unusual-focal-lengths", message, "state `fx` in pixels, not in mm"
+        yield message, "check `fx` and `fy`; both are in pixels"
+    fisheye = camera.distortion_model == "equidistant"
+    usual, half = FISHEYE_VIEW if fisheye else FIELD_OF_VIEW, 0.5 * camera.width / fx
+    view = 2 * (half if fisheye else atan(half))
+    if not view_is_stated and not usual.least <= view <= usual.most:
+        message = f"`fx` of {fx:g} pixels makes it see {degrees(view):.3g} deg from left to right, usual is {usual}"
+        yield message, "state `fx` in pixels, not in mm"
 
 
 def _why_implausible(camera: Camera) -> str | None:

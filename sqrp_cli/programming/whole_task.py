@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -12,13 +13,22 @@ from sqrp_cli.logic.conditions import apply_effect, failing_literals
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.candidate import THEN, Candidate, Task
 
+_BETWEEN = re.compile(r"(?:^|(?<=\s))then(?=\s|$)")
+
 MOST_WHOLE = 1000
 """Most candidates of a task of several steps."""
 
 
 def split_steps(text: str) -> list[str]:
-    """The texts of the steps of a task: those between the words `then`."""
-    return [part.strip() for part in f" {text} ".split(THEN)]
+    """The texts of the steps of a task: those between the words `then`. Raises InputError where nothing is there."""
+    parts = [part.strip() for part in _BETWEEN.split(text)]
+    if len(parts) > 1 and not all(parts):
+        index = parts.index("")
+        where = "stands before the first `then`" if index == 0 else f"follows `then` number {index}"
+        where = "follows `then`" if len(parts) == 2 and index else where
+        mend = "leave this `then` out, or name a step there: `pickup peg1 then insert peg1 socket`"
+        raise InputError(Problem("empty-task", f"nothing {where} in `{text.strip()}`", mend=mend))
+    return parts
 
 
 def whole_task(text: str, steps: Sequence[Task], workspace: Workspace, facts: frozenset[Atom] | None) -> Task:

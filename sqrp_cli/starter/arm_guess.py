@@ -55,8 +55,9 @@ def guess_arm(urdf: UrdfModel, tip: str | None = None) -> ArmGuess:
         return _guess(urdf, _chain_to(urdf, tip), tip)
     chains = _arms(urdf)
     if not chains:
-        message = f"`{urdf.name}` has no joint that moves an arm"
-        raise InputError(Problem("no-arm", message, urdf.links[urdf.root].place))
+        message = f"`{urdf.name}` has no joint that moves an arm: {_what_it_has(urdf)}"
+        mend = "name the URDF of the arm; where its joints are named as those of a gripper, its last link: `--tip LINK`"
+        raise InputError(Problem("no-arm", message, urdf.links[urdf.root].place, mend=mend))
     arm = max(chains, key=len)  # the first of equals
     others = [_tip(urdf, chain) for chain in chains if chain is not arm and _is_another(chain, arm)]
     return replace(_guess(urdf, arm, _tip(urdf, arm)), others=tuple(others))
@@ -73,12 +74,22 @@ def _chain_to(urdf: UrdfModel, tip: str) -> list[UrdfJoint]:
     """The movable joints that carry a link. Raises InputError if there is none, or no such link."""
     if tip not in urdf.links:
         message = f"found `{tip}`, which is no link of `{urdf.name}`; {expected_names(tip, urdf.links)}"
-        raise InputError(Problem("unknown-link", message, urdf.links[urdf.root].place))
+        mend = "name the link that carries the tool: `--tip LINK`, or leave `--tip` out to have it guessed"
+        raise InputError(Problem("unknown-link", message, urdf.links[urdf.root].place, mend=mend))
     chain = [joint for joint in urdf.chain(tip) if joint.movable]
     if not chain:
         message = f"no joint moves `{tip}`; expected a link at the end of an arm"
-        raise InputError(Problem("no-arm", message, urdf.links[tip].place))
+        mend = "name the link that carries the tool: `--tip LINK`, or leave `--tip` out to have it guessed"
+        raise InputError(Problem("no-arm", message, urdf.links[tip].place, mend=mend))
     return chain
+
+
+def _what_it_has(urdf: UrdfModel) -> str:
+    """What joints there are, in a few words."""
+    moving = [f"`{joint.name}`" for joint in urdf.movable_joints]
+    if moving:
+        return f"{', '.join(moving[:4])}{', ...' if len(moving) > 4 else ''} look like those of a gripper"
+    return "all its joints are fixed" if urdf.joints else "it has none"
 
 
 def _arms(urdf: UrdfModel) -> list[list[UrdfJoint]]:

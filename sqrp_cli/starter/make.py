@@ -82,10 +82,22 @@ def make_starter(
                 layout = crowded(layout, cell, search.arm_reach(cell.model), crowd)
                 _write(draft, layout)
             _move(draft, folder)
+    except InputError as error:
+        raise InputError(*(_moved(problem, draft, folder) for problem in error.problems)) from error
     finally:
         shutil.rmtree(draft, ignore_errors=True)
     cubes = tuple(cube.name for cube in layout.cubes)
-    return Starter(folder, layout.tip, cubes, layout.tasks[0] if cubes else None, (*description.warnings, *warnings))
+    told = tuple(_moved(problem, draft, folder) for problem in (*description.warnings, *warnings))
+    return Starter(folder, layout.tip, cubes, layout.tasks[0] if cubes else None, told)
+
+
+def _moved(problem: Problem, draft: Path, folder: Path) -> Problem:
+    """A problem of the draft as one of the finished folder."""
+    place = problem.place
+    if place is not None and place.file.is_relative_to(draft):
+        place = replace(place, file=folder / place.file.relative_to(draft))
+    message, mend = (text and text.replace(str(draft), str(folder)) for text in (problem.message, problem.mend))
+    return replace(problem, message=message or "", place=place, mend=mend)
 
 
 def _check_free(folder: Path) -> None:

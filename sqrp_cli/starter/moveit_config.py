@@ -25,6 +25,8 @@ ASSISTANT = ".setup_assistant"
 _FOLDERS = ("config", "srdf", "config/srdf", ".")
 """Where the files of a configuration are, in its folder."""
 
+_WHAT_TO_NAME = "name the package that MoveIt's setup assistant wrote, such as my_arm_moveit_config"
+
 _TIP_KEYS = ("tip_link", "tip_name", "tip_frame", "kinematics_solver_tip", "kinematics_solver_ik_link")
 """Keys by which solvers of `kinematics.yaml` name the link that they place."""
 
@@ -50,7 +52,7 @@ def find_moveit(folder: Path) -> MoveitConfig:
             nearest(folder.name, [entry.name for entry in folder.parent.glob("*/")]) if folder.parent.is_dir() else None
         )
         message = "no such folder" + (f"; did you mean `{close}`?" if close else "")
-        raise InputError(Problem("missing-folder", message, Place(folder)))
+        raise InputError(Problem("missing-folder", message, Place(folder), mend=_WHAT_TO_NAME))
     if folder.name in _FOLDERS and not (folder / ASSISTANT).is_file():
         folder = folder.parent
     noted = _noted(folder)
@@ -66,8 +68,7 @@ def find_moveit(folder: Path) -> MoveitConfig:
         inside = sorted(entry.name for entry in folder.iterdir())[:8]
         message = "this is no configuration of MoveIt: it has neither an SRDF nor joint_limits.yaml"
         message += f"; it has {', '.join(inside) or 'nothing'}"
-        mend = "name the package that MoveIt's setup assistant wrote, such as my_arm_moveit_config"
-        raise InputError(Problem("missing-file", message, Place(folder), mend=mend))
+        raise InputError(Problem("missing-file", message, Place(folder), mend=_WHAT_TO_NAME))
     return config
 
 

@@ -159,8 +159,9 @@ def test_the_package_and_its_folder_of_files_mean_the_same(src: Path, named: str
     ],
 )
 def test_a_folder_that_is_no_configuration_is_named(src: Path, tmp_path: Path, named: str, said: str) -> None:
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=said) as caught:
         describe_robot(OwnRobot(moveit=src / named), tmp_path)
+    assert "setup assistant" in (caught.value.problems[0].mend or "")
 
 
 def test_a_urdf_that_is_not_there_is_asked_for(src: Path, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.errors import InputError, Place, Problem, expected_names, nearest
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.knowledge.camera.calibration_formats import (
     CAMERA_INFO,
@@ -29,7 +29,7 @@ from sqrp_cli.knowledge.camera.calibration_formats import (
     flat,
     format_of,
 )
-from sqrp_cli.knowledge.camera.calibration_text import CalibrationText, part_of, read_calibration_text
+from sqrp_cli.knowledge.camera.calibration_text import CalibrationText, no_calibration, part_of, read_calibration_text
 from sqrp_cli.knowledge.camera.camera import (
     DISTORTION_LENGTHS,
     CalibrationFile,
@@ -65,7 +65,7 @@ _MODELS: Mapping[str, tuple[DistortionModel, tuple[int, ...]]] = {
 The first three are ROS's; radtan and equi Kalibr's; fisheye OpenCV's; the others COLMAP's and camodocal's.
 """
 
-_OPENCV_MODELS: dict[int, DistortionModel] = {5: "plumb_bob", 8: "rational_polynomial"}
+_OPENCV_MODELS: dict[int, DistortionModel] = {0: "none", 5: "plumb_bob", 8: "rational_polynomial"}
 """Default model by number of coefficients, for files that name no model."""
 
 P_KEYS = ("projection_matrix", "P", "p")
@@ -117,6 +117,7 @@ def read_calibration(
         distortion=read_only(coefficients),
         lens_file=title,
     )
+    _check_principal_point(part, stated.K_at, intrinsics)
     return CameraCalibration(intrinsics, text.document, part)
 
 
@@ -134,8 +135,9 @@ def _chosen(text: CalibrationText, wanted: CalibrationFile, asked: str) -> _Foun
     document, found = text.document, dict(_cameras(text.document.data, ()))
     if () in found or not found:
         if not found and not any(key in document.data for key in TOP_KEYS):
-            raise InputError(_no_calibration(document))
+            raise InputError(no_calibration(document.path))
         known = found.get((), CAMERA_INFO)
+        _check_only(document, wanted, asked)
         return _Found(document, _title(known, document, text.syntax), known.model)
     names = {_name(document, at): at for at in found}
     if wanted.camera is None and len(names) > 1:
@@ -144,11 +146,25 @@ def _chosen(text: CalibrationText, wanted: CalibrationFile, asked: str) -> _Foun
         raise InputError(Problem("ambiguous-entry", message, Place(document.path), mend=mend))
     name = wanted.camera or next(iter(names))
     if name not in names:
-        message = f"`{asked}.camera`: found `{name}`, which is no camera of the file; {expected_names(name, names)}"
-        raise InputError(Problem("unknown-camera", message, Place(document.path)))
+        raise InputError(_unknown_camera(document, name, list(names), asked))
     part = part_of(document, names[name])
     known = found[names[name]]
     return _Found(part, f"{_title(known, part, text.syntax)}: {name}", known.model)
+
+
+def _check_only(document: SourceDocument, wanted: CalibrationFile, asked: str) -> None:
+    """Raises InputError if the workspace asks for another camera than the one that a file is about."""
+    own = _own_name(document.data)
+    if wanted.camera not in (None, own):
+        raise InputError(_unknown_camera(document, str(wanted.camera), [] if own is None else [own], asked))
+
+
+def _unknown_camera(document: SourceDocument, name: str, names: Sequence[str], asked: str) -> Problem:
+    held = f"the file has {', '.join(f'`{one}`' for one in names)}" if names else "the file has one camera, unnamed"
+    close = nearest(name, names)
+    message = f"`{asked}.camera`: found `{name}`, but {held}" + (f"; did you mean `{close}`?" if close else "")
+    mend = "leave `camera` out, or name the file of that camera" if len(names) < 2 else None
+    return Problem("unknown-camera", message, Place(document.path), mend=mend)
 
 
 def _cameras(data: object, at: KeyPath) -> Iterator[tuple[KeyPath, CalibrationFormat]]:
@@ -177,16 +193,14 @@ def _name(document: SourceDocument, at: KeyPath) -> str:
     value: Any = document.data
     for key in at:
         value = value[key]
-    own = next((value[key] for key in ("camera_name", "name", "id") if isinstance(value.get(key), str | int)), None)
-    return str(own) if isinstance(at[-1], int) and own is not None else str(at[-1])
+    own = _own_name(value)
+    return own if isinstance(at[-1], int) and own is not None else str(at[-1])
 
 
-def _no_calibration(document: SourceDocument) -> Problem:
-    message = (
-        "found no camera; expected ROS camera_info or ost.txt, OpenCV FileStorage, a Kalibr camchain, a VINS camera, "
-        "or COLMAP's cameras.txt"
-    )
-    return Problem("unknown-calibration", message, Place(document.path))
+def _own_name(camera: Mapping[str, Any]) -> str | None:
+    """What a camera calls itself."""
+    keys = ("camera_name", "name", "id")
+    return next((str(camera[key]) for key in keys if isinstance(camera.get(key), str | int)), None)
 
 
 def _size(camera: StatedCamera, part: SourceDocument, wanted: CalibrationFile, asked: str) -> tuple[int, int]:
@@ -259,6 +273,21 @@ def check_distortion(
     _check_count(document, path, model, len(coefficients), (DISTORTION_LENGTHS[model],))
 
 
+def check_image(document: SourceDocument, path: KeyPath, image: Intrinsics) -> None:
+    """Raises InputError where the image that a workspace states at `path` is of no camera."""
+    coefficients = (*path, "distortion", "coefficients")
+    check_distortion(document, coefficients, image.distortion_model, image.distortion.tolist())
+    _check_principal_point(document, path, image)
+
+
+def _check_principal_point(document: SourceDocument, path: KeyPath, image: Intrinsics) -> None:
+    cx, cy = image.matrix[:2, 2]
+    if not (-0.5 <= cx <= image.width - 0.5 and -0.5 <= cy <= image.height - 0.5):
+        message = f"the principal point ({cx:g}, {cy:g}) is outside the image of {image.width} x {image.height} pixels"
+        mend = "check `cx` and `cy`; is the calibration that of another image size?"
+        raise InputError(document.problem("principal-point-outside", path, message, mend))
+
+
 def _check_count(document: SourceDocument, path: KeyPath, name: str, count: int, expected: Sequence[int]) -> None:
     if count not in expected:
         counts = " or ".join(map(str, expected))
@@ -281,26 +310,31 @@ def _camera_matrix(document: SourceDocument, stated: StatedLens) -> Array:
 
 def _distortion(document: SourceDocument, stated: StatedLens) -> tuple[DistortionModel, list[float]]:
     """The distortion model and all of its coefficients."""
+    _, counts = _MODELS.get((stated.model or "").lower(), ("none", (8,)))
     count = len(stated.D)
-    if stated.model is None:
-        while count > 8 and not stated.D[count - 1]:  # OpenCV writes zeros of models with 12 and 14
-            count -= 1
+    while count > max(counts) and not stated.D[count - 1]:  # OpenCV writes zeros of models with 12 and 14
+        count -= 1
+    if not stated.model:
         return _unnamed(document, stated, count), list(stated.D[:count])
     if stated.model.lower() not in _MODELS:
-        expected = expected_names(stated.model, [model for model in DISTORTION_LENGTHS if model != "none"])
+        expected = expected_names(stated.model, stated.models)
         message = f"found `{stated.model}`, which is no known distortion model; {expected}"
         raise InputError(document.problem("unknown-distortion-model", stated.model_at, message))
     model, counts = _MODELS[stated.model.lower()]
-    if model == "none" and not any(stated.D):
-        return model, []
     _check_count(document, stated.D_at, stated.model, count, counts)
-    return model, [*stated.D, *[0.0] * (DISTORTION_LENGTHS[model] - count)]
+    return model, [*stated.D[:count], *[0.0] * (DISTORTION_LENGTHS[model] - count)]
 
 
 def _unnamed(document: SourceDocument, stated: StatedLens, count: int) -> DistortionModel:
     """The model of a file that names none."""
-    if count not in _OPENCV_MODELS:
-        message = f"with {count} distortion coefficients the file must say `distortion_model`"
+    if count == 4:
+        message = "with 4 distortion coefficients the file must say `distortion_model`"
         mend = "add `distortion_model: radtan` (k1, k2, p1, p2) or `distortion_model: fisheye` (k1, k2, k3, k4)"
-        raise InputError(document.problem("missing-key", stated.D_at, message, mend if count == 4 else None))
+        raise InputError(document.problem("missing-key", stated.D_at, message, mend))
+    if count not in _OPENCV_MODELS:
+        message, mend = f"found {len(stated.D)} distortion coefficients, expected 4, 5 or 8", None
+        if count > 8:
+            message += f", with zeros after them; number {count} is {stated.D[count - 1]:g}"
+            mend = "calibrate without OpenCV's flags `CALIB_THIN_PRISM_MODEL` and `CALIB_TILTED_MODEL`"
+        raise InputError(document.problem("wrong-length", stated.D_at, message, mend))
     return _OPENCV_MODELS[count]

@@ -58,6 +58,8 @@ class StatedLens:
     D: Sequence[float]
     """The distortion coefficients that the file states."""
     D_at: KeyPath
+    models: Sequence[str] = ("plumb_bob", "rational_polynomial", "equidistant")
+    """Names of distortion models that files of this format can have, for messages."""
 
 
 class StatedCamera(ForeignEntry):
@@ -125,6 +127,7 @@ class _Kalibr(StatedCamera):
             model_at=("distortion_model",),
             D=self.distortion_coeffs,
             D_at=("distortion_coeffs",),
+            models=("radtan", "equidistant", "none"),
         )
 
 
@@ -169,6 +172,20 @@ class _Vins(StatedCamera):
         return [values[name] for name in names]
 
 
+_COLMAP: Mapping[str, str] = {
+    "SIMPLE_PINHOLE": "f cx cy",
+    "PINHOLE": "fx fy cx cy",
+    "SIMPLE_RADIAL": "f cx cy k",
+    "RADIAL": "f cx cy k1 k2",
+    "OPENCV": "fx fy cx cy k1 k2 p1 p2",
+    "FULL_OPENCV": "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6",
+    "OPENCV_FISHEYE": "fx fy cx cy k1 k2 k3 k4",
+    "SIMPLE_RADIAL_FISHEYE": "f cx cy k",
+    "RADIAL_FISHEYE": "f cx cy k1 k2",
+}
+"""COLMAP's models with the names of their parameters."""
+
+
 class _Colmap(StatedCamera):
     """A line of COLMAP's `cameras.txt`."""
 
@@ -176,12 +193,18 @@ class _Colmap(StatedCamera):
     params: _Numbers
 
     def lens(self, document: SourceDocument) -> StatedLens:
-        focal = 1 if self.model.startswith(("SIMPLE_", "RADIAL")) else 2
-        shared = [self.params[0] if self.params else 0.0, *self.params] if focal == 1 else self.params
-        fx, fy, cx, cy, *_ = _pinhole_numbers(document, ("params",), shared[:4])
+        model = self.model.upper()
+        if model not in _COLMAP:
+            message = f"found `{self.model}`, expected one of {', '.join(f'`{known}`' for known in _COLMAP)}"
+            mend = "estimate the camera again with one of these: `colmap feature_extractor --ImageReader.camera_model`"
+            raise InputError(document.problem("unknown-distortion-model", ("model",), message, mend))
+        names = _COLMAP[model].split()
+        if len(self.params) != len(names):
+            message = f"found {len(self.params)} parameters, `{model}` has {len(names)}: {', '.join(names)}"
+            raise InputError(document.problem("wrong-length", ("params",), message))
+        fx, fy, cx, cy, *D = self.params if names[0] == "fx" else (self.params[0], *self.params)
         K = [fx, 0.0, cx - COLMAP_PIXEL, 0.0, fy, cy - COLMAP_PIXEL, 0.0, 0.0, 1.0]
-        D = self.params[focal + 2 :]
-        return StatedLens(K=K, K_at=("params",), model=self.model, model_at=("model",), D=D, D_at=("params",))
+        return StatedLens(K=K, K_at=("params",), model=model, model_at=("model",), D=D, D_at=("params",))
 
 
 class CalibrationFormat(NamedTuple):
@@ -231,14 +254,10 @@ def _numbers(
     return path, numbers
 
 
-def _pinhole_numbers(document: SourceDocument, at: KeyPath, numbers: Sequence[float]) -> Sequence[float]:
+def _pinhole(document: SourceDocument, at: KeyPath, numbers: Sequence[float]) -> list[float]:
+    """The camera matrix of fx, fy, cx, cy, row by row."""
     if len(numbers) != 4:
         message = f"found {len(numbers)} numbers, expected focal lengths and principal point: fx, fy, cx, cy"
         raise InputError(document.problem("wrong-length", at, message))
-    return numbers
-
-
-def _pinhole(document: SourceDocument, at: KeyPath, numbers: Sequence[float]) -> list[float]:
-    """The camera matrix of fx, fy, cx, cy, row by row."""
-    fx, fy, cx, cy = _pinhole_numbers(document, at, numbers)
+    fx, fy, cx, cy = numbers
     return [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]

@@ -17,11 +17,12 @@ from sqrp_cli.knowledge.text.input_file import decoded, read_input
 from sqrp_cli.knowledge.text.json_file import json_document, parse_json
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, not_finite
 from sqrp_cli.knowledge.text.xml_file import Element, parse_xml
-from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, parse_yaml
+from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, parse_yaml, top_key
 
 _INI = re.compile(r"^\s*\[[\w/. -]+\]\s*$", re.MULTILINE)
 _INI_KEYS = re.compile(r"^\s*(camera matrix|distortion)\s*$", re.MULTILINE)
-_COLMAP = re.compile(r"\s*(?:#.*\n\s*)*\d+ +[A-Z_]+(?: +[-+.\deE]+){5,}\s*(?:\n|$)")
+_INI_NAME = re.compile(r"(?!nan\b|inf\b)[a-z][a-z_ ]*")
+_COLMAP = re.compile(r"\s*(?:#.*\n\s*)*\d+[ \t]+(?:[A-Z]+_?[A-Z_]+\s|[a-z_]+[ \t]+\d+[ \t]+\d+\s)")
 
 
 class CalibrationText(NamedTuple):
@@ -50,7 +51,22 @@ def read_calibration_text(path: Path, keys: Collection[str]) -> CalibrationText:
         return CalibrationText(_ini(path, content, text), "INI")
     if _COLMAP.match(text):
         return CalibrationText(_colmap(path, content, text), "COLMAP")
-    return CalibrationText(parse_yaml(path, content, frozenset({"!!opencv-matrix"}), keys), "YAML")
+    try:
+        return CalibrationText(parse_yaml(path, content, frozenset({"!!opencv-matrix"}), keys), "YAML")
+    except InputError as error:
+        if content.strip() and not top_key(keys).search(text):
+            raise InputError(no_calibration(path)) from error
+        raise
+
+
+def no_calibration(path: Path) -> Problem:
+    """The problem of a file that is none of those read here."""
+    message = (
+        "found no camera; expected ROS camera_info or ost.txt, OpenCV FileStorage, a Kalibr camchain, a VINS camera, "
+        "or COLMAP's cameras.txt"
+    )
+    mend = "export it as one of these, or state `image: {width, height, fx, fy, cx, cy, distortion}` in the workspace"
+    return Problem("unknown-calibration", message, Place(path), mend=mend)
 
 
 class _Part(SourceDocument):
@@ -159,12 +175,12 @@ def _ini(path: Path, content: bytes, text: str) -> SourceDocument:
         words, place = line.split("#")[0].strip(), Place(path, number, 1)
         if words.startswith("["):
             section, name, camera = words.strip("[] "), "", None
-        elif words and not re.match(r"[-+.\d]|nan|inf", words):
+        elif words and section == "image" and name in ("width", "height") and name not in size:
+            size[name] = words, place
+        elif _INI_NAME.fullmatch(words):
             name = words
             if name == "camera matrix":
                 camera = _ini_camera(builder, section, size, place)
-        elif words and section == "image" and name in ("width", "height"):
-            size[name] = words, place
         elif words and camera is not None and name in ("camera matrix", "distortion"):
             key = "camera_matrix" if name == "camera matrix" else "distortion_coefficients"
             camera.setdefault(key, []).extend(_numbers(words, place))

@@ -229,7 +229,8 @@ def _axis(element: Element, joint_type: JointType) -> Array:
     direction = np.array(axis.numbers("xyz", 3))
     length = np.linalg.norm(direction)
     if length < 1e-9:
-        raise axis.error("zero-axis", f"the axis of joint `{element.text('name')}` has length zero")
+        message, mend = f"the axis of joint `{element.text('name')}` has length zero", 'name it, such as xyz="0 0 1"'
+        raise axis.error("zero-axis", message, mend)
     return read_only(direction / length)
 
 
@@ -333,7 +334,8 @@ def _root(links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint], place:
                 way = [*walked]
                 cycle = [*way[way.index(name) :], name]
                 message = "links form a cycle: " + " -> ".join(f"`{link}`" for link in reversed(cycle))
-                raise InputError(Problem("cycle", message, carriers[cycle[0]].place))
+                mend = f"leave out one of their joints, such as `{carriers[cycle[0]].name}`: a URDF is a tree"
+                raise InputError(Problem("cycle", message, carriers[cycle[0]].place, mend=mend))
             walked[name] = None
         rooted.update(walked)
     if not roots:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import glob
 import os
+import re
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,7 +24,7 @@ from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.knowledge.robot.robot_source import ROOT, RobotSource, RobotXml, as_text
 from sqrp_cli.knowledge.robot.xacro_expression import GLOBALS, Evaluator, Functions, RefusedExpressionError, bounded
 from sqrp_cli.knowledge.text import packages
-from sqrp_cli.knowledge.text.input_file import read_input
+from sqrp_cli.knowledge.text.input_file import decoded, read_input
 from sqrp_cli.knowledge.text.xml_file import MAX_BYTES, MAX_DEPTH, Element, parse_xml
 from sqrp_cli.knowledge.text.yaml_file import read_yaml
 
@@ -258,9 +259,17 @@ class _Expansion:
         if name not in values and name == "name":  # of the robot, which launch files state
             return self._path.name.split(".")[0]
         if name not in values:
-            message = f"the argument `{name}` has no value"
+            message, line = f"the argument `{name}` has no value", self._line_of_argument(name)
+            if line is not None:
+                message += f" here: <xacro:arg> states it below, in line {line}, which xacro reads later"
             raise self._error("xacro-argument", message, mend=_how_to_give(name))
         return values[name]
+
+    def _line_of_argument(self, name: str) -> int | None:
+        """The line in which the file that is being read states an argument."""
+        stated = re.compile(rf"""<xacro:arg\s[^>]*\bname\s*=\s*["']{re.escape(name)}["']""")
+        found = stated.search(decoded(self._at.file, read_input(self._at.file, MAX_BYTES)))
+        return None if found is None else found.string.count("\n", 0, found.start()) + 1
 
     def _converted(self, name: str) -> object:
         """An argument as `$(eval ...)` sees it: a number or a truth value if it looks like one."""

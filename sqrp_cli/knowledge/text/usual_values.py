@@ -50,12 +50,15 @@ _INNER_PLACES = ("robot.tool.pose", "robot.tool.frame", "robot.tool.boxes.*.pose
 
 FIELD_OF_VIEW = Usual(
     "cameras.*.image.horizontal_fov",
-    radians(0.5),
+    radians(1.0),
     radians(170),
     units.ANGLE,
     "a wider lens needs `fx` and `distortion: {model: equidistant}`",
 )
 """Also applies to the angle that follows from `fx` or a calibration."""
+
+FISHEYE_VIEW = Usual("", radians(1.0), radians(360), units.ANGLE, "an equidistant lens shows all around at most")
+"""The angle that follows from `fx` of an equidistant lens, without its distortion; in no file."""
 
 MOST_STRETCHED = 2.0
 """Largest usual ratio of a camera's two focal lengths."""

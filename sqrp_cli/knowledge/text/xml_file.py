@@ -96,9 +96,9 @@ class Element:
         """As `numbers`, for one number."""
         return self.numbers(attribute, 1, None if default is None else (default,), most)[0]
 
-    def error(self, code: str, message: str) -> InputError:
+    def error(self, code: str, message: str, mend: str | None = None) -> InputError:
         """An error about this element."""
-        return InputError(Problem(code, message, self.place))
+        return InputError(Problem(code, message, self.place, mend=mend))
 
     def __str__(self) -> str:
         key = next((key for key in ("name", "id") if self.attributes.get(key)), None)
@@ -127,6 +127,9 @@ def parse_xml(path: Path, content: bytes, root_tag: str | None, texts: frozenset
     """
     # Else it may be a secret file, named to see its content.
     recognised = f"<{root_tag or 'robot'}".encode() in content
+    if not content.strip():
+        message, mend = f"the file is empty, expected <{root_tag or 'robot'}>", "was it exported or copied completely?"
+        raise InputError(Problem("xml-syntax", message, Place(path), mend=mend))
     root = _Tree(path, texts).read(content, recognised)
     if root_tag is not None and root.tag != root_tag:
         raise root.error("wrong-root", f"the file begins with <{root.shown_tag}>, expected <{root_tag}>")

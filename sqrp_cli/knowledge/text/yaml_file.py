@@ -92,12 +92,12 @@ def parse_yaml(
     try:
         return _parsed(path, content, text, tags)
     except InputError as error:
-        if not keys or _top_key(keys).search(text):
+        if not keys or top_key(keys).search(text):
             raise
         raise InputError(*map(_unquoted, error.problems)) from None
 
 
-def _top_key(keys: Collection[str]) -> re.Pattern[str]:
+def top_key(keys: Collection[str]) -> re.Pattern[str]:
     """Matches a line that begins with one of the keys."""
     return re.compile(rf"""^(?:\{{\s*)?["']?(?:{"|".join(map(re.escape, keys))})["']?\s*:""", re.MULTILINE)
 

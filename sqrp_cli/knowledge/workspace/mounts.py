@@ -13,7 +13,7 @@ from pydantic_core import PydanticCustomError
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, read_only
-from sqrp_cli.knowledge.camera.calibration import check_distortion
+from sqrp_cli.knowledge.camera.calibration import check_image
 from sqrp_cli.knowledge.camera.camera import ImageEntry, Intrinsics, Sensing
 from sqrp_cli.knowledge.camera.catalogue import catalogue
 from sqrp_cli.knowledge.frames import WORLD
@@ -30,7 +30,7 @@ from sqrp_cli.knowledge.text.entries import (
     completed,
     one_of,
 )
-from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument
+from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.units import ANGLE
 from sqrp_cli.knowledge.text.validation import validate
 from sqrp_cli.knowledge.text.yaml_file import read_yaml
@@ -363,8 +363,7 @@ def _wrong_lenses(document: SourceDocument, file: PlaceFile) -> list[Problem]:
 def _lens(document: SourceDocument, name: str, entry: CatalogueLens | LensEntry) -> LensChoice:
     known = catalogue()[entry.catalogue] if isinstance(entry, CatalogueLens) else entry
     lens = completed(LensChoice, known, name=name, price=entry.price)
-    path: KeyPath = ("lenses", name, "image", "distortion", "coefficients")
-    check_distortion(document, path, lens.intrinsics.distortion_model, lens.intrinsics.distortion.tolist())
+    check_image(document, ("lenses", name, "image"), lens.intrinsics)
     return lens
 
 

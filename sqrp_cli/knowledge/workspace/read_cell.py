@@ -16,7 +16,7 @@ import numpy as np
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, inverse, pose, read_only
 from sqrp_cli.knowledge.camera.bag_transforms import METADATA
-from sqrp_cli.knowledge.camera.calibration import check_distortion, doubtful_projection, read_calibration
+from sqrp_cli.knowledge.camera.calibration import check_image, doubtful_projection, read_calibration
 from sqrp_cli.knowledge.camera.camera import Camera, CameraEntry
 from sqrp_cli.knowledge.camera.hand_eye import HandEye, read_hand_eye
 from sqrp_cli.knowledge.fixture.fixture_file import FixturesEntry, read_fixtures
@@ -140,8 +140,7 @@ class CellReader:
         else:
             assert entry.image is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
             intrinsics = entry.image.intrinsics()
-            coefficients = (*path, "image", "distortion", "coefficients")
-            check_distortion(self.document, coefficients, intrinsics.distortion_model, intrinsics.distortion.tolist())
+            check_image(self.document, (*path, "image"), intrinsics)
         return completed(Camera, entry, intrinsics, name=name, **seat._asdict())
 
     def _seat(self, path: KeyPath, entry: CameraEntry) -> _Seat:

@@ -117,7 +117,7 @@ def test_a_printed_message_with_a_mistake_is_refused_where_that_stands(
 def test_only_the_right_number_of_coefficients_is_accepted(tmp_path: Path, model: str, count: int) -> None:
     text = FISHEYE.replace("equidistant", model).replace(
         "{rows: 4, cols: 1, data: [0.01, 0.002, -0.0003, 0.00004]}",
-        f"{{rows: 1, cols: {count}, data: {[0.0] * count}}}",
+        f"{{rows: 1, cols: {count}, data: {[0.01] * count}}}",
     )
     if count == {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}[model]:
         assert len(read(text, tmp_path).distortion) == count

@@ -145,6 +145,11 @@ FILES: Mapping[str, tuple[Writer, str, tuple[float, ...], str]] = {
     "OpenCV, 14 with zeros": (
         file_storage("json", D=(*RATIONAL, *[0.0] * 6)), "rational_polynomial", RATIONAL, "OpenCV FileStorage (JSON)",
     ),
+    "a model with 14, zeros": (
+        dumped(camera_info("rational_polynomial", (*RATIONAL, *[0.0] * 6))), "rational_polynomial", RATIONAL,
+        "ROS camera_info (YAML)",
+    ),
+    "no coefficients": (dumped(camera_info("", ())), "none", (), "ROS camera_info (YAML)"),
     "OpenCV fisheye": (
         file_storage("yml", D=FISHEYE, distortion_model="fisheye"), "equidistant", FISHEYE, "OpenCV FileStorage (YAML)",
     ),
@@ -185,6 +190,7 @@ FILES: Mapping[str, tuple[Writer, str, tuple[float, ...], str]] = {
         typed(f"# Cameras\n1 PINHOLE 640 480 5 5 3 2\n7 OPENCV 1280 720 {COLMAP} {words(RADTAN[:4])}\n", camera="7"),
         "plumb_bob", RADTAN, "COLMAP cameras.txt: 7",
     ),
+    "COLMAP in lower case": (typed(f"1 pinhole 1280 720 {COLMAP}\n"), "none", (), "COLMAP cameras.txt: 1"),
     "COLMAP fisheye": (
         typed(f"1 OPENCV_FISHEYE 1280 720 {COLMAP} {words(FISHEYE)}\n"), "equidistant", FISHEYE,
         "COLMAP cameras.txt: 1",

@@ -150,6 +150,7 @@ def test_its_content_is_what_it_stands_for(package: Path) -> None:
         (TOP_FILE, "$(find my_arm)/urdf", "$(find my_amr)/urdf", "missing-package", "`my_amr` not found"),
         (TOP_FILE, "<xacro:my_arm", "<xacro:my_amr", "xml-syntax", "not closed"),
         (TOP_FILE, '<xacro:arg name="tool" default="false"/>', "", "xacro-argument", "`tool` has no value"),
+        (TOP_FILE, "$(arg name)", "$(arg arm_type)", "xacro-argument", "states it below, in line 3"),
         (TOP_FILE, 'value="$(arg tool)"', 'value="perhaps"', "xacro", "not a boolean"),
         (TOP_FILE, "0.1 + 0.2", "0.1 + hieght", "xacro", "`hieght` is not defined"),
         (TOP_FILE, "0.1 + 0.2", "().__class__", "xacro", "not evaluated here"),
