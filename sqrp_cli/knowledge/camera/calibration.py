@@ -329,8 +329,8 @@ def _unnamed(document: SourceDocument, stated: StatedLens, count: int) -> Distor
     """The model of a file that names none."""
     if count == 4:
         message = "with 4 distortion coefficients the file must say `distortion_model`"
-        mend = "add `distortion_model: radtan` (k1, k2, p1, p2) or `distortion_model: fisheye` (k1, k2, k3, k4)"
-        raise InputError(document.problem("missing-key", stated.D_at, message, mend))
+        how = "add `distortion_model: radtan` (k1, k2, p1, p2) or `distortion_model: fisheye` (k1, k2, k3, k4)"
+        raise InputError(document.problem("missing-key", stated.D_at, message, how))
     if count not in _OPENCV_MODELS:
         message, mend = f"found {len(stated.D)} distortion coefficients, expected 4, 5 or 8", None
         if count > 8:
