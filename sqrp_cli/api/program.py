@@ -138,11 +138,11 @@ class OpenProgram:
         from sqrp_cli.programming.pipeline import Assignment
         from sqrp_cli.programming.program_update import candidate_of
         from sqrp_cli.programming.ranking import rank
+        from sqrp_cli.programming.whole_assessment import worst_seen
 
         steps = self.program.steps
         if step is None:
-            seen = [(1.0 if one.q_eoi is None else one.q_eoi, 1.0 if one.q_avg is None else one.q_avg) for one in steps]
-            step = 1 + seen.index(min(seen)) if seen else 1
+            step = 1 + worst_seen(steps)
         if not 1 <= step <= len(steps):
             message = f"--step is {step}, but {self.path} has {len(steps)} steps"
             raise InputError(Problem("bad-option", message))

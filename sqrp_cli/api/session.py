@@ -23,7 +23,7 @@ from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.task import Task, read_task
 from sqrp_cli.programming.ways.find import WantedWay
 from sqrp_cli.programming.ways.grips import first_grip
-from sqrp_cli.programming.whole_assessment import StepDone
+from sqrp_cli.programming.whole_assessment import StepDone, worst_seen
 
 if TYPE_CHECKING:
     from sqrp_cli.programming.suggestion import SuggestedStep
@@ -159,7 +159,7 @@ def at_step(session: Session, chosen: Ranked, number: int | None) -> tuple[Sessi
     """
     done = _done(session, chosen.assessment)
     if number is None:
-        number = 1 + min(range(len(done)), key=lambda index: _seen(done[index].assessment))
+        number = 1 + worst_seen([one.assessment for one in done])
     if not 1 <= number <= len(done):
         message = f"--step is {number}, expected a step of {chosen.assessment.candidate.name}: 1 to {len(done)}"
         raise InputError(Problem("bad-option", message))
@@ -168,10 +168,6 @@ def at_step(session: Session, chosen: Ranked, number: int | None) -> tuple[Sessi
     task = Task(candidate.task, candidate.skill, (candidate,))
     one = Session(task, replace(session.assignment, world=step.before))
     return one, Ranked(step.assessment, rank=1 if step.assessment.feasible else None, pareto=True)
-
-
-def _seen(found: Assessment) -> tuple[float, float]:
-    return tuple(1.0 if quality is None else quality for quality in (found.q_eoi, found.q_avg))  # type: ignore[return-value]
 
 
 def check_one_step(session: Session, what: str) -> None:

@@ -14,6 +14,7 @@ from sqrp_cli.programming.coverage.assessment import Assessment, Study, WaysFoun
 from sqrp_cli.programming.coverage.robustness import Calibration, under_calibration_errors
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.verdict import verdict, verdicts
+from sqrp_cli.programming.program_update import world_after
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.find import BestWay, WantedWay, find_ways
@@ -38,6 +39,23 @@ class Explained(NamedTuple):
     """None if the candidate is infeasible."""
 
 
+class ExplainedStep(NamedTuple):
+    """A feasible step with all that its figures were computed from."""
+
+    ranked: Ranked
+    """With the figures of the study."""
+    study: Study
+
+
+class ExplainedWhole(NamedTuple):
+    """A candidate of one step or several, with all that its figures were computed from."""
+
+    ranked: Ranked
+    """With the figures of the studies."""
+    steps: tuple[ExplainedStep, ...]
+    """Each step, also where there is only one; none if the candidate is infeasible."""
+
+
 @dataclass(frozen=True, eq=False)
 class Assignment:
     """What is to be computed for each candidate."""
@@ -58,7 +76,11 @@ class Assignment:
     def assess_together(self, candidates: Sequence[Candidate]) -> list[Assessment]:
         """As `assess` of each of several candidates, which is faster together."""
         alone = iter(self._assess_alone([one for one in candidates if not one.steps]))
-        return [assessment_of_all(one, self.steps_done(one)) if one.steps else next(alone) for one in candidates]
+        return [self._assess_whole(one) if one.steps else next(alone) for one in candidates]
+
+    def _assess_whole(self, candidate: Candidate) -> Assessment:
+        """As `assess`, of a candidate of several steps."""
+        return assessment_of_all(candidate, [step.assessment for step in self.steps_done(candidate)])
 
     def _assess_alone(self, candidates: Sequence[Candidate]) -> list[Assessment]:
         """As `assess_together`, of candidates of one step."""
@@ -89,7 +111,7 @@ class Assignment:
         return steps_done(self.cell, candidate, self.world, assess, (self.sampling, self.calibration, self.wanted))
 
     def explain(self, ranked: Ranked) -> Explained:
-        """A candidate with the full study of its way, and the figures from that."""
+        """A candidate of one step with the full study of its way, and the figures from that."""
         if ranked.rank is None:
             return Explained(ranked, None)
         known = ranked.assessment
@@ -99,6 +121,23 @@ class Assignment:
         assessment = found.assessment(verdict(self.cell, found))
         assessment = replace(assessment, candidate=known.candidate, best_way=known.best_way, ways=known.ways)
         return Explained(replace(ranked, assessment=assessment), found)
+
+    def explain_whole(self, ranked: Ranked) -> ExplainedWhole:
+        """A candidate with the full study of each of its steps, and the figures from these."""
+        known = ranked.assessment
+        if ranked.rank is None or not known.steps:
+            alone, found = self.explain(ranked)
+            return ExplainedWhole(alone, () if found is None else (ExplainedStep(alone, found),))
+        steps: list[ExplainedStep] = []
+        world = self.world
+        for step in known.steps:
+            one, found = replace(self, world=world).explain(Ranked(step, rank=1, pareto=True))
+            assert found is not None  # noqa: S101 - all steps of a feasible candidate are feasible
+            steps.append(ExplainedStep(one, found))
+            world = world_after(step.way, found.motion, world)
+        figures = assessment_of_all(known.candidate, [step.ranked.assessment for step in steps])
+        whole = replace(ranked, assessment=replace(figures, best_way=known.best_way))
+        return ExplainedWhole(whole, tuple(steps))
 
 
 def assess_all(assignment: Assignment, candidates: Sequence[Candidate], jobs: int) -> Iterator[Assessment]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 from weakref import WeakKeyDictionary
 
 from sqrp_cli.errors import Infeasible
@@ -53,20 +54,29 @@ def steps_done(
     return done
 
 
-def assessment_of_all(candidate: Candidate, steps: Sequence[StepDone]) -> Assessment:
-    """The figures of a candidate over all its steps, or why one of them is infeasible."""
-    done = [one.assessment for one in steps]
+def reasons_of_step(candidate: Candidate, number: int, reasons: Sequence[str]) -> tuple[str, ...]:
+    """Why a candidate cannot be done because one of its steps cannot; number: of the step, from 1."""
+    if not candidate.steps:
+        return tuple(reasons)
+    return tuple(f"step {number}, {candidate.steps[number - 1].task}: {reason}" for reason in reasons)
+
+
+def assessment_of_all(candidate: Candidate, done: Sequence[Assessment]) -> Assessment:
+    """The figures of a candidate over all its steps, or why the last of them is infeasible.
+
+    done: the steps in order, up to the first infeasible one.
+    """
     last = done[-1]
     if not last.feasible:
-        reasons = tuple(f"step {len(done)}, {last.candidate.task}: {reason}" for reason in last.reasons)
+        reasons = reasons_of_step(candidate, len(done), last.reasons)
         return replace(Assessment.infeasible(candidate, reasons, reasons[0]), steps=tuple(done))
     times = [one.time or 0.0 for one in done]
     return Assessment(
         candidate=candidate,
         feasible=True,
         time=sum(times),
-        q_avg=_mean([(one.q_avg, one.t_total) for one in done]),
-        q_eoi=_mean([(one.q_eoi, one.t_eoi) for one in done]),
+        q_avg=mean_quality([(one.q_avg, one.t_total) for one in done]),
+        q_eoi=mean_quality([(one.q_eoi, one.t_eoi) for one in done]),
         t_total=sum(one.t_total or 0.0 for one in done),
         t_eoi=sum(one.t_eoi or 0.0 for one in done),
         faults={
@@ -85,6 +95,23 @@ def assessment_of_all(candidate: Candidate, steps: Sequence[StepDone]) -> Assess
     )
 
 
+class Seen(Protocol):
+    """What tells how well a step is seen."""
+
+    @property
+    def q_eoi(self) -> float | None:
+        """In 0..1; None without an event of interest."""
+
+    @property
+    def q_avg(self) -> float | None:
+        """In 0..1; None where no formula applies."""
+
+
+def worst_seen(steps: Sequence[Seen]) -> int:
+    """The index of the step that is seen worst, by Q_eoi, then Q_avg; of several the first."""
+    return min(range(len(steps)), key=lambda index: (_worth(steps[index].q_eoi), _worth(steps[index].q_avg)))
+
+
 _known: WeakKeyDictionary[World, dict[tuple[str, ...], StepDone]] = WeakKeyDictionary()
 """Steps that several candidates share, by the world that they start from."""
 
@@ -96,7 +123,7 @@ def _after(cell: Cell, assessment: Assessment, world: World) -> World | None:
     return None if isinstance(motion, Infeasible) else world_after(assessment.way, motion, world)
 
 
-def _mean(parts: Sequence[tuple[float | None, float | None]]) -> float | None:
+def mean_quality(parts: Sequence[tuple[float | None, float | None]]) -> float | None:
     """The mean of qualities, each weighted by the time that it is about; None where there is no such time."""
     known = [(quality, time) for quality, time in parts if quality is not None and time]
     total = sum(time for _, time in known)
@@ -107,7 +134,7 @@ def _recalibrated(done: Sequence[Assessment]) -> tuple[Qualities, ...]:
     """The qualities of the whole for each draw of camera poses, which all steps share."""
 
     def of(draw: Sequence[Qualities], quality: Callable[[Qualities], float | None], total: str) -> float | None:
-        return _mean([(quality(one), getattr(step, total)) for one, step in zip(draw, done, strict=True)])
+        return mean_quality([(quality(one), getattr(step, total)) for one, step in zip(draw, done, strict=True)])
 
     return tuple(
         Qualities(of(draw, lambda one: one.q_avg, "t_total"), of(draw, lambda one: one.q_eoi, "t_eoi"))

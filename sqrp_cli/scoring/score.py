@@ -8,6 +8,7 @@ from typing import Literal
 
 from sqrp_cli.errors import Problem
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask
+from sqrp_cli.programming.candidate import THEN
 from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.quality import falls_short
 from sqrp_cli.programming.coverage.verdict import HELP
@@ -68,7 +69,9 @@ def scores_of(cell: ScoredCell, computer: Computer) -> Iterator[TaskScore]:
 
 
 def way_name(candidate: Candidate) -> str:
-    """The name of a choice of objects of a task, such as `g1` or `g1 tray`."""
+    """The name of a choice of objects of a task, such as `g1`, `g1 tray` or `peg1 then peg1 socket`."""
+    if candidate.steps:
+        return THEN.join(map(way_name, candidate.steps))
     return " ".join(candidate.binding.values()) or candidate.skill.name
 
 

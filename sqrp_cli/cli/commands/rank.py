@@ -77,7 +77,7 @@ def command(
     The best are those in which the cameras see what matters. The chosen one can be written as a program.
     """
     from sqrp_cli.api.results import Ranking
-    from sqrp_cli.api.session import check_choice, check_one_step
+    from sqrp_cli.api.session import check_choice
     from sqrp_cli.checks.cell_warnings import cell_warnings
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.programming.ranking import rank, read_criterion
@@ -90,8 +90,6 @@ def command(
     session = cell.begin(
         task, sampling=sampling, calibration=drawn, after=before, by=criterion, ways=wanted, max_time=max_time
     )
-    if report is not None:
-        check_one_step(session, "--report")
     print_problems(cell_warnings(session.cell))
     check_choice(session.task, choose)
     assessments, interrupted = _assess(session, job_count(jobs))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
 from typing import NamedTuple
 
@@ -162,6 +162,17 @@ class TargetCoverage:
     blind: Mapping[str, tuple[BlindSpan, ...]]
     """Per camera, in order of time and without overlap, when it does not see the required target."""
 
+    def later(self, start: float) -> TargetCoverage:
+        """The same, so much later [s]."""
+        return TargetCoverage(
+            self.needed,
+            tuple(_later(stretch, start) for stretch in self.required),
+            {
+                camera: tuple(replace(span, stretch=_later(span.stretch, start)) for span in spans)
+                for camera, spans in self.blind.items()
+            },
+        )
+
     def seen_by(self, camera: str) -> tuple[Stretch, ...]:
         """When a camera sees it; never if there is no such camera."""
         if camera not in self.blind:
@@ -209,6 +220,20 @@ def coverage_of(cell: Cell, study: Study) -> Coverage:
     return Coverage({primitive.name: primitive.end for primitive in study.motion.primitives}, targets)
 
 
+def coverage_of_steps(steps: Sequence[Coverage]) -> Coverage:
+    """The coverage over several steps that follow each other without a pause.
+
+    Names of primitives and atoms begin with the number of their step, such as `2.hold(peg1)`.
+    """
+    primitives: dict[str, float] = {}
+    targets: dict[str, TargetCoverage] = {}
+    for number, step in enumerate(steps, 1):
+        start = max(primitives.values(), default=0.0)
+        primitives |= {f"{number}.{name}": start + end for name, end in step.primitives.items()}
+        targets |= {f"{number}.{atom}": target.later(start) for atom, target in step.targets.items()}
+    return Coverage(primitives, targets)
+
+
 def difference(stretches: Sequence[Stretch], without: Sequence[Stretch]) -> tuple[Stretch, ...]:
     """The parts of `stretches` outside those `without`; both in order of time and without overlap."""
     parts = []
@@ -228,6 +253,10 @@ def difference(stretches: Sequence[Stretch], without: Sequence[Stretch]) -> tupl
 def intersection(stretches: Sequence[Stretch], others: Sequence[Stretch]) -> tuple[Stretch, ...]:
     """The parts of `stretches` inside the others."""
     return difference(stretches, difference(stretches, others))
+
+
+def _later(stretch: Stretch, start: float) -> Stretch:
+    return Stretch(stretch.start + start, stretch.end + start)
 
 
 def _contains(stretches: Sequence[Stretch], t: float) -> bool:

@@ -2,27 +2,135 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate
 
+from sqrp_cli.programming.coverage.quality import Qualities
+from sqrp_cli.programming.whole_assessment import mean_quality, worst_seen
+from sqrp_cli.report.documents.candidates import CandidateFigures
 from sqrp_cli.report.documents.document import Pose, Record
-from sqrp_cli.report.documents.explanation import CandidateStudy, Sample, Span
+from sqrp_cli.report.documents.explanation import CandidateStudy, Formula, Sample, Span
+
+NOT = "not "
+"""How a negated literal begins."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlayedStep(Span):
+    """A step of a task of several, by its number and task, and when it is done [s]."""
+
+    q_eoi: float | None
+    """Its Q_eoi in 0..1; null where there is no event of interest."""
+    q_avg: float | None
+    """Its Q_avg in 0..1; null where no formula applies."""
+    verdict: str
+    """Where it is blind, why, and what would help."""
+    seen_worst: bool
+    """Whether it is the one that is seen worst."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlayedCandidate(CandidateStudy):
-    """A candidate without redundant data: corners of boxes, and poses of objects that never move."""
+    """A candidate without redundant data: corners of boxes, and poses of objects that never move.
+
+    Of several steps, names of primitives, literals and faults begin with the number of the step, such as
+    `2.hold(peg1)`, and times count from the start of the first.
+    """
 
     still: Mapping[str, Pose]
     """Objects that never move, in the world."""
+    played: tuple[PlayedStep, ...]
+    """Of a task of several steps: each; else empty."""
 
     @classmethod
-    def of_candidate(cls, study: CandidateStudy) -> PlayedCandidate:
+    def of_candidate(cls, study: CandidateStudy, played: tuple[PlayedStep, ...] = ()) -> PlayedCandidate:
         """What a page needs of a candidate."""
         first = study.samples[0].objects if study.samples else {}
-        still = {name: X for name, X in first.items() if all(s.objects[name] == X for s in study.samples)}
+        still = {name: X for name, X in first.items() if all(s.objects.get(name) == X for s in study.samples)}
         slim = {**vars(study), "samples": [_slim(sample, still) for sample in study.samples]}
-        return cls(**slim, still=still)
+        return cls(**slim, still=still, played=played)
+
+    @classmethod
+    def of_steps(cls, figures: CandidateFigures, steps: Sequence[CandidateStudy]) -> PlayedCandidate:
+        """What a page needs of a candidate of several steps, which follow each other without a pause."""
+        starts = list(accumulate((step.time or 0.0 for step in steps), initial=0.0))
+        shifts = [_Shift(f"{number}.", start) for number, start in enumerate(starts[:-1], 1)]
+        joined = CandidateStudy(
+            **vars(figures),
+            sampling=steps[0].sampling,
+            primitives=[shift.span(one) for shift, step in zip(shifts, steps, strict=True) for one in step.primitives],
+            formulas=[shift.formula(one) for shift, step in zip(shifts, steps, strict=True) for one in step.formulas],
+            cameras=steps[0].cameras,
+            without_camera={name: _without(name, steps) for name in steps[0].without_camera},
+            recovery=None,
+            targets={
+                shift.literal(name): one
+                for shift, step in zip(shifts, steps, strict=True)
+                for name, one in step.targets.items()
+            },
+            samples=[shift.sample(one) for shift, step in zip(shifts, steps, strict=True) for one in step.samples],
+        )
+        return cls.of_candidate(joined, tuple(_played(figures, steps, starts)))
+
+
+def _without(camera: str, steps: Sequence[CandidateStudy]) -> Qualities:
+    """The qualities of the whole if a camera fails."""
+    each = [(step.without_camera[camera], step) for step in steps]
+    return Qualities(
+        mean_quality([(one.q_avg, step.t_total) for one, step in each]),
+        mean_quality([(one.q_eoi, step.t_eoi) for one, step in each]),
+    )
+
+
+def _played(
+    figures: CandidateFigures, steps: Sequence[CandidateStudy], starts: Sequence[float]
+) -> Iterator[PlayedStep]:
+    """The steps with their times; starts: of each, and the end of the last."""
+    worst = worst_seen(steps)
+    for index, (step, known) in enumerate(zip(steps, figures.steps or (), strict=True)):
+        yield PlayedStep(
+            name=f"{index + 1}: {known.task}",
+            start=starts[index],
+            end=starts[index + 1],
+            q_eoi=step.q_eoi,
+            q_avg=step.q_avg,
+            verdict=step.verdict,
+            seen_worst=index == worst,
+        )
+
+
+@dataclass(frozen=True)
+class _Shift:
+    """Names and times of a step among several."""
+
+    prefix: str
+    start: float
+    """When the step begins [s]."""
+
+    def literal(self, name: str) -> str:
+        """The name of a literal of the step."""
+        negated = name.startswith(NOT)
+        return f"{NOT if negated else ''}{self.prefix}{name.removeprefix(NOT)}"
+
+    def span(self, span: Span) -> Span:
+        """A primitive action of the step."""
+        return Span(name=self.prefix + span.name, start=self.start + span.start, end=self.start + span.end)
+
+    def formula(self, formula: Formula) -> Formula:
+        """A formula of the step."""
+        return replace(
+            formula,
+            start=self.start + formula.start,
+            end=self.start + formula.end,
+            literals=list(map(self.literal, formula.literals)),
+            fault=None if formula.fault is None else self.prefix + formula.fault,
+        )
+
+    def sample(self, sample: Sample) -> Sample:
+        """An instant of the step."""
+        literals = {self.literal(name): literal for name, literal in sample.literals.items()}
+        return replace(sample, t=self.start + sample.t, literals=literals)
 
 
 def _slim(sample: Sample, still: Mapping[str, Pose]) -> Sample:

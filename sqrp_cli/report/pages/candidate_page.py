@@ -12,7 +12,7 @@ import numpy as np
 
 from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.pipeline import Assignment, Explained
+from sqrp_cli.programming.pipeline import Assignment, ExplainedWhole
 from sqrp_cli.programming.ranking import Criterion, Ranked
 from sqrp_cli.report.documents.candidates import CandidateFigures
 from sqrp_cli.report.documents.document import Pose, Record
@@ -160,17 +160,19 @@ def origin(arguments: Sequence[str]) -> list[tuple[str, str]]:
     return [("command", shlex.join(["sqrp", *arguments])), ("SQRP", __version__)]
 
 
-def playback(assignment: Assignment, explained: Explained) -> str | None:
+def playback(assignment: Assignment, explained: ExplainedWhole) -> str | None:
     """What is shown of a candidate beside its figures, packed; None for an infeasible one."""
-    ranked, found = explained
-    if found is None:
+    if not explained.steps:
         return None
-    study = CandidateStudy.of_study(assignment.cell, found, ranked, assignment.sampling)
-    return packed(PlayedCandidate.of_candidate(study))
+    cell, sampling = assignment.cell, assignment.sampling
+    studies = [CandidateStudy.of_study(cell, one.study, one.ranked, sampling) for one in explained.steps]
+    several = len(studies) > 1
+    figures = CandidateFigures.of(explained.ranked)
+    return packed(PlayedCandidate.of_steps(figures, studies) if several else PlayedCandidate.of_candidate(studies[0]))
 
 
 def _detail(assignment: Assignment, ranked: Ranked) -> str | None:
-    return playback(assignment, assignment.explain(ranked))
+    return playback(assignment, assignment.explain_whole(ranked))
 
 
 STEP = 1e-4

@@ -21,7 +21,7 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.platform.memory import collect_seldom, keep_freed_memory
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.blind_spans import coverage_of
+from sqrp_cli.programming.coverage.blind_spans import coverage_of, coverage_of_steps
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.ranking import Ranked
@@ -99,10 +99,11 @@ def _outcome(cell: Cell, job: Job, candidate: Candidate) -> Outcome:
     world = cell.initial_world
     assignment = Assignment(cell, world, job.sampling)
     assessment = assignment.assess(candidate)
-    if not job.coverage or not assessment.feasible or candidate.steps:
+    if not job.coverage or not assessment.feasible:
         return Outcome(assessment, None)
-    explained, found = assignment.explain(Ranked(assessment, rank=1, pareto=True))
-    return Outcome(explained.assessment, None if found is None else coverage_of(cell, found))
+    explained = assignment.explain_whole(Ranked(assessment, rank=1, pareto=True))
+    coverage = [coverage_of(cell, step.study) for step in explained.steps]
+    return Outcome(explained.ranked.assessment, coverage_of_steps(coverage) if candidate.steps else coverage[0])
 
 
 _cells: OrderedDict[tuple[str, int], Cell] = OrderedDict()

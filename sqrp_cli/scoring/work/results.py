@@ -49,14 +49,8 @@ class Outcome:
 
     def to_text(self) -> str:
         """One line of JSON, the same for the same figures."""
-        assessment = self.assessment
-        document = {
-            **{name: getattr(assessment, name) for name in _PLAIN},
-            "faults": {name: asdict(fault) for name, fault in assessment.faults.items()},
-            "ways": None if assessment.ways is None else asdict(assessment.ways),
-            "best_way": None if assessment.best_way is None else _way_record(assessment.best_way),
-            "coverage": None if self.coverage is None else CoverageRecord.of(self.coverage).model_dump(mode="json"),
-        }
+        coverage = None if self.coverage is None else CoverageRecord.of(self.coverage).model_dump(mode="json")
+        document = {**_figures_record(self.assessment), "coverage": coverage}
         return json_line({**document, "checksum": _checksum(document)}) + "\n"
 
     @staticmethod
@@ -66,17 +60,35 @@ class Outcome:
             document = parse_json(Path("outcome"), text)
             if document.pop("checksum") != _checksum(document):
                 raise ValueError("this outcome of a candidate is not as it was written")
-            assessment = Assessment(
-                candidate=candidate,
-                faults={name: FaultMetrics(**numbers) for name, numbers in document["faults"].items()},
-                ways=_ways(document["ways"]),
-                best_way=_way(document["best_way"], candidate),
-                **{name: _plain(document[name]) for name in _PLAIN},
-            )
+            assessment = _figures(document, candidate)
             numbers = document["coverage"]
             return Outcome(assessment, None if numbers is None else CoverageRecord.model_validate(numbers).coverage())
         except (InputError, LookupError, TypeError, AttributeError) as error:
             raise ValueError(f"no outcome of a candidate: {error!r}") from error
+
+
+def _figures_record(assessment: Assessment) -> dict[str, object]:
+    """An assessment in plain lists and numbers, without its candidate."""
+    return {
+        **{name: getattr(assessment, name) for name in _PLAIN},
+        "faults": {name: asdict(fault) for name, fault in assessment.faults.items()},
+        "ways": None if assessment.ways is None else asdict(assessment.ways),
+        "best_way": None if assessment.best_way is None else _way_record(assessment.best_way),
+        "steps": list(map(_figures_record, assessment.steps)),
+    }
+
+
+def _figures(record: Mapping[str, Any], candidate: Candidate) -> Assessment:
+    """The assessment of a candidate that `_figures_record` wrote."""
+    return Assessment(
+        candidate=candidate,
+        faults={name: FaultMetrics(**numbers) for name, numbers in record["faults"].items()},
+        ways=_ways(record["ways"]),
+        best_way=_way(record["best_way"], candidate),
+        # an infeasible step is the last one
+        steps=tuple(_figures(one, step) for one, step in zip(record["steps"], candidate.steps, strict=False)),
+        **{name: _plain(record[name]) for name in _PLAIN},
+    )
 
 
 def _way_record(way: Candidate) -> dict[str, object]:

@@ -2,8 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from sqrp_cli.programming.coverage.quality import NO_FIGURES
-from sqrp_cli.report.documents.explanation import BoxCoverage, BoxVerdict, CandidateStudy, LiteralCoverage, Sample
+from sqrp_cli.report.documents.candidates import CandidateFigures, StepFigures
+from sqrp_cli.report.documents.explanation import (
+    BoxCoverage,
+    BoxVerdict,
+    CandidateStudy,
+    Formula,
+    LiteralCoverage,
+    Sample,
+    Span,
+)
 from sqrp_cli.report.documents.playback import PlayedCandidate
 from sqrp_cli.report.pages.page import tidy
 
@@ -39,3 +50,38 @@ def test_objects_that_never_move_are_listed_once() -> None:
 def test_corners_that_follow_from_poses_are_left_out() -> None:
     found = tidy(PlayedCandidate.of_candidate(study([sample(0.0, 1.0)])))
     assert [set(box) for box in found["samples"][0]["literals"]["hold"]["boxes"]] == [{"cameras"}]
+
+
+def step_of(x: float, q_avg: float) -> CandidateStudy:
+    """A step of two seconds with one primitive and one formula."""
+    formula = Formula(text="", operator="always", start=0.5, end=1.0, literals=["not hold"], fault="slip")
+    return replace(
+        study([sample(0.0, x), sample(2.0, x)]),
+        time=2.0,
+        q_avg=q_avg,
+        primitives=[Span(name="a1", start=0.0, end=2.0)],
+        formulas=[formula],
+    )
+
+
+def test_steps_follow_each_other_under_names_with_their_numbers() -> None:
+    steps = tuple(
+        StepFigures(**vars(NO_FIGURES), task=task, parameters={}, feasible=True, verdict="") for task in ("pick", "put")
+    )
+    figures = CandidateFigures(
+        **vars(NO_FIGURES), parameters={}, feasible=True, rank=1, reasons=(), pareto=True, verdict="", ways=None,
+        steps=steps,
+    )  # fmt: skip
+    found = PlayedCandidate.of_steps(figures, [step_of(1.0, 0.5), step_of(2.0, 0.25)])
+    assert [(one.name, one.start, one.end) for one in found.primitives] == [("1.a1", 0.0, 2.0), ("2.a1", 2.0, 4.0)]
+    assert [(one.start, one.literals, one.fault) for one in found.formulas] == [
+        (0.5, ["not 1.hold"], "1.slip"),
+        (2.5, ["not 2.hold"], "2.slip"),
+    ]
+    literals = [(one.t, *one.literals) for one in found.samples]
+    assert literals == [(0, "1.hold"), (2, "1.hold"), (2, "2.hold"), (4, "2.hold")]
+    assert found.still == {"table": [[0.0]]}
+    assert [(one.name, one.start, one.end, one.seen_worst) for one in found.played] == [
+        ("1: pick", 0.0, 2.0, False),
+        ("2: put", 2.0, 4.0, True),
+    ]

@@ -146,6 +146,7 @@ class Page {
     if (enters) this.enter(entry.scene, model);
     this.motion = motion;
     this.figures(entry);
+    this.steps(this.motion.detail.played ?? []);
     this.moments(this.motion.detail);
     this.timeline = new Timeline(this.motion, Object.keys(this.motion.detail.cameras), (t) => {
       this.pause();
@@ -190,6 +191,28 @@ class Page {
     }
     byId('figures').replaceChildren(
       ...rows.map(([term, value]) => make('div', {}, make('dt', {}, named(term)), make('dd', {}, value))),
+    );
+  }
+
+  // The steps of a task of several, each with its figures, and which of them is seen worst.
+  steps(played) {
+    byId('steps').hidden = !played.length;
+    if (played.length) byId('verdict').replaceChildren();
+    document.querySelector('.steps').replaceChildren(
+      ...played.map(({ name, start, end, q_eoi: qEoi, q_avg: qAvg, verdict, seen_worst: worst }) => {
+        const go = () => {
+          this.pause();
+          this.seek(start);
+        };
+        return make(
+          'li',
+          { class: worst ? 'worst' : null },
+          make('button', { type: 'button', onclick: go, 'aria-label': `Go to step ${name}` }, named(name)),
+          make('span', {}, `Q_eoi ${percent(qEoi)}, Q_avg ${percent(qAvg)}, ${seconds(end - start)}`),
+          ...(worst ? [make('b', {}, 'seen worst')] : []),
+          make('span', { class: 'faint' }, named(verdict)),
+        );
+      }),
     );
   }
 

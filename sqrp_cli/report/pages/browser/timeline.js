@@ -6,6 +6,17 @@ class Timeline {
     this.seek = seek;
     const detail = motion.detail,
       rows = [];
+    if (detail.played?.length)
+      rows.push(
+        this.row(
+          'step',
+          'axis',
+          detail.played.map((step) =>
+            this.span('primitive', step, step.name, `${step.name}: ${seconds(step.start)} to ${seconds(step.end)}`),
+          ),
+          '',
+        ),
+      );
     rows.push(
       this.row(
         '',
