@@ -42,6 +42,8 @@ class ArmGuess:
     """Every link after the last joint, fingers included."""
     out: Array
     """Unit vector in the frame of `tip` that points out of the arm, along the axis of the last joint, shape (3,)."""
+    swinging: Array | None = None
+    """Axis of the last joint in the frame of `tip`, (3,), if it may swing the tool and only shapes tell, else None."""
     others: tuple[str, ...] = ()
     """Where a tool would be on other arms of the robot, as on one with two."""
 
@@ -67,7 +69,9 @@ def _guess(urdf: UrdfModel, chain: Sequence[UrdfJoint], tip: str) -> ArmGuess:
     driving = driving_joints(chain, urdf.movable_joints)
     last = chain[-1]
     carried = tuple(urdf.beyond(last.child))
-    return ArmGuess(tuple(driving), tip, carried, _outward(urdf, chain, tip, urdf.rigid_with(last.child)))
+    out = _outward(urdf, chain, tip, urdf.rigid_with(last.child))
+    may_swing = len(chain) < AXES_OF_A_POSE and last.type != "prismatic" and urdf.rigid_with(last.child) == [tip]
+    return ArmGuess(tuple(driving), tip, carried, out, last.axis if may_swing else None)
 
 
 def _chain_to(urdf: UrdfModel, tip: str) -> list[UrdfJoint]:

@@ -16,7 +16,14 @@ from sqrp_cli.knowledge.robot.robot_source import RobotSource
 from sqrp_cli.knowledge.robot.srdf import SrdfModel, read_srdf
 from sqrp_cli.knowledge.robot.urdf import MeshReference, UrdfModel
 from sqrp_cli.knowledge.text.input_file import missing_file
-from sqrp_cli.knowledge.text.packages import package_around, package_folder, package_name, package_roots, resolve
+from sqrp_cli.knowledge.text.packages import (
+    package_and_path,
+    package_around,
+    package_folder,
+    package_name,
+    package_roots,
+    resolve,
+)
 from sqrp_cli.knowledge.text.xml_file import read_xml
 from sqrp_cli.starter.moveit_config import MoveitConfig, arm_tip, find_moveit, moveit_beside
 
@@ -202,7 +209,7 @@ def _missing_roots(urdf: UrdfModel, stated: tuple[Path, ...], around: tuple[Path
     """Folders with packages of the URDF, its xacro and its meshes that a workspace would find nowhere else."""
     pieces = [piece for link in urdf.links.values() for piece in (*link.collision, *link.visual)]
     references = [piece.shape.reference for piece in pieces if isinstance(piece.shape, MeshReference)]
-    named = [name.removeprefix(PACKAGE).split("/")[0] for name in references if name.startswith(PACKAGE)]
+    named = [package_and_path(name)[0] for name in references if name.startswith(PACKAGE)]
     own = package_around(urdf.path)
     known = ((own,) if own else ()) + package_roots()
     found: dict[Path, None] = {}

@@ -147,7 +147,7 @@ def _fill(
         home={joint.name: _resting(joint) for joint in arm.joints},
     )
     bare = _load(draft, layout)
-    layout = replace(layout, X_LT=search.tool_seat(bare, arm.tip, arm.carried, arm.out))
+    layout = replace(layout, X_LT=search.tool_seat(bare, arm))
     seated = _load(draft, layout)
     reach = search.arm_reach(seated.model)
     side = min(round(2.4 * reach, 1), LARGEST_TABLE)

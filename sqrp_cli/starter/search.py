@@ -18,11 +18,15 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.solids import load_solids
 from sqrp_cli.programming.task import read_task
+from sqrp_cli.starter.arm_guess import LEAST_SWING, ArmGuess
 from sqrp_cli.starter.layout import TASK, CameraView, Cube, Position
 from sqrp_cli.starter.stands import DownPlaces, Stand, shoulder_of
 
 TOOL_GAP = 0.002
 """Gap between what the arm carries and the suction cup [m]."""
+
+NEAR_AXIS = 0.95
+"""Cosine of the angle within which a tool points along an axis of the link that carries it."""
 
 HOME_SHARES = ((0.55, 0.35), (0.45, 0.3), (0.65, 0.3), (0.5, 0.5), (0.35, 0.35), (0.7, 0.2))
 """Tool positions at home: distance from the base and height above the table, as shares of the reach."""
@@ -91,18 +95,36 @@ class NoHome:
         return f"none of {self.tried} home positions is possible; the first, {self.first}"
 
 
-def tool_seat(cell: Cell, tip: str, carried: Sequence[str], out: Array) -> Array:
-    """Pose X_LT of a tool in the link `tip`, z along `out` (3,), beyond everything that the arm carries; (4, 4)."""
+def tool_seat(cell: Cell, arm: ArmGuess) -> Array:
+    """Pose X_LT of a tool in the link at the arm's end, z out of it, beyond everything that it carries; (4, 4)."""
     X_WL = cell.model.link_poses(cell.model.home[None])
-    X_TW = np.linalg.inv(X_WL[tip][0])
-    solids = load_solids([part for part in cell.model.parts if part.parent in carried])
-    ends = [transform(X_TW @ X_WL[solid.part.parent][0], solid.vertices) @ out for solid in solids]
-    furthest = max((float(end.max()) for end in ends), default=0.0)
+    X_TW = np.linalg.inv(X_WL[arm.tip][0])
+    solids = load_solids([part for part in cell.model.parts if part.parent in arm.carried])
+    points = [transform(X_TW @ X_WL[solid.part.parent][0], solid.vertices) for solid in solids]
+    out = arm.out if arm.swinging is None or not points else _swung(np.concatenate(points), arm.swinging, arm.out)
+    furthest = max((float((ends @ out).max()) for ends in points), default=0.0)
     x = np.eye(3)[(int(np.abs(out).argmax()) + 1) % 3]
     x = x - out * (x @ out)
     x = x / np.linalg.norm(x)
     offset = furthest + TOOL_GAP if furthest > TOOL_GAP else 0.0
     return pose(np.column_stack([x, cross(out, x), out]), offset * out)
+
+
+def _swung(points: Array, axis: Array, out: Array) -> Array:
+    """The direction in which points (n, 3) reach from the axis that swings them, (3,); `out` if they lie around it.
+
+    Along an axis of their frame if one is near.
+    """
+    center = (points.min(axis=0) + points.max(axis=0)) / 2
+    across = center - axis * (center @ axis)
+    far = float(np.linalg.norm(across))
+    if far < max(LEAST_SWING, 2.0 * abs(float(center @ axis))):
+        return out
+    nearest = int(np.abs(across).argmax())
+    if abs(across[nearest]) > NEAR_AXIS * far:
+        across = np.sign(across[nearest]) * np.eye(3)[nearest]
+    direction: Array = across / np.linalg.norm(across)
+    return direction
 
 
 def arm_reach(model: RobotModel) -> float:

@@ -10,7 +10,7 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.robot.read_urdf import read_urdf
 from sqrp_cli.starter.arm_guess import guess_arm
 from sqrp_cli.starter.make import make_starter
-from tests.arms.arms import PEDESTAL, side, solid
+from tests.arms.arms import BOX, PEDESTAL, side, solid
 from tests.programming.robots import FEW_AXES, LINKAGES, written_urdf
 
 
@@ -47,6 +47,15 @@ def test_the_joints_of_a_linkage_are_those_that_drive_it(name: str, joints: list
 def test_a_wrist_without_roll_points_its_tool_across_its_last_axis(tmp_path: Path) -> None:
     guessed = guess_arm(read_urdf(written_urdf(tmp_path / "arm.urdf", *FEW_AXES["four axes"])))
     assert guessed.out.tolist() == [1.0, 0.0, 0.0]
+
+
+def test_where_no_frame_says_which_way_a_wrist_points_its_shape_does(tmp_path: Path) -> None:
+    urdf = solid(tmp_path, "wrist", FEW_AXES["four axes"][:-1])
+    urdf.write_text(urdf.read_text().replace(f'"l4">{BOX}', f'"l4">{BOX.replace("0 0 0.03", "0.1 0.005 0")}'))
+    made = make_starter(tmp_path / "cell", str(urdf))
+    assert (made.tip, len(made.cubes)) == ("l4", 4)
+    written = (made.folder / "workspace.yaml").read_text()
+    assert "pose: {position: [0.127, 0, 0], rpy: [90 deg, 0 deg, 90 deg]}" in written
 
 
 def test_shapes_without_size_are_left_out_with_one_warning(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from sqrp_cli.knowledge.text.input_file import read_input
 from sqrp_cli.knowledge.text.xml_file import MAX_BYTES, Element, parse_xml
 
 _OLD_TAGS = frozenset({"include", "macro", "property", "insert_block"})
-"""Tags of xacro before 2014, without its prefix."""
+"""Tags of xacro before 2014, without its prefix; those that are properties of the whole file are read all the same."""
 
 
 def read_robot_xml(path: Path, source: RobotSource | None = None) -> RobotXml:

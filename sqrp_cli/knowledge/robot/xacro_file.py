@@ -313,7 +313,7 @@ class _Expansion:
 
     def _absolute(self, name: str) -> str:
         if name.startswith("package://"):
-            package, _, rest = name.removeprefix("package://").partition("/")
+            package, rest = packages.package_and_path(name)
             return str(Path(self._find(package)) / rest)
         return os.path.normpath(self._current.parent / name.removeprefix("file://"))
 
@@ -364,6 +364,9 @@ class _Expansion:
     def _document(self, path: Path, content: bytes) -> minidom.Document:
         parse_xml(path, content, None)  # well-formed, of bounded size, without entities
         document: minidom.Document = _PlacedBuilder(path).parseString(content)
+        for node in document.documentElement.childNodes:
+            if node.nodeType == node.ELEMENT_NODE and node.tagName == "property":  # as xacro before 2014 wrote it
+                document.renameNode(node, node.namespaceURI, "xacro:property")
         return document
 
     def _allowed(self, name: str) -> Path:

@@ -50,6 +50,12 @@ def package_around(path: Path) -> Path | None:
     return next((folder for folder in path.parents if (folder / MANIFEST).is_file()), None)
 
 
+def package_and_path(reference: str) -> tuple[str, str]:
+    """What `package://NAME/PATH` names; with a third slash, as some tools accept it, it means the same."""
+    name, _, path = reference.removeprefix("package://").lstrip("/").partition("/")
+    return name, path
+
+
 def package_folder(name: str, roots: Sequence[Path], place: Place | None) -> Path:
     """The folder of a package. What counts is the name in `package.xml`, for a folder without one its own name.
 
@@ -114,7 +120,7 @@ def _environment_paths(variable: str) -> list[Path]:
 
 
 def _resolve_package(reference: str, roots: Sequence[Path], place: Place | None) -> Path:
-    name, _, rest = reference.removeprefix("package://").partition("/")
+    name, rest = package_and_path(reference)
     first: Path | None = None
     for folder in _folders_called(name, roots):
         path = Path(os.path.normpath(folder / rest))

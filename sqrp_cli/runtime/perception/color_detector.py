@@ -52,6 +52,8 @@ class _Place:
     """Of its silhouette that was judged, without what parts that the box encloses hide of it."""
     hidden: float
     """Share of it that is taken to be behind the robot or another object."""
+    edge: float
+    """Share of it along the edge of what hides it, one pixel wide, on the side that is visible."""
     alike: float
     """Share of it that shows its colour before a background of that colour."""
     filled: float
@@ -72,8 +74,7 @@ class _Place:
     def detect(self, box: TargetBox, evidence: Truth, min_visible: float) -> BoxDetection:
         """The sight of a box with this content; min_visible: share that its detector requires."""
         because = MissReason.DETECTOR
-        border = 0.0 if self.projected is None else BORDER / max(self.projected.area**0.5, 1.0)
-        if self.share < np.clip(min_visible - border, LEAST_SHARE, MOST_SHARE):
+        if self.share < np.clip(min_visible - BORDER * self.edge, LEAST_SHARE, MOST_SHARE):
             missing = {
                 MissReason.MASK: self.hidden,
                 MissReason.BACKGROUND: self.alike,
@@ -86,7 +87,7 @@ class _Place:
         return BoxDetection(box.name, evidence, self.share, outline, because)
 
 
-_NOWHERE = _Place(None, 0.0, 0.0, 0.0, 0.0, None)
+_NOWHERE = _Place(None, 0.0, 0.0, 0.0, 0.0, 0.0, None)
 
 
 class ColorDetector:
@@ -134,11 +135,12 @@ class ColorDetector:
         margin = max(6, round(0.6 * box_outline.area**0.5))
         crop = self._view.crop(box_outline.polygon, margin)
         if crop is None or projected.area <= 0.0:
-            return _Place(projected, 0.0, 0.0, 0.0, 0.0, None)
+            return _Place(projected, 0.0, 0.0, 0.0, 0.0, 0.0, None)
         shape, origin = extent(crop)
         colored, robot = self._colored[crop], self._view.robot
         inside, silhouette = projected.outline(shape, origin), projected.mask(shape, origin)
-        hiding = dilated(self._in_front(X_WO, box_outline.depth, crop, without=box.encloses), 1)
+        before = self._in_front(X_WO, box_outline.depth, crop, without=box.encloses)
+        hiding = dilated(before, 1)
         enclosed = dilated(robot.mask(shape, origin, box_outline.depth, links=box.encloses), 1)
         front = hiding | enclosed
         background = self._background.matches(self._view.image, crop)
@@ -152,15 +154,16 @@ class ColorDetector:
         hidden = min(float((silhouette & front).sum()) / projected.area, 1.0)
         alike = float((silhouette & ~front & same).sum()) / projected.area
         if not decided.any():
-            return _Place(projected, 0.0, hidden, alike, 0.0, None)
+            return _Place(projected, 0.0, hidden, 0.0, alike, 0.0, None)
         judged = decided & (own | background)
         # What else hides, the enclosed parts do not hide from being asked.
         askable = max(projected.area - float((silhouette & enclosed & ~hiding).sum()), LEAST_PIXELS**2)
         share = min(float(judged.sum()) / askable, 1.0)
+        edge = float((silhouette & hiding & ~before).sum()) / askable
         patch = dilated(inside, margin // 2) & ~front & own
         shift = middle(patch) - middle(decided) if patch.any() else None
         filled = min(float((inside & telling & own).sum() / decided.sum()), 1.0)
-        return _Place(projected, share, hidden, alike, filled, shift)
+        return _Place(projected, share, hidden, edge, alike, filled, shift)
 
     def _in_front(self, X_WO: Array, depth: float, crop: Crop, without: Collection[str]) -> Mask:
         """What of the robot, without some links, and of other objects is before the object at a pose, in a crop.

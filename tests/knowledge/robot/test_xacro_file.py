@@ -242,6 +242,12 @@ def test_xacro_of_before_2014_is_refused(tmp_path: Path) -> None:
         read_urdf(tmp_path / "a.xacro")
 
 
+def test_a_property_without_prefix_is_a_property_too(package: Path) -> None:
+    text = TOP.replace("0.1 + 0.2", "side").replace("<link", '<property name="side" value="0.4"/><link', 1)
+    top(package).write_text(text)
+    assert read(package).joints["left_base"].X_PJ[2, 3] == pytest.approx(0.4)
+
+
 def test_an_srdf_may_be_a_xacro_too(package: Path) -> None:
     (package / "arm.srdf.xacro").write_text(
         f"""<robot {XMLNS} name="my_arm"><xacro:arg name="prefix" default=""/>

@@ -38,6 +38,11 @@ def test_a_root_that_is_the_package_itself_counts(tmp_path: Path) -> None:
     assert resolve("package://arm/urdf/arm.urdf", tmp_path, [tmp_path / "arm"], PLACE) == file
 
 
+def test_a_third_slash_before_the_package_means_nothing(tmp_path: Path) -> None:
+    file = make(tmp_path, "arm/arm.urdf")
+    assert resolve("package:///arm/arm.urdf", tmp_path, [tmp_path], PLACE) == file
+
+
 def test_paths_are_relative_to_the_file_that_names_them(tmp_path: Path) -> None:
     file = make(tmp_path, "robots/my arm.urdf")
     assert resolve("../robots/my arm.urdf", tmp_path / "cell", [], PLACE) == file

@@ -37,6 +37,7 @@ PLACE = (4.0, 0.0, 0.02)
 """Of the cube, far from the robot."""
 
 CUBE, SCREEN = thing("cube", PLACE, color="green"), thing("screen", (4.0, 2.0, 0.5), (0.4, 0.4, 0.004), color="black")
+OTHER_SCREEN = thing("other", (4.0, 2.5, 0.5), SCREEN.size, color="black")
 GROUND = thing("ground", (4.0, 0.0, -0.02), (20.0, 20.0, 0.04), color="grey", fixed=True)
 PLATE = thing("plate", PLACE, (0.054, 0.054, 0.002), color="white", marker=37)
 MARKER = ObjectMarker(id=37).on(PLATE.size)
@@ -87,20 +88,21 @@ def marker_rate(pixels: float, incidence: float, trials: int, seed: int = 0) -> 
 
 
 def color_rates(
-    pixels: float, visible: float, trials: int, *, min_visible: float = 0.5, seed: int = 0
+    pixels: float, visible: float, trials: int, *, min_visible: float = 0.5, seed: int = 0, slit: bool = False
 ) -> tuple[float, float]:
     """Shares of random views in which perception is right about a cube: that it is there, and that it is gone.
 
-    pixels: square root of the area of its image. visible: share of that area that a screen leaves free. min_visible:
-    share that the detector asks for.
+    pixels: square root of the area of its image. visible: share of that area that a screen leaves free; slit: that lies
+    between two screens. min_visible: share that the detector asks for.
     """
     random = np.random.default_rng([seed, round(pixels * 10), round(visible * 1000)])
     eyes = [_view_of_cube(f"eye{trial}", pixels, random) for trial in range(trials)]
-    with staged([GROUND, CUBE, SCREEN], eyes) as stage:
+    screens = (SCREEN, OTHER_SCREEN) if slit else (SCREEN,)
+    with staged([GROUND, CUBE, *screens], eyes) as stage:
         detectors = stage.knowledge.detectors
         asking = {**detectors, "color": replace(detectors["color"], min_visible=min_visible)}
         stage.knowledge = replace(stage.knowledge, detectors=asking)
-        sights = [_cube_sights(stage, eye, visible, random) for eye in eyes]
+        sights = [_cube_sights(stage, eye, visible, random, slit=slit) for eye in eyes]
     there, gone = zip(*sights, strict=True)
     return there.count(Truth.TRUE) / trials, gone.count(Truth.FALSE) / trials
 
@@ -113,9 +115,11 @@ def outline(eye: Camera, X_WO: Array) -> Array:
     return hull
 
 
-def _cube_sights(stage: Stage, eye: Camera, visible: float, random: np.random.Generator) -> tuple[Truth, Truth]:
-    """What perception says with the cube in its place, and without, both behind a screen."""
-    X_WO, aside = pose(position=PLACE), pose(position=(4.0, 3.0, 0.5))
+def _cube_sights(
+    stage: Stage, eye: Camera, visible: float, random: np.random.Generator, *, slit: bool
+) -> tuple[Truth, Truth]:
+    """What perception says with the cube in its place, and without, both behind a screen or between two."""
+    X_WO = pose(position=PLACE)
     detector = ImageDetector(eye, stage.knowledge)
     box = TargetBox(
         name="place", detector="color", frame=FrameName("cube@start"), size=CUBE.size, X_FB=pose(), normal=None,
@@ -124,15 +128,17 @@ def _cube_sights(stage: Stage, eye: Camera, visible: float, random: np.random.Ge
     detector.watch(
         DetectionTargets({"placed(cube)": ProgramTarget(cameras=1, boxes=(box,), seen={})}, {"cube": X_WO}, {})
     )
-    before = {"cube": X_WO, "screen": aside}
-    stage.put("cube", X_WO)
-    stage.put("screen", aside)
+    aside = {"screen": pose(position=(4.0, 3.0, 0.5)), **({"other": pose(position=(4.0, 4.0, 0.5))} if slit else {})}
+    screens = dict(zip(aside, _screens(eye, X_WO, visible, random, slit=slit), strict=True))
+    before, behind = {"cube": X_WO, **aside}, {"cube": X_WO, **screens}
+    for name, X_W in before.items():
+        stage.put(name, X_W)
     detector.look(stage.frame(eye.name, 0.0), BelievedState({}, False, before))
-    X_WS = _screen(eye, X_WO, visible, random)
-    stage.put("screen", X_WS)
-    there = detector.look(stage.frame(eye.name, 0.1), BelievedState({}, False, {"cube": X_WO, "screen": X_WS}))
+    for name, X_W in screens.items():
+        stage.put(name, X_W)
+    there = detector.look(stage.frame(eye.name, 0.1), BelievedState({}, False, behind))
     stage.put("cube", pose(position=(4.0, -6.0, 0.02)))
-    gone = detector.look(stage.frame(eye.name, 0.2), BelievedState({}, False, {"cube": X_WO, "screen": X_WS}))
+    gone = detector.look(stage.frame(eye.name, 0.2), BelievedState({}, False, behind))
     return there.boxes["placed(cube)"][0].evidence, gone.boxes["placed(cube)"][0].evidence
 
 
@@ -149,25 +155,32 @@ def _view_of_cube(name: str, pixels: float, random: np.random.Generator) -> Came
     return eye
 
 
-def _screen(eye: Camera, X_WO: Array, visible: float, random: np.random.Generator) -> Array:
-    """A pose of the screen, across the view, whose edge leaves that share of the cube's image free."""
+def _screens(
+    eye: Camera, X_WO: Array, visible: float, random: np.random.Generator, *, slit: bool
+) -> Iterator[Array]:
+    """Poses of the screens, across the view, whose edges leave that share of the cube's image free."""
     hull = outline(eye, X_WO)
     turn = random.uniform(-np.pi, np.pi)
     across = np.array([np.cos(turn), np.sin(turn)])
     canvas = np.zeros((eye.height, eye.width), dtype=np.uint8)
     cv2.fillConvexPoly(canvas, np.round(hull * 16).astype(np.int32), 1, shift=4)
     rows, columns = np.nonzero(canvas)
-    edge = float(np.quantile(np.column_stack([columns, rows]) @ across, visible))
-    if visible >= 1.0:
-        edge += 5.0
+    places = np.column_stack([columns, rows]) @ across
+    hidden = (1.0 - visible) / (2.0 if slit else 1.0)
     depth = 0.8 * float((np.linalg.inv(eye.X_FC) @ X_WO)[2, 3])
-    half = SCREEN.size[0] / 2
+    edge = float(np.quantile(places, 1.0 - hidden)) + (5.0 if visible >= 1.0 else 0.0)
+    yield _screen_from(eye, across, edge, hull.mean(axis=0), depth)
+    if slit:
+        yield _screen_from(eye, -across, -float(np.quantile(places, hidden)), hull.mean(axis=0), depth)
+
+
+def _screen_from(eye: Camera, across: Array, edge: float, middle: Array, depth: float) -> Array:
+    """The pose of a screen at a depth [m] that reaches from an edge in a direction `across` of the image (2,)."""
     along = np.array([-across[1], across[0]])
-    middle = hull.mean(axis=0)
     pixel = across * edge + along * float(middle @ along)
     on_edge = np.append((pixel - eye.matrix[:2, 2]) / FOCAL, 1.0) * depth
     R = np.column_stack([np.append(across, 0.0), np.append(along, 0.0), (0.0, 0.0, 1.0)])
-    return eye.X_FC @ pose(R, on_edge + half * R[:, 0])
+    return eye.X_FC @ pose(R, on_edge + SCREEN.size[0] / 2 * R[:, 0])
 
 
 def _tilted(center: Array, incidence: float, random: np.random.Generator) -> Array:

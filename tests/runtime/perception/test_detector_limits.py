@@ -35,6 +35,10 @@ def test_coloured_things_within_the_limits_are_judged_right(size: float, visible
     assert gone >= 0.95
 
 
+def test_what_shows_in_a_slit_is_judged_as_what_shows_beside_one_edge() -> None:
+    assert color_rates(30, COLORS.min_visible, 20, slit=True) == (1.0, 1.0)
+
+
 def test_what_is_mostly_hidden_or_tiny_is_not_judged() -> None:
     assert color_rates(2.0 * COLORS.min_pixels, 0.5 * COLORS.min_visible, 20) == (0.0, 0.0)
     assert max(color_rates(0.33 * COLORS.min_pixels, COLORS.min_visible, 20)) <= 0.3
