@@ -364,9 +364,9 @@ class _Expansion:
     def _document(self, path: Path, content: bytes) -> minidom.Document:
         parse_xml(path, content, None)  # well-formed, of bounded size, without entities
         document: minidom.Document = _PlacedBuilder(path).parseString(content)
-        for node in document.documentElement.childNodes:
-            if node.nodeType == node.ELEMENT_NODE and node.tagName == "property":  # as xacro before 2014 wrote it
-                document.renameNode(node, node.namespaceURI, "xacro:property")
+        for node in document.getElementsByTagName("property"):
+            if node.parentNode is document.documentElement:  # as xacro before 2014 wrote it
+                document.renameNode(node, "", "xacro:property")
         return document
 
     def _allowed(self, name: str) -> Path:

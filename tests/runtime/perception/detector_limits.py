@@ -155,9 +155,7 @@ def _view_of_cube(name: str, pixels: float, random: np.random.Generator) -> Came
     return eye
 
 
-def _screens(
-    eye: Camera, X_WO: Array, visible: float, random: np.random.Generator, *, slit: bool
-) -> Iterator[Array]:
+def _screens(eye: Camera, X_WO: Array, visible: float, random: np.random.Generator, *, slit: bool) -> Iterator[Array]:
     """Poses of the screens, across the view, whose edges leave that share of the cube's image free."""
     hull = outline(eye, X_WO)
     turn = random.uniform(-np.pi, np.pi)
