@@ -45,7 +45,10 @@ class Cell:
         parts = [*model.parts, *(part for obj in objects for part in obj.parts)]
         contacts = find_self_contacts(model, seed) if robot.srdf is None else None
         unchecked = robot.disabled_pairs if contacts is None else contacts.unchecked
-        solids = tuple(load_solid(part, _name(part, model)) for part in parts)
+        colors = {obj.name: obj.color or "" for obj in objects}
+        solids = tuple(
+            replace(load_solid(part, _name(part, model)), color=colors.get(part.parent)) for part in parts
+        )
         return cls(
             workspace=workspace,
             model=model,

@@ -57,6 +57,8 @@ class Solid:
     """Corners of a box around it [m], shape (8, 3)."""
     half_axes: Array
     """Vectors from the box's centre to three of its faces, one a row [m], shape (3, 3)."""
+    color: str | None = None
+    """The colour of the object that it is of, empty if that has none; None if it is of the robot."""
 
     @cached_property
     def box(self) -> Array:

@@ -15,6 +15,10 @@ class SoughtBox(TargetBox):
     """One box of a grounded target, with the limits of its detector."""
 
     limits: Detector
+    seeks: str | None = None
+    """The object whose colour its detector looks for; None if it looks for something else."""
+    color: str | None = None
+    """That colour."""
 
     def __post_init__(self) -> None:
         """Raises ValueError for an invalid pose, and for a size or normal that is not finite."""

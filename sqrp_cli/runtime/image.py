@@ -1,8 +1,8 @@
-"""The images of a cell's cameras: what one is, how large it may be, and how colours of objects look in it."""
+"""The images of a cell's cameras: what one is, and how large it may be."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,28 +23,6 @@ MOST_SIMULATED_TOGETHER = 64_000_000
 
 MOST_RECORDED = 64_000_000
 """Most pixels of a recorded image that is looked at."""
-
-Rgb = tuple[float, float, float]
-"""Red, green and blue, 0 to 1."""
-
-COLORS: Mapping[str, Rgb] = {
-    "red": (0.85, 0.08, 0.08),
-    "orange": (0.95, 0.45, 0.03),
-    "yellow": (0.90, 0.82, 0.06),
-    "green": (0.08, 0.65, 0.12),
-    "cyan": (0.05, 0.70, 0.75),
-    "blue": (0.08, 0.20, 0.85),
-    "purple": (0.45, 0.10, 0.75),
-    "magenta": (0.85, 0.08, 0.65),
-    "pink": (0.95, 0.45, 0.62),
-    "brown": (0.42, 0.22, 0.08),
-    "white": (0.92, 0.92, 0.92),
-    "grey": (0.58, 0.58, 0.58),
-    "gray": (0.58, 0.58, 0.58),
-    "silver": (0.70, 0.70, 0.70),
-    "black": (0.06, 0.06, 0.06),
-}
-"""Paint of each colour that has a name. Those with a hue are saturated; robot, floor and background are not."""
 
 NEEDED = ("cv2", "sqrp_cli.runtime.perception.image_detector", "sqrp_cli.runtime.cell.render_pool")
 """What processes that draw and look at images import, for `platform.processes.fresh`.

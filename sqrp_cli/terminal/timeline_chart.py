@@ -40,6 +40,7 @@ SIGNS: dict[Cause, tuple[str, str]] = {
     Cause.OBLIQUE: ("a", "magenta"),
     Cause.TOO_SMALL: ("s", "magenta"),
     Cause.HIDDEN: ("h", "red"),
+    Cause.SAME_COLOUR: ("c", "red"),
 }
 """Sign and colour of each cause."""
 
@@ -49,6 +50,8 @@ NOT_REQUIRED = ("·", "dim")
 LEGEND = (
     "█ covered  h hidden  o out of image  f too far  n too near  a angle  s too small  - not covered  · not required"
 )
+SAME_COLOUR = "  c same colour behind"
+"""Added to it where a camera cannot see something for that."""
 
 
 def print_study(cell: Cell, ranked: Ranked, study: Study | None, sampling: Sampling) -> None:
@@ -71,7 +74,9 @@ def print_study(cell: Cell, ranked: Ranked, study: Study | None, sampling: Sampl
     say(joined([(assessment.candidate.name, "bold"), f": {place}, {', '.join(figures)}\n"]))
     for row in _Chart(study, study.motion.time).rows(cell):
         say(row)
-    say(plain(LEGEND, "dim"))
+    totals = cause_totals(cell, study)
+    said = any(total.cause is Cause.SAME_COLOUR for total in totals)
+    say(plain(LEGEND + SAME_COLOUR * said, "dim"))
     for name, fault in assessment.faults.items():
         unseen = f", in {100 * fault.unseen:.0f} % of cases only at the end" if fault.unseen else ""
         retried = name in study.candidate.skill.retried_faults
@@ -81,7 +86,6 @@ def print_study(cell: Cell, ranked: Ranked, study: Study | None, sampling: Sampl
             f" longest blind stretch {fault.blind_longest:.2f} s{done}"
         )
     say(f"\n{_camera_failures(cell, study, assessment)}")
-    totals = cause_totals(cell, study)
     if totals:
         say()
         print_table(
@@ -159,14 +163,8 @@ def _camera_failures(cell: Cell, study: Study, assessment: Assessment) -> str:
 
 
 def _because(total: CauseTotal) -> str:
-    words = total.cause.words if total.box is None else f"box {total.box} is {total.cause.words}"
-    match total.cause:
-        case Cause.HIDDEN:
-            return f"{words} by {total.by}"
-        case Cause.OUT_OF_IMAGE:
-            return f"{words} ({total.by})"
-        case _:
-            return words
+    words = total.cause.by(total.by)
+    return words if total.box is None else f"box {total.box} is {words}"
 
 
 class _Chart:

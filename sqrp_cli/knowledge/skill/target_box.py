@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -24,6 +25,7 @@ from sqrp_cli.knowledge.text.entries import (
     Stored,
     Text,
 )
+from sqrp_cli.logic.literal import Atom
 
 
 def _unit(vector: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -109,3 +111,12 @@ class TargetBox(Stored):
     """Unit vector in the box's axes, away from the surface, if it has one."""
     encloses: tuple[str, ...]
     """Names of links, objects or parts that do not hide the box, in order."""
+
+
+def object_of(atom: str, box: TargetBox, objects: Container[str]) -> str | None:
+    """The object that the box encloses or moves with; of a box that encloses nothing, else what its atom is about.
+
+    objects: the names that count. None for a box that is for no object.
+    """
+    names = (*box.encloses, box.frame.owner, *(() if box.encloses else Atom.of(atom).arguments))
+    return next((name for name in names if name in objects), None)

@@ -51,7 +51,7 @@ class CauseTotal:
     """Its name."""
     cause: Cause
     by: str | None
-    """The occluder, or the side of the image; None otherwise."""
+    """The occluder, what has its colour behind it, or the side of the image; None otherwise."""
     duration: float
     """[s]."""
     box: str | None = None
@@ -118,7 +118,7 @@ def first_failing(boxes: Sequence[BoxVerdicts], rows: Indices, cameras: slice = 
 def by_name(cell: Cell, cause: Cause, by: int) -> str | None:
     """The name of a cause's culprit in output."""
     match cause:
-        case Cause.HIDDEN:
+        case Cause.HIDDEN | Cause.SAME_COLOUR:
             return cell.solid_name(by)
         case Cause.OUT_OF_IMAGE:
             return SIDES[by]
@@ -142,13 +142,12 @@ class BlindSpan:
     stretch: Stretch
     cause: Cause
     by: str | None
-    """The occluder, or the side of the image; None otherwise."""
+    """The occluder, what has its colour behind it, or the side of the image; None otherwise."""
 
     @property
     def words(self) -> str:
         """The cause in a few words."""
-        pattern = "{} by {}" if self.cause is Cause.HIDDEN else "{} ({})" if self.by else "{}"
-        return pattern.format(self.cause.words, self.by)
+        return self.cause.by(self.by)
 
 
 @dataclass(frozen=True)

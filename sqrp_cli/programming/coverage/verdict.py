@@ -41,6 +41,7 @@ _SENTENCES = {
     Cause.OBLIQUE: "{camera} sees {target} {figure} too obliquely",
     Cause.TOO_SMALL: "{camera} sees {target} {figure} too small",
     Cause.HIDDEN: "{camera} cannot see {target} behind {by}",
+    Cause.SAME_COLOUR: "{camera} cannot tell {target} from {by} behind it, which has the same colour",
 }
 
 _ADVICE = {
@@ -52,6 +53,7 @@ _ADVICE = {
     Cause.OBLIQUE: "move {camera} round to face it",
     Cause.TOO_SMALL: "move {camera} closer or narrow its view",
     Cause.HIDDEN: "move {camera} to where {by} is not in its way, or try another approach",
+    Cause.SAME_COLOUR: "move {camera} to where {by} is not behind it, or give {by} another colour",
 }
 
 _OTHER_WAY = ", or try another approach"
@@ -67,7 +69,7 @@ class CameraCause:
     cause: Cause
     """The limit."""
     by: str | None
-    """The occluder, or the side of the image; None otherwise."""
+    """The occluder, what has the same colour behind it, or the side of the image; None otherwise."""
     figure: float
     """Mean amount by which the limit is missed, in the limit's unit."""
     partly: bool
@@ -87,7 +89,8 @@ class CameraCause:
     @property
     def words(self) -> str:
         """The cause in a few words."""
-        words = f"behind {self.by}" if self.cause is Cause.HIDDEN else self.cause.words
+        pattern = {Cause.HIDDEN: "behind {}", Cause.SAME_COLOUR: "same colour as {} behind it"}.get(self.cause)
+        words = self.cause.words if pattern is None else pattern.format(self.by)
         return f"{words} for a part of that time" if self.partly else words
 
 

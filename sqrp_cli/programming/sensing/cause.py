@@ -17,6 +17,7 @@ class Cause(IntEnum):
     OBLIQUE = 6
     TOO_SMALL = 7
     HIDDEN = 8
+    SAME_COLOUR = 9
 
     @property
     def label(self) -> str | None:
@@ -28,6 +29,11 @@ class Cause(IntEnum):
         """The cause in words, for sentences and tables."""
         detector = " for its detector" if self in (Cause.DETECTOR_NEAR, Cause.DETECTOR_FAR) else ""
         return self.name.lower().replace("detector", "too").replace("_", " ") + detector
+
+    def by(self, culprit: str | None) -> str:
+        """The cause in words, with the occluder, what has the same colour behind it, or the side of the image."""
+        patterns = {Cause.HIDDEN: "{} by {}", Cause.OUT_OF_IMAGE: "{} ({})", Cause.SAME_COLOUR: "{} as {} behind it"}
+        return patterns.get(self, "{}").format(self.words, culprit)
 
 
 SIDES = ("left", "right", "top", "bottom")

@@ -12,6 +12,7 @@ from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.limits import check_limits
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.sensing.sight_lines import SightLines, WatchedBoxes, shrink
+from sqrp_cli.programming.sensing.visibility.backdrop import backdrop_of
 from sqrp_cli.programming.sensing.visibility.occlusion import HullTester, near_pairs
 from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
 from sqrp_cli.programming.solids import Solid, Solids
@@ -87,10 +88,11 @@ class MovedCamera:
             offset=self._offset[box],
         )
         poses, least = self._watched.solid_poses, self._least[box]
+        needed = backdrop_of(lines, self._boxes, poses, self._watched.alike).needed(least)
         near = near_pairs(lines, poses, self._watched.opaque)
-        visible = np.ones(len(look), dtype=bool)
+        visible: Mask = needed <= 1.0
         # Shares also detect free hulls, and faster.
-        seen = visible_shares(lines, poses, near.of_lines(least < 1), enough=least)
-        visible[seen.line[seen.share < least[seen.line]]] = False
+        seen = visible_shares(lines, poses, near.of_lines(least < 1), enough=needed)
+        visible[seen.line[seen.share < needed[seen.line]]] = False
         visible[self._tester.met(lines, poses, near.of_lines(least >= 1), first_only=True).line] = False
         return visible

@@ -18,7 +18,8 @@ from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.limits import LimitVerdicts
 from sqrp_cli.programming.sensing.scene_states import SceneStates
-from sqrp_cli.programming.sensing.sight_lines import BoxViews, WatchedBoxes
+from sqrp_cli.programming.sensing.sight_lines import BoxViews, SightLines, WatchedBoxes
+from sqrp_cli.programming.sensing.visibility.backdrop import backdrop_of
 from sqrp_cli.programming.sensing.visibility.culprit import find_hidden, find_largest
 from sqrp_cli.programming.sensing.visibility.occlusion import HullTester, near_pairs
 from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
@@ -41,7 +42,7 @@ class BoxVerdicts:
     cause: NDArray[np.int8]
     """Codes of `Cause`, shape (m, c)."""
     by: Indices
-    """Index of the occluding solid where hidden, of the image side where out of the image, else -1, shape (m, c)."""
+    """Index of the solid that hides it or has its colour behind it, of the image side where out of the image, else -1, shape (m, c)."""
     figure: Array
     """Amount by which the first failing limit is missed (see `LimitVerdicts`), shape (m, c)."""
     visible: Array
@@ -162,9 +163,12 @@ class Observer:
         view = boxes.asked
         lines = watched.sight_lines(BoxViews(boxes.box, camera[view], questions.state[asked][view]))
         near = near_pairs(lines, watched.solid_poses, watched.opaque)
+        needed = self._needed(watched, lines)
         pending = np.bincount(view[near.line], minlength=len(asked))
-        np.add.at(count, asked[pending == 0], 1)
-        unsettled = np.flatnonzero(pending)
+        possible = np.ones(len(asked), dtype=bool)
+        possible[view[needed > 1.0]] = False
+        np.add.at(count, asked[possible & (pending == 0)], 1)
+        unsettled = np.flatnonzero(possible & (pending > 0))
         order = unsettled[np.lexsort((pending[unsettled], asked[unsettled]))]
         least = np.array([entry.limits.min_visible for entry in watched.boxes])[boxes.box]
         for tested in _one_per_question(order, asked, count, questions.needed):
@@ -174,11 +178,17 @@ class Observer:
                 wanted = sees[view] & (boxes.number == turn)
                 # Shares also detect free hulls, and faster.
                 partly = near.of_lines(wanted & (least < 1))
-                seen = visible_shares(lines, watched.solid_poses, partly, enough=least)
-                sees[view[seen.line[seen.share < least[seen.line]]]] = False
+                seen = visible_shares(lines, watched.solid_poses, partly, enough=needed)
+                sees[view[seen.line[seen.share < needed[seen.line]]]] = False
                 whole = near.of_lines(wanted & (least >= 1))
                 sees[view[self._tester.met(lines, watched.solid_poses, whole, first_only=True).line]] = False
             np.add.at(count, asked[sees], 1)
+
+    @staticmethod
+    def _needed(watched: WatchedBoxes, lines: SightLines) -> Array:
+        """The share of the box of each sight line that must be visible to be seen; above 1 if none is enough."""
+        least = np.array([entry.limits.min_visible for entry in watched.boxes])[lines.box[lines.hull]]
+        return backdrop_of(lines, watched.boxes, watched.solid_poses, watched.alike).needed(least)
 
     def _box_verdicts(
         self, boxes: Sequence[SoughtBox], states: SceneStates, rows: Sequence[Indices], *, shares: bool
@@ -205,6 +215,11 @@ class Observer:
         largest = find_largest(lines, poses, partly.of_lines(hidden), self._parts)
         culprits = np.where(whole, blocked.culprit, largest)
         cause[camera[hidden], at[hidden]], by[camera[hidden], at[hidden]] = Cause.HIDDEN, culprits[hidden]
+        share = np.ones(len(hidden))
+        share[seen.line] = seen.share
+        backdrop = backdrop_of(lines, boxes, poses, watched.alike)
+        same = ~hidden & (np.where(whole, 1.0, share) < backdrop.needed(least))
+        cause[camera[same], at[same]], by[camera[same], at[same]] = Cause.SAME_COLOUR, backdrop.by[same]
 
         def of_boxes(values: NDArray[Scalar]) -> list[NDArray[Scalar]]:
             return np.split(values.T, np.cumsum(counts)[:-1])

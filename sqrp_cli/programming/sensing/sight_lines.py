@@ -14,6 +14,7 @@ import numpy as np
 
 from sqrp_cli.geometry import BOX_SIGNS, Array, Indices, Mask, begins_run, inverse
 from sqrp_cli.knowledge.camera.projection import Projection
+from sqrp_cli.knowledge.paint import look_alike
 from sqrp_cli.programming.sensing.limits import LimitVerdicts, check_limits
 from sqrp_cli.programming.sensing.scene_states import SceneStates, SolidPoses, poses_at
 from sqrp_cli.programming.solids import Solids
@@ -96,6 +97,18 @@ class SightLines:
         return finite
 
 
+def alike_solids(boxes: Sequence[SoughtBox], solids: Solids) -> Mask:
+    """Which solids have the colour of what is looked for in which box, without the object itself; shape (s, b)."""
+    colors = [solid.color for solid in solids]
+    found = np.zeros((len(solids), len(boxes)), dtype=bool)
+    for column, box in enumerate(boxes):
+        alike = {color for color in dict.fromkeys(colors) if look_alike(box.color, color)}
+        if alike:
+            found[:, column] = [color in alike for color in colors]
+            found[solids.called(box.seeks or ""), column] = False
+    return found
+
+
 class ShrunkBox(NamedTuple):
     """A box without its skin."""
 
@@ -154,6 +167,11 @@ class WatchedBoxes:
             for name in box.encloses:
                 opaque[self.solids.called(name), index] = False
         return opaque
+
+    @cached_property
+    def alike(self) -> Mask:
+        """Which solids have the colour of what is looked for in which box, shape (s, b)."""
+        return alike_solids(self.boxes, self.solids)
 
     def limits(self, box: Indices, state: Indices) -> LimitVerdicts:
         """Limits of every camera for boxes in states, by index, shape (n,) each, ordered by box; results (c, n)."""

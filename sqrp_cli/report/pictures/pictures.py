@@ -121,7 +121,7 @@ def _picture(
         for box, cause in zip(target.boxes, failures, strict=True):
             corners = transform(X_CW @ states.box_poses(box)[0], box_corners(box.size))
             outlines.append(BoxOutline(corners, COVERED if cause is Cause.NONE else HIDDEN))
-        if failure.cause is Cause.HIDDEN:
+        if failure.cause in (Cause.HIDDEN, Cause.SAME_COLOUR):
             culprit = cell.solid_name(failure.by)
             colors = [CULPRIT if cell.solid_name(solid) == culprit else color for solid, color in enumerate(colors)]
     return outlined(photographer.image(camera, colors), Projection.of(camera), outlines, captions)
@@ -154,16 +154,9 @@ def _of_box(target: Target, failure: Failure) -> str:
 
 
 def _because(cell: Cell, failure: Failure) -> str:
-    by = by_name(cell, failure.cause, failure.by)
-    match failure.cause:
-        case Cause.NONE:
-            return "covered"
-        case Cause.HIDDEN:
-            return f"{failure.cause.words} by {by}"
-        case Cause.OUT_OF_IMAGE:
-            return f"{failure.cause.words} ({by})"
-        case _:
-            return failure.cause.words
+    if failure.cause is Cause.NONE:
+        return "covered"
+    return failure.cause.by(by_name(cell, failure.cause, failure.by))
 
 
 def _write(path: Path, image: Any) -> None:  # noqa: ANN401

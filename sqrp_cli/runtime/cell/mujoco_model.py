@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, pose
 from sqrp_cli.knowledge.markers import DICTIONARIES, ORIGINAL, Marker, opencv_name
+from sqrp_cli.knowledge.paint import COLORS, Rgb
 from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.knowledge.robot.urdf import Inertial, UrdfJoint, UrdfLink, UrdfModel
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.text.packages import resolve_mesh
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.runtime.cell.engine import mujoco
-from sqrp_cli.runtime.image import COLORS, Rgb
 from sqrp_cli.runtime.surface import load_triangles
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
 

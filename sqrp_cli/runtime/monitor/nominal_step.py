@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.knowledge.frames import Stay, carried_poses, frame_poses
-from sqrp_cli.knowledge.skill.target_box import TargetBox
+from sqrp_cli.knowledge.skill.target_box import TargetBox, object_of
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.program.record import ProgramTarget, Step
-from sqrp_cli.runtime.perception.detections import object_of
 from sqrp_cli.runtime.robot_body import RobotBody
 
 SPACING = 0.02

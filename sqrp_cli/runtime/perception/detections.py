@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -15,7 +15,6 @@ from sqrp_cli.knowledge.robot.robot import Marker
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.knowledge.workspace.workspace import Workspace
-from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.runtime.robot_body import RobotBody
@@ -135,12 +134,3 @@ class Detection:
         """Why the image does not give the atom its true value, if it does not."""
         blind = [box for box in self.boxes.get(atom, ()) if box.evidence is Truth.UNKNOWN]
         return min(blind, key=lambda box: box.share).because if blind else MissReason.DETECTOR
-
-
-def object_of(atom: str, box: TargetBox, objects: Container[str]) -> str | None:
-    """The object that the box encloses or moves with; of a box that encloses nothing, else what its atom is about.
-
-    objects: the names that count. None for a box that is for no object.
-    """
-    names = (*box.encloses, box.frame.owner, *(() if box.encloses else Atom.of(atom).arguments))
-    return next((name for name in names if name in objects), None)

@@ -10,9 +10,9 @@ from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.frames import frame_poses
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill.target_box import TargetBox
+from sqrp_cli.knowledge.skill.target_box import TargetBox, object_of
 from sqrp_cli.runtime.image import ImageArray
-from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, DetectionTargets, object_of
+from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, DetectionTargets
 from sqrp_cli.runtime.perception.projected import PosedCamera, ProjectedObject, ProjectedParts
 from sqrp_cli.runtime.perception.vision import Corners, FoundMarker, color_mask, dilated, filled, find_markers
 from sqrp_cli.shapes import Box

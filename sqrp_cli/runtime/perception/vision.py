@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import colorsys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
@@ -15,10 +14,8 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.markers import ORIGINAL, opencv_name
-from sqrp_cli.runtime.image import COLORS, ImageArray
-
-HUE_TOLERANCE = 12
-"""How far a hue may be from that of the paint, in OpenCV's units of two degrees."""
+from sqrp_cli.knowledge.paint import HUE_TOLERANCE, HUES, hue_of
+from sqrp_cli.runtime.image import ImageArray
 
 LEAST_SATURATION, LEAST_VALUE = 90, 40
 """Below these (of 255) a pixel counts as grey or black, not as coloured."""
@@ -42,14 +39,6 @@ class Blob:
     center: Array
 
 
-def hue_of(color: str) -> int | None:
-    """OpenCV's hue (0 to 179) of a colour's name; None for a name without a hue."""
-    if color.lower() not in COLORS:
-        return None
-    hue, saturation, _ = colorsys.rgb_to_hsv(*COLORS[color.lower()])
-    return None if saturation < 0.3 else round(hue * 180) % 180
-
-
 def color_mask(image: ImageArray, color: str) -> Mask:
     """Where an image has a colour."""
     hue = hue_of(color)
@@ -58,8 +47,8 @@ def color_mask(image: ImageArray, color: str) -> Mask:
     hsv = cv2.cvtColor(image, cv2.COLOR_RGB2HSV)
     first, last = hue - HUE_TOLERANCE, hue + HUE_TOLERANCE
     mask = np.zeros(image.shape[:2], dtype=bool)
-    for turn in (-180, 0, 180):  # hues go round
-        low, high = max(first + turn, 0), min(last + turn, 179)
+    for turn in (-HUES, 0, HUES):  # hues go round
+        low, high = max(first + turn, 0), min(last + turn, HUES - 1)
         if low <= high:
             mask |= cv2.inRange(hsv, (low, LEAST_SATURATION, LEAST_VALUE), (high, 255, 255)) > 0
     return mask

@@ -103,7 +103,7 @@ def nearest_inside(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array:
     hulls = HullSpaces.of(lines, poses, pairs)
     nearest, pieces = np.full(len(pairs), np.inf), []
     for solid, rows in _by_solid(poses, pairs.solid, hulls.spaces.shape[1]):
-        facets, outside = _Facets.of(solid), hulls.outside(rows, solid.vertices)
+        facets, outside = Facets.of(solid), hulls.outside(rows, solid.vertices)
         vertex, at = np.nonzero(outside == 0)
         np.minimum.at(nearest, rows[at], norms(solid.vertices[vertex] - hulls.eyes[rows[at]]))
         a, b, c = (outside[corner] for corner in solid.triangles.T)
@@ -135,7 +135,7 @@ class _Pieces(NamedTuple):
     points: Array
     """Corners, in the frame of the solid's parent, shape (n, 3, 3) [m]."""
     normals: Array
-    """As of `_Facets`, shape (n, 3)."""
+    """As of `Facets`, shape (n, 3)."""
 
 
 def _settle(nearest: Array, line: Indices, hulls: HullSpaces, pieces: Sequence[_Pieces]) -> None:
@@ -200,11 +200,11 @@ def _along_rays(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array:
     meets_ball = away <= (solids.radii[pairs.solid] + TOUCH) * norms(ray)
     for solid, rows in _by_solid(poses, pairs.solid):
         rows = rows[meets_ball[rows]]
-        factors[rows] = _first_hits(eye[rows], ray[rows], _Facets.of(solid))
+        factors[rows] = first_hits(eye[rows], ray[rows], Facets.of(solid))
     return factors
 
 
-def _first_hits(eye: Array, ray: Array, facets: _Facets) -> Array:
+def first_hits(eye: Array, ray: Array, facets: Facets) -> Array:
     """Smallest factor of each ray (n, 3) from its eye (n, 3) at which it meets one of the facets; shape (n,).
 
     A line meets a triangle if its Plücker products with all three edges have one sign (K. Shoemake, 1998).
@@ -227,7 +227,7 @@ def _first_hits(eye: Array, ray: Array, facets: _Facets) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class _Facets:
+class Facets:
     """The F triangles of a solid, in its parent's frame, prepared for comparison with rays and view hulls."""
 
     points: Array
@@ -244,7 +244,7 @@ class _Facets:
     """Plücker coordinates of the line along each of the three edges, moment before direction, shape (6, F) each."""
 
     @staticmethod
-    def of(solid: Solid) -> _Facets:
+    def of(solid: Solid) -> Facets:
         """The facets of a solid; made once."""
         if solid not in _facets:
             points = solid.vertices[solid.triangles]
@@ -252,7 +252,7 @@ class _Facets:
             normals = cross(b - a, c - a)
             middles = points.mean(axis=1)
             reach = points - middles[:, None]
-            _facets[solid] = _Facets(
+            _facets[solid] = Facets(
                 points=points,
                 normals=normals,
                 offsets=np.einsum("fi,fi->f", normals, a),
@@ -268,7 +268,7 @@ def _line(start: Array, end: Array) -> Array:
     return np.ascontiguousarray(np.concatenate([cross(start, end), end - start], axis=1).T)
 
 
-_facets: WeakKeyDictionary[Solid, _Facets] = WeakKeyDictionary()
+_facets: WeakKeyDictionary[Solid, Facets] = WeakKeyDictionary()
 """Cached results for solids still in use."""
 
 

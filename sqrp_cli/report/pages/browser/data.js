@@ -29,6 +29,7 @@ const seconds = (t, digits = 2) => (t === null ? '–' : t.toFixed(digits) + ' s
 const KINDS = {
   covered: ['covered', '', 'covered'],
   hidden: ['hidden', 'h', 'hidden'],
+  same_colour: ['hidden', 'c', 'same colour behind'],
   out_of_image: ['out', 'o', 'out of image'],
   too_far: ['range', 'f', 'too far'],
   too_near: ['range', 'n', 'too near'],
@@ -63,6 +64,7 @@ function because(verdict) {
 function reasonOf(verdict) {
   const words = KINDS[kindOf(verdict)][2];
   if (verdict.cause === 'hidden') return `hidden by ${verdict.by}`;
+  if (verdict.cause === 'same_colour') return `same colour as ${verdict.by} behind it`;
   return verdict.cause === 'out_of_image' ? `${words} (${verdict.by})` : words;
 }
 

@@ -103,7 +103,7 @@ class Page {
   }
 
   legend() {
-    const predicted = ['covered', 'hidden', 'out_of_image', 'too_far', 'oblique'];
+    const predicted = ['covered', 'hidden', 'same_colour', 'out_of_image', 'too_far', 'oblique'];
     const ofImages = ['shown_true', 'shown_false', 'unseen', 'nothing'];
     const shown = (this.overview.of_images ? ofImages : predicted).map((kind) => {
       const [style, sign] = KINDS[kind],
