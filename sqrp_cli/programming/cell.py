@@ -46,9 +46,7 @@ class Cell:
         contacts = find_self_contacts(model, seed) if robot.srdf is None else None
         unchecked = robot.disabled_pairs if contacts is None else contacts.unchecked
         colors = {obj.name: obj.color or "" for obj in objects}
-        solids = tuple(
-            replace(load_solid(part, _name(part, model)), color=colors.get(part.parent)) for part in parts
-        )
+        solids = tuple(replace(load_solid(part, _name(part, model)), color=colors.get(part.parent)) for part in parts)
         return cls(
             workspace=workspace,
             model=model,

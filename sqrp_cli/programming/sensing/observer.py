@@ -42,7 +42,10 @@ class BoxVerdicts:
     cause: NDArray[np.int8]
     """Codes of `Cause`, shape (m, c)."""
     by: Indices
-    """Index of the solid that hides it or has its colour behind it, of the image side where out of the image, else -1, shape (m, c)."""
+    """Index of the solid that hides it or has its colour behind it, of the image side where out of the image, else -1.
+
+    Shape (m, c).
+    """
     figure: Array
     """Amount by which the first failing limit is missed (see `LimitVerdicts`), shape (m, c)."""
     visible: Array

@@ -13,7 +13,6 @@ from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.detector import Detector
 from sqrp_cli.knowledge.robot.robot import Marker
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramTarget

@@ -123,7 +123,15 @@ def _checksum(document: Mapping[str, object]) -> str:
 
 Seconds = Annotated[float, Field(ge=0)]
 CauseLabel = Literal[
-    "too_near", "too_far", "out_of_image", "detector_near", "detector_far", "oblique", "too_small", "hidden", "same_colour"
+    "too_near",
+    "too_far",
+    "out_of_image",
+    "detector_near",
+    "detector_far",
+    "oblique",
+    "too_small",
+    "hidden",
+    "same_colour",
 ]
 
 

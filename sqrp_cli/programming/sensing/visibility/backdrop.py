@@ -54,7 +54,8 @@ class Backdrop:
 def backdrop_of(lines: SightLines, boxes: Sequence[SoughtBox], poses: SolidPoses, alike: Mask) -> Backdrop:
     """What is behind the boxes of sight lines, all of whose corners lie in front of the camera.
 
-    alike: see `WatchedBoxes.alike`, shape (s, b). Lines that share a hull are looked at once, unless what is behind moves.
+    alike: see `WatchedBoxes.alike`, shape (s, b). Lines that share a hull are looked at once, unless what may be behind
+    moves.
     """
     share, by = np.zeros(len(lines.state)), np.full(len(lines.state), -1, dtype=np.int64)
     box = lines.box[lines.hull]
@@ -140,9 +141,7 @@ class _Views:
         for index in np.flatnonzero(near.any(axis=1)).tolist():
             rows = np.flatnonzero(near[index])
             X_PW = inverse(poses.at(np.full(len(rows), index), self.state[rows]))
-            along = _hits(
-                poses.solids[index], transform(X_PW, start[rows]), ray[rows] @ X_PW[:, :3, :3].swapaxes(1, 2)
-            )
+            along = _hits(poses.solids[index], transform(X_PW, start[rows]), ray[rows] @ X_PW[:, :3, :3].swapaxes(1, 2))
             closer = along < nearest[rows]
             nearest[rows] = np.where(closer, along, nearest[rows])
             which[rows] = np.where(closer, index, which[rows])
@@ -177,9 +176,7 @@ def _hits(solid: Solid, start: Array, ray: Array) -> Array:
     """How far along each ray (n, r, 3) from its start (n, r, 3) a solid is, in its parent's frame; shape (n, r)."""
     if isinstance(solid.part.shape, Box):
         X_GP = inverse(solid.part.X_PG)
-        enter, leave = _slab(
-            transform(X_GP, start), ray @ X_GP[:3, :3].T, 0.5 * np.array(solid.part.shape.size)
-        )
+        enter, leave = _slab(transform(X_GP, start), ray @ X_GP[:3, :3].T, 0.5 * np.array(solid.part.shape.size))
         return np.where((enter <= leave) & (leave > 0), np.maximum(enter, 0.0), np.inf)
     found = first_hits(start.reshape(-1, 3), ray.reshape(-1, 3), Facets.of(solid))
     return found.reshape(start.shape[:2])

@@ -1,4 +1,4 @@
-"""What is behind a box, against plain counting of rays and by hand: a colour that looks the same takes coverage away."""
+"""What is behind a box, against counted rays and by hand: a colour that looks the same takes coverage away."""
 
 from __future__ import annotations
 
