@@ -59,7 +59,8 @@ def backdrop_of(lines: SightLines, boxes: Sequence[SoughtBox], poses: SolidPoses
     """
     share, by = np.zeros(len(lines.state)), np.full(len(lines.state), -1, dtype=np.int64)
     box = lines.box[lines.hull]
-    asked = np.flatnonzero(alike.any(axis=0)[box] & lines.finite[lines.hull])
+    can_collide: Mask = alike.any(axis=0)
+    asked = np.flatnonzero(can_collide[box] & lines.finite[lines.hull])
     if not len(asked):
         return Backdrop(share, by)
     scenery = np.array([solid.color is not None for solid in poses.solids], dtype=bool)
