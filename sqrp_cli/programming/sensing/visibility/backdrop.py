@@ -59,7 +59,7 @@ def backdrop_of(lines: SightLines, boxes: Sequence[SoughtBox], poses: SolidPoses
     """
     share, by = np.zeros(len(lines.state)), np.full(len(lines.state), -1, dtype=np.int64)
     box = lines.box[lines.hull]
-    can_collide: Mask = alike.any(axis=0)
+    can_collide: Mask = np.any(alike, axis=0)
     asked = np.flatnonzero(can_collide[box] & lines.finite[lines.hull])
     if not len(asked):
         return Backdrop(share, by)
