@@ -32,7 +32,7 @@ _SRDF_FOLDERS = (".", "srdf", "config", "../srdf", "../config")
 
 PACKAGE = "package://"
 
-_Read = TypeVar("_Read")
+_Content = TypeVar("_Content")
 
 
 @dataclass(frozen=True)
@@ -87,11 +87,7 @@ def describe_robot(robot: OwnRobot, folder: Path) -> Description:
     around = _around(path) + (() if config is None else _around(config.folder / "package.xml"))
     roots = package_roots(robot.package_roots)
     source = RobotSource((*roots, path.parent), given, around)
-    try:
-        urdf = read_urdf(path, source)
-    except InputError as error:
-        named = Path(os.path.expanduser(robot.urdf or path))  # noqa: PTH111
-        raise InputError(*(_placed_at(named, path, problem) for problem in error.problems)) from error
+    urdf = _read(path, source, named=robot.urdf)
     warnings: list[Problem] = []
     if config is None:
         config, found = moveit_beside(urdf, around)
@@ -111,6 +107,15 @@ def describe_robot(robot: OwnRobot, folder: Path) -> Description:
         ),
         warnings=tuple(warnings),
     )
+
+
+def _read(path: Path, source: RobotSource, named: str | None) -> UrdfModel:
+    """The URDF; problems are placed as it was named."""
+    try:
+        return read_urdf(path, source)
+    except InputError as error:
+        given = Path(os.path.expanduser(named or path))  # noqa: PTH111
+        raise InputError(*(_placed_at(given, path, problem) for problem in error.problems)) from error
 
 
 def _find(robot: OwnRobot, config: MoveitConfig | None) -> tuple[Path, Mapping[str, str]]:
@@ -167,7 +172,7 @@ def _semantics(
     return (None, None) if beside is None else (NamedFile(str(beside)), read_srdf(beside, urdf))
 
 
-def _with_accepted(source: RobotSource, read: Callable[[RobotSource], _Read]) -> tuple[_Read, Mapping[str, str]]:
+def _with_accepted(source: RobotSource, read: Callable[[RobotSource], _Content]) -> tuple[_Content, Mapping[str, str]]:
     """What is read with those of the URDF's arguments that this file takes, too; and these arguments."""
     arguments = dict(source.arguments)
     while True:

@@ -78,9 +78,7 @@ def make_starter(
             description = describe_robot(own, draft)
             layout, warnings = _fill(draft, description, tip, guessed=robot is not None)
             if crowd is not None and layout.cubes:
-                cell = _load(draft, layout)
-                layout = crowded(layout, cell, search.arm_reach(cell.model), crowd)
-                _write(draft, layout)
+                layout = _with_crowd(draft, layout, crowd)
             _move(draft, folder)
     except InputError as error:
         raise InputError(*(_moved(problem, draft, folder) for problem in error.problems)) from error
@@ -89,6 +87,13 @@ def make_starter(
     cubes = tuple(cube.name for cube in layout.cubes)
     told = tuple(_moved(problem, draft, folder) for problem in (*description.warnings, *warnings))
     return Starter(folder, layout.tip, cubes, layout.tasks[0] if cubes else None, told)
+
+
+def _with_crowd(draft: Path, layout: Layout, crowd: Crowd) -> Layout:
+    cell = _load(draft, layout)
+    layout = crowded(layout, cell, search.arm_reach(cell.model), crowd)
+    _write(draft, layout)
+    return layout
 
 
 def _moved(problem: Problem, draft: Path, folder: Path) -> Problem:
@@ -137,28 +142,7 @@ def _fill(
 ) -> tuple[Layout, tuple[Problem, ...]]:
     """Determine the contents of the workspace file step by step, and write it."""
     arm = guess_arm(description.urdf, tip or description.tip)
-    layout = Layout(
-        urdf=description.reference,
-        srdf=description.srdf,
-        package_roots=description.package_roots,
-        guessed=guessed,
-        limits=limits_text(description),
-        tip=arm.tip,
-        home={joint.name: _resting(joint) for joint in arm.joints},
-    )
-    bare = _load(draft, layout)
-    layout = replace(layout, X_LT=search.tool_seat(bare, arm))
-    seated = _load(draft, layout)
-    reach = search.arm_reach(seated.model)
-    side = min(round(2.4 * reach, 1), LARGEST_TABLE)
-    layout = replace(layout, table_side=side, cube_size=_cube_size(reach))
-    floor = max(0.0, -round(lowest_point(bare), 3))
-    tried: list[_Trial] = []
-    down = DownPlaces(seated.model)
-    for stand in chain(on_table(floor, reach, side), _lazily(lambda: before_table(seated, reach, down))):
-        tried.append(_with_work(draft, layout, reach, stand, down))
-        if len(tried[-1].layout.cubes) == len(search.COLORS):
-            break
+    tried = _tried(draft, _bare_layout(description, arm, guessed=guessed), arm)
     best = max(tried, key=lambda trial: len(trial.layout.cubes)).layout  # the first of equals: the least lifted
     best = _with_named_home(draft, best, description)
     _write(draft, best)
@@ -167,6 +151,37 @@ def _fill(
         return best, (*others, _nothing_in_reach(tried))
     workspace = load_workspace(draft)
     return best, (*others, *workspace.warnings, *lint(workspace))
+
+
+def _bare_layout(description: Description, arm: ArmGuess, *, guessed: bool) -> Layout:
+    """The arm alone, as its files describe it."""
+    return Layout(
+        urdf=description.reference,
+        srdf=description.srdf,
+        package_roots=description.package_roots,
+        guessed=guessed,
+        limits=limits_text(description),
+        tip=arm.tip,
+        home={joint.name: _resting(joint) for joint in arm.joints},
+    )
+
+
+def _tried(draft: Path, layout: Layout, arm: ArmGuess) -> list[_Trial]:
+    """What the arm can do with a tool from one stand after the other, until there is enough."""
+    bare = _load(draft, layout)
+    layout = replace(layout, X_LT=search.tool_seat(bare, arm))
+    seated = _load(draft, layout)
+    reach = search.arm_reach(seated.model)
+    side = min(round(2.4 * reach, 1), LARGEST_TABLE)
+    layout = replace(layout, table_side=side, cube_size=_cube_size(reach))
+    floor = max(0.0, -round(lowest_point(bare), 3))
+    down = DownPlaces(seated.model)
+    tried: list[_Trial] = []
+    for stand in chain(on_table(floor, reach, side), _lazily(lambda: before_table(seated, reach, down))):
+        tried.append(_with_work(draft, layout, reach, stand, down))
+        if len(tried[-1].layout.cubes) == len(search.COLORS):
+            break
+    return tried
 
 
 def _with_named_home(draft: Path, layout: Layout, description: Description) -> Layout:

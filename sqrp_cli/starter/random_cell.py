@@ -49,8 +49,7 @@ def crowded(layout: Layout, cell: Cell, reach: float, crowd: Crowd) -> Layout:
     candidates are infeasible, as in real cells.
     """
     rng = np.random.default_rng(crowd.seed)
-    x, y = cell.model.joint_origins(cell.model.home)[0, :2].tolist()
-    base = np.array([x, y])
+    base = np.array(cell.model.joint_origins(cell.model.home)[0, :2])
     home = cell.model.tool_pose(cell.model.home)[:2, 3]
     size = layout.cube_size
     taken = _Ground(base, NEAREST * reach)

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi
 
 import numpy as np
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, axis_rotation, cross, pose, transform
-from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.arm.pose_search import descend, spread_starts
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.feasibility import feasible_motion
+from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.solids import load_solids
-from sqrp_cli.programming.task import read_task
+from sqrp_cli.programming.task import Candidate, read_task
+from sqrp_cli.programming.ways.grips import grips
 from sqrp_cli.starter.arm_guess import LEAST_SWING, ArmGuess
 from sqrp_cli.starter.layout import TASK, CameraView, Cube, Position
 from sqrp_cli.starter.stands import DownPlaces, Stand, shoulder_of
@@ -266,25 +267,42 @@ class Reachable:
 
 
 def cubes_in_reach(cell: Cell, trial: Sequence[Cube]) -> Reachable:
-    """Try to pick up the cubes of a workspace, which were placed as `trial` says, until there are enough."""
-    world: World = cell.initial_world
-    turns = {cube.name: cube.turn for cube in trial}
+    """Try to pick up the cubes of a workspace, which were placed as `trial` says, until there are enough.
+
+    First with the tool turned as the cubes are; those that cannot be picked up like that, with it turned otherwise.
+    """
+    cubes = {cube.name: cube for cube in trial}
+    candidates = [(cubes[one.binding["object"]], one) for one in read_task(TASK, cell.workspace).candidates]
     found: list[Cube] = []
     reason = ""
-    for candidate in read_task(TASK, cell.workspace).candidates:
-        (name,) = candidate.binding.values()
-        motion = feasible_motion(cell, candidate, world)
-        if isinstance(motion, Infeasible):
-            x, y, _ = world.X_WO[name][:3, 3].tolist()
-            reason = reason or f"a cube at x {x:.2f} m, y {y:.2f} m: {motion.reasons[0]}"
-        else:
-            x, y, z = world.X_WO[name][:3, 3].tolist()
-            color = COLORS[len(found)]
-            number = COLORS[: len(found)].count(color) + 1
-            found.append(Cube(f"{color[0]}{number}", color, (x, y, z), turns[name]))
-        if len(found) == len(COLORS):
+    for first in (True, False):
+        for cube, candidate in candidates:
+            if cube in found or len(found) == len(COLORS):
+                continue
+            motion = _first_motion(cell, candidate, first=first)
+            if not isinstance(motion, Infeasible):
+                found.append(cube)
+            elif first and not reason:
+                x, y = (value + 0.0 for value in cube.position[:2])  # no -0.00
+                reason = f"a cube at x {x:.2f} m, y {y:.2f} m: {motion.reasons[0]}"
+    return Reachable([*_coloured(found)], reason)
+
+
+def _first_motion(cell: Cell, candidate: Candidate, *, first: bool) -> Motion | Infeasible:
+    """That of the candidate's first grip, or of the first of the others that is possible."""
+    motion: Motion | Infeasible = Infeasible(("there is one way to grip it",))
+    for grip in grips(cell, candidate, cell.initial_world)[slice(0, 1) if first else slice(1, None)]:
+        motion = feasible_motion(cell, grip, cell.initial_world)
+        if not isinstance(motion, Infeasible):
             break
-    return Reachable(found, reason)
+    return motion
+
+
+def _coloured(cubes: Sequence[Cube]) -> Iterator[Cube]:
+    """Cubes with the colours that they get, and named by these."""
+    for index, (cube, color) in enumerate(zip(cubes, COLORS, strict=False)):
+        number = COLORS[: index + 1].count(color)
+        yield replace(cube, name=f"{color[0]}{number}", color=color)
 
 
 def views_of(cubes: Sequence[Cube], direction: float, lift: float) -> tuple[CameraView, ...]:

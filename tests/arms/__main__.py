@@ -21,8 +21,8 @@ from pathlib import Path
 
 from sqrp_cli.runtime.cell.requirements import check_simulator
 from sqrp_cli.terminal.console import Column, print_table
-from tests.arms.arms import Arm, arms_of_packages, linked_packages, written_arms
-from tests.arms.trial import Outcome, kept, tried
+from tests.arms.arms import MatrixArm, arms_of_packages, linked_packages, written_arms
+from tests.arms.trial import ArmOutcome, kept, tried
 
 FOLDER = Path("build/arms")
 LEAST_RANKED = 40
@@ -57,10 +57,10 @@ def _fingerprint() -> str:
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
 
 
-def _try_all(arms: Sequence[Arm], made: Path, packages: Path) -> dict[str, Outcome]:
+def _try_all(arms: Sequence[MatrixArm], made: Path, packages: Path) -> dict[str, ArmOutcome]:
     done = kept(made / "outcomes.jsonl")
 
-    def one(arm: Arm) -> Outcome:
+    def one(arm: MatrixArm) -> ArmOutcome:
         if arm.name in done:
             return done[arm.name]
         cell = made / "cells" / arm.name.replace(" ", "_").replace(",", "")
@@ -79,7 +79,7 @@ def _try_all(arms: Sequence[Arm], made: Path, packages: Path) -> dict[str, Outco
     return found
 
 
-def _print(outcomes: Sequence[Outcome]) -> None:
+def _print(outcomes: Sequence[ArmOutcome]) -> None:
     counts = (Column(title, right=True) for title in ("axes", "cubes", "can"))
     titles = (Column("arm"), *counts, Column("run"), Column("seen"), Column("why not"))
     rows = [

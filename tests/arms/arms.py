@@ -12,7 +12,7 @@ from tests.programming.robots import FEW_AXES, LINKAGES, SIX_AXES, joint, rounde
 
 
 @dataclass(frozen=True)
-class Arm:
+class MatrixArm:
     """An arm to try."""
 
     name: str
@@ -103,26 +103,26 @@ VARIANTS = {
 }
 
 
-def arms_of_packages() -> Iterator[Arm]:
+def arms_of_packages() -> Iterator[MatrixArm]:
     """Those of example-robot-data, rtb-data and airo-models."""
     folder = next(Path(one) for one in site.getsitepackages() if (Path(one) / "rtbdata").is_dir())
     for name, path in EXAMPLES.items():
-        yield Arm(name, f"{EXAMPLE}/{path}")
+        yield MatrixArm(name, f"{EXAMPLE}/{path}")
     for name, (path, tip) in TWO_ARMS.items():
-        yield Arm(name, f"{EXAMPLE}/{path}", tip)
+        yield MatrixArm(name, f"{EXAMPLE}/{path}", tip)
     for name, path in TOOLBOX.items():
-        yield Arm(name, str(folder / RTB / path))
+        yield MatrixArm(name, str(folder / RTB / path))
     for name, path in LABORATORY.items():
-        yield Arm(name, str(folder / path))
+        yield MatrixArm(name, str(folder / path))
 
 
-def written_arms(folder: Path) -> Iterator[Arm]:
+def written_arms(folder: Path) -> Iterator[MatrixArm]:
     """The variants, written to a folder."""
     for name, joints in VARIANTS.items():
-        yield Arm(name, str(solid(folder, name, joints)))
+        yield MatrixArm(name, str(solid(folder, name, joints)))
     urdf = solid(folder, "two arms", (*side("left", 0.25), *side("right", -0.25)))
-    yield Arm("two arms", str(urdf))
-    yield Arm("two arms, right", str(urdf), "right_hand")
+    yield MatrixArm("two arms", str(urdf))
+    yield MatrixArm("two arms, right", str(urdf), "right_hand")
 
 
 def solid(folder: Path, name: str, joints: Sequence[str]) -> Path:

@@ -10,7 +10,7 @@ from pathlib import Path
 from queue import Empty
 from typing import Any
 
-from tests.arms.arms import Arm
+from tests.arms.arms import MatrixArm
 
 LONGEST = 900.0
 """Seconds after which a trial is given up."""
@@ -20,7 +20,7 @@ LEAST_SEEN = 0.98
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ArmOutcome:
     """How far an arm got."""
 
     name: str
@@ -50,31 +50,31 @@ class Outcome:
         return self.ranks and self.done and self.share >= LEAST_SEEN
 
 
-def tried(arm: Arm, folder: Path, packages: Path) -> Outcome:
+def tried(arm: MatrixArm, folder: Path, packages: Path) -> ArmOutcome:
     """Try an arm in a process of its own."""
     context = multiprocessing.get_context("spawn")
     answers: multiprocessing.Queue[dict[str, Any]] = context.Queue()
     process = context.Process(target=_try, args=(arm, folder, packages, answers))
     process.start()
     try:
-        return Outcome(**answers.get(timeout=LONGEST))
+        return ArmOutcome(**answers.get(timeout=LONGEST))
     except Empty:
         process.kill()
-        return Outcome(arm.name, reason=f"not finished after {LONGEST:.0f} s")
+        return ArmOutcome(arm.name, reason=f"not finished after {LONGEST:.0f} s")
     finally:
         process.join(5.0)
 
 
-def _try(arm: Arm, folder: Path, packages: Path, answers: multiprocessing.Queue[dict[str, Any]]) -> None:
+def _try(arm: MatrixArm, folder: Path, packages: Path, answers: multiprocessing.Queue[dict[str, Any]]) -> None:
     os.environ["ROS_PACKAGE_PATH"] = str(packages)
     try:
         outcome = _outcome(arm, folder)
-    except Exception as error:  # noqa: BLE001: a crash of one arm is a line of the table
-        outcome = Outcome(arm.name, reason=f"{type(error).__name__}: {str(error).splitlines()[0]}")
+    except Exception as error:  # noqa: BLE001 - a crash of one arm is a line of the table
+        outcome = ArmOutcome(arm.name, reason=f"{type(error).__name__}: {str(error).splitlines()[0]}")
     answers.put(asdict(outcome))
 
 
-def _outcome(arm: Arm, folder: Path) -> Outcome:
+def _outcome(arm: MatrixArm, folder: Path) -> ArmOutcome:
     from sqrp_cli import new_cell, open_cell
 
     made = new_cell(folder, urdf=arm.urdf, tip=arm.tip, run=True)
@@ -84,7 +84,7 @@ def _outcome(arm: Arm, folder: Path) -> Outcome:
     ranking = None if starter.task is None else open_cell(folder).rank(starter.task)
     feasible = 0 if ranking is None else sum(candidate.feasible for candidate in ranking.candidates)
     stopped = "" if run is None or run.reason is None else f"stopped at {run.time:.2f} s: {run.reason}"
-    return Outcome(
+    return ArmOutcome(
         name=arm.name,
         axes=axes,
         tip=starter.tip,
@@ -97,7 +97,7 @@ def _outcome(arm: Arm, folder: Path) -> Outcome:
     )
 
 
-def kept(path: Path) -> dict[str, Outcome]:
+def kept(path: Path) -> dict[str, ArmOutcome]:
     """Outcomes of an earlier run, by the arm's name."""
     lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-    return {outcome.name: outcome for outcome in (Outcome(**json.loads(line)) for line in lines)}
+    return {outcome.name: outcome for outcome in (ArmOutcome(**json.loads(line)) for line in lines)}

@@ -33,6 +33,12 @@ def test_of_two_arms_the_first_is_taken_and_the_other_is_named(tmp_path: Path) -
         guess_arm(urdf, "torso")
 
 
+def test_cubes_count_that_can_be_picked_up_with_the_tool_turned(tmp_path: Path) -> None:
+    urdf = solid(tmp_path, "two", (*side("left", 0.25), *side("right", -0.25)))
+    made = make_starter(tmp_path / "cell", str(urdf))
+    assert (made.tip, len(made.cubes)) == ("left_hand", 4)
+
+
 @pytest.mark.parametrize(
     ("name", "joints"),
     [("a level flange", ["joint_1", "joint_2", "joint_3", "joint_4"]),

@@ -145,18 +145,27 @@ class Evaluator:
                 return self._compared(of(left), kinds, others, names)
             case ast.IfExp(test, body, otherwise):
                 return of(body) if of(test) else of(otherwise)
+            case ast.Call(function, arguments, keywords):
+                return self._called(function, arguments, keywords, names)
+        return self._composed(node, names)
+
+    def _composed(self, node: ast.expr, names: Mapping[str, Any]) -> Any:  # noqa: ANN401
+        """The value of a list, or of something in one."""
+
+        def of(child: ast.expr | None) -> Any:  # noqa: ANN401
+            return None if child is None else self._of(child, names)
+
+        match node:
             case ast.List(items):
                 return [*self._items(items, names)]
             case ast.Tuple(items):
                 return (*self._items(items, names),)
             case ast.Subscript(value, ast.Slice(lower, upper, step)):
-                return of(value)[slice(*(None if part is None else of(part) for part in (lower, upper, step)))]
+                return of(value)[slice(of(lower), of(upper), of(step))]
             case ast.Subscript(value, index):
                 return _item(of(value), of(index))
             case ast.Attribute(value, attr):
                 return _attribute(of(value), attr)
-            case ast.Call(function, arguments, keywords):
-                return self._called(function, arguments, keywords, names)
             case ast.ListComp(element, loops) | ast.GeneratorExp(element, loops):
                 return [self._of(element, inner) for inner in self._looped(loops, names)]
         raise RefusedExpressionError(f"`{ast.unparse(node)[:60]}` is Python that is not evaluated here")
