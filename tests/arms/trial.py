@@ -69,7 +69,7 @@ def _try(arm: MatrixArm, folder: Path, packages: Path, answers: multiprocessing.
     os.environ["ROS_PACKAGE_PATH"] = str(packages)
     try:
         outcome = _outcome(arm, folder)
-    except Exception as error:  # noqa: BLE001 - a crash of one arm is a line of the table
+    except Exception as error:
         outcome = ArmOutcome(arm.name, reason=f"{type(error).__name__}: {str(error).splitlines()[0]}")
     answers.put(asdict(outcome))
 
