@@ -33,7 +33,9 @@ from sqrp_cli.programming.advice.change import KINDS, Advice, Kind, Miss, Propos
 from sqrp_cli.programming.advice.effects import Effects, TaskWays, is_fastest
 from sqrp_cli.programming.advice.question import Question
 from sqrp_cli.programming.advice.wish import Wish, read_wish, wish_of
+from sqrp_cli.programming.candidate import THEN
 from sqrp_cli.programming.coverage.assessment import Assessment
+from sqrp_cli.programming.first_steps import with_first_steps
 from sqrp_cli.programming.pipeline import assess_all
 from sqrp_cli.programming.ranking import rank
 from sqrp_cli.programming.suggestion import Suggester
@@ -208,8 +210,7 @@ class TaskAdvice(Answer[AdviceDocument]):
     def _listed_alone(self) -> str | None:
         """The text of the listed task that has only the candidate; None if each has others as well."""
         workspace, own = self.session.workspace, _key(self.before.candidate)
-        alone = [one.task for one in workspace.tasks if not one.has_steps]
-        listed = ((task, read_task(task, workspace).candidates) for task in alone)
+        listed = ((one.task, read_task(one.task, workspace).candidates) for one in workspace.tasks)
         return next((text for text, candidates in listed if list(map(_key, candidates)) == [own]), None)
 
     def _is_as_stated(self, name: str) -> bool:
@@ -220,18 +221,29 @@ class TaskAdvice(Answer[AdviceDocument]):
     def _task(self, parameters: Mapping[str, MotionValue]) -> str:
         """The text of a task that says a way, and has this candidate alone."""
         candidate, workspace = self.before.candidate, self.session.workspace
-        text = candidate.task
-        if any(one.binding != candidate.binding for one in read_task(text, workspace).candidates):
-            text = " ".join([candidate.skill.name, *(f"{name}={one}" for name, one in candidate.binding.items())])
-        unsaid = [one.all_parameters for one in read_task(text, workspace).candidates]
-        stated = {name: value for name, value in parameters.items() if any(one.get(name) != value for one in unsaid)}
-        said = in_words(candidate.skill, stated)
-        return " ".join([text, *(f"{name}={value.replace(' ', '')}" for name, value in said.items())])
+        if not candidate.steps:
+            return _text_of(candidate, parameters, workspace)
+        own = [
+            {name.removeprefix(f"{n}."): value for name, value in parameters.items() if name.startswith(f"{n}.")}
+            for n in range(1, len(candidate.steps) + 1)
+        ]
+        return THEN.join(_text_of(step, said, workspace) for step, said in zip(candidate.steps, own, strict=True))
 
     def _outcome(self, answer: tuple[Advice, ...] | Miss) -> KindOutcome:
         if isinstance(answer, Miss):
             return KindOutcome.of_miss(answer, self.wish)
         return KindOutcome(kind=answer[0].change.kind, found=len(answer), why=None, nearest=None)
+
+
+def _text_of(candidate: Candidate, parameters: Mapping[str, MotionValue], workspace: Workspace) -> str:
+    """The text of a task of one step that says a way of a candidate, and has that alone."""
+    text = candidate.task
+    if any(one.binding != candidate.binding for one in read_task(text, workspace).candidates):
+        text = " ".join([candidate.skill.name, *(f"{name}={one}" for name, one in candidate.binding.items())])
+    unsaid = [one.all_parameters for one in read_task(text, workspace).candidates]
+    stated = {name: value for name, value in parameters.items() if any(one.get(name) != value for one in unsaid)}
+    said = in_words(candidate.skill, stated)
+    return " ".join([text, *(f"{name}={value.replace(' ', '')}" for name, value in said.items())])
 
 
 def changed_file(document: SourceDocument, workspace: Workspace, change: ProposedChange) -> bytes:
@@ -271,7 +283,7 @@ def find_advice(
         found = TaskAdvice(session=session, path=path, wish=wish, way=adviser.way, before=adviser.before, answers=())
         if found.met:
             return found
-        if not best.feasible:
+        if not best.feasible and not best.candidate.steps:
             suggester = Suggester(session.cell, question.world, jobs=jobs)
             found = replace(found, first=suggester.suggest(best.candidate).words)
         kept = None if results.folder is None else _kept(session, results, wish, best)
@@ -346,16 +358,20 @@ def _kept(session: Session, results: Results, wish: Wish, best: Assessment) -> K
 def _listed(session: Session, assessments: Sequence[Assessment], chosen: Assessment, jobs: int) -> tuple[TaskWays, ...]:
     """Every task of the workspace, and the one that was asked for, with the ways in which candidates are done.
 
+    Tasks that need others first are done with these, as `score` does.
+
     assessments: of the task that was asked for. chosen: the one that advice is about, which alone counts of a task that
     the workspace does not list.
     """
     workspace, assignment = session.workspace, session.assignment
+    facts = assignment.world.facts
     known = {_key(one.candidate): one.way for one in assessments}
     found = []
     for listed in workspace.tasks:
-        if listed.has_steps:
-            continue
-        candidates = read_task(listed.task, workspace).candidates
+        task = read_task(listed.task, workspace, facts)
+        if listed.feasible is not False:
+            task = with_first_steps(task, workspace, facts)
+        candidates = task.candidates
         if assignment.wanted.fastest:
             ways = tuple(map(first_grip, candidates))
         else:

@@ -227,7 +227,6 @@ class OpenCell:
         which the answer of each kind is kept; those there are used.
         """
         from sqrp_cli.api.advice import find_advice
-        from sqrp_cli.api.session import check_one_step
         from sqrp_cli.programming.advice.change import read_kinds
 
         check_count(jobs, "jobs", 1)
@@ -236,7 +235,6 @@ class OpenCell:
         if want is not None:
             check_text(want, "want", "a wish such as `q_eoi 100 %, time 20 s`")
         session = self.begin(task, sampling=sampling, after=after, ways=ways)
-        check_one_step(session, "advise")
         return find_advice(
             session,
             self.path,

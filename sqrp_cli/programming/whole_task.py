@@ -37,7 +37,7 @@ def whole_task(text: str, steps: Sequence[Task], workspace: Workspace, facts: fr
     If there is none, every combination is a candidate, so that each says what it lacks. Raises InputError for too many.
     """
     facts = workspace.state if facts is None else facts
-    skill = _whole_skill([step.skill for step in steps])
+    skill = whole_skill([step.skill for step in steps])
     found = [whole_candidate(skill, chosen) for chosen in _limited(_possible(steps, workspace, facts))]
     if not found:
         first = next(_possible(steps, workspace, None))
@@ -59,7 +59,7 @@ def whole_candidate(skill: Skill, steps: Sequence[Candidate]) -> Candidate:
     )
 
 
-def _whole_skill(skills: Sequence[Skill]) -> Skill:
+def whole_skill(skills: Sequence[Skill]) -> Skill:
     """What the skills of the steps are together: their parameters and faults, with the numbers of the steps."""
     numbered = list(enumerate(skills, 1))
     return replace(

@@ -130,7 +130,7 @@ def command(
     if as_json:
         say_raw(explanation.to_json())
     else:
-        _show(explanation, workspace, after, all_ways=all_ways)
+        _show(explanation, workspace, after, task, choice or "best", all_ways=all_ways)
     studies = [found for _, found in explanation.explained if found is not None]
     if images is not None:
         _write_images(cell.cell, studies, images, several=all_candidates)
@@ -163,8 +163,13 @@ def _check_options(choose: str | None, images: Path | None, *, all_candidates: b
         check_pictures(images)
 
 
-def _show(explanation: Explanation, workspace: Path, after: Path | None, *, all_ways: bool) -> None:
-    """The timeline or comparison, and the command that says how much of a remedy is enough."""
+def _show(
+    explanation: Explanation, workspace: Path, after: Path | None, asked: str, choice: str, *, all_ways: bool
+) -> None:
+    """The timeline or comparison, and the command that says how much of a remedy is enough.
+
+    asked: the task; `explanation` may be about a step of it. choice: of a candidate of that task.
+    """
     from sqrp_cli.programming.coverage.quality import falls_short
     from sqrp_cli.programming.coverage.verdict import HELP
     from sqrp_cli.terminal.console import say_command
@@ -174,8 +179,11 @@ def _show(explanation: Explanation, workspace: Path, after: Path | None, *, all_
     found = explanation.explained[0].ranked.assessment
     if not explanation.several and HELP in found.verdict:
         lost = "q_eoi" if found.q_eoi is not None and falls_short(found.q_eoi, 1.0) else "q_avg"
-        words = ["sqrp", "advise", str(workspace), explanation.task, "--want", f"{lost} 100 %"]
-        words += ["--choose", found.candidate.name] if len(explanation.ranking) > 1 else []
+        words = ["sqrp", "advise", str(workspace), asked, "--want", f"{lost} 100 %"]
+        if asked != explanation.task:  # a step, which begins where no program ends
+            words += ["--choose", choice] if choice != "best" else []
+        elif len(explanation.ranking) > 1:
+            words += ["--choose", found.candidate.name]
         words += ["--ways", "fastest"] if explanation.session.assignment.wanted.fastest else []
         words += ["--after", str(after)] if after is not None else []
         say_command("\nHow much of that is enough, and what it costs:", shlex.join(words))

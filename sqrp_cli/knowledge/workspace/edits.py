@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
@@ -136,17 +136,18 @@ def with_task(document: SourceDocument, task: str, thresholds: dict[str, float],
     thresholds: by key. One that the listed task has as well becomes the stricter of both. A task that the file lists
     with this text gets no second entry. instead_of: the text of the listed task that is replaced; None: of none.
     """
-    listed = [entry.get("task") for entry in document.data.get("tasks") or [] if isinstance(entry, dict)]
+    listed = [_text_of(entry) for entry in document.data.get("tasks") or [] if isinstance(entry, dict)]
     for text in (task, instead_of):
         if text is not None and text in listed:
             return _with_thresholds(document, listed.index(text), task, thresholds)
-    return appended(document, ("tasks",), _flow({"task": task, **thresholds}))
+    said = {"steps": task.split(_THEN)} if _THEN in task else {"task": task}
+    return appended(document, ("tasks",), _flow({**said, **thresholds}))
 
 
 def _with_thresholds(document: SourceDocument, index: int, task: str, thresholds: dict[str, float]) -> bytes:
     path: KeyPath = ("tasks", index)
     stated = _at(document, path)
-    changed = {} if stated["task"] == task else {dotted((*path, "task")): _flow(task)}
+    changed = _retold(stated, path, task)
     for key in [key for key in thresholds if key in stated]:
         text = _number(stated[key], thresholds[key], SHARE if key in _LEAST else TIME)
         old, new = read_quantity(stated[key]), read_quantity(text)
@@ -156,6 +157,24 @@ def _with_thresholds(document: SourceDocument, index: int, task: str, thresholds
     for key in [key for key in thresholds if key not in stated]:
         content = appended(parse_yaml(document.path, content), path, f"{key}: {_flow(thresholds[key])}")
     return content
+
+
+_THEN = " then "
+"""Between the steps of a task of several."""
+
+
+def _text_of(entry: Mapping[str, Any]) -> str | None:
+    """The text of a task as a file lists it; None where a step of it has steps itself."""
+    steps = entry.get("steps") or []
+    return None if any(_THEN in step for step in steps) else _THEN.join(steps) or entry.get("task")
+
+
+def _retold(stated: Mapping[str, Any], path: KeyPath, task: str) -> dict[str, str]:
+    """The values of a listed task that change where it gets another text of as many steps."""
+    if "steps" not in stated:
+        return {} if stated["task"] == task else {dotted((*path, "task")): _flow(task)}
+    pairs = enumerate(zip(stated["steps"], task.split(_THEN), strict=True))
+    return {dotted((*path, "steps", index)): _flow(new) for index, (old, new) in pairs if old != new}
 
 
 def _with_pose(document: SourceDocument, path: KeyPath, X: Array, look_at: Array | None, *, body: bool) -> bytes:

@@ -22,11 +22,13 @@ from sqrp_cli.programming.advice.change import (
 )
 from sqrp_cli.programming.advice.effects import assessed
 from sqrp_cli.programming.advice.motion_search import MotionSearch
+from sqrp_cli.programming.advice.motions_of_steps import MotionsOfSteps
 from sqrp_cli.programming.advice.object_search import moved_objects
 from sqrp_cli.programming.advice.question import Found, Question
-from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
+from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.feasibility import unready_world
 from sqrp_cli.programming.task import Candidate
+from sqrp_cli.programming.whole_study import WholeStudy, whole_study
 
 Answer = tuple[Advice, ...] | Miss
 """Of a kind: the changes that meet the wish, the least first, or why there is none."""
@@ -53,7 +55,7 @@ class Adviser:
     def before(self) -> Assessment:
         """The candidate without any change, as with `--ways fastest`; in its best way if that misses the wish alone."""
         question = self.question
-        found = study(question.cell, question.fastest, question.world, question.sampling, full=False)
+        found = whole_study(question.cell, question.fastest, question.world, question.sampling, full=False)
         fastest = self._of_candidate(assessed(question.fastest, found))
         alone = question.wish.met(fastest) and not question.wish.met(question.best)
         return question.best if alone else fastest
@@ -90,7 +92,8 @@ class Adviser:
     def _found(self, kind: Kind) -> Sequence[Found] | Miss:
         match kind:
             case "way" | "path":
-                motions = MotionSearch(self.question)
+                several = bool(self.question.fastest.steps)
+                motions = MotionsOfSteps(self.question) if several else MotionSearch(self.question)
                 found = motions.other_way() if kind == "way" else motions.seen_path()
                 return found if isinstance(found, Miss) else [found]
             case "object":
@@ -115,7 +118,8 @@ class Adviser:
     @cached_property
     def _unready(self) -> Infeasible | None:
         """What the world lacks, whatever is changed in the cell."""
-        return unready_world(self.question.cell, self.question.fastest, self.question.world)
+        first = (*self.question.fastest.steps, self.question.fastest)[0]
+        return unready_world(self.question.cell, first, self.question.world)
 
     @cached_property
     def _why_cameras_cannot(self) -> str:
@@ -130,14 +134,14 @@ class Adviser:
         return ""
 
     @cached_property
-    def _study(self) -> Study | Infeasible:
+    def _study(self) -> WholeStudy | Infeasible:
         """What changes of objects and cameras start from."""
         question = self.question
-        return study(question.cell, self.way, question.world, question.sampling, full=True)
+        return whole_study(question.cell, self.way, question.world, question.sampling, full=True)
 
     @cached_property
     def _cameras(self) -> Cameras:
-        assert isinstance(self._study, Study)  # noqa: S101 - otherwise no camera can help
+        assert isinstance(self._study, WholeStudy)  # noqa: S101 - otherwise no camera can help
         return Cameras(self.question, self._study)
 
     def _advice(self, answers: Sequence[Found]) -> tuple[Advice, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -25,6 +26,9 @@ from sqrp_cli.programming.coverage.quality import interest_quality
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.coverage.timeline import Timeline, observe
+from sqrp_cli.programming.sensing.observer import Observer
+from sqrp_cli.programming.whole_assessment import mean_quality
+from sqrp_cli.programming.whole_study import WholeStudy
 
 _MARGIN_STEPS = 60
 """Steps in which margins of poses are searched."""
@@ -56,7 +60,7 @@ class Base:
     """A candidate as it is now: what all changes of cameras start from."""
 
     cell: Cell
-    study: Study
+    study: WholeStudy
     """With the verdicts of every camera."""
     wish: Wish
     sampling: Sampling
@@ -68,7 +72,7 @@ class Base:
         """Its first samples."""
         return WishedSamples.of(self.cell, self.study, self.wish)
 
-    def observed(self, change: ProposedChange) -> Study:
+    def observed(self, change: ProposedChange) -> WholeStudy:
         """The same motion with a changed camera."""
         return seen_by(change.in_cell(self.cell), self.study, self.sampling)
 
@@ -76,27 +80,40 @@ class Base:
         """Whether the wish is met with a changed camera as every command samples it."""
         return finely_met(self.wish, change.in_cell(self.cell), self.study, self.sampling)
 
-    def failure(self, change: ProposedChange) -> Timeline | None:
-        """The events of interest with a changed camera if they miss the wish, where it is about nothing else.
+    def failure(self, change: ProposedChange) -> Sequence[Timeline] | None:
+        """The events of interest of each step with a changed camera, if they miss a wish that is about nothing else.
 
         That takes a fraction of the whole motion's time. None: they do not, or the wish is about more.
         """
-        wish, study = self.wish, self.study
-        if not wish.only_events:
+        if not self.wish.only_events:
             return None
-        which = np.array([number for number, piece in enumerate(study.stage.pieces) if piece.of_interest])
-        watch = replace(study.watch, stage=self._events, faults={})
-        timeline = observe(watch, change.in_cell(self.cell).observer, self.sampling, full=False)
-        if (interest_quality(timeline) or 0.0) >= (wish.q_eoi or 0.0):
-            return None
-        samples = Samples(which[timeline.samples.piece], timeline.samples.t)
-        return replace(timeline, pieces=study.stage.pieces, samples=samples)
+        observer = change.in_cell(self.cell).observer
+        timelines = [step.timeline for step in self.study.steps]
+        seen: list[tuple[float | None, float | None]] = [(1.0, timeline.T_eoi) for timeline in timelines]  # at most
+        for number, step in enumerate(self.study.steps):
+            if not timelines[number].T_eoi:
+                continue
+            timelines[number] = _events_seen(step, self._events[number], observer, self.sampling)
+            seen[number] = (interest_quality(timelines[number]), timelines[number].T_eoi)
+            if (mean_quality(seen) or 0.0) < (self.wish.q_eoi or 0.0):
+                return timelines
+        return None
 
     @cached_property
-    def _events(self) -> Stage:
-        study = self.study
-        pieces = [piece for piece in study.stage.pieces if piece.of_interest]
-        return Stage(study.stage.model, study.motion, pieces, study.world.X_WO)
+    def _events(self) -> list[Stage]:
+        """The events of interest of each step."""
+        return [
+            Stage(step.stage.model, step.motion, [one for one in step.stage.pieces if one.of_interest], step.world.X_WO)
+            for step in self.study.steps
+        ]
+
+
+def _events_seen(step: Study, events: Stage, observer: Observer, sampling: Sampling) -> Timeline:
+    """The timeline of a step's events of interest as cameras see them, in terms of all of its pieces."""
+    which = np.array([number for number, piece in enumerate(step.stage.pieces) if piece.of_interest])
+    timeline = observe(replace(step.watch, stage=events, faults={}), observer, sampling, full=False)
+    samples = Samples(which[timeline.samples.piece], timeline.samples.t)
+    return replace(timeline, pieces=step.stage.pieces, samples=samples)
 
 
 @dataclass(eq=False)
@@ -222,10 +239,10 @@ class CameraSearch:
             self._learn(failure)
             return None
         study = self.base.observed(change)
-        found = study.assessment("")
+        found = study.assessment
         if self.base.wish.met(found):
             return found
-        self._learn(study.timeline)
+        self._learn([step.timeline for step in study.steps])
         return None
 
     def _may(self, change: ProposedChange) -> bool:
@@ -334,9 +351,9 @@ class CameraSearch:
         stays: Mask = still & (self.index is not None)
         return np.logical_or(free, stays)
 
-    def _learn(self, timeline: Timeline) -> None:
-        sharper = self._scene.with_failures(timeline)
-        if len(sharper.samples) > len(self._scene.samples):
+    def _learn(self, timelines: Sequence[Timeline]) -> None:
+        sharper = self._scene.with_failures(timelines)
+        if sharper.count > self._scene.count:
             self._sharpen(sharper)
 
     def _sharpen(self, scene: WishedSamples) -> None:

@@ -19,7 +19,7 @@ from sqrp_cli.programming.advice.camera_search import Base, CameraSearch
 from sqrp_cli.programming.advice.change import Kind, Miss
 from sqrp_cli.programming.advice.question import Found, Met, Question
 from sqrp_cli.programming.advice.room import CameraRoom
-from sqrp_cli.programming.coverage.assessment import Study
+from sqrp_cli.programming.whole_study import WholeStudy
 
 Moves = Callable[[CameraSearch], Sequence[CameraMove]]
 """The ways to change a camera that count as one kind."""
@@ -42,7 +42,7 @@ class Cameras:
     """Looks for changes of the cameras of a cell."""
 
     question: Question
-    study: Study
+    study: WholeStudy
     """Of the motion, which stays as it is."""
 
     def turned(self) -> Findings:
@@ -149,7 +149,7 @@ class Cameras:
     @cached_property
     def _base(self) -> Base:
         question, found = self.question, self.study
-        room = CameraRoom(question.cell, [found.stage.states(found.timeline.samples)])
+        room = CameraRoom(question.cell, [step.stage.states(step.timeline.samples) for step in found.steps])
         return Base(question.cell, found, question.wish, question.sampling, room, question.cell.seed)
 
     @cached_property
@@ -175,7 +175,7 @@ class Cameras:
         if stated is not None:
             return stated
         scene = self._base.scene
-        boxes = [box for target in scene.study.targets for box in target.boxes]
+        boxes = [box for target in scene.targets for box in target.boxes]
         places = [scene.states.box_poses(box)[:, :3, 3].mean(axis=0) for box in boxes]
         X_FW = inverse(scene.states.X_WF[camera.frame][0])
         return Aim.along(camera, transform(X_FW, np.mean(places, axis=0)[None])[0])

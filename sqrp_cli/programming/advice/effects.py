@@ -11,11 +11,12 @@ from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.advice.change import CandidateEffect, EffectOnTask, ProposedChange
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
+from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.timeline import observe
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.grips import first_grip
+from sqrp_cli.programming.whole_study import WholeStudy, whole_study
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,26 +49,26 @@ class Effects:
         return self.listed()
 
     @cached_property
-    def _studied(self) -> list[list[tuple[Candidate, Study | Infeasible]]]:
+    def _studied(self) -> list[list[tuple[Candidate, WholeStudy | Infeasible]]]:
         return [
-            [(way, study(self.cell, way, self.world, self.sampling, full=False)) for way in task.ways]
+            [(way, whole_study(self.cell, way, self.world, self.sampling, full=False)) for way in task.ways]
             for task in self._tasks
         ]
 
-    def _effect(self, way: Candidate, found: Study | Infeasible, change: ProposedChange) -> CandidateEffect:
+    def _effect(self, way: Candidate, found: WholeStudy | Infeasible, change: ProposedChange) -> CandidateEffect:
         """Cameras are changed in the same motion; else it is planned again."""
         if change.camera is None:
-            after = study(self.cell, way, change.in_world(self.world), self.sampling, full=False)
-        elif isinstance(found, Study):
+            after = whole_study(self.cell, way, change.in_world(self.world), self.sampling, full=False)
+        elif isinstance(found, WholeStudy):
             after = seen_by(change.in_cell(self.cell), found, self.sampling)
         else:
             after = found
         return CandidateEffect(before=assessed(way, found), after=assessed(way, after))
 
 
-def assessed(way: Candidate, found: Study | Infeasible) -> Assessment:
+def assessed(way: Candidate, found: WholeStudy | Infeasible) -> Assessment:
     """The figures of a way, or why it cannot be done."""
-    return found.assessment("") if isinstance(found, Study) else Assessment.infeasible(way, found.reasons)
+    return found.assessment if isinstance(found, WholeStudy) else Assessment.infeasible(way, found.reasons)
 
 
 def is_fastest(found: Assessment) -> bool:
@@ -76,11 +77,12 @@ def is_fastest(found: Assessment) -> bool:
     return found.way.parameters == first.parameters and not found.way.vias
 
 
-def seen_by(cell: Cell, found: Study, sampling: Sampling, *, full: bool = False) -> Study:
+def seen_by(cell: Cell, found: WholeStudy, sampling: Sampling, *, full: bool = False) -> WholeStudy:
     """The same motion seen by the cameras of another cell. full: with the verdicts of every camera."""
-    return replace(found, timeline=observe(found.watch, cell.observer, sampling, full=full))
+    steps = (replace(one, timeline=observe(one.watch, cell.observer, sampling, full=full)) for one in found.steps)
+    return replace(found, steps=tuple(steps))
 
 
-def finely_met(wish: Wish, cell: Cell, found: Study, sampling: Sampling) -> bool:
+def finely_met(wish: Wish, cell: Cell, found: WholeStudy, sampling: Sampling) -> bool:
     """Whether a motion meets a wish with the samples of `explain`, too: where the verdict of any camera changes."""
-    return wish.met(seen_by(cell, found, sampling, full=True).assessment(""))
+    return wish.met(seen_by(cell, found, sampling, full=True).assessment)

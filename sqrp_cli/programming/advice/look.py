@@ -7,7 +7,7 @@ What passes is decided by the exact timeline of the same motion; its uncovered s
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,11 +18,13 @@ from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study, fault_intervals
-from sqrp_cli.programming.coverage.stage import Samples
+from sqrp_cli.programming.coverage.stage import Samples, states_of
 from sqrp_cli.programming.coverage.timeline import Timeline
 from sqrp_cli.programming.sensing.moved_camera import MovedCamera
 from sqrp_cli.programming.sensing.observer import sees_all
 from sqrp_cli.programming.sensing.scene_states import SceneStates
+from sqrp_cli.programming.targets import Target
+from sqrp_cli.programming.whole_study import WholeStudy
 
 MOST_SAMPLES = 64
 """Samples of the first look; counterexamples come on top."""
@@ -33,54 +35,75 @@ _FIRST, _GROWTH = 1, 3
 
 @dataclass(frozen=True, eq=False)
 class WishedSamples:
-    """Samples of a candidate's motion that a wish is about, with what each camera sees in them now."""
+    """Samples of a candidate's motion that a wish is about, with what each camera sees in them now.
+
+    Of several steps, those of one come after those of the other.
+    """
 
     cell: Cell
-    study: Study
+    study: WholeStudy
     wish: Wish
-    samples: Samples
-    """m of them."""
+    samples: tuple[Samples, ...]
+    """Of each step; m of them in all."""
 
     @classmethod
-    def of(cls, cell: Cell, study: Study, wish: Wish) -> WishedSamples:
+    def of(cls, cell: Cell, study: WholeStudy, wish: Wish) -> WishedSamples:
         """The samples of a study that the wish is about, thinned."""
-        timeline = study.timeline
-        rows = _thinned(timeline.samples, np.flatnonzero(_wished(study, timeline.samples, wish)))
-        return cls(cell, study, wish, Samples(timeline.samples.piece[rows], timeline.samples.t[rows]))
+        return cls(cell, study, wish, tuple(_of_step(step, wish) for step in study.steps))
 
-    def with_failures(self, timeline: Timeline) -> WishedSamples:
-        """With the samples, too, at which another timeline of the same motion is not covered."""
-        lost = _wished(self.study, timeline.samples, self.wish) & ~timeline.covered
-        rows = _thinned(timeline.samples, np.flatnonzero(lost), MOST_SAMPLES // 4)
-        piece, t = timeline.samples.piece[rows], timeline.samples.t[rows]
-        known = set(zip(self.samples.piece.tolist(), self.samples.t.tolist(), strict=True))
-        new = np.array([pair not in known for pair in zip(piece.tolist(), t.tolist(), strict=True)], dtype=bool)
-        added = Samples(piece[new], t[new])
-        samples = self.samples.joined(added, self.samples.merge_order(added))
-        return WishedSamples(self.cell, self.study, self.wish, samples)
+    def with_failures(self, timelines: Sequence[Timeline]) -> WishedSamples:
+        """With the samples, too, at which other timelines of the same motions, one of each step, are not covered."""
+        steps = zip(self.study.steps, self.samples, timelines, strict=True)
+        return replace(self, samples=tuple(_with_failures(*step, self.wish) for step in steps))
+
+    @property
+    def count(self) -> int:
+        """M."""
+        return sum(map(len, self.samples))
 
     @cached_property
     def states(self) -> SceneStates:
         """Where everything is in the samples."""
-        return self.study.stage.states(self.samples)
+        return states_of([step.stage for step in self.study.steps], self.samples)
+
+    @cached_property
+    def targets(self) -> tuple[Target, ...]:
+        """The targets of all steps, a of them."""
+        return tuple(target for step in self.study.steps for target in step.targets)
 
     @cached_property
     def required(self) -> Mask:
         """Whether a state holds the target's atom, shape (m, a)."""
-        atoms = [{literal.atom for literal in piece.literals} for piece in self.study.stage.pieces]
-        held = [[target.atom in of_piece for target in self.study.targets] for of_piece in atoms]
-        return np.array(held, dtype=bool)[self.samples.piece]
+        required = np.zeros((self.count, len(self.targets)), dtype=bool)
+        for step, samples, rows, columns in self._blocks:
+            required[rows, columns] = step.stage.requires(step.targets, samples)
+        return required
 
     @cached_property
     def sees(self) -> Mask:
-        """Whether each camera sees each target, shape (m, a, c)."""
-        matrix = self.cell.observer.verdicts(self.study.targets, self.states, shares=False)
-        return np.stack([sees_all(boxes) for boxes in matrix], axis=1)
+        """Whether each camera sees each target, shape (m, a, c); false in the other steps than its own."""
+        own = [np.arange(self.count)[rows] for step, _, rows, _ in self._blocks for _ in step.targets]
+        matrix = self.cell.observer.verdicts(self.targets, self.states, rows=own, shares=False)
+        sees = np.zeros((self.count, len(self.targets), len(self.cell.observer.cameras)), dtype=bool)
+        for column, (rows, boxes) in enumerate(zip(own, matrix, strict=True)):
+            sees[rows, column] = sees_all(boxes)
+        return sees
+
+    @cached_property
+    def _blocks(self) -> list[tuple[Study, Samples, slice, slice]]:
+        """Each step with its samples, and which of all samples and targets are its own."""
+        row = column = 0
+        blocks = []
+        for step, samples in zip(self.study.steps, self.samples, strict=True):
+            rows, columns = slice(row, row + len(samples)), slice(column, column + len(step.targets))
+            blocks.append((step, samples, rows, columns))
+            row, column = rows.stop, columns.stop
+        return blocks
 
     @cached_property
     def needed(self) -> Indices:
         """Cameras that must see each target, shape (a,)."""
-        return np.array([target.cameras for target in self.study.targets])
+        return np.array([target.cameras for target in self.targets])
 
     def covered(self, sees: Mask) -> Mask:
         """Whether all required targets are covered, shape (m,), if cameras see as in `sees`, shape (m, a, c)."""
@@ -97,44 +120,45 @@ class WishedSamples:
             either = covered[:, 1:] | covered[:, :-1]
             good &= either @ steps >= (least - 1e-9) * T
             if least >= 1.0:
-                weighty = np.zeros(len(self.samples), dtype=bool)
+                weighty = np.zeros(self.count, dtype=bool)
                 weighty[1:] |= steps > 0
                 weighty[:-1] |= steps > 0
                 good &= covered[:, weighty].all(axis=1)
-        for inside, unknown in self._fault_rows:
-            blind = self._blind_for(covered[:, inside] | unknown[inside], self.samples.t[inside])
+        for inside, t, unknown in self._fault_rows:
+            blind = self._blind_for(covered[:, inside] | unknown, t)
             good &= blind <= (self.wish.delay or 0.0) + 1e-9
         return good
 
     @cached_property
     def _qualities(self) -> list[tuple[float, float, Array]]:
         """For each quality of the wish: its least value, the time that counts, and the step after each sample."""
-        steps = np.where(np.diff(self.samples.piece) == 0, np.diff(self.samples.t), 0.0)
-        timeline, pieces = self.study.timeline, self.study.stage.pieces
-        interesting = np.array([piece.of_interest for piece in pieces])[self.samples.piece][:-1]
+        each = [_steps_after(step, samples) for step, samples in zip(self.study.steps, self.samples, strict=True)]
+        monitored, interesting = (np.concatenate(steps)[:-1] for steps in zip(*each, strict=True))
+        timelines = [step.timeline for step in self.study.steps]
         found = []
         if self.wish.q_eoi is not None:
-            found.append((self.wish.q_eoi, timeline.T_eoi, np.where(interesting, steps, 0.0)))
+            found.append((self.wish.q_eoi, sum(timeline.T_eoi for timeline in timelines), interesting))
         if self.wish.q_avg is not None:
-            found.append((self.wish.q_avg, timeline.T, steps))
+            found.append((self.wish.q_avg, sum(timeline.T for timeline in timelines), monitored))
         return found
 
     @cached_property
-    def _fault_rows(self) -> list[tuple[Mask, Mask]]:
-        """For each fault, if the wish is about delays: the samples in which it may happen, shape (m,).
+    def _fault_rows(self) -> list[tuple[Indices, Array, Mask]]:
+        """For each fault, if the wish is about delays: the r samples in which it may happen, and their times, (r,).
 
-        And those whose state needs other literals, too, so that nothing follows from it about the fault.
+        And those whose state needs other literals, too, so that nothing follows from it about the fault, shape (r,).
         """
         if self.wish.delay is None:
             return []
-        study = self.study
-        rows = []
-        for fault, columns in study.timeline.faults.items():
-            others = [column for column in range(len(study.targets)) if column not in columns]
-            inside = _inside(study, fault, self.samples)
-            unknown: Mask = np.any(self.required[:, others], axis=1)
-            rows += [(inside, unknown)] if inside.any() else []
-        return rows
+        found = []
+        for step, samples, rows, columns in self._blocks:
+            for fault, own in step.timeline.faults.items():
+                inside = np.flatnonzero(_inside(step, fault, samples))
+                others = [columns.start + column for column in range(len(step.targets)) if column not in own]
+                at = rows.start + inside
+                unknown: Mask = np.any(self.required[np.ix_(at, others)], axis=1)
+                found += [(at, samples.t[inside], unknown)] if len(at) else []
+        return found
 
     @staticmethod
     def _blind_for(covered: Mask, t: Array) -> Array:
@@ -157,7 +181,7 @@ class CameraLook:
         self._scene = scene
         self._hopeless: Mask = (scene.required & (count < scene.needed - 1)).any(axis=1)
         row, column = np.nonzero(wanted & ~self._hopeless[:, None])
-        targets = scene.study.targets
+        targets = scene.targets
         boxes = [box for target in targets for box in target.boxes]
         first = np.cumsum([0, *(len(target.boxes) for target in targets)])
         pairs = [
@@ -218,6 +242,31 @@ class CameraLook:
         begins = np.flatnonzero(np.diff(self.row, prepend=-1))
         covered[:, self.row[begins]] &= np.logical_and.reduceat(sees, begins, axis=1)
         return covered
+
+
+def _of_step(step: Study, wish: Wish) -> Samples:
+    """The samples of a step that a wish is about, thinned."""
+    samples = step.timeline.samples
+    rows = _thinned(samples, np.flatnonzero(_wished(step, samples, wish)))
+    return Samples(samples.piece[rows], samples.t[rows])
+
+
+def _with_failures(step: Study, samples: Samples, timeline: Timeline, wish: Wish) -> Samples:
+    """The samples with those of a timeline of the step that are not covered, thinned."""
+    lost = _wished(step, timeline.samples, wish) & ~timeline.covered
+    rows = _thinned(timeline.samples, np.flatnonzero(lost), MOST_SAMPLES // 4)
+    piece, t = timeline.samples.piece[rows], timeline.samples.t[rows]
+    known = set(zip(samples.piece.tolist(), samples.t.tolist(), strict=True))
+    new = np.array([pair not in known for pair in zip(piece.tolist(), t.tolist(), strict=True)], dtype=bool)
+    added = Samples(piece[new], t[new])
+    return samples.joined(added, samples.merge_order(added))
+
+
+def _steps_after(step: Study, samples: Samples) -> tuple[Array, Array]:
+    """The time from each of a step's r samples to the next in its piece, and that in events of interest, (r,) each."""
+    after = np.append(np.where(np.diff(samples.piece) == 0, np.diff(samples.t), 0.0), 0.0)[: len(samples)]
+    interesting = np.array([piece.of_interest for piece in step.stage.pieces])[samples.piece]
+    return after, np.where(interesting, after, 0.0)
 
 
 def _wished(study: Study, samples: Samples, wish: Wish) -> Mask:

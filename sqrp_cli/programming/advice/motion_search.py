@@ -14,11 +14,12 @@ from sqrp_cli.knowledge.skill.skill import JointMove
 from sqrp_cli.programming.advice.change import Miss, ProposedChange
 from sqrp_cli.programming.advice.effects import finely_met
 from sqrp_cli.programming.advice.question import Found, Met, Near, Question
-from sqrp_cli.programming.coverage.assessment import Study, WayFigures, study
+from sqrp_cli.programming.coverage.assessment import Study, WayFigures
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.find import WantedWay, find_way, studied_ways
 from sqrp_cli.programming.ways.time_limit import TimeLimit
 from sqrp_cli.programming.ways.words import way_in_words
+from sqrp_cli.programming.whole_study import WholeStudy, whole_study
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,16 +30,16 @@ class MotionSearch:
 
     def other_way(self) -> Found | Miss:
         """The fastest of all ways that meet the wish."""
-        best = self.question.best
+        question, best = self.question, self.question.best
         if not best.feasible or best.ways is None:
             return Miss(kind="way", why=f"none can be done: {'; '.join(best.reasons[:1])}")
         near = []
-        for found in self._hopeful_ways():
-            change = self._way_change(found.candidate)
-            if self._meets(found):
-                return Found(Met(change, found.assessment("")))
+        for study in self._hopeful_ways():
+            change, found = self._way_change(study.candidate), WholeStudy(study.candidate, (study,))
+            if meets(question, found):
+                return Found(Met(change, found.assessment))
             near.append(Near(change, found))
-        return self.question.nearest("way", f"none of {best.ways.tried} meets the wish", [*near, *self._named_ways()])
+        return question.nearest("way", f"none of {best.ways.tried} meets the wish", [*near, *self._named_ways()])
 
     def seen_path(self) -> Found | Miss:
         """Paths of joint moves that the cameras can follow."""
@@ -50,9 +51,10 @@ class MotionSearch:
         seen = replace(candidate, values={**candidate.values, **dict.fromkeys(names, SEEN)})
         near = []
         for limit in (None, TimeLimit(question.wish.time))[: 1 if question.wish.time is None else 2]:
-            found = find_way(question.cell, seen, question.world, question.sampling, WantedWay(limit=limit))
-            if isinstance(found, Infeasible):
+            best = find_way(question.cell, seen, question.world, question.sampling, WantedWay(limit=limit))
+            if isinstance(best, Infeasible):
                 continue
+            found = WholeStudy(best.study.candidate, (best.study,))
             change = ProposedChange(
                 kind="path",
                 target=candidate.name,
@@ -62,17 +64,12 @@ class MotionSearch:
                 said="with paths that keep sight",
                 unwritten="" if limit is None else f"no task says it: use --max-time {limit.seconds:g}",
             )
-            if self._meets(found.study):
-                return Found(Met(change, found.study.assessment("")))
-            near.append(Near(change, found.study))
+            if meets(question, found):
+                return Found(Met(change, found.assessment))
+            near.append(Near(change, found))
         if not near:
             return Miss(kind="path", why="it cannot be done, or not in that time")
         return question.nearest("path", "no path that was found meets the wish", near)
-
-    def _meets(self, found: Study) -> bool:
-        question = self.question
-        met = question.wish.met(found.assessment(""))
-        return met and finely_met(question.wish, question.cell, found, question.sampling)
 
     def _hopeful_ways(self) -> Iterator[Study]:
         """Studies of all ways that may meet the wish, the fastest first."""
@@ -85,9 +82,9 @@ class MotionSearch:
         """The Pareto-optimal ways."""
         question, best = self.question, self.question.best
         for figures in best.ways.pareto if best.ways else ():
-            way = best.way if best.ways and figures == best.ways.pareto[0] else _with(best.candidate, figures)
-            found = study(question.cell, way, question.world, question.sampling, full=False)
-            if isinstance(found, Study):
+            way = best.way if best.ways and figures == best.ways.pareto[0] else with_way(best.candidate, figures)
+            found = whole_study(question.cell, way, question.world, question.sampling, full=False)
+            if isinstance(found, WholeStudy):
                 yield Near(self._way_change(way), found)
 
     def _way_change(self, way: Candidate) -> ProposedChange:
@@ -96,7 +93,13 @@ class MotionSearch:
         return ProposedChange(kind="way", target=asked.name, size=0.0, unit="", parameters=way.parameters, said=said)
 
 
-def _with(candidate: Candidate, way: WayFigures) -> Candidate:
+def meets(question: Question, found: WholeStudy) -> bool:
+    """Whether a motion meets the wish, also if sampled as finely as may be."""
+    met = question.wish.met(found.assessment)
+    return met and finely_met(question.wish, question.cell, found, question.sampling)
+
+
+def with_way(candidate: Candidate, way: WayFigures) -> Candidate:
     """A candidate in a way."""
     values = {name: way.parameters.get(name, value) for name, value in candidate.values.items()}
     branch = {name: value for name, value in way.parameters.items() if name not in {**values, **candidate.binding}}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -17,10 +18,11 @@ from sqrp_cli.programming.advice.effects import finely_met
 from sqrp_cli.programming.advice.least import least_beyond
 from sqrp_cli.programming.advice.question import Found, Met, Near, Question
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Study, study
+from sqrp_cli.programming.coverage.assessment import Study
 from sqrp_cli.programming.motion.collision.collision_body import CLEARANCE, distance_within, placement_at
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.task import Candidate
+from sqrp_cli.programming.whole_study import WholeStudy, whole_study
 
 MOST_OBJECTS = 3
 """Objects that are moved: those that are handled, then those that hide most."""
@@ -74,8 +76,8 @@ class ObjectSearch:
         for angle in np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS):
             change = self._change(_RADII[3] * _direction(angle))
             done = self._study(change) if self._fits(change) else None
-            found += [Near(change, done)] if isinstance(done, Study) else []
-        return min(found, key=lambda near: self.question.wish.shortfall(near.study.assessment("")), default=None)
+            found += [Near(change, done)] if isinstance(done, WholeStudy) else []
+        return min(found, key=lambda near: self.question.wish.shortfall(near.study.assessment), default=None)
 
     def _confirmed(self, met: Met) -> Met | None:
         """The move, or the least longer one that is found, that meets the wish if sampled as finely as may be."""
@@ -84,10 +86,10 @@ class ObjectSearch:
         def finely(length: float) -> Met | None:
             change = self._change(length * unit)
             found = self._study(change) if self._fits(change) else None
-            if not isinstance(found, Study) or not question.wish.met(found.assessment("")):
+            if not isinstance(found, WholeStudy) or not question.wish.met(found.assessment):
                 return None
             fine = finely_met(question.wish, question.cell, found, question.sampling)
-            return Met(change, found.assessment("")) if fine else None
+            return Met(change, found.assessment) if fine else None
 
         return least_beyond(finely, met.change.size, _RADII[-1], _RESOLUTION)
 
@@ -121,13 +123,13 @@ class ObjectSearch:
         done = self._study(change)
         if isinstance(done, Infeasible):
             return None
-        found = done.assessment("")
+        found = done.assessment
         return Met(change, found) if self.question.wish.met(found) else None
 
-    def _study(self, change: ProposedChange) -> Study | Infeasible:
+    def _study(self, change: ProposedChange) -> WholeStudy | Infeasible:
         """The way with the object elsewhere."""
         question = self.question
-        return study(question.cell, self.way, change.in_world(question.world), question.sampling, full=False)
+        return whole_study(question.cell, self.way, change.in_world(question.world), question.sampling, full=False)
 
     def _change(self, offset: Array) -> ProposedChange:
         moved = whole(np.append(offset, 0.0))
@@ -164,11 +166,11 @@ class ObjectSearch:
         )
 
 
-def moved_objects(question: Question, way: Candidate, found: Study | Infeasible) -> list[Found] | Miss:
+def moved_objects(question: Question, way: Candidate, found: WholeStudy | Infeasible) -> list[Found] | Miss:
     """The least move of what a way handles, and of what hides most. found: of the way as it is."""
     cell, world = question.cell, question.world
     names = [name for name in way.binding.values() if not cell.workspace.objects[name].fixed]
-    hiding = _hiding(cell, found) if isinstance(found, Study) else ()
+    hiding = _hiding(cell, found) if isinstance(found, WholeStudy) else ()
     names = [name for name in dict.fromkeys([*names, *hiding]) if _is_free(cell, name, world)][:MOST_OBJECTS]
     if not names:
         return Miss(kind="object", why="no object is handled or hides anything")
@@ -196,19 +198,20 @@ def _is_free(cell: Cell, name: str, world: World) -> bool:
     return name in world.X_WO and name != world.held and all(o.on != name for o in cell.workspace.objects.values())
 
 
-def _hiding(cell: Cell, found: Study) -> Iterator[str]:
+def _hiding(cell: Cell, found: WholeStudy) -> Iterator[str]:
     """Objects that hide targets in uncovered states, those that do so most often first."""
-    observation, solids = found.timeline.observation, cell.observer.solids
-    count: dict[str, int] = {}
-    lost = ~found.timeline.covered & found.timeline.monitored
-    for boxes in observation.full_matrix:
+    count = Counter(name for step in found.steps for name in _occluders(cell, step))
+    yield from sorted(count, key=lambda name: (-count[name], name))
+
+
+def _occluders(cell: Cell, step: Study) -> Iterator[str]:
+    """The objects that hide boxes in uncovered states, one for each box, camera and state."""
+    lost = ~step.timeline.covered & step.timeline.monitored
+    for boxes in step.timeline.observation.full_matrix:
         for box in boxes:
             hidden = (box.cause == Cause.HIDDEN) & lost[:, None]
-            for index in box.by[hidden].tolist():
-                parent = solids[index].part.parent
-                if parent in cell.workspace.objects:
-                    count[parent] = count.get(parent, 0) + 1
-    yield from sorted(count, key=lambda name: (-count[name], name))
+            parents = (cell.observer.solids[index].part.parent for index in box.by[hidden].tolist())
+            yield from (parent for parent in parents if parent in cell.workspace.objects)
 
 
 def _support(cell: Cell, world: World, name: str) -> str | None:

@@ -13,10 +13,12 @@ from sqrp_cli.programming.advice.change import Kind, Margin, Miss, ProposedChang
 from sqrp_cli.programming.advice.effects import Effects
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment, Study
+from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.verdict import HELP, NOTHING_MISSING, verdict
 from sqrp_cli.programming.task import Candidate
+from sqrp_cli.programming.whole_assessment import reasons_of_step, worst_seen
+from sqrp_cli.programming.whole_study import WholeStudy
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -34,7 +36,7 @@ class Near(NamedTuple):
     """A change that comes near."""
 
     change: ProposedChange
-    study: Study
+    study: WholeStudy
     """The way with it."""
 
 
@@ -78,15 +80,17 @@ class Question:
 
     def nearest(self, kind: Kind, why: str, near: Sequence[Near]) -> Miss:
         """Why none of several changes meets the wish, and which comes nearest."""
-        best = min(near, key=lambda one: self.wish.shortfall(one.study.assessment("")))
+        best = min(near, key=lambda one: self.wish.shortfall(one.study.assessment))
         limit = self._limit(best.change.in_cell(self.cell), best.study)
-        return Miss(kind=kind, why=why, nearest=best.change, found=best.study.assessment(""), limit=limit)
+        return Miss(kind=kind, why=why, nearest=best.change, found=best.study.assessment, limit=limit)
 
-    def _limit(self, cell: Cell, found: Study) -> str:
+    def _limit(self, cell: Cell, found: WholeStudy) -> str:
         """Which limit stands in the way of a way in a cell, in a sentence."""
-        if replace(self.wish, time=None).met(found.assessment("")):
-            longest = max(found.motion.primitives, key=lambda primitive: primitive.end - primitive.start)
+        if replace(self.wish, time=None).met(found.assessment):
+            primitives = [primitive for step in found.steps for primitive in step.motion.primitives]
+            longest = max(primitives, key=lambda primitive: primitive.end - primitive.start)
             return f"its motion takes that long, {longest.end - longest.start:.1f} s of it {longest.name}"
-        said = verdict(cell, found)
+        worst = worst_seen([step.assessment("") for step in found.steps])
+        said = reasons_of_step(found.candidate, worst + 1, [verdict(cell, found.steps[worst])])[0]
         slow = "so long take a frame and the latency of the camera that sees it"
-        return slow if said == NOTHING_MISSING else said.split(HELP)[0]
+        return slow if said.endswith(NOTHING_MISSING) else said.split(HELP)[0]

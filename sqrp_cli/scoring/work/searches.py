@@ -21,9 +21,11 @@ from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.advice.advise import Answer
 from sqrp_cli.programming.advice.aiming import Aim
 from sqrp_cli.programming.advice.change import Advice, CandidateEffect, EffectOnTask, Kind, Margin, Miss, ProposedChange
+from sqrp_cli.programming.candidate import THEN
 from sqrp_cli.programming.coverage.assessment import Assessment, BlindEnd, WayFigures, WaysFound
 from sqrp_cli.programming.coverage.quality import Qualities
 from sqrp_cli.programming.task import Candidate
+from sqrp_cli.programming.whole_task import whole_skill
 from sqrp_cli.scoring.work.identity import digest_of, program_digest
 from sqrp_cli.scoring.work.results import Results
 from sqrp_cli.shown import json_line
@@ -99,7 +101,8 @@ class KeptSearches:
             case "float":
                 return float(entries["of"])
             case "Skill":
-                return self.skills[entries["of"]]
+                names = entries["of"].split(THEN)
+                return self.skills[names[0]] if len(names) == 1 else whole_skill([self.skills[one] for one in names])
             case name:
                 return _RECORDS[name](**entries)
 

@@ -187,6 +187,18 @@ def test_a_listed_task_keeps_its_thresholds_and_gets_those_that_are_missing_or_s
     assert with_task(again, "pickup g1 elbow=up", wished, instead_of=None) == content
 
 
+def test_a_task_of_several_steps_is_added_or_told_more_exactly_as_its_steps(file):
+    text = file.read_text(encoding="utf-8")
+    listed = "tasks:\n  - steps: [pickup g1, place g1 table]  # both\n    min_q_eoi: 50 %\n"
+    file.write_text(text[: text.index("tasks:")] + listed, encoding="utf-8")
+    document = read_workspace_document(file)
+    old, new = "pickup g1 then place g1 table", "pickup g1 elbow=up then place g1 table"
+    told = with_task(document, new, {"min_q_eoi": 0.8}, instead_of=old).decode()
+    assert "  - steps: [pickup g1 elbow=up, place g1 table]  # both\n    min_q_eoi: 80 %\n" in told
+    added = with_task(document, new, {}, instead_of=None).decode()
+    assert added == document.content.decode() + "  - {steps: [pickup g1 elbow=up, place g1 table]}\n"
+
+
 def test_the_first_task_of_a_file_is_added_at_its_end(file):
     text = file.read_text(encoding="utf-8")
     file.write_text(text[: text.index("tasks:")], encoding="utf-8")

@@ -14,11 +14,12 @@ from sqrp_cli.programming.advice.effects import seen_by
 from sqrp_cli.programming.advice.look import CameraLook, WishedSamples
 from sqrp_cli.programming.advice.wish import read_wish
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Study, study
 from sqrp_cli.programming.coverage.sampling import Adaptive
+from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.sensing.moved_camera import MovedCamera
 from sqrp_cli.programming.sensing.observer import Observer, sees_all
 from sqrp_cli.programming.task import read_task
+from sqrp_cli.programming.whole_study import WholeStudy, whole_study
 
 SAMPLING = Adaptive()
 
@@ -29,9 +30,11 @@ def cell(tabletop) -> Cell:
 
 
 @pytest.fixture(scope="module")
-def studied(cell) -> Study:
-    found = study(cell, read_task("pickup g4", cell.workspace).candidates[0], cell.initial_world, SAMPLING, full=True)
-    assert isinstance(found, Study)
+def studied(cell) -> WholeStudy:
+    found = whole_study(
+        cell, read_task("pickup g4", cell.workspace).candidates[0], cell.initial_world, SAMPLING, full=True
+    )
+    assert isinstance(found, WholeStudy)
     return found
 
 
@@ -54,7 +57,7 @@ def test_what_meets_a_wish_passes_the_look(cell, studied, camera, wish):
     passes = look.passes(poses)
     for X_FC, passed in zip(poses, passes, strict=True):
         change = ProposedChange(kind="position", target=camera, size=0.0, unit="m", camera=replace(entry, X_FC=X_FC))
-        met = wanted.met(seen_by(change.in_cell(cell), studied, SAMPLING).assessment(""))
+        met = wanted.met(seen_by(change.in_cell(cell), studied, SAMPLING).assessment)
         assert passed or not met
 
 
@@ -69,10 +72,11 @@ def test_some_poses_pass_and_some_do_not(cell, studied, wish):
 def test_failures_of_the_exact_timeline_are_looked_at_next(cell, studied):
     wish = read_wish("q_eoi 100 %")
     scene = WishedSamples.of(cell, studied, wish)
-    few = replace(scene, samples=type(scene.samples)(scene.samples.piece[:1], scene.samples.t[:1]))
-    sharper = few.with_failures(studied.timeline)
-    assert len(sharper.samples) > 1
-    assert np.all(np.diff(sharper.samples.piece) >= 0)
+    (samples,) = scene.samples
+    few = replace(scene, samples=(Samples(samples.piece[:1], samples.t[:1]),))
+    sharper = few.with_failures([step.timeline for step in studied.steps])
+    assert sharper.count > 1
+    assert np.all(np.diff(sharper.samples[0].piece) >= 0)
     assert not sharper.covered(sharper.sees).all()
 
 
@@ -80,14 +84,14 @@ def test_failures_of_the_exact_timeline_are_looked_at_next(cell, studied):
 def test_a_moved_camera_sees_what_the_observer_sees_from_there(cell, studied, camera):
     entry, rng = cell.workspace.cameras[camera], np.random.default_rng(3)
     scene = WishedSamples.of(cell, studied, read_wish("q_avg 100 %"))
-    boxes = [box for target in studied.targets for box in target.boxes]
-    box, state = (axis.reshape(-1) for axis in np.indices((len(boxes), len(scene.samples))))
+    boxes = [box for target in scene.targets for box in target.boxes]
+    box, state = (axis.reshape(-1) for axis in np.indices((len(boxes), scene.count)))
     one = MovedCamera(Projection.of(entry), boxes, cell.observer.solids, scene.states, box=box, state=state)
     poses = moved(entry, rng, 6)
     sees = one.within(poses)
     pose, look = np.nonzero(sees)
     sees[pose, look] = one.unhidden(poses[pose], look)
     observer = Observer(tuple(replace(entry, X_FC=X_FC) for X_FC in poses), cell.observer.solids)
-    matrix = observer.verdicts(studied.targets, scene.states)
+    matrix = observer.verdicts(scene.targets, scene.states)
     expected = np.concatenate([sees_all([verdicts]) for entry in matrix for verdicts in entry])
     np.testing.assert_array_equal(sees, expected.T)

@@ -1,0 +1,123 @@
+"""Advice on tasks of several steps: the least change of the cell with which the whole meets a wish."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sqrp_cli.api.advice import TaskAdvice
+from sqrp_cli.api.cell import OpenCell
+from sqrp_cli.geometry import displacement
+from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.programming.advice.change import ProposedChange
+from sqrp_cli.programming.advice.effects import seen_by
+from sqrp_cli.programming.advice.look import CameraLook, WishedSamples
+from sqrp_cli.programming.advice.wish import read_wish
+from sqrp_cli.programming.coverage.sampling import Adaptive
+from sqrp_cli.programming.task import read_task
+from sqrp_cli.programming.whole_study import WholeStudy, whole_study
+
+CELL = Path(__file__).parents[2] / "cases" / "contact" / "peg.yaml"
+TASK = "pickup peg2 then insert peg2 socket yaw=0"
+
+
+def with_one_camera(degrees: float) -> OpenCell:
+    """The cell of pegs with a camera that looks past the middle."""
+    before, after = CELL.read_text(encoding="utf-8").split("\n  front:")
+    left = after.split("\n  left:")[1].replace("0.4, 0, 0.1]}", "0.3, 0.1, 0.1]}")
+    text = f"{before}\n  left:{left}".replace("36 deg", f"{degrees} deg")
+    return OpenCell(CELL, load_workspace(CELL, text.encode()))
+
+
+@pytest.fixture(scope="module")
+def cell() -> OpenCell:
+    return with_one_camera(28)
+
+
+@pytest.fixture(scope="module")
+def advice(cell: OpenCell) -> TaskAdvice:
+    return cell.advise(TASK, want="q_eoi 100 %, q_avg 95 %", kinds=["way", "lens"])
+
+
+def whole(cell: OpenCell, found: TaskAdvice) -> WholeStudy:
+    """The way that an advice is about, in a cell."""
+    studied = whole_study(cell.cell, found.way, cell.cell.initial_world, Adaptive(), full=True)
+    assert isinstance(studied, WholeStudy)
+    return studied
+
+
+def test_the_advised_lens_meets_the_wish_and_one_a_little_narrower_does_not(advice: TaskAdvice) -> None:
+    (lens,) = [one for one in advice.advice if one.change.kind == "lens"]
+    view = 28 + np.degrees(lens.change.values[0])
+    assert view > 28
+    found = whole(with_one_camera(round(view, 2)), advice).assessment
+    assert advice.wish.met(found)
+    assert (lens.found.q_eoi, lens.found.q_avg, lens.found.time) == pytest.approx(
+        (found.q_eoi, found.q_avg, found.time), abs=2e-3
+    )
+    assert not advice.wish.met(whole(with_one_camera(round(view - 0.1, 2)), advice).assessment)
+
+
+def test_figures_before_are_those_of_rank(cell: OpenCell, advice: TaskAdvice) -> None:
+    ranked = cell.rank(TASK, ways="fastest").best
+    assert ranked is not None
+    before = advice.document.before
+    assert (before.q_eoi, before.q_avg, before.time) == (ranked.q_eoi, ranked.q_avg, ranked.time)
+
+
+def test_listed_tasks_of_several_steps_and_those_that_need_others_first_are_among_those_it_may_cost(
+    advice: TaskAdvice,
+) -> None:
+    (lens,) = [one for one in advice.advice if one.change.kind == "lens"]
+    names = {effect.task: [one.before.candidate.name for one in effect.candidates] for effect in lens.effects}
+    assert names == {
+        "pickup peg then insert peg socket yaw=0": ["peg1 then peg1 socket", "peg2 then peg2 socket"],
+        "insert peg2 socket yaw=0": ["peg2 then peg2 socket"],
+        TASK: ["peg2 then peg2 socket"],
+    }
+    assert all(one.after.steps for effect in lens.effects for one in effect.candidates)
+
+
+def test_a_kept_answer_is_read_as_it_was_found(cell: OpenCell, advice: TaskAdvice, tmp_path: Path) -> None:
+    asked = {"want": "q_eoi 100 %, q_avg 95 %", "kinds": ["lens"], "out": tmp_path}
+    first, again = cell.advise(TASK, **asked), cell.advise(TASK, **asked)
+    assert len(list(tmp_path.glob("*/*.json"))) == 1
+    assert first.to_json() == again.to_json()
+    assert [one.change.values for one in again.advice] == [one.change.values for one in advice.advice]
+
+
+def test_the_task_that_says_a_way_has_that_way_alone(advice: TaskAdvice) -> None:
+    (miss,) = [one for one in advice.misses if one.kind == "way"]
+    assert miss.nearest is not None
+    content = advice._changed(miss.nearest)
+    changed = load_workspace(CELL, content)
+    assert changed.tasks[-1].steps[1].startswith("insert peg2 socket")
+    (candidate,) = read_task(changed.tasks[-1].task, changed).candidates
+    assert miss.nearest.parameters is not None
+    assert {**candidate.all_parameters, **miss.nearest.parameters} == candidate.all_parameters
+
+
+def test_a_nearest_way_of_several_steps_says_what_each_does_and_which_falls_short(advice: TaskAdvice) -> None:
+    (miss,) = [one for one in advice.misses if one.kind == "way"]
+    assert miss.nearest is not None
+    assert miss.nearest.said.startswith("step 1 ")
+    assert ", step 2 " in miss.nearest.said
+    assert miss.limit.startswith("step ")
+
+
+@pytest.mark.parametrize("wish", ["q_eoi 90 %", "q_avg 80 %, delay 1 s", "q_eoi 100 %"])
+def test_what_meets_a_wish_about_all_steps_passes_the_look(cell: OpenCell, advice: TaskAdvice, wish: str) -> None:
+    studied, wanted, rng = whole(cell, advice), read_wish(wish), np.random.default_rng(len(wish))
+    camera = cell.workspace.cameras["left"]
+    look = CameraLook(WishedSamples.of(cell.cell, studied, wanted), camera, 0)
+    poses = np.array([camera.X_FC @ displacement(*(0.08 * rng.normal(size=(2, 3)))) for _ in range(12)])
+    passes = look.passes(poses)
+    assert 0 < passes.sum() < len(poses)
+    for X_FC, passed in zip(poses, passes, strict=True):
+        moved = replace(camera, X_FC=X_FC)
+        change = ProposedChange(kind="position", target="left", size=0.0, unit="m", camera=moved)
+        met = wanted.met(seen_by(change.in_cell(cell.cell), studied, Adaptive()).assessment)
+        assert passed or not met
