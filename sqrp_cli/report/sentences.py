@@ -11,7 +11,7 @@ from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.programming.ranking import Criterion, Ranked
 from sqrp_cli.programming.task import Candidate
-from sqrp_cli.programming.ways.words import way_in_words
+from sqrp_cli.programming.ways.words import choice_in_words
 
 if TYPE_CHECKING:
     from sqrp_cli.programming.advice.change import Kind, ProposedChange
@@ -56,8 +56,7 @@ def differing_parameters(candidates: Sequence[Candidate]) -> list[str]:
 
 def way_of(assessment: Assessment) -> str:
     """The way behind the figures of a candidate, in a few words."""
-    candidate = assessment.candidate
-    return way_in_words(candidate.skill, candidate.parameters, assessment.way.parameters)
+    return choice_in_words(assessment.candidate, assessment.way)
 
 
 def accuracy(sampling: Sampling, feasible: Sequence[Ranked]) -> str:

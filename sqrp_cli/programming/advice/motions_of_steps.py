@@ -17,7 +17,7 @@ from sqrp_cli.programming.coverage.assessment import Study, study
 from sqrp_cli.programming.program_update import world_after
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.find import WantedWay, find_way
-from sqrp_cli.programming.ways.words import way_in_words
+from sqrp_cli.programming.ways.words import choice_in_words
 from sqrp_cli.programming.whole_assessment import worst_seen
 from sqrp_cli.programming.whole_study import WholeStudy
 from sqrp_cli.programming.whole_task import whole_candidate
@@ -124,11 +124,8 @@ class MotionsOfSteps:
 
     def _way_change(self, way: Candidate) -> ProposedChange:
         asked = self.question.best.candidate
-        steps = enumerate(zip(asked.steps, way.steps, strict=True), 1)
-        said = [f"step {n} {way_in_words(a.skill, a.parameters, b.parameters)}" for n, (a, b) in steps]
-        return ProposedChange(
-            kind="way", target=asked.name, size=0.0, unit="", parameters=way.parameters, said=", ".join(said)
-        )
+        said = choice_in_words(asked, way)
+        return ProposedChange(kind="way", target=asked.name, size=0.0, unit="", parameters=way.parameters, said=said)
 
 
 def _open_paths(step: Candidate) -> list[str]:

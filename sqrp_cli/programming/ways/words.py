@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from sqrp_cli.knowledge.skill.settings import MotionValue, Reference
 from sqrp_cli.knowledge.skill.skill import JointMove, Skill
-from sqrp_cli.programming.task import in_words
+from sqrp_cli.programming.task import Candidate, in_words
 
 _ORDER = ("left", "right", "no_flip", "flip", "up", "down")
 """The words of branches in the order in which they are said; other values follow."""
@@ -35,6 +35,14 @@ def way_in_words(skill: Skill, asked: Mapping[str, MotionValue], found: Mapping[
     if asked.get("path", "direct") != found.get("path", "direct") == "direct":
         said.append("direct path")
     return ", ".join(said) or NOTHING_SPECIAL
+
+
+def choice_in_words(asked: Candidate, way: Candidate) -> str:
+    """What a way says beyond its candidate, of each step if there are several."""
+    if not asked.steps:
+        return way_in_words(asked.skill, asked.parameters, way.parameters)
+    pairs = enumerate(zip(asked.steps, way.steps, strict=True), 1)
+    return ", ".join(f"step {number} {choice_in_words(one, done)}" for number, (one, done) in pairs)
 
 
 def _said(name: str, value: str, owners: set[str], *, several: bool) -> str:

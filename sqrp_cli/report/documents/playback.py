@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
 
-from sqrp_cli.programming.coverage.quality import Qualities
+from sqrp_cli.programming.coverage.quality import Qualities, falls_short
 from sqrp_cli.programming.whole_assessment import mean_quality, worst_seen
 from sqrp_cli.report.documents.candidates import CandidateFigures
 from sqrp_cli.report.documents.document import Pose, Record
@@ -27,7 +27,7 @@ class PlayedStep(Span):
     verdict: str
     """Where it is blind, why, and what would help."""
     seen_worst: bool
-    """Whether it is the one that is seen worst."""
+    """Whether it is the one that is seen worst; false where all are seen all the time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,6 +88,8 @@ def _played(
 ) -> Iterator[PlayedStep]:
     """The steps with their times; starts: of each, and the end of the last."""
     worst = worst_seen(steps)
+    qualities = (steps[worst].q_eoi, steps[worst].q_avg)
+    loses = any(quality is not None and falls_short(quality, 1.0) for quality in qualities)
     for index, (step, known) in enumerate(zip(steps, figures.steps or (), strict=True)):
         yield PlayedStep(
             name=f"{index + 1}: {known.task}",
@@ -96,7 +98,7 @@ def _played(
             q_eoi=step.q_eoi,
             q_avg=step.q_avg,
             verdict=step.verdict,
-            seen_worst=index == worst,
+            seen_worst=index == worst and loses,
         )
 
 
