@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +24,21 @@ class Payload:
     carrier: int
 
 
+class _Follower(NamedTuple):
+    """A joint that mimics another one, by their numbers in the model."""
+
+    joint: int
+    leader: int
+    offset: float
+    multiplier: float
+
+
 class Controller:
     """Drives every motor of a model, given by the joint of the same name.
 
     A motor's torque is stiffness (wanted - position) - damping velocity, with its gains set from the inertia that the
-    joint has at the start. What is wanted is shifted so that on the reference the torque is that of inverse dynamics,
-    payload included. MuJoCo limits the torque to the effort that the URDF states.
+    joint has at the start, with that of the joints that mimic it. What is wanted is shifted so that on the reference
+    the torque is that of inverse dynamics, payload included. MuJoCo limits the torque to the effort that the URDF says.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -37,9 +47,11 @@ class Controller:
         self.joints = tuple(model.actuator(i).name for i in range(model.nu))
         joint_ids = model.actuator_trnid[:, 0]
         self._position, self._velocity = model.jnt_qposadr[joint_ids], model.jnt_dofadr[joint_ids]
+        self._followers = _followers(model)
+        self._moved = self._motion_by_motors()
         inertia = np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, data, inertia)
-        self._stiffness = BANDWIDTH**2 * inertia[self._velocity, self._velocity]
+        self._stiffness = BANDWIDTH**2 * np.diag(self._moved.T @ inertia @ self._moved)
         self._damping = 2.0 / BANDWIDTH * self._stiffness
         self.wanted = data.qpos[self._position].copy()
         self._force = np.full(model.nu, np.nan)
@@ -83,7 +95,10 @@ class Controller:
         model, scratch = self._model, self._scratch
         scratch.qpos[:], scratch.qvel[:], scratch.qacc[:] = self._data.qpos, 0.0, 0.0
         scratch.qpos[self._position] = self.wanted
-        scratch.qvel[self._velocity], scratch.qacc[self._velocity] = velocity, acceleration
+        for one in self._followers:
+            leader, follower = model.jnt_qposadr[one.leader], model.jnt_qposadr[one.joint]
+            scratch.qpos[follower] = one.offset + one.multiplier * scratch.qpos[leader]
+        scratch.qvel[:], scratch.qacc[:] = self._moved @ velocity, self._moved @ acceleration
         mujoco.mj_kinematics(model, scratch)
         mujoco.mj_comPos(model, scratch)
         mujoco.mj_comVel(model, scratch)
@@ -94,5 +109,28 @@ class Controller:
             jacobian = np.zeros((3, model.nv))
             mujoco.mj_jac(model, scratch, jacobian, None, self._data.xipos[payload.obj], payload.carrier)
             torque -= model.body_mass[payload.obj] * model.opt.gravity @ jacobian
-        needed: Array = torque[self._velocity]
+        needed: Array = self._moved.T @ torque
         return needed
+
+    def _motion_by_motors(self) -> Array:
+        """How fast each degree of freedom moves with each motor, (nv, motors): followers as their leaders do."""
+        moved = np.zeros((self._model.nv, self._model.nu))
+        moved[self._velocity, np.arange(self._model.nu)] = 1.0
+        velocity = self._model.jnt_dofadr
+        for one in self._followers:
+            moved[velocity[one.joint]] = one.multiplier * moved[velocity[one.leader]]
+        return moved
+
+
+def _followers(model: mujoco.MjModel) -> tuple[_Follower, ...]:
+    """The joints that mimic another one, each after that one."""
+    found = [
+        _Follower(int(model.eq_obj1id[i]), int(model.eq_obj2id[i]), *model.eq_data[i, :2].tolist())
+        for i in np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_JOINT)
+    ]
+    leaders = {one.joint: one.leader for one in found}
+
+    def depth(joint: int) -> int:
+        return 1 + depth(leaders[joint]) if joint in leaders else 0
+
+    return tuple(sorted(found, key=lambda one: depth(one.joint)))

@@ -250,6 +250,26 @@ def test_real_arms_stand_where_they_are_told_to(name: str) -> None:
     assert physics.joints() == pytest.approx(start, abs=1e-3)
 
 
+LED_ARM = """<robot name="led">
+  <link name="base"/>
+  <link name="crank"><inertial><mass value="0.2"/></inertial></link>
+  <link name="arm"><inertial><origin xyz="0.4 0 0"/><mass value="8"/></inertial></link>
+  <joint name="motor" type="revolute"><parent link="base"/><child link="crank"/><axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2"/></joint>
+  <joint name="elbow" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2"/><mimic joint="motor" multiplier="-0.5" offset="0.1"/></joint>
+</robot>"""
+
+
+def test_a_motor_bears_the_weight_of_the_joints_that_mimic_it(tmp_path: Path) -> None:
+    urdf = tmp_path / "led.urdf"
+    urdf.write_text(LED_ARM)
+    base = replace(cell(workspace("workspaces/tabletop"), []), robot=robot(urdf, "arm"))
+    physics = Physics(base, World(frozenset(), {}, None, None, {"motor": 0.2}))
+    physics.advance(1.5, Quintic({"motor": 0.2}, {"motor": 1.0}, 0.0, 1.0))
+    assert physics.joints() == pytest.approx({"motor": 1.0, "elbow": -0.4}, abs=1e-3)
+
+
 BARE_ARM = """<robot name="bare">
   <link name="base"/>
   <link name="upper"><visual><geometry><box size="0.1 0.1 0.4"/></geometry></visual></link>
