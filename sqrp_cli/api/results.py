@@ -35,7 +35,7 @@ class Ranking(Answer["RankDocument"]):
     """The candidates of a task, best first.
 
     ranked: the candidates, infeasible ones last. interrupted: whether some are missing because of Ctrl-C. all_ways:
-    whether it is shown with all Pareto-optimal ways of each candidate.
+    whether it is shown with all Pareto-optimal ways of each candidate. all_rows: whether a long one is shown whole.
     """
 
     session: Session
@@ -43,6 +43,7 @@ class Ranking(Answer["RankDocument"]):
     by: Criterion
     interrupted: bool = False
     all_ways: bool = False
+    all_rows: bool = False
 
     @property
     def candidates(self) -> tuple[CandidateFigures, ...]:
@@ -102,8 +103,14 @@ class Ranking(Answer["RankDocument"]):
         """Print the table of `sqrp rank`."""
         from sqrp_cli.terminal.rank_table import print_ranking
 
-        title, assignment = self.session.task.text, self.session.assignment
-        print_ranking(title, assignment, self.ranked, self.by, all_ways=self.all_ways)
+        print_ranking(
+            self.session.task.text,
+            self.session.assignment,
+            self.ranked,
+            self.by,
+            all_ways=self.all_ways,
+            all_rows=self.all_rows,
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -90,18 +90,28 @@ def assess(session: Session, jobs: int, progress: Progress) -> Iterator[Assessme
 
 
 def check_choice(task: Task, choice: str) -> None:
-    """Raises InputError for a name that no candidate has, before any of them is computed."""
+    """Raises InputError for a name that no candidate has, or a place in no ranking, before any of them is computed."""
     names = [candidate.name for candidate in task.candidates]
-    if choice != "best" and not any(_is_meant(name, choice) for name in names):
+    if choice == "best" or any(_is_meant(name, choice) for name in names):
+        return
+    if choice.isdecimal():
+        if not 1 <= int(choice) <= len(names):
+            message = f"there is no place {choice} in a ranking of {len(names)} candidate{'s' * (len(names) != 1)}"
+            raise InputError(Problem("unknown-candidate", message))
+    else:
         message = f"there is no candidate `{choice}`; {expected_names(choice, names)}"
         raise InputError(Problem("unknown-candidate", message))
 
 
 def choose_candidate(ranking: Sequence[Ranked], choice: str) -> Ranked:
-    """The candidate that `choice` means: the first in the ranking, or the first whose name has all its words."""
+    """The candidate that `choice` means: the first in the ranking, the first whose name has all its words, or a place.
+
+    Candidates that cannot be done follow those that can, without a place of their own.
+    """
     if choice == "best":
         return ranking[0]
-    return next(ranked for ranked in ranking if _is_meant(ranked.assessment.candidate.name, choice))
+    named = (ranked for ranked in ranking if _is_meant(ranked.assessment.candidate.name, choice))
+    return next(named, None) or ranking[int(choice) - 1]
 
 
 def _is_meant(name: str, choice: str) -> bool:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Sequence
+
 import typer
 
 from sqrp_cli import __version__
+from sqrp_cli.cli.command import Command
 from sqrp_cli.cli.commands import (
     advise,
     audit,
@@ -21,10 +25,12 @@ from sqrp_cli.cli.commands import (
     show,
 )
 from sqrp_cli.cli.commands import run as run_program
+from sqrp_cli.cli.completion import ASKED, propose
 from sqrp_cli.cli.streams import ResultsLost
 from sqrp_cli.errors import ExitCode, InputError
 from sqrp_cli.shown import harmless, one_line
 from sqrp_cli.terminal import progress_lines
+from sqrp_cli.terminal.progress_lines import Verbosity
 
 UsageError: type[Exception] = typer.BadParameter.__base__  # type: ignore[assignment] # typer names it nowhere else
 
@@ -32,11 +38,13 @@ app = typer.Typer(
     name="sqrp",
     help="How well will the cameras of a robot cell see what matters? Asked and answered before the robot moves.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
+
+ANYWHERE = ("-q", "--quiet", "-v", "--verbose", "--debug")
+"""Options that may stand before the command and after it."""
 
 COMMANDS = (
     check,
@@ -57,7 +65,7 @@ COMMANDS = (
 """In the order in which `--help` lists them."""
 
 for module in COMMANDS:
-    app.command(module.NAME, cls=getattr(module, "Parser", None))(module.command)
+    app.command(module.NAME, cls=getattr(module, "Parser", Command))(module.command)
 
 
 def _print_version(wanted: bool) -> None:
@@ -68,10 +76,16 @@ def _print_version(wanted: bool) -> None:
 
 @app.callback()
 def options(
-    version: bool = typer.Option(False, "--version", help="Print the version.", is_eager=True, callback=_print_version),
-    debug: bool = typer.Option(False, "--debug", help="Show the traceback of an internal error."),
+    version: bool = typer.Option(  # noqa: ARG001 - its callback
+        False, "-V", "--version", help="Print the version.", is_eager=True, callback=_print_version
+    ),
+    quiet: bool = typer.Option(False, "-q", "--quiet", help="Only results and errors: no warnings, notes or progress."),
+    verbose: bool = typer.Option(False, "-v", "--verbose", help="Say how long each step takes, too."),
+    debug: bool = typer.Option(False, "--debug", help="Show the traceback of an internal error."),  # noqa: ARG001 - in `execute`
 ) -> None:
-    """Options that go before the command."""
+    """Options of every command, before it or after it."""
+    chosen = Verbosity.QUIET if quiet else Verbosity.VERBOSE if verbose else Verbosity.NORMAL
+    progress_lines.verbosity.set(chosen)
 
 
 def execute(arguments: list[str]) -> int:
@@ -79,10 +93,13 @@ def execute(arguments: list[str]) -> int:
 
     Raises KeyboardInterrupt at a Ctrl-C that the command has not reported itself, and ResultsLost.
     """
+    if ASKED in os.environ:
+        propose(app)
+        return ExitCode.OK
     lines = progress_lines.wanted.set("--json" not in arguments)
     try:
         # Calling `app` itself would take system errors for Ctrl-C or for a reader that has left.
-        with typer.main.get_command(app).make_context("sqrp", [*arguments], obj=arguments) as context:
+        with typer.main.get_command(app).make_context("sqrp", _with_options_first(arguments), obj=arguments) as context:
             return int(context.command.invoke(context) or ExitCode.OK)
     except typer.Exit as leaving:
         return leaving.exit_code
@@ -111,6 +128,14 @@ def execute(arguments: list[str]) -> int:
         return ExitCode.INTERNAL_ERROR
     finally:
         progress_lines.wanted.reset(lines)
+        progress_lines.verbosity.set(Verbosity.NORMAL)
+
+
+def _with_options_first(arguments: Sequence[str]) -> list[str]:
+    """The words of a command line, those before the command that may also come after it."""
+    end = arguments.index("--") if "--" in arguments else len(arguments)
+    moved = [word for word in arguments[:end] if word in ANYWHERE]
+    return [*moved, *(word for word in arguments[:end] if word not in ANYWHERE), *arguments[end:]]
 
 
 def _print_usage_error(error: Exception) -> None:

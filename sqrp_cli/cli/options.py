@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 from sqrp_cli.api.arguments import LEAST_STEP, LEAST_TOLERANCE, MOST_SAMPLES, WAYS
+from sqrp_cli.cli import completion
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.platform.memory import keep_all_so_far
 
@@ -25,7 +26,12 @@ if TYPE_CHECKING:
 
 WorkspacePath = Annotated[Path, typer.Argument(metavar="WORKSPACE", help="Folder of a workspace, or its YAML file.")]
 TaskText = Annotated[
-    str, typer.Argument(metavar="TASK", help='A skill and what to do it with, such as "pickup red screw".')
+    str,
+    typer.Argument(
+        metavar="TASK",
+        autocompletion=completion.tasks,
+        help='A skill and what to do it with, such as "pickup red screw".',
+    ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
 SampleCount = Annotated[
@@ -41,8 +47,10 @@ Tolerance = Annotated[
         "--tolerance", metavar="POINTS", help="Error of Q that sampling may leave, in points; 0.1 by default."
     ),
 ]
-Jobs = Annotated[int | None, typer.Option("--jobs", min=1, help="Processes at most; by default one per core.")]
-Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything that is drawn at random.")]
+Jobs = Annotated[
+    int | None, typer.Option("--jobs", metavar="N", min=1, help="Processes at most; by default one per core.")
+]
+Seed = Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Seed of everything that is drawn at random.")]
 Ways = Annotated[
     str,
     typer.Option(
@@ -107,7 +115,8 @@ Vary = Annotated[
     typer.Option("--vary", metavar="PATH=FROM:TO:N", help="Score variants of a workspace, and name the best."),
 ]
 Draws = Annotated[
-    int | None, typer.Option("--draws", min=1, max=10_000, help="With --vary: so many at random, not a grid.")
+    int | None,
+    typer.Option("--draws", metavar="N", min=1, max=10_000, help="With --vary: so many at random, not a grid."),
 ]
 Patch = Annotated[
     Path | None,

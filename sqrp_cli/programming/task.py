@@ -61,6 +61,30 @@ def _read_step(text: str, workspace: Workspace) -> Task:
     return Task(text, skill, tuple(replace(one, branch=branch) for one in _candidates(skill, choices, motion)))
 
 
+def following_words(text: str, workspace: Workspace) -> list[str]:
+    """Words that may come next in a task, as a shell proposes them; not every one leads to a candidate.
+
+    text: the words before it.
+    """
+    words = text.split()
+    if "then" in words:
+        words = words[len(words) - words[::-1].index("then") :]
+    skill = named_skill(words[0], workspace.skills) if words else None
+    if skill is None:
+        return [] if words else list(workspace.skills)
+    parameters = skill.action.parameters
+    usable = [obj for obj in workspace.objects.values() if any(_is_of_type(obj, one, skill) for one in parameters)]
+    described = sorted({word for obj in usable for word in _words_for(obj)} - {obj.name.lower() for obj in usable})
+    set_already = {word.partition("=")[0] for word in words}
+    values = {
+        name: [in_words(skill, {name: value})[name].replace(" ", "") for value in parameter.values]
+        for parameter in skill.motion_parameters
+        if (name := parameter.name) not in set_already
+    }
+    settings = [f"{name}={value}" for name, listed in values.items() for value in listed or [""]]
+    return [word for word in (*(obj.name for obj in usable), *described) if word not in words] + settings + ["then"]
+
+
 def impossible_tasks(workspace: Workspace) -> Iterator[Problem]:
     """The problems that `rank` would report for the expected tasks, and warnings about impossible expectations."""
     for index, expected in enumerate(workspace.tasks):

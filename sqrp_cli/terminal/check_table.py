@@ -13,6 +13,7 @@ from sqrp_cli.checks.registry import Rule
 from sqrp_cli.errors import Problem
 from sqrp_cli.programming.suggestion import SuggestedStep
 from sqrp_cli.terminal.console import SEVERITY_STYLES, Column, Share, plain, print_table, say, say_command, say_line
+from sqrp_cli.terminal.infeasible import print_infeasible
 
 
 def print_valid(path: str, name: str, warnings: Sequence[Problem]) -> None:
@@ -26,31 +27,26 @@ def print_valid(path: str, name: str, warnings: Sequence[Problem]) -> None:
 def print_candidates(
     task: str, workspace: str, found: Sequence[Feasibility], suggested: Sequence[SuggestedStep]
 ) -> None:
-    """A row per candidate, and the steps to do first if none can be done at once."""
-    feasible = sum(feasibility.feasible for feasibility in found)
-    say(f"{task} in {workspace}: {feasible} of {len(found)} candidates can be done\n")
-    rows = [
-        (
-            feasibility.candidate.name,
-            plain("yes", "green") if feasibility.feasible else plain("no", "red"),
-            f"{feasibility.time:.2f}" if feasibility.time is not None else "",
-            "; ".join(filter(None, [*feasibility.reasons, feasibility.suggestion.words])),
-        )
-        for feasibility in found
-    ]
-    print_table(
-        [Column("candidate"), Column("feasible"), Column("time s", right=True), Column("why not", shrink=True)], rows
-    )
+    """The steps to do first if nothing can be done at once, a row per candidate that can, and why the others cannot."""
+    feasible = [feasibility for feasibility in found if feasibility.feasible]
+    at_once = " at once" if suggested and not feasible else ""
+    say(f"{task} in {workspace}: {len(feasible)} of {len(found)} candidates can be done{at_once}\n")
+    if feasible:
+        rows = [(one.candidate.name, f"{one.time:.2f}" if one.time is not None else "") for one in feasible]
+        print_table([Column("candidate"), Column("time [s]", right=True)], rows)
+    elif suggested:
+        print_suggested(suggested)
+        say()
+    blocked = [one for one in found if not one.feasible]
+    print_infeasible((one.candidate, "; ".join(filter(None, [*one.reasons, one.suggestion.words]))) for one in blocked)
     around = [f"{one.candidate.name}: {', '.join(one.ways_around)}" for one in found if one.ways_around]
     for number, line in enumerate(around):
         say(f"\n{line}" if number == 0 else line)
-    if suggested and not feasible:
-        print_suggested(suggested)
 
 
 def print_suggested(suggested: Sequence[SuggestedStep]) -> None:
     """The steps that lead to a task, a row each; all are feasible."""
-    say("\nIt can be done in these steps, each in its best way:\n")
+    say("It can be done in these steps, each in its best way:\n")
     columns = [Column("#"), Column("step"), Column("Q_eoi [%]", right=True), Column("Q_avg [%]", right=True)]
     rows = [
         (str(number), step.task, Share(found.q_eoi), Share(found.q_avg), f"{found.time:.2f}")

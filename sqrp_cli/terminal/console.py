@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -22,7 +23,7 @@ from rich.text import Text
 
 from sqrp_cli.errors import Problem
 from sqrp_cli.shown import harmless, one_line
-from sqrp_cli.terminal.progress_lines import Advance, progress_lines
+from sqrp_cli.terminal.progress_lines import Advance, Verbosity, progress_lines, verbosity
 
 BAR_WIDTH = 8
 """Cells of a bar in a table."""
@@ -158,6 +159,14 @@ def print_table(columns: Sequence[Column], rows: Iterable[Sequence[Cell]]) -> No
             _put(console, Text.assemble("  " if number else "", piece))
 
 
+def fits(columns: Sequence[Column], rows: Sequence[Sequence[Cell]]) -> bool:
+    """Whether the terminal is wide enough for these columns, bars left out, so that no row becomes a paragraph."""
+    cells = [[_styled(cell, bar=False) for cell in row] for row in rows]
+    widest = [max((cell_len(str(line[number])) for line in cells), default=0) for number in range(len(columns))]
+    titles = [_broken(_title(column), width) for column, width in zip(columns, widest, strict=True)]
+    return _width(columns, titles, cells) <= output().width
+
+
 def _styled(cell: Cell, *, bar: bool) -> Text:
     if isinstance(cell, Share):
         return percentage(cell.value, bar=bar)
@@ -257,6 +266,8 @@ def say_raw(text: str) -> None:
 
 def note(text: str) -> None:
     """A line that is not part of the results."""
+    if verbosity.get() is Verbosity.QUIET:
+        return
     _put(diagnostics(), _text(text, "dim"))
 
 
@@ -273,8 +284,10 @@ def ask(question: str) -> str:
 
 def print_problems(problems: Iterable[Problem]) -> None:
     """Problems on stderr: place, what was found and expected, the line with a caret, and how to mend it."""
-    console = diagnostics()
+    console, quiet = diagnostics(), verbosity.get() is Verbosity.QUIET
     for problem in problems:
+        if quiet and problem.severity != "error":
+            continue
         line = Text.assemble((f"{problem.severity}: ", SEVERITY_STYLES[problem.severity]))
         if problem.place is not None:
             line.append(f"{one_line(str(problem.place))}: ", style="bold")
@@ -309,7 +322,19 @@ def progress(title: str, total: int | None) -> Iterator[Advance]:
 
     total: None if it is not known beforehand.
     """
+    began = time.monotonic()
+    with _progress(title, total) as advance:
+        yield advance
+    if verbosity.get() is Verbosity.VERBOSE:
+        note(f"{title}: {time.monotonic() - began:.1f} s")
+
+
+@contextmanager
+def _progress(title: str, total: int | None) -> Iterator[Advance]:
     console = diagnostics()
+    if verbosity.get() is Verbosity.QUIET:
+        yield _nothing
+        return
     if not console.is_terminal:
         with progress_lines(title, total, note) as advance:
             yield advance
@@ -331,6 +356,10 @@ def progress(title: str, total: int | None) -> Iterator[Advance]:
         yield lambda count=1: bars.advance(task, count)
 
 
+def _nothing(count: int = 1) -> None:
+    """Progress that nobody is shown."""
+
+
 class Show(Protocol):
     """Called with the new text to show."""
 
@@ -340,9 +369,9 @@ class Show(Protocol):
 
 @contextmanager
 def live() -> Iterator[Show | None]:
-    """Text on stderr that changes in place and vanishes when done; None if stderr is no terminal."""
+    """Text on stderr that changes in place and vanishes when done; None if stderr is no terminal, or quiet."""
     console = diagnostics()
-    if not console.is_terminal:
+    if not console.is_terminal or verbosity.get() is Verbosity.QUIET:
         yield None
         return
     with Live(console=console, transient=True, auto_refresh=False) as screen:

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from enum import IntEnum
 from typing import Protocol
 
 
@@ -25,6 +26,21 @@ SLOWER = 0.2
 
 wanted: ContextVar[bool] = ContextVar("wanted", default=True)
 """Whether there may be lines: not beside a document."""
+
+
+class Verbosity(IntEnum):
+    """What is said on stderr besides errors."""
+
+    QUIET = 0
+    """Nothing: no warnings, notes or progress."""
+    NORMAL = 1
+    """Warnings, notes, and progress that vanishes."""
+    VERBOSE = 2
+    """How long each step took, too."""
+
+
+verbosity: ContextVar[Verbosity] = ContextVar("verbosity", default=Verbosity.NORMAL)
+"""As asked by `-q` and `-v`."""
 
 
 @contextmanager

@@ -15,7 +15,8 @@ from sqrp_cli.programming.ranking import Criterion, Ranked, criterion_figure, wi
 from sqrp_cli.programming.task import in_words
 from sqrp_cli.report.documents.candidates import percentiles
 from sqrp_cli.report.sentences import accuracy, differing_parameters, summary, way_of
-from sqrp_cli.terminal.console import Cell, Column, Share, Styled, joined, plain, print_table, say
+from sqrp_cli.terminal.console import Cell, Column, Share, Styled, fits, joined, plain, print_table, say
+from sqrp_cli.terminal.infeasible import print_infeasible
 from sqrp_cli.terminal.ways_table import blind_ends, faster_ways, print_ways
 
 _SHOWN: dict[Criterion, tuple[str, float, str]] = {
@@ -27,28 +28,38 @@ _SHOWN: dict[Criterion, tuple[str, float, str]] = {
 }
 """Name, scale and format of each criterion's figure."""
 
+MOST_ROWS = 20
+"""A ranking of more candidates shows only some, unless all are asked for."""
+
 _OPTIMAL = "* Pareto-optimal: none is as good in Q_eoi, Q_avg and time and better in one."
 """What the asterisk of the table means."""
 
 
 def print_ranking(
-    title: str, assignment: Assignment, ranking: Sequence[Ranked], by: Criterion, *, all_ways: bool = False
+    title: str,
+    assignment: Assignment,
+    ranking: Sequence[Ranked],
+    by: Criterion,
+    *,
+    all_ways: bool = False,
+    all_rows: bool = False,
 ) -> None:
     """The table with a row per feasible candidate, the infeasible ones with reasons, and a summary.
 
-    all_ways: with a table of the Pareto-optimal ways of each.
+    all_ways: with a table of the Pareto-optimal ways of each. all_rows: however many there are; else of a long ranking
+    only the best for each choice of objects.
     """
     feasible = [ranked for ranked in ranking if ranked.rank is not None]
     workspace = assignment.cell.workspace.name
     say(joined([(title, "bold"), f" in {workspace}: {summary(ranking, by)}\n"]))
     if feasible:
-        _print_feasible(feasible)
-    if feasible:
+        _print_feasible(feasible, feasible if all_rows else _best_of_each(feasible))
         _print_calibration(assignment, feasible, by)
     for ranked in feasible:
         if ranked.assessment.ways_around:
             say(f"{ranked.assessment.candidate.name}: {', '.join(ranked.assessment.ways_around)}")
-    _print_infeasible([ranked.assessment for ranked in ranking if ranked.rank is None])
+    blocked = [ranked.assessment for ranked in ranking if ranked.rank is None]
+    print_infeasible((found.candidate, found.reasons[0]) for found in blocked)
     if feasible:
         say()
         say(_praise(feasible, by))
@@ -65,17 +76,6 @@ def print_ranking(
         say(accuracy(assignment.sampling, feasible), "dim")
     if all_ways:
         print_ways([ranked.assessment for ranked in ranking])
-
-
-def _print_infeasible(assessments: Sequence[Assessment]) -> None:
-    """A line for each reason, with the candidates of the same objects that share it."""
-    groups: dict[tuple[str, str], list[str]] = {}
-    for assessment in assessments:
-        objects = " ".join(assessment.candidate.binding.values())
-        groups.setdefault((objects, assessment.reasons[0]), []).append(assessment.candidate.name)
-    for (objects, reason), names in groups.items():
-        who = names[0] if len(names) == 1 else f"{objects}, {len(names)} ways"
-        say(joined([("infeasible ", "red"), f"{who}: {reason}"]))
 
 
 def _print_calibration(assignment: Assignment, feasible: Sequence[Ranked], by: Criterion) -> None:
@@ -128,20 +128,45 @@ _WAY = _Figure("way", way_of)
 """The column that is there if a candidate can be done in several ways."""
 
 
-def _print_feasible(feasible: Sequence[Ranked]) -> None:
+def _best_of_each(feasible: Sequence[Ranked]) -> Sequence[Ranked]:
+    """All candidates of a short ranking; of a long one the best for each choice of objects, the first of them."""
+    if len(feasible) <= MOST_ROWS:
+        return feasible
+    best: dict[tuple[str, ...], Ranked] = {}
+    for ranked in feasible:
+        best.setdefault(tuple(ranked.assessment.candidate.binding.values()), ranked)
+    return list(best.values())[:MOST_ROWS]
+
+
+def _print_feasible(feasible: Sequence[Ranked], shown: Sequence[Ranked]) -> None:
+    """The table of those that are shown, and how many are not."""
     differing = differing_parameters([ranked.assessment.candidate for ranked in feasible])
     figures = [*_FIGURES, *_fault_figures(feasible[0].assessment)]
     if any(ranked.assessment.has_choice for ranked in feasible):
         figures = [_WAY, *figures]
-    columns = [
-        Column("#"),
-        *map(Column, differing),
-        *(Column(figure.title, right=figure is not _WAY, shrink=figure is _WAY) for figure in figures),
-    ]
-    print_table(columns, [_row(ranked, differing, figures) for ranked in feasible])
+    ends = [Column(figure.title, right=figure is not _WAY, shrink=figure is _WAY) for figure in figures]
+    columns = [Column("#"), *map(Column, differing), *ends]
+    rows = [_row(ranked, differing, figures) for ranked in shown]
+    if not fits(columns, rows):
+        objects = [name for name in differing if name in feasible[0].assessment.candidate.binding]
+        settings = [name for name in differing if name not in objects]
+        columns = [Column("#"), *map(Column, objects), Column("with", shrink=True), *ends]
+        rows = [
+            [*row[: 1 + len(objects)], _settings(ranked, settings), *row[1 + len(differing) :]]
+            for row, ranked in zip(rows, shown, strict=True)
+        ]
+    print_table(columns, rows)
+    if len(shown) < len(feasible):
+        say(f"... and {len(feasible) - len(shown)} more (--all)", "dim")
     faults = feasible[0].assessment.faults
     if len(faults) > 1:
         say(plain(f"The last columns are about the worst of the faults {', '.join(faults)}.", "dim"))
+
+
+def _settings(ranked: Ranked, names: Sequence[str]) -> str:
+    """Values of parameters in one cell."""
+    words = in_words(ranked.assessment.candidate.skill, ranked.assessment.candidate.all_parameters)
+    return ", ".join(f"{name} {words[name]}" for name in names)
 
 
 def _row(ranked: Ranked, differing: Sequence[str], figures: Sequence[_Figure]) -> list[Cell]:

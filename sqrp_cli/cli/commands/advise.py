@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sqrp_cli.cli import completion
 from sqrp_cli.cli.options import (
     After,
     Jobs,
@@ -52,7 +53,13 @@ Want = Annotated[
     ),
 ]
 Choice = Annotated[
-    str, typer.Option("--choose", metavar="best|NAME", help="Which candidate; the first-ranked by default.")
+    str,
+    typer.Option(
+        "--choose",
+        metavar="best|N|NAME",
+        autocompletion=completion.candidates,
+        help="Which candidate; the first-ranked by default.",
+    ),
 ]
 Kinds = Annotated[
     str | None,

@@ -17,7 +17,10 @@ def command(
     program: Annotated[Path, typer.Argument(metavar="PROGRAM", help="A program that `sqrp rank` wrote.")],
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Frames of a run of it: PNG files and `frames.csv`.")],
     threshold: Annotated[
-        float, typer.Option("--threshold", help="Least share of predicted detections that must have come true.")
+        float,
+        typer.Option(
+            "--threshold", metavar="SHARE", help="Least share of predicted detections that must have come true."
+        ),
     ] = 0.97,
     as_json: Json = False,
 ) -> ExitCode:

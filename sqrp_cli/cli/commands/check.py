@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sqrp_cli.cli import completion
 from sqrp_cli.cli.options import After, Jobs, Json, Seed, WorkspacePath, job_count
 from sqrp_cli.errors import ExitCode, InputError, Problem
 
@@ -21,7 +22,10 @@ NAME = "check"
 def command(
     workspace: WorkspacePath,
     task: Annotated[
-        str | None, typer.Argument(metavar="TASK", help='Check this task as well, such as "pickup green".')
+        str | None,
+        typer.Argument(
+            metavar="TASK", autocompletion=completion.tasks, help='Check this task as well, such as "pickup green".'
+        ),
     ] = None,
     after: After = None,
     program: Annotated[
@@ -42,7 +46,7 @@ def command(
     """
     from sqrp_cli.report.documents.checks import CheckDocument
     from sqrp_cli.report.documents.document import as_text
-    from sqrp_cli.terminal.console import note, print_problems, say, say_raw
+    from sqrp_cli.terminal.console import note, print_problems, say_command, say_raw
 
     if task is None and (program is not None or planner is not None):
         option = "--program" if program is not None else "--planner"
@@ -60,7 +64,8 @@ def command(
         print_problems(checked.problems)
         checked.show()
         if task is not None and checked.suggested and program is None:
-            say(f"\nTo write this as a program: sqrp check {shlex.join([str(workspace), task])} --program FILE")
+            command = f"sqrp check {shlex.join([str(workspace), task])} --program FILE"
+            say_command("\nTo write these steps as a program:", command)
     if not checked.valid:
         return ExitCode.BAD_INPUT
     if program is not None:

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperCommand
 
+from sqrp_cli.cli import completion
+from sqrp_cli.cli.command import Command
 from sqrp_cli.cli.options import (
     After,
     Images,
@@ -40,7 +41,7 @@ NAME = "explain"
 _WAYS = ("best", "all", "fastest")
 
 
-class Parser(TyperCommand):
+class Parser(Command):
     """Takes `--ways` with and without a value."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 # its type has no public name
@@ -60,7 +61,12 @@ def _with_ways(words: Sequence[str]) -> Iterator[str]:
 
 Choice = Annotated[
     str | None,
-    typer.Option("--choose", metavar="best|NAME", help="Which candidate to explain; the first-ranked by default."),
+    typer.Option(
+        "--choose",
+        metavar="best|N|NAME",
+        autocompletion=completion.candidates,
+        help="Which candidate to explain; the first-ranked by default.",
+    ),
 ]
 StepNumber = Annotated[
     int | None,
@@ -69,7 +75,10 @@ StepNumber = Annotated[
     ),
 ]
 MaybeTask = Annotated[
-    str | None, typer.Argument(metavar="TASK", show_default=False, help="As for rank; none for a program.")
+    str | None,
+    typer.Argument(
+        metavar="TASK", autocompletion=completion.tasks, show_default=False, help="As for rank; none for a program."
+    ),
 ]
 AllCandidates = Annotated[bool, typer.Option("--all", help="Compare all candidates side by side.")]
 ShownWays = Annotated[

@@ -42,13 +42,16 @@ def command(
     ] = True,
     random: Annotated[bool, typer.Option("--random", help="Fill it at random, for load tests.")] = False,
     objects: Annotated[
-        int | None, typer.Option("--objects", min=1, max=1500, help="With --random: so many cubes; 9 by default.")
+        int | None,
+        typer.Option("--objects", metavar="N", min=1, max=1500, help="With --random: so many cubes; 9 by default."),
     ] = None,
     cameras: Annotated[
-        int | None, typer.Option("--cameras", min=1, max=200, help="With --random: so many cameras; 4 by default.")
+        int | None,
+        typer.Option("--cameras", metavar="N", min=1, max=200, help="With --random: so many cameras; 4 by default."),
     ] = None,
     seed: Annotated[
-        int | None, typer.Option("--seed", min=0, help="With --random: seed of what is drawn; 0 by default.")
+        int | None,
+        typer.Option("--seed", metavar="N", min=0, help="With --random: seed of what is drawn; 0 by default."),
     ] = None,
     as_json: Json = False,
 ) -> ExitCode:

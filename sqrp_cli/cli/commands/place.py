@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sqrp_cli.cli import completion
 from sqrp_cli.cli.options import (
     Cluster,
     Jobs,
@@ -46,7 +47,11 @@ def command(
     workspace: WorkspacePath,
     tasks: Annotated[
         list[str] | None,
-        typer.Argument(metavar="TASK...", help="Such as `pickup green`; by default all that the workspace lists."),
+        typer.Argument(
+            metavar="TASK...",
+            autocompletion=completion.tasks,
+            help="Such as `pickup green`; by default all that the workspace lists.",
+        ),
     ] = None,
     cameras: Annotated[
         int | None, typer.Option("--cameras", metavar="N", min=1, help="Most cameras on mounts.")
@@ -66,7 +71,10 @@ def command(
         int, typer.Option("--survive", metavar="N", min=0, max=1, help="1: any one camera may fail.")
     ] = 0,
     keep: Annotated[
-        list[str] | None, typer.Option("--keep", metavar="CAMERA", help="A camera of the workspace that stays.")
+        list[str] | None,
+        typer.Option(
+            "--keep", metavar="CAMERA", autocompletion=completion.cameras, help="A camera of the workspace that stays."
+        ),
     ] = None,
     budget: Annotated[
         float | None, typer.Option("--budget", metavar="PRICE", min=0.0, help="Most that the cameras may cost.")

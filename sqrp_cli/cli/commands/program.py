@@ -31,7 +31,7 @@ RATES = (1.0, 2000.0)
 def command(
     file: Annotated[Path, typer.Argument(metavar="FILE|new", help="A program file, or `new` to make one.")],
     workspace: Annotated[
-        Path | None, typer.Argument(metavar="[WORKSPACE]", help="With `new`: the workspace to make it for.")
+        Path | None, typer.Argument(metavar="WORKSPACE", help="With `new`: the workspace to make it for.")
     ] = None,
     drop_last: Annotated[bool, typer.Option("--drop-last", help="Take the last step back.")] = False,
     export: Annotated[

@@ -145,7 +145,7 @@ class _Dialog:
         session = Session(task, Assignment(self.cell, self.world, Adaptive()))
         ranking = rank(list(assess(session, job_count(None), progress)), "q_eoi")
         say()
-        print_ranking(task.text, session.assignment, ranking, "q_eoi")
+        print_ranking(task.text, session.assignment, ranking, "q_eoi", all_rows=True)
         say()
         if ranking[0].rank is None:
             return self._propose(task)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sqrp_cli.cli import completion
 from sqrp_cli.cli.options import (
     After,
     Jobs,
@@ -42,11 +43,20 @@ if TYPE_CHECKING:
 
 NAME = "rank"
 
-By = Annotated[str, typer.Option("--by", help="What counts first: q_eoi, q_avg, time, delay or expected_time.")]
+By = Annotated[str, typer.Option("--by", metavar="q_eoi|q_avg|time|delay|expected_time", help="What counts first.")]
 ProgramFile = Annotated[
     Path | None, typer.Option("--program", metavar="FILE", help="Append the chosen candidate to this program file.")
 ]
-Choice = Annotated[str, typer.Option("--choose", metavar="best|NAME", help="Which candidate goes into the program.")]
+Choice = Annotated[
+    str,
+    typer.Option(
+        "--choose",
+        metavar="best|N|NAME",
+        autocompletion=completion.candidates,
+        help="Which candidate goes into the program: by its place in the ranking, or its name.",
+    ),
+]
+AllRows = Annotated[bool, typer.Option("--all", help="Show all candidates, also of a long ranking.")]
 CameraErrors = Annotated[
     str | None,
     typer.Option("--calibration", metavar='"5 mm, 0.5 deg"', help="What if the cameras are off by this (1 sigma)?"),
@@ -64,6 +74,7 @@ def command(
     program: ProgramFile = None,
     choose: Choice = "best",
     ways: Ways = "best",
+    all_rows: AllRows = False,
     max_time: MaxTime = None,
     after: After = None,
     calibration: CameraErrors = None,
@@ -100,7 +111,7 @@ def command(
     interrupted = interrupted or not _page_is_written(session, ranked, criterion, report, context.obj, job_count(jobs))
     # Written before the output, because its reader may leave early.
     code, message = (ExitCode.INTERRUPTED, "") if interrupted else _write_chosen(session, ranked, choose, program)
-    answer(Ranking(session, ranked, criterion, interrupted, all_ways=all_ways), as_json=as_json)
+    answer(Ranking(session, ranked, criterion, interrupted, all_ways=all_ways, all_rows=all_rows), as_json=as_json)
     if message:
         note(message)
     return code

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from sqrp_cli.cli import completion
 from sqrp_cli.cli.options import Json
 from sqrp_cli.errors import ExitCode
 
@@ -13,7 +14,12 @@ NAME = "rules"
 
 Code = Annotated[
     str | None,
-    typer.Argument(metavar="CODE", help="A finding, such as wrong-unit; all of them unless given.", show_default=False),
+    typer.Argument(
+        metavar="CODE",
+        autocompletion=completion.codes,
+        help="A finding, such as wrong-unit; all of them unless given.",
+        show_default=False,
+    ),
 ]
 
 

@@ -31,12 +31,14 @@ def command(
     context: typer.Context,
     program: Annotated[Path | None, typer.Argument(metavar="PROGRAM", help="A program that `sqrp rank` wrote.")] = None,
     sim: Annotated[bool, typer.Option("--sim", help="Run it in the simulated cell.")] = False,
-    fault: Annotated[list[str] | None, typer.Option("--fault", help=f"Let this happen: {_FORMS}; repeatable.")] = None,
+    fault: Annotated[
+        list[str] | None, typer.Option("--fault", metavar="FAULT", help=f"Let this happen: {_FORMS}; repeatable.")
+    ] = None,
     sweep: Annotated[
         str | None,
         typer.Option("--sweep", metavar="[STEP:]slip@PRIMITIVE", help="Many runs, with a slip at other instants."),
     ] = None,
-    n: Annotated[int | None, typer.Option("--n", min=1, help="Runs of a sweep; 20 by default.")] = None,
+    n: Annotated[int | None, typer.Option("--n", metavar="N", min=1, help="Runs of a sweep; 20 by default.")] = None,
     seed: Seed = 0,
     record: Annotated[
         Path | None, typer.Option("--record", metavar="FILE.mp4", help="Film all cameras, with what is seen drawn in.")

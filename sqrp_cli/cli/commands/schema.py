@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from sqrp_cli.cli import completion
 from sqrp_cli.errors import ExitCode
 
 NAME = "schema"
@@ -14,6 +15,7 @@ Name = Annotated[
     str,
     typer.Argument(
         metavar="NAME",
+        autocompletion=completion.schemas,
         help="workspace, skill, mounts (place.yaml), for files; log, for a line of the file of run --log; or a command,"
         " such as rank, for its --json.",
     ),

@@ -1,0 +1,39 @@
+"""How commands show what they take: arguments and options by the words of their metavars."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from typer.core import TyperCommand
+
+
+class Command(TyperCommand):
+    """A command whose help names arguments as its neighbours do: `WORKSPACE [TASK]`, without their Python types."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 # its type has no public name
+        """Read the words of the command; while they are typed, without an option whose value is still missing."""
+        unfinished = ctx.resilient_parsing and args and args[-1].startswith("-")
+        return super().parse_args(ctx, args[:-1] if unfinished else args)
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:  # noqa: ANN401 # as above
+        """The words after the command's name in its usage line."""
+        shown = [_usage(one) for one in self.get_params(ctx) if one.param_type_name == "argument"]
+        return [self.options_metavar or "", *shown]
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401 # as above
+        """Write the sections of arguments and options."""
+        sections: dict[str, list[tuple[str, str]]] = {"argument": [], "option": []}
+        for one in self.get_params(ctx):
+            record = one.get_help_record(ctx)
+            if record is not None:
+                name = one.metavar if one.param_type_name == "argument" else record[0]
+                sections[one.param_type_name].append((name or record[0], record[1]))
+        for kind, rows in sections.items():
+            if rows:
+                with formatter.section(f"{kind.capitalize()}s"):
+                    formatter.write_dl(rows)
+
+
+def _usage(argument: Any) -> str:  # noqa: ANN401 # as above
+    word = argument.metavar if argument.nargs == 1 or argument.metavar.endswith("...") else f"{argument.metavar}..."
+    return word if argument.required else f"[{word}]"

@@ -1,0 +1,132 @@
+"""What the shell proposes while a command is typed: tasks, candidates, cameras, codes and names.
+
+Each function is called with what stands before the word and the word as far as it is typed. Nothing is proposed where
+a workspace or task cannot be read: a shell has no place for messages.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Iterable, Iterator
+from contextlib import redirect_stdout, suppress
+from io import StringIO
+from itertools import islice
+from typing import TYPE_CHECKING
+
+import typer
+
+from sqrp_cli.errors import InputError
+
+if TYPE_CHECKING:
+    from sqrp_cli.knowledge.workspace.workspace import Workspace
+
+ASKED = "_SQRP_COMPLETE"
+"""Environment variable with which a shell asks for proposals."""
+
+THEN = "then"
+"""Between two steps of a task."""
+
+MOST = 500
+"""Most proposals."""
+
+
+def propose(app: typer.Typer) -> None:
+    """Print what a shell asks for in its environment variables."""
+    quoted = _read_line()
+    with redirect_stdout(StringIO()) as proposals, suppress(SystemExit):
+        app(prog_name="sqrp")
+    lines = [line for line in proposals.getvalue().splitlines() if line]
+    if not quoted and any(shlex.quote(line) != line for line in lines):  # all, so that they begin alike
+        lines = ["'" + line.replace("'", "'\"'\"'") + "'" for line in lines]
+    typer.echo("\n".join(lines))
+
+
+def _read_line() -> bool:
+    """Make the line that a shell sends readable for Typer, which knows neither escaped blanks nor open quotes.
+
+    Returns whether proposals can be inserted as they are: bash quotes none itself, if the word does not begin so.
+    """
+    if "COMP_WORDS" not in os.environ:
+        line = os.environ.get("_TYPER_COMPLETE_ARGS", "")
+        found, is_open = _words(line)
+        ended = line.endswith(" ") and not line.endswith("\\ ") and not is_open
+        os.environ["_TYPER_COMPLETE_ARGS"] = shlex.join(found) + " " * ended
+        return True
+    words = os.environ["COMP_WORDS"].split("\n")
+    os.environ["COMP_WORDS"] = "\n".join(shlex.join(_words(word)[0]) for word in words)
+    return words[min(int(os.environ["COMP_CWORD"]), len(words) - 1)][:1] in ('"', "'")
+
+
+def _words(line: str) -> tuple[list[str], bool]:
+    """The words of a line, and whether it ends within quotes."""
+    for end in ("", '"', "'"):
+        with suppress(ValueError):
+            return shlex.split(line + end), bool(end)
+    return line.split(), False
+
+
+def tasks(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Tasks that go on as typed: the workspace's own, or one more word of a task."""
+    workspace = _workspace(ctx)
+    return _proposed(_next_words(workspace, incomplete), incomplete) if workspace else []
+
+
+def candidates(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Names of the candidates of the command's task."""
+    from sqrp_cli.programming.task import read_task
+
+    workspace = _workspace(ctx)
+    with suppress(InputError):
+        if workspace:
+            found = read_task(str(ctx.params.get("task")), workspace).candidates
+            return _proposed(["best", *(one.name for one in found)], incomplete)
+    return []
+
+
+def cameras(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Names of the workspace's cameras."""
+    workspace = _workspace(ctx)
+    return _proposed(workspace.cameras, incomplete) if workspace else []
+
+
+def codes(incomplete: str) -> list[str]:
+    """Codes of findings."""
+    from sqrp_cli.checks.registry import rules
+
+    return _proposed(rules(), incomplete)
+
+
+def schemas(incomplete: str) -> list[str]:
+    """Names of schemas."""
+    from sqrp_cli.report.documents.schemas import NAMES
+
+    return _proposed(NAMES, incomplete)
+
+
+def _workspace(ctx: typer.Context) -> Workspace | None:
+    from sqrp_cli.knowledge.workspace.load import load_workspace
+
+    path = ctx.params.get("workspace")
+    with suppress(InputError, OSError):
+        return load_workspace(path) if path is not None else None
+    return None
+
+
+def _next_words(workspace: Workspace, typed: str) -> Iterator[str]:
+    """Texts of tasks that are one word longer than what is typed, its last word being unfinished."""
+    from sqrp_cli.programming.task import following_words, read_task
+
+    yield from (task.task for task in workspace.tasks)
+    before = typed[: typed.rfind(" ") + 1]
+    for word in following_words(before, workspace):
+        text = f"{before}{word}"
+        with suppress(InputError):
+            if word != THEN and not word.endswith("="):
+                read_task(text, workspace)
+            yield text
+
+
+def _proposed(values: Iterable[str], typed: str) -> list[str]:
+    """The values that begin as typed."""
+    return list(islice(dict.fromkeys(value for value in values if value.startswith(typed)), MOST))
