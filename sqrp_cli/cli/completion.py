@@ -39,7 +39,8 @@ def propose(app: typer.Typer) -> None:
     lines = [line for line in proposals.getvalue().splitlines() if line]
     if not quoted and any(shlex.quote(line) != line for line in lines):  # all, so that they begin alike
         lines = ["'" + line.replace("'", "'\"'\"'") + "'" for line in lines]
-    typer.echo("\n".join(lines))
+    if lines:
+        typer.echo("\n".join(lines))
 
 
 def _read_line() -> bool:

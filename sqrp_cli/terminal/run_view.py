@@ -217,7 +217,9 @@ def _print_prediction(prediction: Sequence[Prediction], total: Confusion) -> Non
     columns = [
         Column("literal"),
         Column("camera"),
-        *(Column(title, right=True) for title in ("predicted", "and seen", "not predicted", "but seen")),
+        Column("images that were\npromised to show it", right=True),
+        Column("came true", right=True),
+        Column("others that\nshowed it", right=True),
     ]
     rows = []
     for number, step in enumerate(prediction, 1):
@@ -232,9 +234,9 @@ def _print_prediction(prediction: Sequence[Prediction], total: Confusion) -> Non
 
 def _cells(found: Confusion) -> list[Any]:
     share = found.precision
-    right = "-" if share is None else f"{found.tp}  {100 * share:5.1f} %"
+    true = "-" if share is None else f"{found.tp}  {100 * share:5.1f} %"
     style = "" if share is None or share >= 0.97 else "yellow" if share >= 0.9 else "red"
-    return [str(found.tp + found.fp), plain(right, style), str(found.tn + found.fn), str(found.fn or "-")]
+    return [str(found.tp + found.fp), plain(true, style), f"{found.fn} of {found.tn + found.fn}"]
 
 
 def _print_disagreements(found: Sequence[Disagreement], steps: int) -> None:
@@ -246,7 +248,7 @@ def _print_disagreements(found: Sequence[Disagreement], steps: int) -> None:
     for entry in found:
         groups.setdefault((not entry.predicted, entry.step, entry.atom, entry.camera, entry.seen), []).append(entry)
     listed_groups = sorted(groups.items())[:MOST_DISAGREEMENTS]
-    for unforeseen, title in ((False, "Predicted, but not seen:"), (True, "Seen, but not predicted:")):
+    for unforeseen, title in ((False, "Promised, but not seen:"), (True, "Seen, though not promised:")):
         rows = [_disagreement(entries, steps) for group, entries in listed_groups if group[0] is unforeseen]
         if rows:
             say()

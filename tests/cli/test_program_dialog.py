@@ -37,7 +37,7 @@ def file(laying) -> Path:
 
 
 def test_a_program_of_two_steps_is_made_by_numbers(answer, file):
-    outcome = answer(str(file), "2", "1", "1", "2", "")
+    outcome = answer("2", "1", str(file), "1", "2", "")
     assert outcome.code == 0
     assert [step.short_task for step in load_program(file).steps] == ["pickup g2", "lay g2"]
     assert load_program(file).steps[1].parameters["speed"] == 1.0, "the second in the ranking"
@@ -46,7 +46,7 @@ def test_a_program_of_two_steps_is_made_by_numbers(answer, file):
 
 
 def test_what_can_be_done_is_listed_first_and_the_rest_with_its_reason(answer, file):
-    outcome = answer(str(file))
+    outcome = answer()
     lines = outcome.out.splitlines()
     numbered = [line.split()[1:3] for line in lines if line.split()[:1] and line.split()[0].isdecimal()]
     assert ["pickup", "g2"] in numbered
@@ -59,37 +59,34 @@ def test_what_can_be_done_is_listed_first_and_the_rest_with_its_reason(answer, f
 
 
 def test_a_task_that_needs_others_first_is_proposed_with_them(answer, file):
-    outcome = answer(str(file), "pickup g2", "1", "pickup g3", "yes")
+    outcome = answer("pickup g2", "1", str(file), "pickup g3", "yes")
     assert outcome.code == 0
     assert [step.short_task for step in load_program(file).steps] == ["pickup g2", "lay g2", "pickup g3"]
 
 
 def test_wrong_answers_are_explained_and_asked_for_again(answer, file, laying):
-    outcome = answer(
-        str(laying / "none" / "x.yaml"), str(laying), str(file), "99", "pickup gren", "pickup g2", "7", "x", "0", ""
-    )
+    no_files = [str(laying / "none" / "x.yaml"), str(laying)]
+    outcome = answer("99", "pickup gren", "pickup g2", "7", "x", "1", *no_files, str(file), "")
     assert outcome.code == 0
     assert "mkdir -p" in outcome.err
     assert "did you mean `green`?" in outcome.err
     assert "There is no number 99" in outcome.out
     assert "There is no number 7" in outcome.out
-    assert not file.exists()
+    assert [step.short_task for step in load_program(file).steps] == ["pickup g2"]
 
 
-def test_an_existing_program_is_gone_on_with_or_left_alone(answer, file):
-    assert answer(str(file), "2", "1").code == 0
-    before = file.read_bytes()
-    assert answer(str(file), "no").code == 0
-    assert file.read_bytes() == before
-    assert answer(str(file), "yes", "1", "1").code == 0
-    assert [step.short_task for step in load_program(file).steps] == ["pickup g2", "lay g2"]
+def test_no_way_means_no_question_for_a_file(answer):
+    outcome = answer("pickup g2", "0", "")
+    assert "File for the program" not in outcome.out
+    assert "nothing was written" in outcome.err
 
 
-def test_a_file_that_is_no_program_is_never_overwritten(answer, laying):
+def test_a_file_that_is_there_already_is_never_overwritten(answer, laying, file):
     before = (laying / "workspace.yaml").read_bytes()
-    outcome = answer(str(laying / "workspace.yaml"))
-    assert "no program" in outcome.err
+    outcome = answer("2", "1", str(laying / "workspace.yaml"), str(file))
+    assert "there already" in outcome.err
     assert (laying / "workspace.yaml").read_bytes() == before
+    assert len(load_program(file).steps) == 1
 
 
 def test_what_was_chosen_is_saved_before_the_next_question(answer, file, monkeypatch):
@@ -103,7 +100,7 @@ def test_what_was_chosen_is_saved_before_the_next_question(answer, file, monkeyp
 
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     monkeypatch.setattr(program_new, "ask", interrupted)
-    outcome = answer(str(file), "2", "1")
+    outcome = answer("2", "1", str(file))
     signal.signal(signal.SIGINT, before)
     assert outcome.code == 130
     assert "1 step" in outcome.err
@@ -152,9 +149,9 @@ class Terminal:
 
 def test_at_a_terminal_a_step_is_chosen_and_ctrl_c_keeps_it(laying, file):
     terminal = Terminal("program", "new", laying)
-    terminal.answer("File for the program", f"{file}\n")
     terminal.answer("Step 1:", "2\n")
     terminal.answer("Which one", "\n")
+    terminal.answer("File for the program", f"{file}\n")
     terminal.answer("Step 2:", "")
     assert terminal.interrupt() == 130
     os.close(terminal.end)

@@ -105,7 +105,7 @@ def test_wrong_predictions_of_several_steps_name_their_step_and_are_a_table_at_8
         "1: obj_on_table(red1)",
         "2: obj_on_table(red1)",
     ]
-    assert lines.index("Predicted, but not seen:") < lines.index("Seen, but not predicted:")
+    assert lines.index("Promised, but not seen:") < lines.index("Seen, though not promised:")
 
 
 def test_wrong_predictions_of_a_single_step_do_not_number_it(capsys: pytest.CaptureFixture[str]) -> None:

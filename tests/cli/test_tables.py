@@ -45,23 +45,22 @@ watch green in watch: 2 of 2 candidates can be done, best Q_eoi first
 CHECKED = """\
 watch cube in watch: 12 of 13 candidates can be done
 
-candidate  feasible  time s  why not
-seen       yes         4.00
-turned     yes         4.00
-near       yes         4.00
-far        yes         4.00
-left       yes         4.00
-right      yes         4.00
-high       yes         4.00
-low        yes         4.00
-close      yes         4.00
-distant    yes         4.00
-tiny       yes         4.00
-behind     yes         4.00
-stray      no                `watch` needs `in_place(stray)`, which does not
-                             hold; `watch` needs `faces(stray)`, which does not
-                             hold; no sequence of this workspace's skills can
-                             establish `in_place(stray)` and `faces(stray)`
+candidate  time [s]
+seen           4.00
+turned         4.00
+near           4.00
+far            4.00
+left           4.00
+right          4.00
+high           4.00
+low            4.00
+close          4.00
+distant        4.00
+tiny           4.00
+behind         4.00
+infeasible stray: `watch` needs `in_place(stray)`, which does not hold;
+  `watch` needs `faces(stray)`, which does not hold; no sequence of this
+  workspace's skills can establish `in_place(stray)` and `faces(stray)`
 """
 
 

@@ -9,10 +9,10 @@ from pathlib import Path
 from sqrp_cli.api.session import ChosenStep, Session, add_steps, assess, chosen_steps
 from sqrp_cli.checks.dependency_check import best_suggestion, check_candidate
 from sqrp_cli.cli.options import job_count, open_with_warnings
-from sqrp_cli.errors import ExitCode, InputError
+from sqrp_cli.errors import ExitCode, InputError, Place, Problem
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.platform.files import check_writable
-from sqrp_cli.program.file import check_program, load_program, new_program
+from sqrp_cli.program.file import new_program
 from sqrp_cli.program.record import Program
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.sampling import Adaptive
@@ -28,7 +28,7 @@ from sqrp_cli.terminal.rank_table import print_ranking
 
 
 def make_program(path: Path) -> ExitCode:
-    """Ask for a file and for one task after the other until there is no answer.
+    """Ask for one task after the other until there is no answer, and after the first for the file.
 
     Raises InputError for a workspace that cannot be used. Wrong answers are explained and asked for again.
     """
@@ -37,7 +37,6 @@ def make_program(path: Path) -> ExitCode:
     dialog = _Dialog(cell, None, new_program(workspace, cell.model.joints, Path()))
     say(f"A program for {workspace.name}. Enter without an answer takes what is in brackets.\n")
     try:
-        dialog.ask_for_file()
         while dialog.add_step():
             pass
     except EOFError:
@@ -68,26 +67,19 @@ class _Dialog:
             return "no step was chosen, so nothing was written"
         return f"{self.file} holds the program: {count} step{'s' * (count != 1)}"
 
-    def ask_for_file(self) -> None:
-        """Ask until there is a file that can be written, or a program to continue."""
+    def _asked_file(self) -> Path:
+        """A new file that can be written, asked for until there is one."""
         proposal = f"{self.cell.workspace.name}-program.yaml"
-        while self.file is None:
+        while True:
             file = Path(ask(f"File for the program [{proposal}]: ") or proposal)
             try:
-                self._take(file)
+                check_writable(file)
+                if not file.exists():
+                    return file
+                mend = "choose another name; `sqrp rank WORKSPACE TASK --program FILE` goes on with a program"
+                print_problems([Problem("would-overwrite", "this file is there already", Place(file), mend=mend)])
             except InputError as error:
                 print_problems(error.problems)
-
-    def _take(self, file: Path) -> None:
-        check_writable(file)
-        if not file.exists():
-            self.file, self.program = file, new_program(self.cell.workspace, self.cell.model.joints, file)
-            return
-        program = load_program(file)
-        check_program(program, file, self.cell.workspace)
-        count = len(program.steps)
-        if _is_yes(ask(f"{file} has {count} step{'s' * (count != 1)}. Go on after them [yes]: ")):
-            self.file, self.program = file, program
 
     @property
     def world(self) -> World:
@@ -161,8 +153,9 @@ class _Dialog:
         return chosen_steps(suggested) if _is_yes(ask("\nTake these steps [yes]: ")) else []
 
     def _add(self, steps: list[ChosenStep]) -> None:
-        """Save steps at once."""
-        if steps and self.file is not None:
+        """Save steps at once; the first ones in a file that is asked for only now."""
+        if steps:
+            self.file = self.file or self._asked_file()
             self.program = add_steps(self.cell, steps, Adaptive(), self.file)
             added = ", ".join(step.short_task for step in self.program.steps[-len(steps) :])
             say(f"Added and saved in {self.file}: {added}.\n")

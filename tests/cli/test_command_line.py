@@ -1,0 +1,89 @@
+"""The command line as its neighbours have it: help in words, options anywhere, short flags, places in a ranking."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from sqrp_cli.cli.app import COMMANDS
+
+NAMES = [module.NAME for module in COMMANDS]
+
+
+@pytest.mark.parametrize("command", ["", *NAMES])
+def test_help_fits_eighty_columns_and_speaks_in_words(sqrp, command):
+    out = sqrp(*filter(None, [command]), "--help", columns=80).out
+    assert all(len(line) <= 80 for line in out.splitlines())
+    assert not re.search(r"<\w|list\[|[{}]", out)
+
+
+@pytest.mark.parametrize(
+    ("command", "usage"),
+    [
+        ("rank", "WORKSPACE TASK"),
+        ("explain", "WORKSPACE [TASK]"),
+        ("place", "WORKSPACE [TASK...]"),
+        ("score", "PATH..."),
+        ("program", "FILE|new [WORKSPACE]"),
+        ("run", "[PROGRAM]"),
+    ],
+)
+def test_usage_names_what_may_be_left_out_and_what_may_be_repeated(sqrp, command, usage):
+    assert sqrp(command, "-h").out.splitlines()[0] == f"Usage: sqrp {command} [OPTIONS] {usage}"
+
+
+def test_the_version_has_a_short_flag(sqrp):
+    assert sqrp("-V").out == sqrp("--version").out != ""
+
+
+def test_quiet_leaves_results_and_errors(sqrp, own_watch):
+    file = own_watch / "workspace.yaml"
+    file.write_text(file.read_text().replace("rate: 10 Hz", "rate: 5 kHz", 1))
+    loud, quiet = sqrp("rank", own_watch, "watch green"), sqrp("rank", own_watch, "watch green", "-q")
+    assert "warning" in loud.err
+    assert (quiet.out, quiet.err) == (loud.out, "")
+    assert "error: there is no skill" in sqrp("-q", "rank", own_watch, "wach green").err
+
+
+def test_verbose_says_how_long_each_step_took(sqrp, watch):
+    plain, verbose = sqrp("rank", watch, "watch green"), sqrp("rank", watch, "watch green", "--verbose")
+    assert (plain.out, plain.err) == (verbose.out, "")
+    assert verbose.err.startswith("Assessing watch green: ")
+    assert verbose.err.endswith(" s\n")
+
+
+def test_a_candidate_is_chosen_by_its_place(sqrp, watch, tmp_path):
+    file = tmp_path / "program.yaml"
+    outcome = sqrp("rank", watch, "watch green", "--choose", "2", "--program", file)
+    assert outcome.code == 0
+    assert sqrp("program", file, "--json").document["steps"][0]["task"] == "watch turned"
+    assert sqrp("explain", watch, "watch green", "--choose", "2").out.startswith("watch turned")
+
+
+@pytest.mark.parametrize("place", ["0", "3"])
+def test_a_place_that_no_candidate_has_is_refused(sqrp, watch, place):
+    outcome = sqrp("rank", watch, "watch green", "--choose", place)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert f"there is no place {place} in a ranking of 2 candidates" in outcome.err
+
+
+def test_a_long_ranking_shows_the_best_of_each_object_unless_all_are_asked_for(sqrp, tabletop):
+    task = "pickup g2 speed=0.5,0.6,0.7,0.8,0.9,1 lift=50mm,60mm,70mm,80mm"
+    short = sqrp("rank", tabletop, task, "--ways", "fastest").out
+    whole = sqrp("rank", tabletop, task, "--ways", "fastest", "--all").out
+    assert "... and 23 more (--all)" in short.splitlines()
+    assert [line.split()[0] for line in whole.splitlines() if re.match(r"\d+ ", line)] == [str(n) for n in range(1, 25)]
+    assert [line for line in short.splitlines() if re.match(r"\d+ ", line)] == [
+        line for line in whole.splitlines() if line.startswith("1 ")
+    ]
+
+
+def test_a_reason_that_many_share_is_said_once(sqrp, tabletop):
+    lines = sqrp("check", tabletop, "stack").out.splitlines()
+    plan = next(number for number, line in enumerate(lines) if line.startswith("It can be done in these steps"))
+    reasons = [number for number, line in enumerate(lines) if line.startswith("infeasible")]
+    assert lines[0] == "stack in tabletop: 0 of 81 candidates can be done at once"
+    assert plan < reasons[0]
+    assert len(reasons) < 10
+    assert any(" and 39 more: " in lines[number] for number in reasons)

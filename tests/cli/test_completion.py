@@ -1,0 +1,101 @@
+"""What bash and zsh propose while a command is typed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pexpect
+import pytest
+
+from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.programming.task import read_task
+
+PROGRAM = shutil.which("sqrp", path=str(Path(sys.executable).parent)) or ""
+SHELLS = [
+    shell if shutil.which(shell) else pytest.param(shell, marks=pytest.mark.skip(reason=f"there is no {shell}"))
+    for shell in ("bash", "zsh")
+]
+SETTINGS = {
+    "bash": 'bind "set enable-bracketed-paste off"',
+    "zsh": "unset zle_bracketed_paste; autoload -Uz compinit; compinit -u -D",
+}
+
+
+@pytest.fixture
+def proposed(sqrp, monkeypatch) -> Callable[..., list[str]]:
+    """What bash is told to propose for the last of these words."""
+
+    def ask(*words: str) -> list[str]:
+        monkeypatch.setenv("_SQRP_COMPLETE", "complete_bash")
+        monkeypatch.setenv("COMP_WORDS", "\n".join(("sqrp", *words)))
+        monkeypatch.setenv("COMP_CWORD", str(len(words)))
+        outcome = sqrp()
+        assert (outcome.code, outcome.err) == (0, "")
+        return outcome.out.split("\n")[:-1]
+
+    return ask
+
+
+def test_commands_and_options_are_proposed(proposed):
+    assert proposed("ra") == ["rank"]
+    assert proposed("rank", "cell", "pickup", "--ca") == ["--calibration"]
+
+
+def test_a_task_goes_on_word_by_word_and_each_proposal_is_one(proposed, tabletop):
+    workspace = load_workspace(tabletop)
+    assert proposed("rank", str(tabletop), '"st') == ["stack"]
+    found = proposed("rank", str(tabletop), '"pickup ')
+    assert {"pickup g1", "pickup green", "pickup speed=1", "pickup then"} <= set(found)
+    for text in found:
+        if not text.endswith(("=", " then")):
+            assert read_task(text, workspace).candidates
+
+
+def test_of_a_task_of_several_steps_the_last_is_completed(proposed, tabletop):
+    found = proposed("rank", str(tabletop), '"pickup g1 then stack g1 g')
+    assert "pickup g1 then stack g1 g2" in found
+    assert all(text.startswith("pickup g1 then stack g1 g") for text in found)
+
+
+def test_an_unquoted_task_is_proposed_in_quotes(proposed, tabletop):
+    assert proposed("rank", str(tabletop), "pickup\\ gr") == ["'pickup green'"]
+    assert "'pickup green'" in proposed("rank", str(tabletop), "pick")
+    assert proposed("rank", str(tabletop), "'pickup gr") == ["pickup green"]
+
+
+def test_candidates_cameras_codes_and_schemas_are_proposed(proposed, tabletop):
+    assert proposed("explain", str(tabletop), '"pickup green"', "--choose", "g") == [f"g{n}" for n in range(1, 7)]
+    assert proposed("place", str(tabletop), "--keep", "cam") == [f"cam{n}" for n in range(1, 7)]
+    assert proposed("rules", "wrong-u") == ["wrong-unit"]
+    assert proposed("schema", "work") == ["workspace"]
+
+
+@pytest.mark.parametrize(
+    "words", [("rank", "nowhere", "pick"), ("rank", "a'b", '"x'), ("explain", "x", "y", "--choose", "")]
+)
+def test_where_nothing_can_be_read_nothing_is_proposed(proposed, words):
+    assert proposed(*words) == []
+
+
+@pytest.mark.parametrize("shell", SHELLS)
+def test_a_shell_completes_a_task_with_a_blank_in_it(shell, tabletop, tmp_path):
+    options = ["--norc", "--noprofile", "-i"] if shell == "bash" else ["-f", "-i"]
+    path = f"{Path(PROGRAM).parent}{os.pathsep}{os.environ['PATH']}"
+    terminal = pexpect.spawn(
+        shell,
+        options,
+        env={**os.environ, "PATH": path, "TERM": "dumb", "HOME": str(tmp_path)},
+        encoding="utf-8",
+        dimensions=(50, 250),
+        timeout=60,
+    )
+    terminal.sendline(f'PS1="READY> "; {SETTINGS[shell]}; eval "$(sqrp --show-completion {shell})"; echo do""ne')
+    terminal.expect("done\r")
+    terminal.expect("READY> ")
+    terminal.send(f'sqrp rank {tabletop} "pickup gr\t')
+    terminal.expect_exact('pickup green" ')
+    terminal.close(force=True)
