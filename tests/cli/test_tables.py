@@ -308,11 +308,11 @@ def test_without_colour_no_control_characters_reach_the_terminal(watch):
     assert "watch is valid" in shown
 
 
-def test_progress_never_reaches_a_file(sqrp_process, tabletop):
-    outcome = sqrp_process("rank", tabletop, "pickup green")
+def test_progress_never_reaches_a_file(sqrp_process, watch):
+    outcome = sqrp_process("rank", watch, "watch green")
     assert outcome.err == ""
     assert outcome.out.count("Assessing") == 0
-    assert Path(tabletop).name in outcome.out
+    assert "watch" in outcome.out
 
 
 def test_a_step_that_takes_long_has_a_line_now_and_then_where_stderr_is_no_terminal(monkeypatch):
