@@ -18,13 +18,14 @@ from sqrp_cli.knowledge.workspace.load import read_workspace_document
 from sqrp_cli.knowledge.workspace.mounts import place_file, read_mounts
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.programming.advice.wish import Wish, read_wish
-from sqrp_cli.programming.placing.place import PlaceQuestion, Placer
-from sqrp_cli.programming.placing.problem import OBJECTIVES, Demand
+from sqrp_cli.programming.placing.place import Placer
+from sqrp_cli.programming.placing.placement import PlaceQuestion
+from sqrp_cli.programming.placing.problem import OBJECTIVES, CameraFloor, Demand
 from sqrp_cli.programming.placing.solver import check_solver
 from sqrp_cli.programming.placing.tensor import LocalVerdicts, Verdicts
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.programming.whole_task import split_steps
-from sqrp_cli.report.documents.placing import PlaceDocument, placed
+from sqrp_cli.report.documents.placing import PlaceDocument, in_words, placed
 from sqrp_cli.scoring.sweep import from_here
 from sqrp_cli.scoring.work.looks import ClusterVerdicts, KeptVerdicts
 from sqrp_cli.scoring.work.results import Results
@@ -33,7 +34,8 @@ if TYPE_CHECKING:
     from sqrp_cli.api.arguments import WaysOption
     from sqrp_cli.knowledge.workspace.workspace import Workspace
     from sqrp_cli.programming.cell import Cell
-    from sqrp_cli.programming.placing.place import Placement, Told
+    from sqrp_cli.programming.placing.place import Told
+    from sqrp_cli.programming.placing.placement import Placement
     from sqrp_cli.scoring.scorecard import Progress
     from sqrp_cli.scoring.work.compute import Means
 
@@ -68,6 +70,8 @@ class CellPlacement(Answer[PlaceDocument]):
 
     found: Placement
     wish: Wish | None
+    written: bool = False
+    """Whether its patch was written to a file."""
 
     @property
     def met(self) -> bool:
@@ -94,7 +98,7 @@ class CellPlacement(Answer[PlaceDocument]):
         """Print what `sqrp place` prints."""
         from sqrp_cli.terminal.place_table import print_placement
 
-        print_placement(self.document, self.wish)
+        print_placement(self.document, self.wish, written=self.written)
 
     @cached_property
     def patch(self) -> str:
@@ -137,8 +141,8 @@ def find_placement(
     check_solver()
     workspace = cell.workspace
     mounts = read_mounts(place_file(workspace, request.mounts), workspace, tuple(cell.model.links))
-    wish, demand = _demand(request)
-    demand = replace(demand, needed=max(0, _needed(workspace) - len(set(request.keep))))
+    keep = _keep(request, workspace)
+    wish, demand = _demand(request, _floor(request, workspace, len(keep)), len(keep))
     question = PlaceQuestion(
         cell=cell,
         world=cell.initial_world,
@@ -146,7 +150,7 @@ def find_placement(
         mounts=mounts,
         demand=demand,
         sampling=means.sampling,
-        keep=_keep(request, workspace),
+        keep=keep,
         fastest=request.ways == "fastest",
     )
     with closing(Results(means.out)) as results:
@@ -159,23 +163,38 @@ def find_placement(
         return CellPlacement(found=placer.place(), wish=wish)
 
 
-def _needed(workspace: Workspace) -> int:
-    """How many cameras the skills of a workspace need at once; with fewer it has errors."""
-    targets = (target for skill in workspace.skills.values() for target in skill.targets.values())
-    return max((target.cameras for target in targets), default=0)
+def _floor(request: PlaceRequest, workspace: Workspace, kept: int) -> CameraFloor | None:
+    """What the skills of a workspace need at once, and who: with fewer cameras it has errors.
+
+    Raises InputError for fewer cameras than that.
+    """
+    needs = ((target.cameras, skill.name) for skill in workspace.skills.values() for target in skill.targets.values())
+    cameras, name = max(needs, default=(0, ""), key=lambda one: one[0])
+    if cameras <= kept:
+        return None
+    reason = f"`{name}` needs {in_words(cameras)} at once"
+    if request.cameras is not None and request.cameras < cameras - kept:
+        mend = f"--cameras {cameras - kept}, or leave the skill out of the workspace's `skills`"
+        message = f"{reason}, and `sqrp check` refuses a cell with fewer; --cameras is {request.cameras}"
+        raise InputError(Problem("bad-option", message + (f", and {kept} stay" if kept else ""), mend=mend))
+    return CameraFloor(cameras=cameras - kept, reason=reason)
 
 
-def _demand(request: PlaceRequest) -> tuple[Wish | None, Demand]:
+def _demand(request: PlaceRequest, floor: CameraFloor | None, kept: int) -> tuple[Wish | None, Demand]:
     objective = next((one for one in OBJECTIVES if one == request.objective), None)
     if objective is None:
         expected = expected_names(request.objective, OBJECTIVES)
         raise InputError(Problem("bad-option", f"the objective is `{request.objective}`; {expected}"))
+    if request.cameras is not None and request.cameras + kept <= request.survive:
+        message = "of a single camera nothing is left if it fails, so that --survive 1 needs two"
+        raise InputError(Problem("bad-option", message, mend="--cameras 2"))
     wish = None if request.want is None else read_wish(request.want)
     if wish is None and request.cameras is None:
         wish = Wish(q_eoi=1.0)
     return wish, Demand(
         wish=wish,
         most=request.cameras,
+        floor=floor,
         objective=objective,
         survive=request.survive,
         budget=request.budget,
@@ -197,6 +216,6 @@ def _tasks(request: PlaceRequest, workspace: Workspace) -> Sequence[str]:
 def _keep(request: PlaceRequest, workspace: Workspace) -> tuple[str, ...]:
     for name in request.keep:
         if name not in workspace.cameras:
-            message = f"there is no camera `{name}` to keep; {expected_names(name, workspace.cameras)}"
+            message = f"there is no camera `{name}` to keep; {expected_names('', workspace.cameras)}"
             raise InputError(Problem("unknown-camera", message))
     return tuple(dict.fromkeys(request.keep))

@@ -10,6 +10,7 @@ from sqrp_cli.report.documents.placing import (
     compared_in_words,
     in_words,
     moved_in_words,
+    ranked_in_words,
     scope_in_words,
     unmet_in_words,
 )
@@ -35,12 +36,12 @@ class Bounds:
             note(f"{title}: best so far {known}, bound {abs(bound):.4g}")
 
 
-def print_placement(found: PlaceDocument, wish: Wish | None) -> None:
-    """The cameras, the figures of the candidates with them, and the proof."""
+def print_placement(found: PlaceDocument, wish: Wish | None, *, written: bool = False) -> None:
+    """The cameras, the figures of the candidates with them, and the proof. written: whether a patch was written."""
     tasks = ", ".join(found.tasks)
     say(joined([(tasks, "bold"), f" in {found.workspace}\n"]))
     say(compared_in_words(found))
-    if not found.met and found.compared.ways:
+    if unmet_in_words(found, wish):
         _print_unmet(found, wish)
     if found.cameras:
         say()
@@ -54,10 +55,9 @@ def print_placement(found: PlaceDocument, wish: Wish | None) -> None:
     if found.survive:
         say("Counted is only what is still seen if any one of the cameras fails.")
         _print_price(found)
-    if moved := moved_in_words(found):
-        say(moved)
-    say(scope_in_words(found))
-    if found.patch:
+    for words in filter(None, (moved_in_words(found), ranked_in_words(found), scope_in_words(found))):
+        say(words)
+    if found.patch and not written:
         say_command("To have it, add", "--patch FILE")
 
 
@@ -66,11 +66,16 @@ def _print_price(found: PlaceDocument) -> None:
     without = found.without_spare
     if without is None:
         return
-    more = len(found.cameras) - without.cameras
-    cost = f"{in_words(more)} more camera{'' if more == 1 else 's'}" if more else "no more cameras"
-    money = f" and a price of {found.price - without.price:g}" if found.price or without.price else ""
-    have = f"{in_words(without.cameras)} with a {found.by} Q of {100 * without.objective:.1f} % would do without"
-    say(f"That takes {cost}{money}: {have}.")
+    more, dearer = len(found.cameras) - without.cameras, found.price - without.price
+    worse = without.objective - found.objective
+    costs = [f"{in_words(more)} more camera{'' if more == 1 else 's'}"] if more > 0 else []
+    costs += [f"a price of {dearer:g}"] if dearer > 1e-9 else []
+    costs += [f"{100 * worse:.1f} points of the {found.by} Q"] if worse > 5e-4 else []
+    if costs:
+        have = f"{in_words(without.cameras)} with a {found.by} Q of {100 * without.objective:.1f} % would do"
+        say(f"That costs {' and '.join(costs)}: if none could fail, {have}.")
+    else:
+        say(f"That costs nothing: if none could fail, it would be {in_words(without.cameras)}, too.")
 
 
 def _print_unmet(found: PlaceDocument, wish: Wish | None) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -86,15 +87,76 @@ def test_too_small_a_budget_cannot_meet_the_wish(sqrp, cell):
     assert found["cameras"] == []
 
 
-def test_a_wish_that_more_cameras_meet_names_their_number(sqrp, cell):
-    text = cell / "narrow.yaml"
-    narrow = MOUNTS.replace("12 deg", "7 deg")
-    text.write_text(narrow.replace("  wide: {catalogue: realsense-d435-color, price: 300}\n", ""))
-    few = sqrp("place", cell, "--cameras", "1", "--want", "q_avg 99 %", "--mounts", text, "--json")
-    assert few.code == 1
-    found = few.document
-    assert found["fewest"] is None or found["fewest"] > 1
-    assert found["fewest"] == (len(found["cameras"]) if found["fewest"] else None)
+def test_fewer_cameras_than_a_skill_needs_are_refused(sqrp, cell):
+    found = sqrp("place", cell, "--cameras", "1")
+    assert (found.code, found.out) == (2, "")
+    assert "`inspect` needs two at once" in found.err
+    assert "--cameras 2" in found.err
+    kept = sqrp("place", cell, "pickup g2", "--cameras", "1", "--keep", "cam2", "--ways", "fastest", "--json")
+    assert kept.code == 0
+    assert kept.document["floor"] == {"cameras": 1, "reason": "`inspect` needs two at once"}
+
+
+def test_a_camera_that_only_makes_up_the_number_is_the_one_that_sees_most(sqrp, cell):
+    found = sqrp("place", cell, "pickup g2", "--cameras", "2", "--ways", "fastest", "--json").document
+    assert [camera["alone"] for camera in found["cameras"]] == pytest.approx([1.0, 1.0])
+    assert "Fewer than two cannot be: `inspect` needs two at once." in found["proof"]
+    assert "in the fastest way at" in found["proof"]
+    assert found["fewer"] is None
+    (way,) = found["ways"].values()
+    assert "any" not in way.values()
+
+
+def test_what_cannot_be_chosen_is_said_with_its_figure(sqrp, cell, tmp_path):
+    poor = sqrp("place", cell, "pickup g2", "--cameras", "2", "--budget", "10", "--ways", "fastest")
+    assert poor.code == 1
+    assert "No camera can be chosen: the cheapest camera costs 100, the budget is 10." in poor.out
+    file = tmp_path / "large.yaml"
+    file.write_text(MOUNTS.replace("price: 40}", "body: 5 m}").replace("step: 1 m}}", "step: 1 m}, body: 5 m}"))
+    large = sqrp("place", cell, "pickup g2", "--cameras", "2", "--mounts", file, "--ways", "fastest")
+    assert large.code == 1
+    assert "all 10 mounts are in the way" in large.out
+    assert "does better" not in large.out
+
+
+def test_a_camera_may_fail_where_each_sees_everything(sqrp, cell):
+    two = sqrp("place", cell, "pickup g2", "--survive", "1", "--cameras", "2", "--ways", "fastest", "--json").document
+    assert two["objective"] == pytest.approx(1.0)
+    assert [camera["alone"] for camera in two["cameras"]] == pytest.approx([1.0, 1.0])
+    assert [camera["loss"] for camera in two["cameras"]] == pytest.approx([0.0, 0.0])
+    assert two["without_spare"]["cameras"] == 2  # `inspect` needs two
+
+
+def test_what_no_cameras_change_is_said(sqrp, cell):
+    slow = sqrp("place", cell, "pickup g2", "--want", "time 2 s", "--ways", "fastest")
+    assert slow.code == 1
+    assert "No camera can be chosen: no candidate can be done in that time." in slow.out
+    late = sqrp("place", cell, "pickup g2", "--want", "delay 0.01 s", "--ways", "fastest")
+    assert late.code == 1
+    seen = re.search(r"a fault is seen ([0-9.]+) s after it happens at the earliest", " ".join(late.out.split()))
+    assert seen is not None
+    assert float(seen[1]) == pytest.approx(1 / 30, abs=1e-4)  # the quicker lens has 30 Hz
+
+
+def test_a_written_patch_is_not_asked_for_again(sqrp, cell, tmp_path):
+    command = ("place", cell, "pickup g2", "--cameras", "2", "--ways", "fastest")
+    assert "To have it, add --patch FILE" in sqrp(*command).out
+    assert "--patch" not in sqrp(*command, "--patch", tmp_path / "z.diff").out
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--keep", "nocam"), "`cam1`, `cam2`"),
+        (("--mounts", "nofile"), "--mounts"),
+        (("--patch", "a.diff", "--patch", "b.diff"), "--patch is given 2 times: a.diff, b.diff"),
+        (("--survive", "1", "--cameras", "1"), "needs two"),
+    ],
+)
+def test_a_message_says_what_mends_it(sqrp, cell, options, message):
+    found = sqrp("place", cell, *options)
+    assert (found.code, found.out) == (2, "")
+    assert message in found.err
 
 
 @pytest.mark.parametrize(
@@ -105,6 +167,10 @@ def test_a_wish_that_more_cameras_meet_names_their_number(sqrp, cell):
         ("mounts: {a: {points: [[0, 0, 1]], lenses: [wdie]}}", "wide"),
         ("mounts: {a: {grid: {from: [0, 0, 1], to: [9, 9, 9], step: 2 cm}}}", "expected at most 20,000"),
         ("mounts: {a: {points: [[0, 0, 1]], size: 3}}", "is no known key"),
+        ("mounts: {a: {points: []}}", "at least 1 item"),
+        ("mounts: {a: {points: [[0, 0, 1]], lenses: []}}", "at least 1 item"),
+        ("mounts: {a: {points: [[1, 1, 1]], aims: {at: [[1, 1, 1]]}}}", "look at its own place"),
+        ("mounts: {a: {points: [[1, 1, 1]], aims: {at: [[0, 0, 0]], up: [0, 0, 0]}}}", "`up` has length 0"),
     ],
 )
 def test_a_file_that_says_nothing_sensible_is_refused(sqrp, cell, tmp_path, text, message):

@@ -11,6 +11,7 @@ from typing import Any, get_args, get_type_hints
 
 import pytest
 from pydantic import BaseModel, PlainValidator, StringConstraints, Tag, TypeAdapter
+from pydantic.fields import FieldInfo
 
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.knowledge.skill import skill
@@ -20,10 +21,15 @@ from sqrp_cli.knowledge.text.entries import Entry, Pose, Stored, Written
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.text.validation import validate
 from sqrp_cli.knowledge.text.yaml_file import read_yaml
+from sqrp_cli.knowledge.workspace.mounts import PlaceFile
 from sqrp_cli.knowledge.workspace.workspace import WorkspaceFile
 
 CASES = Path(__file__).parents[1] / "cases" / "every_field"
-FILES: dict[str, type[BaseModel]] = {"workspace.yaml": WorkspaceFile, "skill.yaml": SkillFile}
+FILES: dict[str, type[BaseModel]] = {
+    "workspace.yaml": WorkspaceFile,
+    "skill.yaml": SkillFile,
+    "place.yaml": PlaceFile,
+}
 
 
 @dataclass(frozen=True)
@@ -50,8 +56,14 @@ def stated_fields(model: type) -> list[tuple[str, str, bool]]:
     if issubclass(model, BaseModel):
         return [(name, info.alias or name, info.is_required()) for name, info in model.model_fields.items()]
     if is_dataclass(model):
-        return [(part.name, part.name, part.default is MISSING) for part in fields(model)]
+        hints = get_type_hints(model, include_extras=True)
+        return [(part.name, alias_of(hints[part.name]) or part.name, part.default is MISSING) for part in fields(model)]
     return []
+
+
+def alias_of(hint: Any) -> str | None:
+    """The key of a field in files, where it is not its name."""
+    return next((mark.alias for mark in get_args(hint) if isinstance(mark, FieldInfo) and mark.alias), None)
 
 
 def as_written(owner: object, name: str, data: object) -> object:
@@ -107,11 +119,13 @@ USES = [use for file in FILES for use in uses(file)]
 
 def test_the_files_use_the_fields_of_every_model() -> None:
     """A new field belongs into tests/cases/every_field."""
-    models = models_in(WorkspaceFile, set()) | models_in(SkillFile, set())
-    assert len(models) >= 30
+    models = models_in(WorkspaceFile, set()) | models_in(SkillFile, set()) | models_in(PlaceFile, set())
+    assert len(models) >= 35
     known = {(model.__name__, name) for model in models for name, _, _ in stated_fields(model)}
     used = {(use.model, use.name) for use in USES}
-    assert {"WorkspaceFile", "SkillFile", "CameraEntry", "BoxSpec"} <= {model for model, _ in used}
+    assert {"WorkspaceFile", "SkillFile", "CameraEntry", "BoxSpec", "RailEntry", "LensEntry"} <= {
+        model for model, _ in used
+    }
     assert known - used == WAITING
 
 

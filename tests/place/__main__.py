@@ -18,8 +18,10 @@ from sqrp_cli import open_cell
 from sqrp_cli.api.cell import silent
 from sqrp_cli.knowledge.workspace.mounts import read_mounts
 from sqrp_cli.programming.coverage.sampling import Adaptive
-from sqrp_cli.programming.placing.place import CLOSE, Placement, PlaceQuestion, Placer
-from sqrp_cli.programming.placing.problem import Demand, Placing, greedy, worth_of
+from sqrp_cli.programming.placing.gain import greedy
+from sqrp_cli.programming.placing.place import CLOSE, Placer
+from sqrp_cli.programming.placing.placement import Placement, PlaceQuestion
+from sqrp_cli.programming.placing.problem import Demand, Placing, worth_of
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.starter.make import make_starter
 from sqrp_cli.starter.random_cell import Crowd

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -28,7 +29,7 @@ from sqrp_cli.cli.options import (
     read_sampling,
     read_ways,
 )
-from sqrp_cli.errors import ExitCode
+from sqrp_cli.errors import ExitCode, InputError, Problem
 from sqrp_cli.platform.files import check_distinct, check_not_read, write_atomically
 
 if TYPE_CHECKING:
@@ -86,8 +87,9 @@ def command(
         Path | None,
         typer.Option("--mounts", metavar="FILE", help="Mounts and lenses; by default place.yaml beside the workspace."),
     ] = None,
-    patch: Annotated[
-        Path | None, typer.Option("--patch", metavar="FILE", help="Write a patch of the workspace with these cameras.")
+    patches: Annotated[
+        list[Path] | None,
+        typer.Option("--patch", metavar="FILE", help="Write a patch of the workspace with these cameras."),
     ] = None,
     report: Report = None,
     out: Out = None,
@@ -111,6 +113,7 @@ def command(
     from sqrp_cli.terminal.place_table import Bounds
 
     sampling = read_sampling(samples, dt, tolerance)
+    patch = _only(patches)
     check_distinct({"--patch": patch, "--report": report})
     if patch is not None:
         check_patch(patch, MARK, "of `sqrp place`")
@@ -134,6 +137,7 @@ def command(
         found = find_placement(cell.cell, request, means=means, progress=progress, watch=Bounds())
     if patch is not None and found.patch:
         write_atomically(patch, f"{MARK}\n{found.patch}")
+        found = replace(found, written=True)
         note(f"the patch is in {patch}")
     interrupted = found.interrupted
     if report is not None and not interrupted:
@@ -142,6 +146,14 @@ def command(
     if interrupted:
         return ExitCode.INTERRUPTED
     return ExitCode.OK if found.met else ExitCode.NONE_FEASIBLE
+
+
+def _only(patches: Sequence[Path] | None) -> Path | None:
+    """The file for the patch, if one is named. Raises InputError for several."""
+    if patches is not None and len(patches) > 1:
+        named = ", ".join(map(str, patches))
+        raise InputError(Problem("bad-option", f"--patch is given {len(patches)} times: {named}", mend="name one file"))
+    return patches[0] if patches else None
 
 
 def _page_is_written(found: CellPlacement, file: Path, arguments: Sequence[str], jobs: int) -> bool:

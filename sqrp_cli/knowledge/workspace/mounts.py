@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Literal
@@ -30,6 +31,7 @@ from sqrp_cli.knowledge.text.entries import (
     completed,
     one_of,
 )
+from sqrp_cli.knowledge.text.input_file import missing_file
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.units import ANGLE
 from sqrp_cli.knowledge.text.validation import validate
@@ -39,13 +41,19 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace
 PLACE_FILE = "place.yaml"
 """Name of the file beside a workspace."""
 
+LEAST_LENGTH = 1e-9
+"""A direction whose components are all smaller has no length."""
+
+SAME = 1e-6
+"""Points that are closer to each other are one [m]."""
+
 MOST_SPOTS = 20_000
 """Most places for a camera in one file."""
 
 MOST_AIMS = 200
 """Most directions at one of them."""
 
-Price = Annotated[float, In(None, 0.0, 1e9)]
+Price = Annotated[float, In(None, 0.0, 1e8)]
 Weight = Annotated[float, In(None, 0.0, 1e6)]
 Step = Annotated[float, In(ANGLE, np.radians(0.5), np.radians(90))]
 HalfAngle = Annotated[float, In(ANGLE, 0.0, np.radians(180))]
@@ -104,7 +112,7 @@ class ConeEntry(Stored):
 
     def __post_init__(self) -> None:
         """Raises PydanticCustomError for an axis of length 0."""
-        if max(map(abs, self.axis)) < 1e-9:
+        if max(map(abs, self.axis)) < LEAST_LENGTH:
             raise PydanticCustomError("not-a-rotation", "`axis` has length 0")
 
     def directions(self) -> Array:
@@ -138,7 +146,9 @@ class AimsEntry(Stored):
     """What is up in the image, as with `look_at`."""
 
     def __post_init__(self) -> None:
-        """Raises PydanticCustomError for no direction, and for a position."""
+        """Raises PydanticCustomError for no direction, one without length, and a position."""
+        if max(map(abs, self.up)) < LEAST_LENGTH:
+            raise PydanticCustomError("not-a-rotation", "`up` has length 0")
         if not (self.targets or self.at or self.fixed or self.cone):
             raise PydanticCustomError(
                 "ambiguous-entry", "expected at least one of the keys `targets`, `at`, `fixed`, `cone`"
@@ -153,7 +163,7 @@ class MountEntry(Stored):
 
     frame: Text = WORLD
     """`world`, or the link that carries the camera."""
-    points: list[Position] | None = None
+    points: Annotated[list[Position], Field(min_length=1)] | None = None
     """Single places."""
     rail: RailEntry | None = None
     """Places along a line."""
@@ -166,7 +176,7 @@ class MountEntry(Stored):
     stand between another camera and what that one sees."""
     price: Price = 0.0
     """Of mounting a camera here, in the currency of the lenses."""
-    lenses: list[Name] | None = None
+    lenses: Annotated[list[Name], Field(min_length=1)] | None = None
     """Which ones fit; by default all."""
 
     def __post_init__(self) -> None:
@@ -299,6 +309,9 @@ def place_file(workspace: Workspace, given: Path | None = None) -> Path:
         message = f"there is no {PLACE_FILE} beside the workspace, which says where cameras may go, and which"
         mend = f"write {path} as docs/howto/place.md shows, or name another file: --mounts FILE"
         raise InputError(Problem("no-mounts", message, Place(path), mend=mend))
+    if not path.is_file():
+        mend = f"name a file with mounts and lenses, or leave --mounts out for the {PLACE_FILE} beside the workspace"
+        raise InputError(replace(missing_file(path), mend=mend))
     return path
 
 
@@ -317,6 +330,8 @@ def read_mounts(path: Path, workspace: Workspace, links: tuple[str, ...]) -> Mou
         raise InputError(document.problem("too-many-mounts", ("mounts",), message))
     lenses = {name: _lens(document, name, entry) for name, entry in file.lenses.items()}
     spots = tuple(spot for name, entry in file.mounts.items() for spot in _spots(name, entry, lenses))
+    if aimless := list(_aimless(document, file)):
+        raise InputError(*aimless)
     listed = [task.task for task in workspace.tasks]
     for task in file.weights:
         if listed and task not in listed:
@@ -344,6 +359,18 @@ def _wrong_frames(document: SourceDocument, file: PlaceFile, links: tuple[str, .
             message = f"{count} directions, expected at most {MOST_AIMS}; make `step` larger"
             found.append(document.problem("too-many-mounts", ("mounts", name, "aims", "cone"), message))
     return found
+
+
+def _aimless(document: SourceDocument, file: PlaceFile) -> Iterator[Problem]:
+    """Mounts at none of whose places a camera has something to look at but that place itself."""
+    for name, entry in file.mounts.items():
+        aims = entry.aims
+        if aims is None or aims.targets or aims.fixed or aims.cone:
+            continue
+        places = entry.places()
+        if all(np.linalg.norm(places - np.array(point), axis=1).max() < SAME for point in aims.at):
+            message = "a camera here would look at its own place; aim at another point"
+            yield document.problem("wrong-value", ("mounts", name, "aims", "at"), message)
 
 
 def _wrong_lenses(document: SourceDocument, file: PlaceFile) -> list[Problem]:

@@ -10,7 +10,9 @@ import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.programming.placing.cover import NEVER, CoveredWay, FaultSamples
-from sqrp_cli.programming.placing.problem import Choice, Demand, Placing, improved, worth_of
+from sqrp_cli.programming.placing.every import EverySet
+from sqrp_cli.programming.placing.gain import improved, with_useful_cameras
+from sqrp_cli.programming.placing.problem import Choice, Demand, Placing, worth_of
 from sqrp_cli.programming.placing.solver import LinearProgram, Solution, Terms, Watch
 
 SLACK = 1e-7
@@ -31,7 +33,7 @@ class Chosen:
     bound: float
     """No choice has a greater quality, least or mean, as far as was searched; in 0..1."""
     proven: bool
-    """Whether nothing better exists, in every aim."""
+    """Whether nothing better exists, in every aim; or no choice at all, if there is none."""
     fewest: int | None = None
     """With a wish: no fewer cameras than this meet it."""
     interrupted: bool = False
@@ -58,67 +60,122 @@ class Search:
     ) -> None:
         """watch: called with what is sought now, the best value so far and the bound. start: a choice that is known."""
         self._problem, self._demand, self._watch, self._known = problem, demand, watch, start
+        self._at_least = problem.at_least(demand)
         self._program = LinearProgram()
         self._interrupted = False
         self._proven = True
         self._parts = _Parts(self._program, problem)
         self._values: Array | None = None
-        self._limits()
 
     def best(self) -> Chosen:
-        """The best choice."""
+        """The best choice: among all sets of cameras where they are few, else by the integer program."""
+        return self._of_every_set(first_only=False) or self._by_program()
+
+    def first(self) -> Chosen:
+        """The best choice as far as the first aim is concerned."""
+        found = self._of_every_set(first_only=True)
+        if found is not None:
+            return found
+        self._limits()
+        self._start()
+        bound = self._first_bound()
+        return self._chosen(bound)
+
+    def _of_every_set(self, *, first_only: bool) -> Chosen | None:
+        """The best of all sets of cameras; None if they are too many, or if no few cameras meet the wish."""
+        problem, demand, most = self._problem, self._demand, self._demand.most
+        known = [] if demand.wish is not None or most is None else list(self._known_choices(most))
+        worths = [worth_of(problem, choice).of(demand.objective) for choice in known]
+        every = EverySet(problem, demand, max(worths, default=0.0))
+        limit = every.most if most is None else min(most, every.most)
+        try:
+            if demand.wish is not None:
+                choice = self._fewest_of(every, limit)
+                if choice is None and self._at_least <= limit:
+                    return None
+            elif every.fits(counts := range(self._at_least, limit + 1)):
+                choice = every.best(counts, first_only=first_only)
+            else:
+                return None
+        except KeyboardInterrupt:
+            self._interrupted, self._proven = True, False
+            choice = known[int(np.argmax(worths))] if known else None
+        return self._compared(choice)
+
+    def _fewest_of(self, every: EverySet, limit: int) -> Choice | None:
+        """The best of the smallest sets that meet the wish, as far as sets are few; then `_at_least` has grown."""
+        while self._at_least <= limit and every.fits([self._at_least]):
+            choice = every.best([self._at_least])
+            if choice is not None:
+                return choice
+            self._at_least += 1
+        return None
+
+    def _compared(self, choice: Choice | None) -> Chosen:
+        """What came of a comparison of all sets."""
+        demand, quality = self._demand, 0.0
+        if choice is not None:
+            choice = with_useful_cameras(self._problem, demand, choice)
+            quality = worth_of(self._problem, choice).of(demand.objective)
+        return Chosen(
+            choice=choice,
+            bound=1.0 if self._interrupted else quality,
+            proven=self._proven,
+            fewest=None if demand.wish is None or choice is None else len(choice.options),
+            interrupted=self._interrupted,
+        )
+
+    def _by_program(self) -> Chosen:
         demand, fewest = self._demand, None
+        self._limits()
         if demand.wish is not None:
             self._wish()
             known = next((choice for choice in self._candidates() if self._meets(choice)), None)
             self._values = None if known is None else self._parts.values_of(known)
             count = self._next("fewest cameras", dict.fromkeys(self._parts.free.values(), -1.0))
             if self._values is None:
-                return Chosen(choice=None, bound=0.0, proven=self._proven, interrupted=self._interrupted)
+                return self._chosen(0.0)
             fewest = round(-count.bound) if count.proven else int(np.ceil(-count.bound - SLACK))
             self._program.row(dict.fromkeys(self._parts.free.values(), 1.0), most=self._chosen_count())
         else:
             self._start()
-        first = self._parts.least if demand.objective == "least" else self._parts.mean
-        bound = self._first_bound(first)
-        self._hold(first)
+        bound = self._first_bound()
+        if self._values is None:
+            return self._chosen(0.0)
+        self._hold(self._first)
         if not self._interrupted:
             self._shorten_delay()
         for aim in self._further():
             if not self._interrupted and self._may_improve(aim):
                 self._next(aim.title, aim.terms)
             self._hold(aim.terms)
+        return self._chosen(bound, fewest)
+
+    def _chosen(self, bound: float, fewest: int | None = None) -> Chosen:
+        choice = None if self._values is None else with_useful_cameras(self._problem, self._demand, self._choice())
         return Chosen(
-            choice=self._choice(),
-            bound=bound,
+            choice=choice,
+            bound=0.0 if choice is None else bound,
             proven=self._proven,
             fewest=fewest,
             interrupted=self._interrupted,
         )
 
-    def first(self) -> Chosen:
-        """The best choice as far as the first aim is concerned."""
-        self._start()
-        first = self._parts.least if self._demand.objective == "least" else self._parts.mean
-        bound = self._first_bound(first)
-        return Chosen(
-            choice=self._choice(),
-            bound=bound,
-            proven=self._proven,
-            interrupted=self._interrupted,
-        )
+    @property
+    def _first(self) -> Terms:
+        """What counts first."""
+        return self._parts.least if self._demand.objective == "least" else self._parts.mean
 
-    def _first_bound(self, first: Terms) -> float:
+    def _first_bound(self) -> float:
         """Improve the quality that counts first, unless it is perfect already; its bound."""
-        if self._values is not None and self._value(first) >= 1.0 - SLACK:
+        if self._values is not None and self._value(self._first) >= 1.0 - SLACK:
             return 1.0
-        return min(1.0, self._next(f"{self._demand.objective} Q", first).bound)
+        return min(1.0, self._next(f"{self._demand.objective} Q", self._first).bound)
 
     def _further(self) -> Iterator[_Aim]:
         """The aims after quality and delay, each with a value that nothing exceeds."""
         free, price = self._parts.free, self._problem.price
-        needed = int(bool(self._choice().options) and not self._problem.kept)  # without cameras nothing is seen
-        needed = max(needed, self._demand.at_least)
+        needed = self._at_least
         cheapest = float(np.sort(price[list(free)])[:needed].sum())
         yield _Aim("price", {x: -float(price[option]) for option, x in free.items()}, -cheapest)
         yield _Aim("fewest cameras", dict.fromkeys(free.values(), -1.0), -float(needed))
@@ -172,12 +229,14 @@ class Search:
     def _start(self) -> None:
         """Begin with the greedy choice: so there is one whenever the search is ended."""
         problem, demand = self._problem, self._demand
-        most = demand.most if demand.most is not None else len(self._parts.free)
-        known = [improved(problem, demand, most)]
-        start = self._known
-        known += [start] if start is not None and demand.at_least <= len(start.options) <= most else []
-        best = max(known, key=lambda choice: worth_of(problem, choice).of(demand.objective))
-        self._values = self._parts.values_of(best)
+        known = self._known_choices(demand.most if demand.most is not None else len(self._parts.free))
+        best = max(known, key=lambda choice: worth_of(problem, choice).of(demand.objective), default=None)
+        self._values = None if best is None else self._parts.values_of(best)
+
+    def _known_choices(self, most: int) -> Iterator[Choice]:
+        """Choices of so many cameras that are found at once."""
+        some = [improved(self._problem, self._demand, most), *([] if self._known is None else [self._known])]
+        yield from (choice for choice in some if self._at_least <= len(choice.options) <= most)
 
     def _candidates(self) -> Iterator[Choice]:
         """Choices that may meet the wish."""
@@ -198,7 +257,7 @@ class Search:
         )
         in_time = wish.delay is None or worth.delay <= wish.delay + SLACK
         count = len(choice.options)
-        return enough and in_time and count >= self._demand.at_least and (most is None or count <= most)
+        return enough and in_time and count >= self._at_least and (most is None or count <= most)
 
     def _limits(self) -> None:
         """One camera at a place, none that are in each other's or the robot's way, number and budget."""
@@ -221,8 +280,8 @@ class Search:
             both, taken = {**at.get(hiding.place, {}), **seeing}, parts.taken.get(hiding.way)
             most = 1.0 if seeing else 0.0  # what a camera that stays sees must not be hidden
             program.row(both if taken is None else {**both, taken: 1.0}, most=most + (taken is not None))
-        if demand.at_least:
-            program.row(dict.fromkeys(parts.free.values(), 1.0), least=float(demand.at_least))
+        if self._at_least:
+            program.row(dict.fromkeys(parts.free.values(), 1.0), least=float(self._at_least))
         if demand.most is not None:
             program.row(dict.fromkeys(parts.free.values(), 1.0), most=float(demand.most))
         if demand.budget is not None:

@@ -159,30 +159,38 @@ class Cover:
 
     def delay(self, way: CoveredWay, covered: Mask) -> float:
         """The longest time until a fault is noticed, at the samples, if some rows are covered [s]; 0 without faults."""
-        return max((self._delay(fault, way.total, covered) for fault in way.faults), default=0.0)
+        return float(self.delays(way, covered[:, None])[0])
 
-    def _delay(self, fault: FaultSamples, total: float, covered: Mask) -> float:
-        response = np.full(len(fault.t), np.inf)
-        for tier, rows in zip(reversed(self.responses), reversed(fault.rows), strict=True):
-            for sample, needed in enumerate(rows):
-                if needed is not None and all(row != NEVER and covered[row] for row in needed):
-                    response[sample] = tier
-        return longest_delay(fault, total, response)
+    def delays(self, way: CoveredWay, covered: Mask) -> Array:
+        """The same for several sets of cameras; covered: shape (rows, sets); (sets,)."""
+        worst = np.zeros(covered.shape[1])
+        for fault in way.faults:
+            response = np.full((len(fault.t), covered.shape[1]), np.inf)
+            for tier, rows in zip(reversed(self.responses), reversed(fault.rows), strict=True):
+                for sample, needed in enumerate(rows):
+                    if needed is not None and NEVER not in needed:
+                        response[sample, covered[list(needed)].all(axis=0)] = tier
+            worst = np.maximum(worst, longest_delays(fault, way.total, response))
+        return worst
 
 
-def longest_delay(fault: FaultSamples, total: float, response: Array) -> float:
-    """The longest delay of a fault; response: at each sample, infinite where it is not covered, shape (s,) [s]."""
+def longest_delays(fault: FaultSamples, total: float, response: Array) -> Array:
+    """The longest delays of a fault for several sets of cameras, shape (sets,) [s].
+
+    response: at each sample, infinite where it is not covered, shape (s, sets) [s].
+    """
     seen = np.isfinite(response)
-    noticed, later = np.full(len(seen), total), total
+    noticed, later = np.full(seen.shape, total), np.full(seen.shape[1], total)
     for sample in range(len(seen) - 1, -1, -1):  # when a fault just after this sample is noticed
         noticed[sample] = later
-        if seen[sample]:
-            later = fault.t[sample] + response[sample]
-    worst = max(0.0, later - fault.start)
+        later = np.where(seen[sample], fault.t[sample] + response[sample], later)
+    worst = np.maximum(0.0, later - fault.start)
     for sample in np.flatnonzero(fault.t < fault.end).tolist():
-        both = sample + 1 < len(seen) and fault.linked[sample] and seen[sample] and seen[sample + 1]
-        delay = max(response[sample], response[sample + 1]) if both else noticed[sample] - fault.t[sample]
-        worst = max(worst, float(delay))
+        delay = noticed[sample] - fault.t[sample]
+        if sample + 1 < len(seen) and fault.linked[sample]:
+            both = seen[sample] & seen[sample + 1]
+            delay = np.where(both, np.maximum(response[sample], response[sample + 1]), delay)
+        worst = np.maximum(worst, delay)
     return worst
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import count
 
 import numpy as np
@@ -13,30 +13,36 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.camera import Camera, image_of
 from sqrp_cli.knowledge.text.entries import completed
-from sqrp_cli.knowledge.workspace.mounts import LensChoice, MountEntry, Mounts, Spot
-from sqrp_cli.knowledge.workspace.workspace import World
+from sqrp_cli.knowledge.workspace.mounts import LensChoice, MountEntry, Spot
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment, Rehearsal, Study, observed
-from sqrp_cli.programming.coverage.sampling import Sampling
+from sqrp_cli.programming.coverage.assessment import Assessment, Study, observed
 from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.placing.choose import Chosen, Search
 from sqrp_cli.programming.placing.cover import Cover
-from sqrp_cli.programming.placing.problem import Choice, Demand, Hiding, Placing, Worth, qualities_alone, worth_of
+from sqrp_cli.programming.placing.gain import qualities_alone
+from sqrp_cli.programming.placing.obstacle import obstacle, unusable
+from sqrp_cli.programming.placing.placement import (
+    ROUNDED,
+    FewerCameras,
+    JudgedCandidate,
+    PlacedCamera,
+    Placement,
+    PlaceQuestion,
+    Unseen,
+    WithoutSpare,
+)
+from sqrp_cli.programming.placing.problem import Choice, Demand, Hiding, Placing, worth_of
 from sqrp_cli.programming.placing.refine import Seat, refined
 from sqrp_cli.programming.placing.room import blocked, hidden_by, pairs_apart
 from sqrp_cli.programming.placing.scenes import JudgedWay, judged, middle_of, varied
-from sqrp_cli.programming.placing.tensor import LocalVerdicts, Verdicts, joined_items, portions, seen_by
+from sqrp_cli.programming.placing.tensor import LocalVerdicts, joined_items, portions, seen_by
 from sqrp_cli.programming.placing.views import Option, View, camera_of, options_of, price_of, views_of
 from sqrp_cli.programming.sensing.observer import Observer
-from sqrp_cli.programming.task import Candidate, Task
-from sqrp_cli.programming.ways.find import WantedWay, find_way, planned_ways
+from sqrp_cli.programming.ways.find import WantedWay, find_way, planned_ways, with_branch
 from sqrp_cli.programming.ways.time_limit import TimeLimit
 
 ROUNDS = 8
 """Most rounds in which samples are added at which the chosen cameras lose sight, between those that were judged."""
-
-ROUNDED = 1e-6
-"""Qualities that differ by less are the same: figures of the solver are rounded."""
 
 CLOSE = 1e-3
 """Figures at the samples that differ from the exact ones by more are sharpened, as a fraction."""
@@ -50,152 +56,6 @@ Progress = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
 
 Told = Callable[[str, float | None, float], None]
 """Told what a search seeks, the best value so far if there is one, and the bound."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PlaceQuestion:
-    """Which cameras are wanted, and for what."""
-
-    cell: Cell
-    world: World
-    tasks: tuple[Task, ...]
-    mounts: Mounts
-    demand: Demand
-    sampling: Sampling
-    keep: tuple[str, ...] = ()
-    """Cameras of the workspace that stay."""
-    fastest: bool = False
-    """Whether candidates keep their fastest ways, or ways are chosen, too."""
-    verdicts: Verdicts | None = None
-    """Where verdicts come from; None: this process."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PlacedCamera:
-    """A camera that was chosen."""
-
-    camera: Camera
-    spot: Spot
-    lens: LensChoice
-    view: View
-    price: float
-    alone: float
-    """The quality that counts first with no other camera, not even one that stays, in 0..1."""
-    loss: float
-    """By how much that quality falls if this camera is lost."""
-    moved: float = 0.0
-    """How far from the place it is, between places [m]."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class JudgedCandidate:
-    """A candidate with the way that was chosen for it, and its exact figures with the chosen cameras."""
-
-    task: str
-    candidate: Candidate
-    scene: Rehearsal
-    """Of the way."""
-    found: Assessment
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class FewerCameras:
-    """What one camera less could do."""
-
-    cameras: int
-    """How many."""
-    objective: float
-    """The best quality, least or mean, that was found, in 0..1."""
-    bound: float
-    """No choice of so many cameras has more."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class WithoutSpare:
-    """What would do if no camera could fail."""
-
-    cameras: int
-    """How many."""
-    price: float
-    """Of all of them."""
-    objective: float
-    """The quality that counts first, in 0..1."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Unseen:
-    """Something that too few places see, so that no choice of them covers it."""
-
-    task: str
-    candidate: str
-    literal: str
-    time: float
-    """The instant of the candidate's motion [s]."""
-    seen_by: int
-    """How many places see it."""
-    needed: int
-    """How many cameras would have to."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Placement:
-    """What came of a question."""
-
-    question: PlaceQuestion
-    infeasible: tuple[tuple[str, Assessment], ...]
-    """Candidates that cannot be done, with their tasks; they count for nothing."""
-    ways: int
-    """How many ways were looked at."""
-    samples: int
-    """In how many samples of them."""
-    options: int
-    """Poses and lenses that were compared."""
-    seen: Array
-    """The mean quality of all candidates with one camera at each place, the best one there, in 0..1; (places,)."""
-    shut: Mask
-    """Whether a place cannot be used at all, (places,)."""
-    cell: Cell
-    """With the chosen cameras."""
-    cameras: tuple[PlacedCamera, ...] = ()
-    candidates: tuple[JudgedCandidate, ...] = ()
-    worth: Worth | None = None
-    """At the samples; None if nothing was found."""
-    bound: float = 0.0
-    """No choice has a greater quality, least or mean, at the samples."""
-    proven: bool = False
-    """Whether there is no better choice in any aim."""
-    interrupted: bool = False
-    met: bool = True
-    """Whether the wish is met, if there is one."""
-    fewest: int | None = None
-    """The fewest cameras that meet the wish; None without one, and if none do."""
-    fewer: FewerCameras | None = None
-    """With one camera less, if there are several."""
-    without_spare: WithoutSpare | None = None
-    """If cameras may fail: what would do otherwise."""
-    unseen: tuple[Unseen, ...] = ()
-    """If nothing meets the wish: what no choice of places covers."""
-
-    @property
-    def in_the_way(self) -> int:
-        """How many places cannot be used, because a camera there would touch something in every way."""
-        return int(self.shut.sum())
-
-    @property
-    def places(self) -> int:
-        """How many places there were to choose from."""
-        return len(self.question.mounts.spots)
-
-    @property
-    def objective(self) -> float:
-        """The quality that counted first, at the samples, in 0..1."""
-        return 0.0 if self.worth is None else self.worth.of(self.question.demand.objective)
-
-    @property
-    def gap(self) -> float:
-        """Between bound and objective; 0 where nothing better exists."""
-        gap = self.bound - self.objective
-        return gap if gap > ROUNDED else 0.0
 
 
 class Placer:
@@ -216,6 +76,8 @@ class Placer:
         self._apart: frozenset[tuple[int, int]] = frozenset(pairs_apart(self.spots))
         self._too_slow = False
         """Whether no camera helps, because a candidate takes longer than is wished for."""
+        self._blind = False
+        """Whether no choice of cameras gives any candidate a quality above 0."""
         self._known_hiding: frozenset[Hiding] = frozenset()
         self.sees: list[Mask] = []
         """Of each way, which options see which items, shape (options, items)."""
@@ -228,28 +90,60 @@ class Placer:
         self._choose_from()
         self._judge(self.ways)
         demand = self.question.demand
-        problem, chosen = self._sharpened(demand)
+        problem, chosen = self._wanted(demand)
         if self._others and not chosen.interrupted and self._may_be_better(problem, chosen):
             self._add_ways()
-            problem, chosen = self._sharpened(demand, start=chosen.choice)
-        if chosen.choice is not None or chosen.interrupted:
-            return self._placement(problem, chosen)
-        # The wish cannot be met: so many cameras more as it takes, or what comes nearest.
+            problem, chosen = self._wanted(demand, chosen.choice)
+        if chosen.choice is None and not chosen.interrupted and demand.wish is not None:
+            return self._nearest(demand)
+        return self._placement(*self._at_least_some(problem, chosen, demand))
+
+    def _nearest(self, demand: Demand) -> Placement:
+        """The answer where the wish cannot be met: as many cameras more as it takes, or what comes nearest."""
         if demand.most is not None:
-            problem, enough = self._sharpened(replace(demand, most=None))
+            problem, enough = self._wanted(replace(demand, most=None))
             if enough.choice is not None:
                 return replace(self._placement(problem, enough), met=False)
-        problem, nearest = self._sharpened(replace(demand, wish=None))
+        demand = replace(demand, wish=None)
+        problem, nearest = self._at_least_some(*self._sharpened(demand), demand)
         return replace(self._placement(problem, nearest), met=False, unseen=tuple(self._unseen(problem)))
+
+    def _at_least_some(self, problem: Placing, chosen: Chosen, demand: Demand) -> tuple[Placing, Chosen]:
+        """The choice with the best mean, where no choice lifts the least quality above 0; none if that is 0, too."""
+        if chosen.choice is None or chosen.interrupted or worth_of(problem, chosen.choice).of(demand.objective) > 0.0:
+            return problem, chosen
+        if demand.objective == "least":
+            problem, chosen = self._sharpened(replace(demand, wish=None, objective="mean"))
+            chosen = replace(chosen, bound=0.0)
+        self._blind = chosen.choice is not None and worth_of(problem, chosen.choice).mean <= 0.0
+        return problem, replace(chosen, choice=None) if self._blind else chosen
+
+    def _wanted(self, demand: Demand, start: Choice | None = None) -> tuple[Placing, Chosen]:
+        """The best choice for a demand; the fewest cameras for a wish, at samples that show what one less can do."""
+        problem, chosen = self._sharpened(demand, start=start)
+        if demand.wish is None or chosen.choice is None or chosen.interrupted:
+            return problem, chosen
+        fewer, samples = len(chosen.choice.options) - 1, self._sample_count
+        if fewer >= problem.at_least(demand):
+            self._sharpened(replace(demand, wish=None, most=fewer), first_only=True)
+        return (problem, chosen) if samples == self._sample_count else self._sharpened(demand, start=chosen.choice)
+
+    @property
+    def _sample_count(self) -> int:
+        return sum(len(way.samples) for way in self.ways)
 
     def _may_be_better(self, problem: Placing, chosen: Chosen) -> bool:
         """Whether other ways may be better than the fastest ones, in quality, delay, or the number of cameras."""
         if chosen.choice is None:
             return True
         worth = worth_of(problem, chosen.choice)
-        quickest = min(problem.cover.responses, default=0.0)
-        imperfect = worth.least < 1.0 - ROUNDED or worth.delay > quickest + CLOSE
-        return imperfect or (self.question.demand.wish is not None and len(chosen.choice.options) > 1)
+        imperfect = worth.least < 1.0 - ROUNDED or worth.delay > self._quickest(problem) + CLOSE
+        return imperfect or len(chosen.choice.options) > problem.at_least(self.question.demand)
+
+    @staticmethod
+    def _quickest(problem: Placing) -> float:
+        """The shortest response of any camera that may be chosen or stays [s]."""
+        return min(problem.cover.responses, default=0.0)
 
     def _add_ways(self) -> None:
         """Let other ways be chosen, too."""
@@ -384,6 +278,10 @@ class Placer:
             ),
         )
 
+    def _plain(self, problem: Placing) -> Placing:
+        """The same problem if no camera may fail."""
+        return self.problem(0) if self.question.demand.survive else problem
+
     def _search(
         self, problem: Placing, demand: Demand, *, first_only: bool = False, start: Choice | None = None
     ) -> Chosen:
@@ -395,15 +293,17 @@ class Placer:
     def cameras(self, problem: Placing, choice: Choice) -> tuple[PlacedCamera, ...]:
         """The chosen cameras, with names that no camera that stays has."""
         names = (name for number in count(1) if (name := f"cam{number}") not in self.question.keep)
+        plain = self._plain(problem)
         return tuple(
-            self._camera(problem, choice, option, name) for option, name in zip(choice.options, names, strict=False)
+            self._camera(plain, choice, option, name) for option, name in zip(choice.options, names, strict=False)
         )
 
-    def _camera(self, problem: Placing, choice: Choice, option: int, name: str) -> PlacedCamera:
+    def _camera(self, plain: Placing, choice: Choice, option: int, name: str) -> PlacedCamera:
+        """A chosen camera; plain: the problem if no camera may fail."""
         view, lens = self.views[self.options[option].view], self.lenses[self.options[option].lens]
         spot, objective = self.spots[view.spot], self.question.demand.objective
-        alone = worth_of(replace(problem, kept=frozenset()), Choice((option,), choice.ways))
-        without = worth_of(problem, Choice(tuple(o for o in choice.options if o != option), choice.ways))
+        alone = worth_of(replace(plain, kept=frozenset()), Choice((option,), choice.ways))
+        without = worth_of(plain, Choice(tuple(o for o in choice.options if o != option), choice.ways))
         return PlacedCamera(
             camera=camera_of(name, spot, view, lens),
             spot=spot,
@@ -411,27 +311,32 @@ class Placer:
             view=view,
             price=price_of(spot, lens),
             alone=alone.of(objective),
-            loss=max(0.0, worth_of(problem, choice).of(objective) - without.of(objective)),
+            loss=max(0.0, worth_of(plain, choice).of(objective) - without.of(objective)),
         )
 
     def cell_with(self, cameras: Sequence[Camera]) -> Cell:
         """The cell with the cameras that stay, and these."""
-        cell = self.question.cell
-        stay = [cell.workspace.cameras[name] for name in self.question.keep]
-        together = {camera.name: camera for camera in (*stay, *cameras)}
+        return self._cell_of([*(self.question.cell.workspace.cameras[name] for name in self.question.keep), *cameras])
+
+    def _cell_of(self, cameras: Sequence[Camera]) -> Cell:
+        cell, together = self.question.cell, {camera.name: camera for camera in cameras}
         workspace = replace(cell.workspace, cameras=together)
         return replace(cell, workspace=workspace, observer=Observer(tuple(together.values()), cell.observer.solids))
 
     def studies(self, choice: Choice) -> list[Study]:
-        """The exact studies of the chosen ways with the chosen cameras."""
-        cameras = []
-        for option in choice.options:
-            view, lens = self.views[self.options[option].view], self.lenses[self.options[option].lens]
-            cameras.append(camera_of(f"placed {option}", self.spots[view.spot], view, lens))
-        return self._studies_with(cameras, choice)
+        """The exact studies of the chosen ways with the chosen cameras, and those that stay."""
+        return self._studies_with([self._camera_at(option) for option in (*choice.options, *self.kept)], choice)
+
+    def _camera_at(self, option: int) -> Camera:
+        """The camera of an option; one that stays has its name."""
+        view, lens = self.views[self.options[option].view], self.lenses[self.options[option].lens]
+        spot = self.spots[view.spot]
+        stays = option in self.kept
+        return self.question.cell.workspace.cameras[spot.name] if stays else camera_of(f"at {option}", spot, view, lens)
 
     def _studies_with(self, cameras: Sequence[Camera], choice: Choice) -> list[Study]:
-        cell = self.cell_with(cameras)
+        """The exact studies of the chosen ways with these cameras and no others."""
+        cell = self._cell_of(cameras)
         scenes = [self.ways[number].scene for number in choice.ways]
         return [observed(cell, scene, self.question.sampling, full=False) for scene in scenes]
 
@@ -455,7 +360,8 @@ class Placer:
             )
             for placed, seat in zip(cameras, found, strict=True)
         )
-        better = self._studies_with([placed.camera for placed in moved], choice)
+        stay_there = [self._camera_at(option) for option in self.kept]
+        better = self._studies_with([*stay_there, *(placed.camera for placed in moved)], choice)
         return (moved, better) if _least(better) > _least(studies) + CLOSE else (cameras, studies)
 
     def _seen_from(self, seats: Sequence[Seat], ways: Sequence[JudgedWay]) -> list[Mask]:
@@ -488,16 +394,19 @@ class Placer:
     def _sharpen(self, problem: Placing, choice: Choice, spare: int) -> bool:
         """Add samples where the chosen cameras lose or gain sight between those of a way; whether any were added.
 
-        Then the figures at the samples are the exact ones. Where cameras may fail, states are not what the studies see.
+        Then the figures at the samples are the exact ones; where any one camera may fail, those without each of them.
         """
-        if spare:
-            return False
-        worth, added = worth_of(problem, choice), False
-        for number, study, pair in zip(choice.ways, self.studies(choice), worth.qualities, strict=True):
-            found = study.assessment("")
-            known = zip(pair, (found.q_eoi, found.q_avg), strict=True)
-            if any(rough is not None and exact is not None and abs(exact - rough) > CLOSE for rough, exact in known):
-                added |= self._add_samples(number, study)
+        together = (*choice.options, *self.kept)
+        plain = replace(self._plain(problem), kept=frozenset())
+        added = False
+        for some in [together] if not spare else [tuple(o for o in together if o != lost) for lost in together]:
+            worth = worth_of(plain, Choice(some, choice.ways))
+            studies = self._studies_with([self._camera_at(option) for option in some], choice)
+            for number, study, pair in zip(choice.ways, studies, worth.qualities, strict=True):
+                found = study.assessment("")
+                known = zip(pair, (found.q_eoi, found.q_avg), strict=True)
+                if any(a is not None and b is not None and abs(a - b) > CLOSE for a, b in known):
+                    added |= self._add_samples(number, study)
         return added
 
     def _add_samples(self, number: int, study: Study) -> bool:
@@ -519,7 +428,7 @@ class Placer:
 
     def _unseen(self, problem: Placing) -> Iterator[Unseen]:
         """What no choice covers: of each candidate, the first instant of each literal in the first way."""
-        usable = ~np.isin(problem.spot, np.flatnonzero(np.all(self._shut, axis=0)))
+        usable = ~np.isin(problem.spot, sorted(unusable(problem)))
         for of_one in self.candidates:
             way, sees = self.ways[of_one[0]], self.sees[of_one[0]][usable]
             spots = problem.spot[usable]
@@ -539,16 +448,16 @@ class Placer:
                         needed=int(needed[item]),
                     )
 
-    def _fewer(self, choice: Choice) -> FewerCameras | None:
+    def _fewer(self, problem: Placing, choice: Choice) -> FewerCameras | None:
         """What one camera less could do."""
         cameras = len(choice.options) - 1
-        if cameras < 1:
+        if cameras < max(1, problem.at_least(self.question.demand)):
             return None
         demand = replace(self.question.demand, wish=None, most=cameras)
         proven = list(self.ways), list(self.sees)
-        problem, found = self._sharpened(demand, first_only=True)
+        sharper, found = self._sharpened(demand, first_only=True)
         self.ways, self.sees = proven  # the samples that the proof of the choice is about
-        best = 0.0 if found.choice is None else worth_of(problem, found.choice).of(demand.objective)
+        best = 0.0 if found.choice is None else worth_of(sharper, found.choice).of(demand.objective)
         return FewerCameras(cameras=cameras, objective=best, bound=max(best, found.bound))
 
     def _without_spare(self) -> WithoutSpare | None:
@@ -567,19 +476,28 @@ class Placer:
     def _seen_alone(self, problem: Placing) -> Array:
         """See `Placement.seen`."""
         found = np.zeros(len(self.question.mounts.spots))
-        mean = np.maximum(qualities_alone(replace(problem, kept=frozenset())), 0.0)
+        mean = qualities_alone(self._plain(problem))
         np.maximum.at(found, problem.spot[: len(problem.spot) - len(self.kept)], mean[: len(mean) - len(self.kept)])
         return found
 
     def _judged(self, cell: Cell, problem: Placing, choice: Choice, number: int, found: Study) -> JudgedCandidate:
         """A candidate with its exact figures: in the way that `rank` and `score` take in the new cell, if as good."""
-        question, way = self.question, self.ways[number]
-        if not (question.fastest or question.demand.survive):
-            ranked = find_way(cell, way.candidate, question.world, question.sampling, WantedWay())
-            if not isinstance(ranked, Infeasible) and self._is_as_good(problem, choice, ranked.study, found):
-                found = ranked.study
-        figures = replace(found.assessment(""), candidate=way.candidate, best_way=found.candidate)
-        return JudgedCandidate(task=way.task, candidate=way.candidate, scene=found, found=figures)
+        question, way, ranked = self.question, self.ways[number], None
+        if not question.fastest:
+            taken = find_way(cell, way.candidate, question.world, question.sampling, WantedWay())
+            if not isinstance(taken, Infeasible):
+                ranked = taken.assessment
+                as_good = not question.demand.survive and self._is_as_good(problem, choice, taken.study, found)
+                found = taken.study if as_good else found
+        named = with_branch(question.cell, way.scene) if question.fastest else found.candidate
+        figures = replace(found.assessment(""), candidate=way.candidate, best_way=named)
+        differs = ranked is not None and any(
+            (a is None) != (b is None) or abs((a or 0.0) - (b or 0.0)) > ROUNDED
+            for a, b in ((ranked.q_eoi, figures.q_eoi), (ranked.q_avg, figures.q_avg), (ranked.time, figures.time))
+        )
+        return JudgedCandidate(
+            task=way.task, candidate=way.candidate, scene=found, found=figures, ranked=ranked if differs else None
+        )
 
     def _is_as_good(self, problem: Placing, choice: Choice, other: Study, found: Study) -> bool:
         """Whether another way has no worse figures, and the robot touches no chosen camera in it."""
@@ -604,6 +522,8 @@ class Placer:
             shut=np.zeros(count, dtype=bool),
             cell=self.cell_with(()),
             met=False,
+            why="no candidate can be done" + (" in that time" if self._too_slow else ""),
+            too_slow=self._too_slow,
         )
 
     def _placement(self, problem: Placing, chosen: Chosen) -> Placement:
@@ -612,19 +532,23 @@ class Placer:
             question=self.question,
             infeasible=tuple(self.infeasible),
             ways=len(self.ways),
-            samples=sum(len(way.samples) for way in self.ways),
+            samples=self._sample_count,
             options=len(self.options) - len(self.kept),
             seen=self._seen_alone(problem),
-            shut=np.all([*self._shut, np.ones(count, dtype=bool)], axis=0) & bool(self._shut),
+            shut=np.isin(np.arange(count), sorted(unusable(problem))),
             cell=self.cell_with(()),
             interrupted=chosen.interrupted,
             proven=chosen.proven,
             bound=chosen.bound,
             fewest=chosen.fewest,
             met=not self._too_slow,
+            too_slow=self._too_slow,
+            quickest=self._quickest(problem),
+            fastest=len(self.ways) == len(self.candidates),
         )
         if chosen.choice is None:
-            return replace(found, met=False)
+            why = "" if chosen.interrupted else obstacle(problem, self.question.demand, blind=self._blind)
+            return replace(found, met=False, why=why)
         worth = worth_of(problem, chosen.choice)
         cameras, studies = self.cameras(problem, chosen.choice), self.studies(chosen.choice)
         if worth.least < 1.0 - ROUNDED and not chosen.interrupted and not self.question.demand.survive:
@@ -640,7 +564,7 @@ class Placer:
             ),
             worth=worth,
             bound=max(chosen.bound, worth.of(self.question.demand.objective)),
-            fewer=None if chosen.interrupted else self._fewer(chosen.choice),
+            fewer=None if chosen.interrupted else self._fewer(problem, chosen.choice),
             without_spare=None if chosen.interrupted else self._without_spare(),
         )
 

@@ -11,14 +11,11 @@ from sqrp_cli.geometry import Array, pose, read_only
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.text.entries import completed
-from sqrp_cli.knowledge.workspace.mounts import AimsEntry, LensChoice, Mounts, Spot
+from sqrp_cli.knowledge.workspace.mounts import SAME, AimsEntry, LensChoice, Spot
 from sqrp_cli.programming.advice.aiming import looking_at
 
 AT_TARGETS = AimsEntry(targets="middle")
 """The aims of a mount that states none."""
-
-_SAME = 1e-6
-"""Points that are closer to each other are one [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +61,7 @@ def _at(index: int, spot: Spot, middle: Array, middles: Sequence[Array]) -> Iter
         points += list(np.round(eye + aims.cone.directions(), 6))
     known: list[Array] = []
     for point in points:
-        if np.linalg.norm(point - eye) > _SAME and not any(np.linalg.norm(point - one) < _SAME for one in known):
+        if np.linalg.norm(point - eye) > SAME and not any(np.linalg.norm(point - one) < SAME for one in known):
             known.append(point)
             yield View(index, read_only(looking_at(eye[None], point[None], up)[0]), point, up)
     for one in aims.fixed:
@@ -79,8 +76,3 @@ def camera_of(name: str, spot: Spot, view: View, lens: LensChoice) -> Camera:
 def price_of(spot: Spot, lens: LensChoice) -> float:
     """Of a camera and of mounting it there."""
     return spot.entry.price + lens.price
-
-
-def lens_at(mounts: Mounts, option: Option) -> LensChoice:
-    """The lens of an option."""
-    return mounts.lenses[option.lens]

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 
+import numpy as np
+
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.cell import Cell
@@ -169,6 +171,26 @@ def planned_ways(cell: Cell, candidate: Candidate, world: World, *, fastest: boo
     if (obstacle := impossible_start(cell, candidate, world)) is not None:
         return obstacle
     return (_fastest if fastest else _planned)(cell, candidate, world).scenes
+
+
+def with_branch(cell: Cell, scene: Rehearsal) -> Candidate:
+    """The candidate of a scene with the branch of its motion, if it leaves that free; else the candidate itself."""
+    way = scene.candidate
+    branches = plan_branches(skill_use(cell, way, scene.world), cell.collision, cell.seed)
+    for found in () if isinstance(branches, Infeasible) or way.branch else branches.feasible:
+        if _same(found.motion, scene.motion):
+            return replace(way, branch=found.branch)
+    return way
+
+
+def _same(one: Motion, other: Motion) -> bool:
+    """Whether two motions of a skill lead through the same joint positions in the same time."""
+    pairs = list(zip(one.primitives, other.primitives, strict=True))
+    in_time = all(abs(a.end - b.end) < 1e-9 for a, b in pairs)
+    ends = (
+        (one.positions(n, np.array([a.end])), other.positions(n, np.array([b.end]))) for n, (a, b) in enumerate(pairs)
+    )
+    return in_time and all(np.allclose(a, b, atol=1e-9) for a, b in ends)
 
 
 def some_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | Infeasible:

@@ -12,7 +12,7 @@ from sqrp_cli.report.documents.advice import AdvisedFigures, WishedFigures
 from sqrp_cli.report.documents.document import LEFT_OUT, Pose, Record, WorkspaceDocument
 
 if TYPE_CHECKING:
-    from sqrp_cli.programming.placing.place import FewerCameras, JudgedCandidate, PlacedCamera, Placement, Unseen
+    from sqrp_cli.programming.placing.placement import FewerCameras, JudgedCandidate, PlacedCamera, Placement, Unseen
 
 _COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
 
@@ -38,9 +38,9 @@ class CameraPlaced(Record):
     price: float
     """Of the camera and of mounting it."""
     alone: float
-    """The quality that counts, least or mean, with no other camera, in 0..1."""
+    """The quality that counts, least or mean, with no other camera, and none that fails, in 0..1."""
     loss: float
-    """By how much that quality falls if this camera is lost."""
+    """By how much that quality falls if this camera is lost, and no other one."""
 
     @classmethod
     def of(cls, placed: PlacedCamera) -> CameraPlaced:
@@ -68,12 +68,15 @@ class PlacedCandidate(AdvisedFigures):
     """As it was asked for."""
     candidate: str
     """Its name."""
+    ranked: AdvisedFigures | None
+    """The figures of the way that `rank` and `score` take in the patched workspace, if those are others."""
 
     @classmethod
     def of_candidate(cls, judged: JudgedCandidate) -> PlacedCandidate:
         """The figures of a candidate."""
         figures = vars(AdvisedFigures.of(judged.found))
-        return cls(task=judged.task, candidate=judged.candidate.name, **figures)
+        ranked = None if judged.ranked is None else AdvisedFigures.of(judged.ranked)
+        return cls(task=judged.task, candidate=judged.candidate.name, ranked=ranked, **figures)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,6 +106,16 @@ class WithFewer(Record):
     def of(cls, fewer: FewerCameras | None) -> WithFewer | None:
         """It as a record."""
         return None if fewer is None else cls(**vars(fewer))
+
+
+@dataclass(frozen=True, kw_only=True)
+class FewestPossible(Record):
+    """How many cameras there have to be, whatever they see."""
+
+    cameras: int
+    """On mounts, besides those that stay."""
+    reason: str
+    """Such as `inspect` needs two at once."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,6 +173,8 @@ class Compared(Record):
     """Ways of candidates."""
     samples: int
     """Samples of these ways."""
+    fastest: bool
+    """Whether they are the fastest way of each candidate, and no other ones."""
     kind: Literal["samples"] = "samples"
     """The proof is about what is seen in samples; the chosen cameras were checked in between, too."""
 
@@ -181,7 +196,7 @@ class PlaceDocument(WorkspaceDocument):
     keep: Sequence[str]
     """Cameras of the workspace that stay."""
     survive: int
-    """So many cameras may fail: only what is seen then still counts in `objective`, `bound`, `alone` and `loss`."""
+    """So many cameras may fail: only what is seen then still counts in `objective`, `bound` and `fewer`."""
     by: Objective
     """Which quality counts first: the least of all Q_eoi and Q_avg of all candidates, or their mean."""
     objective: float
@@ -194,6 +209,10 @@ class PlaceDocument(WorkspaceDocument):
     """Whether nothing better exists, in quality, then delay, price and number."""
     proof: str
     """The same in words."""
+    too_slow: bool
+    """Whether a candidate takes longer than `want` in all of its ways."""
+    quickest: float
+    """The shortest time until any camera shows a fault that it sees: its frame period and latency [s]."""
     delay_worst: float | None
     """The longest time until a fault of any candidate is noticed, from the exact figures [s]."""
     price: float
@@ -201,11 +220,15 @@ class PlaceDocument(WorkspaceDocument):
     fewest: int | None
     """The fewest cameras that meet `want`; null without one."""
     fewer: WithFewer | None
-    """What one camera less could do."""
+    """What one camera less could do; null if there cannot be fewer."""
+    floor: FewestPossible | None
+    """How many there have to be; null if any number will do."""
+    reason: str
+    """Why no cameras can be chosen at all; empty if some can."""
     without_spare: SpareCost | None
     """With `survive`: what would do if no camera could fail."""
     candidates: Sequence[PlacedCandidate]
-    """The exact figures of each, as `sqrp score` gives them for the patched workspace."""
+    """The exact figures of each, those of `sqrp score` for the patched workspace unless `ranked` says others."""
     ways: Mapping[str, Mapping[str, float | str]]
     """Of each candidate, `TASK: NAME`, the parameters of the way that was chosen for it."""
     infeasible: Sequence[InfeasibleCandidate]
@@ -239,10 +262,14 @@ def placed(found: Placement, patch: str, wish: Wish | None) -> PlaceDocument:
         gap=found.gap,
         proven=found.proven,
         proof=proof_in_words(found, wish),
+        too_slow=found.too_slow,
+        quickest=found.quickest,
         delay_worst=max(delays, default=None),
         price=sum(camera.price for camera in found.cameras),
         fewest=found.fewest,
         fewer=WithFewer.of(found.fewer),
+        floor=None if demand.floor is None else FewestPossible(**vars(demand.floor)),
+        reason=found.why,
         without_spare=None if found.without_spare is None else SpareCost(**vars(found.without_spare)),
         candidates=[PlacedCandidate.of_candidate(one) for one in found.candidates],
         ways={f"{one.task}: {one.candidate.name}": one.found.way.parameters for one in found.candidates},
@@ -257,6 +284,7 @@ def placed(found: Placement, patch: str, wish: Wish | None) -> PlaceDocument:
             options=found.options,
             ways=found.ways,
             samples=found.samples,
+            fastest=found.fastest,
         ),
         patch=patch,
         interrupted=found.interrupted or None,
@@ -264,43 +292,74 @@ def placed(found: Placement, patch: str, wish: Wish | None) -> PlaceDocument:
 
 
 def proof_in_words(found: Placement, wish: Wish | None) -> str:
-    """What is proven, in a few sentences."""
-    count, places = len(found.cameras), found.places
-    which = "least Q" if found.question.demand.objective == "least" else "mean Q"
+    """What is proven, and about what, in a few sentences."""
+    if found.why:
+        return f"No camera can be chosen: {found.why}."
     if found.worth is None:
-        return "No candidate can be done." if not found.ways else f"No choice of these {places} mounts was found."
-    sentences = []
-    number = in_words(count)
-    if found.proven and found.gap == 0.0:
-        best = f"No {number} of these {places} mounts do" if count > 1 else f"None of these {places} mounts does"
-        sentences.append(f"{best} better than a {which} of {_percent(found.objective)} (gap 0).")
-    else:
-        sentences.append(
-            f"The {which} is {_percent(found.objective)}; no choice of these {places} mounts has more than "
-            f"{_percent(found.bound)}. Whether there is a better one is not proven."
-        )
-    if wish is not None and found.met and found.fewest is not None and found.fewest > 1:
-        sentences.append(f"Fewer than {number} do not reach {wish}.")
+        return f"No choice of {_mounts(found.places)} was found."
+    sentences = [_best(found)]
+    number, floor = in_words(len(found.cameras)), found.question.demand.floor
+    if floor is not None and len(found.cameras) == floor.cameras:
+        stay = ", with those that stay" if found.question.keep else ""
+        sentences.append(f"Fewer than {number} cannot be{stay}: {floor.reason}.")
+    elif wish is not None and found.met and found.fewest is not None and found.fewest > 1:
+        sentences.append(f"Fewer than {number} do not reach {wish} in these ways.")
     if found.fewer is not None:
         fewer = in_words(found.fewer.cameras)
         sentences.append(f"With {fewer}, in these ways, it is at most {_percent(found.fewer.bound)}.")
     return " ".join(sentences)
 
 
+def _best(found: Placement) -> str:
+    """How good the chosen cameras are, and that no others are better, or how much better they could be."""
+    number, mounts = in_words(len(found.cameras)), _mounts(found.places)
+    which = "least Q" if found.question.demand.objective == "least" else "mean Q"
+    quality, about = _percent(found.objective), f"{_scope(found)} at {_count(found.samples, 'sample')}"
+    if not (found.proven and found.gap == 0.0):
+        return (
+            f"The {which} is {quality}; no choice of {mounts} has more than {_percent(found.bound)} in {about}. "
+            "Whether there is a better one is not proven."
+        )
+    if not found.cameras:
+        return f"No camera on {mounts} adds to the {which} of {quality} in {about} (gap 0)."
+    if found.places == 1:
+        return f"A camera on the only mount gives a {which} of {quality} in {about} (gap 0)."
+    best = f"None of {mounts} does" if number == "one" else f"No {number} of {mounts} do"
+    return f"{best} better than a {which} of {quality} in {about} (gap 0)."
+
+
+def _scope(found: Placement) -> str:
+    if found.fastest:
+        return "the fastest way of each candidate" if found.ways > 1 else "the fastest way"
+    return f"these {found.ways} ways"
+
+
+def _mounts(count: int) -> str:
+    return "the only mount" if count == 1 else f"these {count} mounts"
+
+
 def unmet_in_words(found: PlaceDocument, wish: Wish | None) -> str:
-    """That the wish cannot be met, and what is shown instead; empty if it is met."""
-    if found.met:
+    """That the wish cannot be met, and what is shown instead; empty if it is met, or nothing can be chosen at all."""
+    if found.met or found.reason or wish is None:
         return ""
     if found.fewest is not None:
         return f"So many cameras do not reach {wish}; {in_words(found.fewest)} do:"
+    if found.too_slow:
+        return f"Not every candidate can be done within {wish.time:.4g} s, whatever the cameras."
+    if wish.delay is not None and wish.delay < found.quickest:
+        return (
+            f"No choice of these mounts reaches {wish}: with the frame period and latency of these cameras, a fault is "
+            f"seen {found.quickest:.4g} s after it happens at the earliest. The nearest is below."
+        )
     return f"No choice of these mounts reaches {wish}. The nearest is below."
 
 
 def compared_in_words(found: PlaceDocument) -> str:
     """What was compared, in numbers."""
     one = found.compared
+    way = f" ({one.in_the_way} in the way)" if one.in_the_way else ""
     return (
-        f"{one.mounts} mounts ({one.in_the_way} in the way), {one.options} poses with lenses, "
+        f"{_count(one.mounts, 'mount')}{way}, {_count(one.options, 'pose')} with lenses, "
         f"{_count(one.ways, 'way')}, {_count(one.samples, 'sample')}"
     )
 
@@ -314,14 +373,28 @@ def moved_in_words(found: PlaceDocument) -> str:
     )
 
 
+def ranked_in_words(found: PlaceDocument) -> str:
+    """Which candidates `rank` does in another way in the patched workspace, with other figures; empty if none."""
+    others = [
+        f"{one.candidate} (Q_eoi {_percent_or_none(one.ranked.q_eoi)}, Q_avg {_percent_or_none(one.ranked.q_avg)})"
+        for one in found.candidates
+        if one.ranked is not None
+    ]
+    return f"In the patched workspace, `rank` takes another way of {', '.join(others)}." if others else ""
+
+
 def scope_in_words(found: PlaceDocument) -> str:
-    """What the proof is about, or why there is none."""
+    """What was looked at beyond the proof, or why there is none."""
+    if found.interrupted:
+        return "Interrupted: the best so far." if found.cameras else "Interrupted: nothing was found yet."
+    if found.reason:
+        return ""
     if found.proven:
         return (
             "The proof is about these mounts, samples and ways; "
             "the chosen cameras were also checked between the samples."
         )
-    return "Interrupted: the best so far." if found.interrupted else "Not proven to be the best."
+    return "Not proven to be the best."
 
 
 def in_words(count: int) -> str:
@@ -331,6 +404,10 @@ def in_words(count: int) -> str:
 
 def _percent(quality: float) -> str:
     return f"{100 * quality:.1f} %"
+
+
+def _percent_or_none(quality: float | None) -> str:
+    return "-" if quality is None else _percent(quality)
 
 
 def _count(number: int, what: str) -> str:

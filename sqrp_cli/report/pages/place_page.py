@@ -23,7 +23,7 @@ from sqrp_cli.report.pages.page import MountShown, PageContent, PageRow, Placeme
 from sqrp_cli.report.sentences import accuracy, way_of
 
 if TYPE_CHECKING:
-    from sqrp_cli.programming.placing.place import JudgedCandidate, Placement
+    from sqrp_cli.programming.placing.placement import JudgedCandidate, Placement
     from sqrp_cli.scoring.scorecard import Progress
 
 

@@ -13,9 +13,12 @@ from sqrp_cli.api.cell import silent
 from sqrp_cli.knowledge.workspace.mounts import read_mounts
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.coverage.sampling import Adaptive
+from sqrp_cli.programming.placing import every
 from sqrp_cli.programming.placing.choose import Search
-from sqrp_cli.programming.placing.place import Placement, PlaceQuestion, Placer
-from sqrp_cli.programming.placing.problem import Choice, Demand, greedy, worth_of
+from sqrp_cli.programming.placing.gain import greedy
+from sqrp_cli.programming.placing.place import Placer
+from sqrp_cli.programming.placing.placement import Placement, PlaceQuestion
+from sqrp_cli.programming.placing.problem import Choice, Demand, worth_of
 from sqrp_cli.programming.placing.views import camera_of
 from sqrp_cli.programming.sensing.observer import Observer, sees_all
 from sqrp_cli.programming.task import read_task
@@ -212,6 +215,41 @@ def test_a_wished_delay_takes_no_more_cameras_than_needed(cell, tmp_path):
     assert found.choice is not None
     assert found.fewest == len(found.choice.options) == 2
     assert worth_of(problem, found.choice).delay <= wished + 1e-6
+
+
+@pytest.mark.parametrize(
+    "demand",
+    [
+        Demand(most=1),
+        Demand(most=2, objective="mean"),
+        Demand(most=2, budget=205.0),
+        Demand(wish=Wish(q_avg=0.2)),
+        Demand(most=2, wish=Wish(q_eoi=1.0, q_avg=1.0)),
+    ],
+    ids=["one", "mean", "budget", "wish", "unmet"],
+)
+def test_all_sets_and_the_integer_program_have_the_same_best(pair, demand, monkeypatch):
+    problem = pair[0].problem(0)
+    of_all = Search(problem, demand, lambda _title, _best, _bound: None).best()
+    monkeypatch.setattr(every, "MOST_WORK", 0.0)
+    solved = Search(problem, demand, lambda _title, _best, _bound: None).best()
+    assert (of_all.proven, of_all.fewest) == (solved.proven, solved.fewest)
+    assert (of_all.choice is None) == (solved.choice is None)
+    if of_all.choice is None or solved.choice is None:
+        return
+    one, other = worth_of(problem, of_all.choice), worth_of(problem, solved.choice)
+    assert len(of_all.choice.options) == len(solved.choice.options)
+    assert (one.least, one.mean) == pytest.approx((other.least, other.mean), abs=1e-6)
+    assert (one.delay, one.price) == pytest.approx((other.delay, other.price), abs=1e-5)
+
+
+def test_a_wish_that_more_cameras_meet_names_their_number(cell, tmp_path, pair):
+    _, best, brute = pair
+    wish = Wish(q_eoi=best.objective - 0.01, q_avg=best.objective - 0.01)  # samples are not those of that search
+    assert brute.least(1) < best.objective - 0.02
+    found = placer(cell, tmp_path, FORTY, Demand(wish=wish, most=1)).place()
+    assert not found.met
+    assert found.fewest == len(found.cameras) == 2
 
 
 def test_a_motion_that_takes_longer_than_wished_is_said_to(cell, tmp_path):

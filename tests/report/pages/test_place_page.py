@@ -130,7 +130,7 @@ def test_playback_shows_the_chosen_cameras_and_their_coverage(placed, written):
 def test_a_placement_without_any_camera_has_a_page_too(folder, browser):
     file = folder / "blind.yaml"
     file.write_text(MOUNTS.replace("20 cm, far: 4 m", "1 cm, far: 2 cm"))
-    blind = open_cell(TABLETOP).place("pickup g3", cameras=1, ways="fastest", mounts=file)
+    blind = open_cell(TABLETOP).place("pickup g3", cameras=2, ways="fastest", mounts=file)
     assert not blind.document.cameras
     page = folder / "blind.html"
     write_placement(blind.found, blind.document, page, arguments=["place"], jobs=1, progress=silent)

@@ -1,0 +1,192 @@
+"""The best of all sets of cameras, where they are few enough to compare every one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from itertools import combinations, islice
+from math import comb, inf
+
+import numpy as np
+
+from sqrp_cli.geometry import Array, Indices, Mask
+from sqrp_cli.programming.placing.gain import Gain, least_and_mean, qualities_alone
+from sqrp_cli.programming.placing.problem import Choice, Demand, Placing
+
+MOST_WORK = 1e9
+"""Most sets of cameras times rows that are compared; beyond that, an integer program finds the best."""
+
+_TOGETHER = 4e6
+"""Sets times rows that are compared at once, to bound the memory."""
+
+_SAME = 1e-9
+"""Figures that differ by less are equal."""
+
+_REACHED = 1e-7
+"""By how much figures may miss a wish: they are sums."""
+
+Key = tuple[float, ...]
+"""What a choice is worth in every aim, the least the best."""
+
+
+class EverySet:
+    """Compares all sets of cameras of a problem, aim by aim: a proof that depends on no solver."""
+
+    def __init__(self, problem: Placing, demand: Demand, known: float = 0.0) -> None:
+        """known: a value of what counts first that some choice is known to have, if there is no wish."""
+        self._problem, self._demand, self._known = problem, demand, known
+        self._gain = Gain(problem, demand)
+        self._rows = max(1, len(problem.cover.table.needed))
+        free = np.array([option for option in range(problem.count) if option not in problem.kept], dtype=np.int64)
+        self._free: Indices = free[problem.price[free] <= (inf if demand.budget is None else demand.budget + _SAME)]
+        spots = len(problem.spot)
+        self._apart = np.array([first * spots + second for first, second in sorted(problem.apart)], dtype=np.int64)
+
+    @property
+    def most(self) -> int:
+        """The most cameras that there may be: one at each place."""
+        return len(np.unique(self._problem.spot[self._free]))
+
+    def fits(self, counts: Sequence[int]) -> bool:
+        """Whether all sets of so many cameras are few enough."""
+        return sum(comb(len(self._worth_trying(count)), count) for count in counts) * self._rows <= MOST_WORK
+
+    def best(self, counts: Sequence[int], *, first_only: bool = False) -> Choice | None:
+        """The best set of so many cameras that may stand together; None if none meets the wish.
+
+        Aims: quality, delay, price, number, mean quality, what each sees alone, then the order of options. first_only:
+        only quality.
+        """
+        found = [one for count in counts if (one := self._best(count, first_only=first_only)) is not None]
+        return min(found, key=lambda one: one[0])[1] if found else None
+
+    def _worth_trying(self, count: int) -> Indices:
+        """The options that may be part of the best set: where one of two may fail, each has to be enough alone."""
+        demand = self._demand
+        if not demand.survive or count != 1 + demand.survive or self._problem.kept:
+            return self._free
+        alone = Gain(self._problem, demand, failed=demand.survive)
+        score = np.concatenate([self._scores(alone, part)[0] for part in self._chunked(self._free[:, None])])
+        return self._free[score >= (0.0 if demand.wish is not None else self._known - _SAME)]
+
+    def _best(self, count: int, *, first_only: bool) -> tuple[Key, Choice] | None:
+        """The best of all sets of a number, with its key."""
+        best, tied = 0.0, list[tuple[float, Indices]]()
+        for cameras in self._sets(count):
+            score = self._scores(self._gain, cameras)[0]
+            top = float(score.max(initial=-1.0))
+            if top >= best - _SAME:
+                best = max(best, top)
+                tied.append((top, cameras[score >= top - _SAME]))
+        equal = [cameras for top, cameras in tied if top >= best - _SAME and top >= 0.0]
+        if not equal:
+            return None
+        together = np.concatenate([cameras[:1] for cameras in equal[:1]] if first_only else equal)
+        keys = [self._finest(part, best) for part in self._chunked(together)]
+        return min((key for key in keys if key is not None), key=lambda one: one[0], default=None)
+
+    def _sets(self, count: int) -> Iterator[Indices]:
+        """All sets of a number that may stand together and are cheap enough, some at a time, shape (sets, count)."""
+        every = combinations(self._worth_trying(count).tolist(), count)
+        while some := list(islice(every, self._at_once)):
+            cameras = np.array(some, dtype=np.int64).reshape(len(some), count)
+            cameras = cameras[self._stand_together(cameras)]
+            if len(cameras):
+                yield cameras
+
+    @property
+    def _at_once(self) -> int:
+        return max(1, int(_TOGETHER / self._rows))
+
+    def _chunked(self, cameras: Indices) -> Iterator[Indices]:
+        yield from (cameras[start : start + self._at_once] for start in range(0, len(cameras), self._at_once))
+
+    def _stand_together(self, cameras: Indices) -> Mask:
+        """Whether there is room for all cameras of a set, and money, shape (sets,)."""
+        problem, spots = self._problem, len(self._problem.spot)
+        good = np.ones(len(cameras), dtype=bool)
+        at = np.sort(problem.spot[cameras], axis=1)
+        for first, second in combinations(range(cameras.shape[1]), 2):
+            good &= (at[:, first] != at[:, second]) & ~np.isin(at[:, first] * spots + at[:, second], self._apart)
+        if self._demand.budget is not None:
+            good &= problem.price[cameras].sum(axis=1) <= self._demand.budget + _SAME
+        return good
+
+    def _shut(self, cameras: Indices) -> Mask:
+        """Whether a camera of a set is in the way, or in the sight of another one, shape (ways, sets)."""
+        problem = self._problem
+        found: Mask = np.any(self._gain.shut[:, cameras], axis=2)
+        for hiding in problem.hiding:
+            in_sight = (problem.spot[cameras] == hiding.place).any(axis=1)
+            sees = np.isin(cameras, hiding.options).any(axis=1) | bool(set(hiding.options) & problem.kept)
+            found[hiding.way] |= in_sight & sees
+        return found
+
+    def _scores(self, gain: Gain, cameras: Indices) -> tuple[Array, Array, Array]:
+        """What counts first for each set, negative if it cannot be, (sets,); least and mean of ways, (ways, sets)."""
+        seen = gain.seen(cameras)
+        figures = gain.figures(seen)
+        usable = ~self._shut(cameras) & np.array([self._reaches(pair) for pair in figures])
+        wish = self._demand.wish
+        if wish is not None and wish.delay is not None and usable.any():
+            usable &= self._delays(gain, seen) <= wish.delay + _REACHED
+        both = [least_and_mean(pair) for pair in figures]
+        least, mean = (np.where(usable, [pair[which] for pair in both], -1.0) for which in (0, 1))
+        return self._first(least, mean), least, mean
+
+    def _reaches(self, pair: Array) -> Mask:
+        """Whether Q_eoi and Q_avg, (2, sets), are as wished for; undefined ones are; (sets,)."""
+        wish = self._demand.wish
+        if wish is None:
+            return np.ones(pair.shape[1], dtype=bool)
+        wanted = np.array([[wish.q_eoi or 0.0], [wish.q_avg or 0.0]])
+        reached: Mask = np.all(~(pair < wanted - _REACHED), axis=0, keepdims=True)[0]
+        return reached
+
+    def _first(self, least: Array, mean: Array) -> Array:
+        """What counts first, if every candidate takes its best way, negative if one has none, (sets,)."""
+        if self._demand.objective == "least":
+            each = [least[list(of_one)].max(axis=0) for of_one in self._problem.candidates]
+            lowest: Array = np.min([*each, np.ones(least.shape[1])], axis=0)
+            return lowest
+        return self._mean(mean)
+
+    def _mean(self, mean: Array) -> Array:
+        """The mean of all candidates in their best ways, negative if one has none, (sets,)."""
+        weights = self._problem.weights
+        each = np.array([mean[list(of_one)].max(axis=0) for of_one in self._problem.candidates])
+        total = float(weights.sum())
+        means = weights @ each / total if total > 0 else np.ones(mean.shape[1])
+        return np.where(np.any(each < 0.0, axis=0), -1.0, means)
+
+    def _delays(self, gain: Gain, seen: Array) -> Array:
+        """The longest delay of each way, shape (ways, sets) [s]."""
+        covered, cover = gain.covered(seen), self._problem.cover
+        return np.array([cover.delays(way, covered) for way in cover.ways]).reshape(len(cover.ways), seen.shape[1])
+
+    def _finest(self, cameras: Indices, first: float) -> tuple[Key, Choice] | None:
+        """The best of some sets that are equal in what counts first, by all other aims, with the ways to take."""
+        problem, of_each = self._problem, [list(of_one) for of_one in self._problem.candidates]
+        _, least, mean = self._scores(self._gain, cameras)
+        delay = self._delays(self._gain, self._gain.seen(cameras))
+        good = np.zeros(least.shape, dtype=bool)
+        for of_one in of_each:
+            rough = least[of_one] if self._demand.objective == "least" else mean[of_one]
+            enough = first if self._demand.objective == "least" else rough.max(axis=0)
+            good[of_one] = rough >= enough - _SAME
+        delay = np.where(good, delay, inf)
+        slowest = np.round(np.max([delay[of_one].min(axis=0) for of_one in of_each], axis=0), 7)
+        mean = np.where(good & (delay <= slowest + _REACHED), mean, -1.0)
+        price, alone = problem.price[cameras].sum(axis=1), self._alone[cameras].sum(axis=1)
+        best = int(np.lexsort((-np.round(alone, 9), -np.round(self._mean(mean), 9), np.round(price, 9), slowest))[0])
+        ways = tuple(of_one[int(mean[of_one, best].argmax())] for of_one in of_each)
+        costs = (float(slowest[best]), round(float(price[best]), 9), float(cameras.shape[1]))
+        gains = (round(float(self._mean(mean)[best]), 9), round(float(alone[best]), 9))
+        return (-round(first, 9), *costs, *(-gain for gain in gains)), Choice(
+            tuple(sorted(cameras[best].tolist())), ways
+        )
+
+    @cached_property
+    def _alone(self) -> Array:
+        """The mean quality of each option alone, shape (options,)."""
+        return qualities_alone(self._problem, self._demand.survive)

@@ -1,0 +1,212 @@
+"""What each camera would add to others: choices made one by one, with which the exact search begins."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sqrp_cli.geometry import Array, Indices, Mask
+from sqrp_cli.programming.placing.cover import NEVER, CoveredWay
+from sqrp_cli.programming.placing.problem import Choice, Demand, Placing, worth_of
+
+
+def greedy(problem: Placing, demand: Demand, most: int) -> Choice:
+    """Cameras one by one, each the one that helps most, with the ways that are best for them.
+
+    It shows what the exact search gains.
+    """
+    gain, options = Gain(problem, demand), list[int]()
+    while len(options) < most:
+        better = gain.best_with(options)
+        if better is None:
+            break
+        options.append(better)
+        if gain.worth(options)[0] >= 1.0 and len(options) >= problem.at_least(demand):
+            break
+    return gain.choice(options)
+
+
+def improved(problem: Placing, demand: Demand, most: int) -> Choice:
+    """The greedy choice, with cameras exchanged one by one as long as that helps: where the exact search begins."""
+    gain = Gain(problem, demand)
+    options = list(greedy(problem, demand, most).options)
+    worth = gain.worth(options)
+    for _ in range(_EXCHANGES):
+        for place in range(len(options)):
+            others = [*options[:place], *options[place + 1 :]]
+            better = gain.best_with(others)
+            if better is not None and gain.worth([*others, better]) > worth:
+                options = [*others, better]
+                worth = gain.worth(options)
+                break
+        else:
+            break
+    return gain.choice(options)
+
+
+def with_useful_cameras(problem: Placing, demand: Demand, choice: Choice) -> Choice:
+    """The choice with the cheapest cameras that see most instead of those that add nothing, and only are so many.
+
+    They are the ones without which qualities and delay are the same.
+    """
+    options = list(choice.options)
+    for option in choice.options:
+        rest = [one for one in options if one != option]
+        without, worth = (worth_of(problem, Choice(tuple(one), choice.ways)) for one in (rest, options))
+        if (without.least, without.mean, without.delay) == (worth.least, worth.mean, worth.delay):
+            options = [*rest, Gain(problem, demand).spare_with(rest, choice.ways, option)]
+    return Choice(tuple(sorted(options)), choice.ways)
+
+
+_EXCHANGES = 20
+"""Most exchanges of one camera by another one, to find a start."""
+
+
+def qualities_alone(problem: Placing, spare: int = 0) -> Array:
+    """The mean quality of all candidates with each option and no other camera, in its best ways, shape (options,).
+
+    spare: so many cameras may fail by the problem, but none does. 0 where an option is in the way.
+    """
+    gain = Gain(replace(problem, kept=frozenset()), Demand(objective="mean"), failed=spare)
+    return np.maximum(gain.with_each([])[0], 0.0)
+
+
+def least_and_mean(qualities: Array) -> tuple[Array, Array]:
+    """The least and the mean of Q_eoi and Q_avg, shape (2, sets), of those that are defined; 1 where none is."""
+    defined = np.isfinite(qualities)
+    count, total = defined.sum(axis=0), np.where(defined, qualities, 0.0).sum(axis=0)
+    mean = np.where(count > 0, total / np.maximum(count, 1), 1.0)
+    return np.where(defined, qualities, 1.0).min(axis=0), mean
+
+
+class Gain:
+    """What each option would add to others, for all options at once."""
+
+    def __init__(self, problem: Placing, demand: Demand, failed: int = 0) -> None:
+        """failed: so many cameras have failed already, of those that may."""
+        table = problem.cover.table
+        self._problem, self._demand = problem, demand
+        self._matrix = table.matrix.reshape(-1, problem.count).astype(np.int16)
+        self._needed = np.array(table.needed, dtype=np.int16)[:, None] - failed
+        self._parts = [self._part(way) for way in problem.cover.ways]
+        self.shut = np.zeros((len(problem.cover.ways), problem.count), dtype=bool)
+        for place, way in problem.blocked:
+            self.shut[way] |= problem.spot == place
+
+    @staticmethod
+    def _part(way: CoveredWay) -> tuple[Indices, Indices, Array, tuple[float, float]]:
+        """Of a way: the rows of all groups, where each group begins, what each is worth, (2, groups), and of what."""
+        groups = [group for group in way.groups if NEVER not in group.rows]
+        rows = np.array([row for group in groups for row in group.rows], dtype=np.int64)
+        begins = np.cumsum([0, *(len(group.rows) for group in groups)])[:-1]
+        seconds = np.array([[group.of_interest, group.seconds] for group in groups]).reshape(-1, 2).T
+        totals = way.T_eoi, way.T
+        return rows, begins, seconds / np.maximum(np.array(totals)[:, None], 1e-12), totals
+
+    def seen(self, cameras: Indices) -> Array:
+        """How many cameras see each row, with those that stay; cameras: of several sets, (sets, n); (rows, sets)."""
+        stay = self._matrix[:, sorted(self._problem.kept)].sum(axis=1, dtype=np.int16)[:, None]
+        found: Array = stay + sum((self._matrix[:, column] for column in cameras.T), np.zeros((1, 1), dtype=np.int16))
+        return found
+
+    def covered(self, seen: Array) -> Mask:
+        """Which rows are covered, (rows, sets)."""
+        found: Mask = seen >= self._needed
+        return found
+
+    def figures(self, seen: Array) -> list[Array]:
+        """Q_eoi and Q_avg of each way for several sets of cameras, NaN where undefined, (2, sets).
+
+        seen: how many cameras of each set see each row, (rows, sets).
+        """
+        missing, found = ~self.covered(seen), []
+        for rows, begins, shares, (T_eoi, T) in self._parts:
+            good = np.zeros((len(begins), seen.shape[1]))
+            if len(begins):
+                good = (~np.logical_or.reduceat(missing[rows], begins, axis=0)).astype(float)
+            qualities = np.minimum(1.0, shares @ good)
+            found.append(np.where(np.array([[T_eoi > 0], [T > 0]]), qualities, np.nan))
+        return found
+
+    def _qualities(self, seen: Array) -> list[tuple[Array, Array]]:
+        """The least and the mean quality of each way, for several sets of cameras, (sets,) each; seen: (rows, sets)."""
+        return [least_and_mean(pair) for pair in self.figures(seen)]
+
+    def _of_all(self, seen: Array, shut: Mask) -> tuple[Array, Array, list[Indices]]:
+        """What counts first and second, for several sets of cameras, and the best way of each candidate.
+
+        shut: whether a camera is in the way, shape (ways, sets).
+        """
+        first_is_least, weights = self._demand.objective == "least", self._problem.weights
+        of_way, least, mean, best = self._qualities(seen), [], [], []
+        for of_one in self._problem.candidates:
+            rough = np.stack([of_way[way][0 if first_is_least else 1] for way in of_one])
+            fine = np.stack([of_way[way][1] for way in of_one])
+            key = np.where(shut[list(of_one)], -1.0, np.round(rough, 9) + 1e-6 * fine)
+            which = key.argmax(axis=0)
+            here = np.arange(seen.shape[1])
+            usable = key[which, here] >= 0
+            least.append(np.where(usable, np.stack([of_way[way][0] for way in of_one])[which, here], -1.0))
+            mean.append(np.where(usable, fine[which, here], -1.0))
+            best.append(np.array(of_one)[which])
+        count, total = seen.shape[1], max(float(weights.sum()), 1e-12)
+        lowest = np.min([*least, np.ones(count)], axis=0)
+        means = np.where(lowest < 0, -1.0, weights @ np.array(mean).reshape(-1, count) / total)
+        return (lowest, means, best) if first_is_least else (means, lowest, best)
+
+    def with_each(self, chosen: Sequence[int]) -> tuple[Array, Array]:
+        """What counts first and second with each option besides the chosen ones and those that stay, (options,)."""
+        fixed = [*chosen, *sorted(self._problem.kept)]
+        seen = self._matrix[:, fixed].sum(axis=1, dtype=np.int16)[:, None] + self._matrix
+        shut = self.shut | np.any(self.shut[:, list(chosen)], axis=1, keepdims=True)
+        first, second, _ = self._of_all(seen, shut)
+        return first, second
+
+    def best_with(self, chosen: Sequence[int]) -> int | None:
+        """The option that helps most besides the chosen ones; None if none may be added."""
+        first, second = self.with_each(chosen)
+        allowed = self._allowed(chosen) & (first >= 0)
+        if not allowed.any():
+            return None
+        order = np.lexsort((self._problem.price, -np.round(second, 9), -np.round(first, 9), ~allowed))
+        return int(order[0])
+
+    def spare_with(self, chosen: Sequence[int], ways: Sequence[int], present: int) -> int:
+        """The cheapest option besides the chosen ones that sees most alone, no dearer than the present one."""
+        allowed = self._allowed(chosen) & (self._problem.price <= self._problem.price[present])
+        allowed &= ~np.array(np.any(self.shut[list(ways)], axis=0, keepdims=True))[0]
+        if not allowed.any():
+            return present
+        alone = np.round(qualities_alone(self._problem, self._demand.survive), 9)
+        return int(np.lexsort((-alone, self._problem.price, ~allowed))[0])
+
+    def worth(self, chosen: Sequence[int]) -> tuple[float, float]:
+        """What counts first and second with some options and those that stay."""
+        first, second, _ = self._together(chosen)
+        return round(float(first[0]), 9), round(float(second[0]), 9)
+
+    def choice(self, chosen: Sequence[int]) -> Choice:
+        """The options with the best way of each candidate."""
+        _, _, best = self._together(chosen)
+        return Choice(tuple(sorted(chosen)), tuple(int(ways[0]) for ways in best))
+
+    def _together(self, chosen: Sequence[int]) -> tuple[Array, Array, list[Indices]]:
+        seen = self._matrix[:, [*chosen, *sorted(self._problem.kept)]].sum(axis=1, dtype=np.int16)[:, None]
+        return self._of_all(seen, np.any(self.shut[:, list(chosen)], axis=1, keepdims=True))
+
+    def _allowed(self, chosen: Sequence[int]) -> Mask:
+        """Which options may be added."""
+        problem, demand = self._problem, self._demand
+        taken = set(problem.spot[list(chosen)].tolist())
+        shut = taken | {b for a, b in problem.apart if a in taken} | {a for a, b in problem.apart if b in taken}
+        shut |= {hiding.place for hiding in problem.hiding if set(hiding.options) & {*chosen, *problem.kept}}
+        allowed: Mask = ~np.isin(problem.spot, sorted(shut))
+        for hiding in problem.hiding:
+            if hiding.place in taken:
+                allowed[list(hiding.options)] = False
+        allowed[sorted(problem.kept)] = False
+        if demand.budget is not None:
+            allowed &= problem.price <= demand.budget - float(problem.price[list(chosen)].sum()) + 1e-9
+        return allowed
