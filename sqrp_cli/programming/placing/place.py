@@ -480,6 +480,15 @@ class Placer:
         np.maximum.at(found, problem.spot[: len(problem.spot) - len(self.kept)], mean[: len(mean) - len(self.kept)])
         return found
 
+    def _without_more(self) -> tuple[JudgedCandidate, ...]:
+        """All candidates in their fastest ways with the cameras that stay."""
+        choice = Choice((), tuple(of_one[0] for of_one in self.candidates))
+        pairs = zip((self.ways[number] for number in choice.ways), self.studies(choice), strict=True)
+        return tuple(
+            JudgedCandidate(task=way.task, candidate=way.candidate, scene=found, found=found.assessment(""))
+            for way, found in pairs
+        )
+
     def _judged(self, cell: Cell, problem: Placing, choice: Choice, number: int, found: Study) -> JudgedCandidate:
         """A candidate with its exact figures: in the way that `rank` and `score` take in the new cell, if as good."""
         question, way, ranked = self.question, self.ways[number], None
@@ -548,7 +557,7 @@ class Placer:
         )
         if chosen.choice is None:
             why = "" if chosen.interrupted else obstacle(problem, self.question.demand, blind=self._blind)
-            return replace(found, met=False, why=why)
+            return replace(found, met=False, why=why, candidates=self._without_more())
         worth = worth_of(problem, chosen.choice)
         cameras, studies = self.cameras(problem, chosen.choice), self.studies(chosen.choice)
         if worth.least < 1.0 - ROUNDED and not chosen.interrupted and not self.question.demand.survive:

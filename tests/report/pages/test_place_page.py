@@ -132,8 +132,11 @@ def test_a_placement_without_any_camera_has_a_page_too(folder, browser):
     file.write_text(MOUNTS.replace("20 cm, far: 4 m", "1 cm, far: 2 cm"))
     blind = open_cell(TABLETOP).place("pickup g3", cameras=2, ways="fastest", mounts=file)
     assert not blind.document.cameras
+    assert not blind.met
+    assert blind.document.reason == "all qualities of all candidates would stay 0.0 %"
     page = folder / "blind.html"
     write_placement(blind.found, blind.document, page, arguments=["place"], jobs=1, progress=silent)
+    assert blind.document.reason in carried(page, "overview")["summary"]
     (entry,) = carried(page, "overview")["entries"]
     assert entry["candidate"]["q_avg"] == 0.0
     opened = Opened(browser, page)
