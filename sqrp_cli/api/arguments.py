@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.coverage.robustness import Calibration
     from sqrp_cli.programming.coverage.sampling import Sampling
     from sqrp_cli.programming.ranking import Criterion
+    from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
     from sqrp_cli.programming.ways.find import WantedWay
     from sqrp_cli.starter.random_cell import Crowd
 
@@ -198,3 +199,17 @@ def check_calibration(value: Calibration | None) -> None:
         ):
             return
     raise refused("calibration", value, "Calibration(position, rotation, seed) with up to 1 m and up to 1 rad")
+
+
+def check_bounds(value: PoseBounds | None) -> None:
+    """Raises InputError for anything but plausible bounds of camera poses."""
+    from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
+
+    match value:
+        case None:
+            return
+        case PoseBounds(float() | int() as position, float() | int() as rotation) if (
+            0 <= position <= 1 and 0 <= rotation <= 1
+        ):
+            return
+    raise refused("certify", value, "PoseBounds(position, rotation) with up to 1 m and up to 1 rad")

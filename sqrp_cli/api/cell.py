@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sqrp_cli.api.arguments import (
+    check_bounds,
     check_by,
     check_calibration,
     check_callable,
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.coverage.robustness import Calibration
     from sqrp_cli.programming.coverage.sampling import Sampling
     from sqrp_cli.programming.ranking import Criterion
+    from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
     from sqrp_cli.scoring.scorecard import Progress
 
 
@@ -112,6 +114,7 @@ class OpenCell:
         *,
         sampling: Sampling | None = None,
         calibration: Calibration | None = None,
+        certify: PoseBounds | None = None,
         after: str | Path | None = None,
         by: Criterion = "q_eoi",
         ways: WaysOption = "best",
@@ -124,9 +127,10 @@ class OpenCell:
         check_text(task, "task", "a skill and what to do it with, such as `pickup green`")
         check_sampling(sampling)
         check_calibration(calibration)
+        check_bounds(certify)
         before = optional_path(after, "after")
         wanted = check_wanted(by, ways, max_time)
-        return Session.begin(self.cell, task, before, sampling or Adaptive(), calibration, wanted)
+        return Session.begin(self.cell, task, before, sampling or Adaptive(), calibration, wanted, certify)
 
     def rank(
         self,
@@ -135,6 +139,7 @@ class OpenCell:
         by: Criterion = "q_eoi",
         sampling: Sampling | None = None,
         calibration: Calibration | None = None,
+        certify: PoseBounds | None = None,
         after: str | Path | None = None,
         ways: WaysOption = "best",
         max_time: str | float | None = None,
@@ -144,9 +149,10 @@ class OpenCell:
         """Rank the candidates of a task, such as `pickup green`, each in its best way.
 
         by: what counts first. sampling: of the motions, adaptive by default. calibration: accuracy of the camera poses,
-        to compute its effect. after: a program; the task starts where it ends. ways: `best` of all, or `fastest`: each
-        candidate with its fastest branch, untouched by what cameras see. max_time: of a way, such as `20 s`, or `1.25x`
-        the time of the candidate's fastest way.
+        to compute its effect. certify: bounds of the camera poses, to prove what holds within them. after: a program;
+        the task starts where it ends. ways: `best` of all, or `fastest`: each candidate with its fastest branch,
+        untouched by what cameras see. max_time: of a way, such as `20 s`, or `1.25x` the time of the candidate's
+        fastest way.
         """
         from sqrp_cli.api.results import Ranking
         from sqrp_cli.api.session import assess
@@ -156,7 +162,14 @@ class OpenCell:
         check_count(jobs, "jobs", 1)
         check_progress(progress)
         session = self.begin(
-            task, sampling=sampling, calibration=calibration, after=after, by=by, ways=ways, max_time=max_time
+            task,
+            sampling=sampling,
+            calibration=calibration,
+            certify=certify,
+            after=after,
+            by=by,
+            ways=ways,
+            max_time=max_time,
         )
         return Ranking(session, rank(list(assess(session, jobs, progress)), by), by)
 

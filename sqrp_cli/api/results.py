@@ -66,7 +66,13 @@ class Ranking(Answer["RankDocument"]):
     @cached_property
     def document(self) -> RankDocument:
         """The document of `sqrp rank`."""
-        from sqrp_cli.report.documents.candidates import CandidateFigures, RankDocument, Recalibrated, SamplingDone
+        from sqrp_cli.report.documents.candidates import (
+            CandidateFigures,
+            Certified,
+            RankDocument,
+            Recalibrated,
+            SamplingDone,
+        )
 
         assignment = self.session.assignment
         # In the order of the task: of equal candidates the first one wins a draw.
@@ -78,6 +84,7 @@ class Ranking(Answer["RankDocument"]):
             by=self.by,
             sampling=SamplingDone.of(assignment.sampling, assessments),
             calibration=Recalibrated.of(assignment, assessments, self.by),
+            certificate=Certified.of(assignment, self.ranked, self.by),
             interrupted=self.interrupted or None,
             candidates=tuple(CandidateFigures.of(one) for one in self.ranked),
         )

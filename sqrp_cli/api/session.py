@@ -20,6 +20,7 @@ from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.pipeline import Assignment, assess_all
 from sqrp_cli.programming.program_update import make_step
 from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 from sqrp_cli.programming.task import Task, read_task
 from sqrp_cli.programming.ways.find import WantedWay
 from sqrp_cli.programming.ways.grips import first_grip
@@ -61,18 +62,20 @@ class Session:
         sampling: Sampling,
         calibration: Calibration | None = None,
         wanted: WantedWay | None = None,
+        bounds: PoseBounds | None = None,
     ) -> Session:
         """Read the task, and load the world to start from.
 
         before: a program; the task starts where it ends, by default in the workspace's own state. wanted: which way of
-        each candidate, by default the one that is seen best. Raises InputError for input that cannot be used.
+        each candidate, by default the one that is seen best. bounds: of the camera poses, to prove what holds within
+        them. Raises InputError for input that cannot be used.
         """
         wanted = wanted or WantedWay()
         world = cell.initial_world if before is None else _world_after(before, cell)
         read = read_task(task, cell.workspace, world.facts)
         if wanted.fastest:
             read = replace(read, candidates=tuple(map(first_grip, read.candidates)))
-        return cls(read, Assignment(cell, world, sampling, calibration, wanted))
+        return cls(read, Assignment(cell, world, sampling, calibration, bounds, wanted))
 
 
 def _world_after(path: Path, cell: Cell) -> World:

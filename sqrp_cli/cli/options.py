@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from sqrp_cli.api.program import OpenProgram
     from sqrp_cli.programming.coverage.robustness import Calibration
     from sqrp_cli.programming.coverage.sampling import Sampling
+    from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 
 WorkspacePath = Annotated[Path, typer.Argument(metavar="WORKSPACE", help="Folder of a workspace, or its YAML file.")]
 TaskText = Annotated[
@@ -227,18 +228,29 @@ def read_sampling(samples: int | None, dt: str | None, tolerance: float | None) 
 
 def read_calibration(text: str | None, seed: int) -> Calibration | None:
     """Standard deviations of camera poses, such as `5 mm, 0.5 deg`; either may be left out."""
-    from sqrp_cli.knowledge.text.units import ANGLE, LENGTH, read_quantity
     from sqrp_cli.programming.coverage.robustness import Calibration
 
-    if text is None:
-        return None
+    return None if text is None else Calibration(*_pose_errors(text, "--calibration"), seed)
+
+
+def read_bounds(text: str | None) -> PoseBounds | None:
+    """Bounds on the errors of camera poses, such as `2 mm, 0.2 deg`; either may be left out."""
+    from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
+
+    return None if text is None else PoseBounds(*_pose_errors(text, "--certify"))
+
+
+def _pose_errors(text: str, option: str) -> tuple[float, float]:
+    """A length [m] and an angle [rad]."""
+    from sqrp_cli.knowledge.text.units import ANGLE, LENGTH, read_quantity
+
     deviations = {LENGTH: 0.0, ANGLE: 0.0}
     parts = [read_quantity(part.strip()) for part in text.split(",")]
     for quantity in parts:
         if quantity is None or quantity.dimension not in deviations or not 0 <= quantity.value <= 1 or len(parts) > 2:
-            raise _refused(f"--calibration is `{text}`, expected up to 1 m and up to 1 rad, such as `5 mm, 0.5 deg`")
+            raise _refused(f"{option} is `{text}`, expected up to 1 m and up to 1 rad, such as `5 mm, 0.5 deg`")
         deviations[quantity.dimension] = quantity.value
-    return Calibration(deviations[LENGTH], deviations[ANGLE], seed)
+    return deviations[LENGTH], deviations[ANGLE]
 
 
 class WaysRead(NamedTuple):

@@ -11,11 +11,13 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study, WaysFound, study
+from sqrp_cli.programming.coverage.certificate import certify
 from sqrp_cli.programming.coverage.robustness import Calibration, under_calibration_errors
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.verdict import verdict, verdicts
 from sqrp_cli.programming.program_update import world_after
 from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.find import BestWay, WantedWay, find_ways
 from sqrp_cli.programming.whole_assessment import StepDone, assessment_of_all, steps_done
@@ -66,6 +68,8 @@ class Assignment:
     sampling: Sampling
     calibration: Calibration | None = None
     """Accuracy of the cameras' calibration, to compute its influence on the qualities; None to leave it out."""
+    bounds: PoseBounds | None = None
+    """How far the cameras may be off, to prove between what the qualities then lie; None to leave it out."""
     wanted: WantedWay = WantedWay()  # noqa: RUF009 - it is frozen
     """Which way of each candidate."""
 
@@ -97,10 +101,13 @@ class Assignment:
         assessment = replace(
             found.assessment, verdict=verdict, candidate=candidate, best_way=study.candidate, ways=found.ways
         )
-        if self.calibration is None:
-            return assessment
-        recalibrated = under_calibration_errors(self.cell, study, self.sampling, self.calibration)
-        return replace(assessment, recalibrated=recalibrated)
+        if self.calibration is not None:
+            recalibrated = under_calibration_errors(self.cell, study, self.sampling, self.calibration)
+            assessment = replace(assessment, recalibrated=recalibrated)
+        if self.bounds is not None:
+            proven = certify(study.watch, self.cell.observer, self.sampling, self.bounds)
+            assessment = replace(assessment, certificate=proven)
+        return assessment
 
     def steps_done(self, candidate: Candidate) -> list[StepDone]:
         """The steps of a candidate of several, each in its wanted way."""
@@ -108,7 +115,9 @@ class Assignment:
         def assess(world: World, step: Candidate) -> Assessment:
             return replace(self, world=world).assess(step)
 
-        return steps_done(self.cell, candidate, self.world, assess, (self.sampling, self.calibration, self.wanted))
+        return steps_done(
+            self.cell, candidate, self.world, assess, (self.sampling, self.calibration, self.bounds, self.wanted)
+        )
 
     def explain(self, ranked: Ranked) -> Explained:
         """A candidate of one step with the full study of its way, and the figures from that."""

@@ -50,9 +50,7 @@ def rank(assessments: Sequence[Assessment], by: Criterion) -> tuple[Ranked, ...]
     ignored for all.
     """
     feasible = [assessment for assessment in assessments if assessment.feasible]
-    ties: list[_Figure] = [_CRITERIA["q_avg"], _CRITERIA["time"], lambda assessment: assessment.delay_worst]
-    columns = [_CRITERIA[by], *ties]
-    usable = [column for column in columns if all(column(assessment) is not None for assessment in feasible)]
+    usable = _columns(feasible, by)
 
     def key(assessment: Assessment) -> tuple[list[float], list[tuple[float, str]]]:
         values = [compared_time(value) for column in usable if (value := column(assessment)) is not None]
@@ -63,6 +61,39 @@ def rank(assessments: Sequence[Assessment], by: Criterion) -> tuple[Ranked, ...]
         Ranked(assessment, place, _undominated(assessment, feasible)) for place, assessment in enumerate(ordered, 1)
     ]
     return (*ranked, *(Ranked(assessment, None, False) for assessment in assessments if not assessment.feasible))
+
+
+def may_overtake(ranking: Sequence[Ranked], by: Criterion) -> list[Assessment]:
+    """The candidates that are not proven to stay behind the first, whatever the camera poses within the bounds.
+
+    The least that is proven of the first is compared with the most of another. Delays are not proven: they decide
+    nothing here.
+    """
+    feasible = [ranked.assessment for ranked in ranking if ranked.rank is not None]
+    columns = _columns(feasible, by)
+    return [other for other in feasible[1:] if not _stays_behind(other, feasible[0], columns)]
+
+
+def _stays_behind(other: Assessment, first: Assessment, columns: Sequence[_Figure]) -> bool:
+    if first.certificate is None or other.certificate is None:
+        return False
+    worst, best = (
+        replace(one, q_avg=proven.q_avg, q_eoi=proven.q_eoi)
+        for one, proven in ((first, first.certificate.least), (other, other.certificate.most))
+    )
+    for column in columns:
+        own, others = column(worst), column(best)
+        if column not in _PROVEN or own is None or others is None:
+            return False
+        if compared_time(own) != compared_time(others):
+            return own < others
+    return _parameters(first) < _parameters(other)
+
+
+def _columns(feasible: Sequence[Assessment], by: Criterion) -> list[_Figure]:
+    """What is compared, in order: all that no candidate lacks."""
+    columns = [_CRITERIA[by], _CRITERIA["q_avg"], _CRITERIA["time"], _worst_delay]
+    return [column for column in columns if all(column(assessment) is not None for assessment in feasible)]
 
 
 def winners(assessments: Sequence[Assessment], by: Criterion) -> Counter[str]:
@@ -91,6 +122,10 @@ def _rounded(quality: float | None) -> float | None:
     return None if quality is None else -round(quality / _QUALITY_STEP) * _QUALITY_STEP
 
 
+def _worst_delay(assessment: Assessment) -> float | None:
+    return assessment.delay_worst
+
+
 def _mean_delay(assessment: Assessment) -> float | None:
     return max((fault.delay_mean for fault in assessment.faults.values()), default=None)
 
@@ -109,6 +144,10 @@ _CRITERIA: dict[Criterion, _Figure] = {
     "expected_time": _expected_time,
 }
 """What each criterion compares; less is better."""
+
+
+_PROVEN = (_CRITERIA["q_eoi"], _CRITERIA["q_avg"], _CRITERIA["time"])
+"""Figures that camera poses do not change, or of which certificates prove something."""
 
 
 def criterion_figure(assessment: Assessment, by: Criterion) -> float | None:

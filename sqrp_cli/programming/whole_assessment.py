@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate
 from typing import Protocol
 from weakref import WeakKeyDictionary
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.workspace.workspace import World
+from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.programming.candidate import Candidate
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment
+from sqrp_cli.programming.coverage.certificate import Certificate
 from sqrp_cli.programming.coverage.quality import Qualities
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.program_update import world_after
@@ -90,6 +93,7 @@ def assessment_of_all(candidate: Candidate, done: Sequence[Assessment]) -> Asses
         ways_around=tuple(f"{n}.{text}" for n, one in enumerate(done, 1) for text in one.ways_around),
         verdict=_verdict(done),
         recalibrated=_recalibrated(done),
+        certificate=_certificate(done),
         best_way=whole_candidate(candidate.skill, [one.way for one in done]),
         steps=tuple(done),
     )
@@ -140,6 +144,27 @@ def _recalibrated(done: Sequence[Assessment]) -> tuple[Qualities, ...]:
         Qualities(of(draw, lambda one: one.q_avg, "t_total"), of(draw, lambda one: one.q_eoi, "t_eoi"))
         for draw in zip(*(one.recalibrated for one in done), strict=True)
     )
+
+
+def _certificate(done: Sequence[Assessment]) -> Certificate | None:
+    """What is proven of the whole: each step is undecided when it is done."""
+    proven = [one.certificate for one in done if one.certificate is not None]
+    if len(proven) < len(done):
+        return None
+
+    def of(qualities: Sequence[Qualities]) -> Qualities:
+        return Qualities(
+            mean_quality([(one.q_avg, step.t_total) for one, step in zip(qualities, done, strict=True)]),
+            mean_quality([(one.q_eoi, step.t_eoi) for one, step in zip(qualities, done, strict=True)]),
+        )
+
+    starts = accumulate((one.time or 0.0 for one in done), initial=0.0)
+    undecided = (
+        Stretch(start + stretch.start, start + stretch.end)
+        for one, start in zip(proven, starts, strict=False)
+        for stretch in one.undecided
+    )
+    return Certificate(of([one.least for one in proven]), of([one.most for one in proven]), tuple(undecided))
 
 
 def _verdict(done: Sequence[Assessment]) -> str:

@@ -15,6 +15,7 @@ from sqrp_cli.programming.ranking import Criterion, Ranked, criterion_figure, wi
 from sqrp_cli.programming.task import in_words
 from sqrp_cli.report.documents.candidates import percentiles
 from sqrp_cli.report.sentences import accuracy, differing_parameters, summary, way_of
+from sqrp_cli.terminal.certificate_table import print_certificate
 from sqrp_cli.terminal.console import Cell, Column, Share, Styled, fits, joined, plain, print_table, say
 from sqrp_cli.terminal.infeasible import print_infeasible
 from sqrp_cli.terminal.ways_table import blind_ends, faster_ways, print_ways
@@ -55,6 +56,7 @@ def print_ranking(
     if feasible:
         _print_feasible(feasible, feasible if all_rows else _best_of_each(feasible))
         _print_calibration(assignment, feasible, by)
+        print_certificate(assignment.bounds, ranking, by)
     for ranked in feasible:
         if ranked.assessment.ways_around:
             say(f"{ranked.assessment.candidate.name}: {', '.join(ranked.assessment.ways_around)}")

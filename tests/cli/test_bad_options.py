@@ -23,6 +23,7 @@ BAD = [
     (["rank", "CELL", "watch seen", "--choose", "sen"], ["`sen`", "did you mean `seen`?"]),
     (["rank", "CELL", "watch seen", "--calibration", "5 kg"], ["--calibration", "`5 kg`", "5 mm, 0.5 deg"]),
     (["rank", "CELL", "watch seen", "--calibration", "1e308 m"], ["--calibration", "up to 1 m"]),
+    (["rank", "CELL", "watch seen", "--certify", "5 kg"], ["--certify", "`5 kg`", "5 mm, 0.5 deg"]),
     (["rank", "CELL", "watch seen", "--after", "TMP/none.yaml"], ["none.yaml", "no such file or folder"]),
     (["rank", "CELL", "watch seen", "--program", "TMP/no/such.yaml"], ["there is no folder", "mkdir -p"]),
     (["rank", "CELL", "watch seen", "--program", "TMP"], ["this is a folder"]),

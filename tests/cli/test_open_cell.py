@@ -90,6 +90,7 @@ def test_a_workspace_with_errors_is_not_opened(tmp_path):
         (lambda cell: cell.rank("pickup g2", sampling=Adaptive(float("nan"))), "sampling is Adaptive(tolerance=nan)"),
         (lambda cell: cell.rank("pickup g2", calibration="5 mm"), "calibration is '5 mm', expected Calibration("),
         (lambda cell: cell.rank("pickup g2", calibration=Calibration(5, 0.5, 0)), "up to 1 m and up to 1 rad"),
+        (lambda cell: cell.rank("pickup g2", certify="2 mm"), "certify is '2 mm', expected PoseBounds("),
         (
             lambda cell: cell.rank("pickup g2", by="speed"),
             "by is `speed`; expected one of `delay`, `expected_time`, `q_avg`",

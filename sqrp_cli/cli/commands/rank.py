@@ -27,6 +27,7 @@ from sqrp_cli.cli.options import (
     job_count,
     open_with_warnings,
     page_is_written,
+    read_bounds,
     read_calibration,
     read_sampling,
     read_ways,
@@ -62,6 +63,11 @@ CameraErrors = Annotated[
     typer.Option("--calibration", metavar='"5 mm, 0.5 deg"', help="What if the cameras are off by this (1 sigma)?"),
 ]
 
+CameraBounds = Annotated[
+    str | None,
+    typer.Option("--certify", metavar='"2 mm, 0.2 deg"', help="Prove what holds wherever each camera is within this."),
+]
+
 
 def command(
     context: typer.Context,
@@ -78,6 +84,7 @@ def command(
     max_time: MaxTime = None,
     after: After = None,
     calibration: CameraErrors = None,
+    certify: CameraBounds = None,
     report: Report = None,
     jobs: Jobs = None,
     seed: Seed = 0,
@@ -96,10 +103,18 @@ def command(
 
     criterion, (wanted, all_ways) = read_criterion(by), read_ways(ways)
     sampling, drawn = read_sampling(samples, dt, tolerance), read_calibration(calibration, seed)
+    bounds = read_bounds(certify)
     check_max_time(max_time)
     cell, before = _checked_files(workspace, seed, after, program, report)
     session = cell.begin(
-        task, sampling=sampling, calibration=drawn, after=before, by=criterion, ways=wanted, max_time=max_time
+        task,
+        sampling=sampling,
+        calibration=drawn,
+        certify=bounds,
+        after=before,
+        by=criterion,
+        ways=wanted,
+        max_time=max_time,
     )
     print_problems(cell_warnings(session.cell))
     check_choice(session.task, choose)

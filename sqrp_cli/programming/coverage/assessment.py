@@ -9,6 +9,7 @@ from sqrp_cli.errors import Infeasible, InputError, Problem
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.formula_time import Stretch, merge
 from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.certificate import Certificate
 from sqrp_cli.programming.coverage.faults import fault_metrics
 from sqrp_cli.programming.coverage.quality import NO_FIGURES, Figures, Qualities, figures_of
 from sqrp_cli.programming.coverage.sampling import MAX_SAMPLES, Sampling, sample_count
@@ -90,6 +91,8 @@ class Assessment(Figures):
     """One or two sentences."""
     recalibrated: tuple[Qualities, ...] = ()
     """The qualities for random camera poses, if requested."""
+    certificate: Certificate | None = None
+    """What is proven of the qualities for all camera poses within bounds, if requested."""
     ways: WaysFound | None = None
     """The ways in which it can be done; None where its motion was not asked for."""
     best_way: Candidate | None = None

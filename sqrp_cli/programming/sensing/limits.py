@@ -60,10 +60,10 @@ def check_limits(
     in_front = nearest > 0
 
     plane = np.where(in_front, corners_C[:2] / np.where(in_front, depth, 1.0), 0.0)
-    inside = _bend(projections, plane)
-    u, v = _pixels(projections, plane)
+    inside = bend(projections, plane)
+    u, v = to_pixels(projections, plane)
     left, right, top, bottom = u.argmin(axis=0), u.argmax(axis=0), v.argmin(axis=0), v.argmax(axis=0)
-    extremes = _entries((u, v), (left, right, top, bottom))
+    extremes = entries_at((u, v), (left, right, top, bottom))
     beyond = np.stack(
         [
             -0.5 - extremes[0, 0],
@@ -76,7 +76,7 @@ def check_limits(
 
     center = corners_C.mean(axis=1)
     distance = np.sqrt((center * center).sum(axis=0))
-    size = np.sqrt(_hull_areas(u, v, extremes, smallest * smallest))
+    size = np.sqrt(hull_areas(u, v, extremes, smallest * smallest))
     incidence = np.zeros_like(distance)
     if normal_C.any():
         cosine = -(normal_C * center).sum(axis=0) / np.maximum(distance, 1e-12)
@@ -99,7 +99,7 @@ def check_limits(
     return LimitVerdicts(cause=cause, side=side, figure=figure)
 
 
-def _bend(projections: Sequence[Projection], plane: Array) -> Mask:
+def bend(projections: Sequence[Projection], plane: Array) -> Mask:
     """Distort corners (2, 8, c, n) in the plane z = 1 of each camera, in place; which boxes (c, n) the lens shows."""
     inside = np.ones(plane.shape[2:], dtype=bool)
     for number, projection in enumerate(projections):
@@ -109,14 +109,14 @@ def _bend(projections: Sequence[Projection], plane: Array) -> Mask:
     return inside
 
 
-def _pixels(projections: Sequence[Projection], plane: Array) -> Array:
+def to_pixels(projections: Sequence[Projection], plane: Array) -> Array:
     """Pixels u and v, shape (2, 8, c, n), of distorted corners in the plane z = 1 of each camera."""
     K = np.stack([projection.camera.matrix[:2] for projection in projections])
     rows = np.moveaxis(K, 0, -1)[:, :, :, None]
     return np.stack([row[0] * plane[0] + row[1] * plane[1] + row[2] for row in rows])
 
 
-def _entries(values: Sequence[Array], corners: Sequence[NDArray[np.intp]]) -> Array:
+def entries_at(values: Sequence[Array], corners: Sequence[NDArray[np.intp]]) -> Array:
     """The values (8, ...) at some of the corners of each box, given by index (...), shape (values, corners, ...)."""
     shape = corners[0].shape
     at = np.stack([corner.reshape(-1) for corner in corners])
@@ -125,7 +125,7 @@ def _entries(values: Sequence[Array], corners: Sequence[NDArray[np.intp]]) -> Ar
     return np.stack([entry.reshape(-1).take(at) for entry in values]).reshape(len(values), len(corners), *shape)
 
 
-def _hull_areas(u: Array, v: Array, extremes: Array, enough: Array) -> Array:
+def hull_areas(u: Array, v: Array, extremes: Array, enough: Array) -> Array:
     """Areas of the convex hulls of points (8, c, n), exact where below `enough` (n,), elsewhere a bound above it.
 
     The four extreme points along the axes (left, right, top, bottom; shape (2, 4, c, n)) span a quadrilateral inside

@@ -18,7 +18,7 @@ from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.limits import LimitVerdicts
 from sqrp_cli.programming.sensing.scene_states import SceneStates
-from sqrp_cli.programming.sensing.sight_lines import BoxViews, SightLines, WatchedBoxes
+from sqrp_cli.programming.sensing.sight_lines import BoxViews, Pairs, SightLines, WatchedBoxes
 from sqrp_cli.programming.sensing.visibility.backdrop import backdrop_of
 from sqrp_cli.programming.sensing.visibility.culprit import find_hidden, find_largest
 from sqrp_cli.programming.sensing.visibility.occlusion import HullTester, near_pairs
@@ -165,7 +165,7 @@ class Observer:
         boxes = questions.boxes_of(asked)
         view = boxes.asked
         lines = watched.sight_lines(BoxViews(boxes.box, camera[view], questions.state[asked][view]))
-        near = near_pairs(lines, watched.solid_poses, watched.opaque)
+        near = self._near(watched, lines)
         needed = self._needed(watched, lines)
         pending = np.bincount(view[near.line], minlength=len(asked))
         possible = np.ones(len(asked), dtype=bool)
@@ -173,25 +173,32 @@ class Observer:
         np.add.at(count, asked[possible & (pending == 0)], 1)
         unsettled = np.flatnonzero(possible & (pending > 0))
         order = unsettled[np.lexsort((pending[unsettled], asked[unsettled]))]
-        least = np.array([entry.limits.min_visible for entry in watched.boxes])[boxes.box]
         for tested in _one_per_question(order, asked, count, questions.needed):
             sees = np.zeros(len(asked), dtype=bool)
             sees[tested] = True
             for turn in range(int(boxes.number.max()) + 1):
                 wanted = sees[view] & (boxes.number == turn)
-                # Shares also detect free hulls, and faster.
-                partly = near.of_lines(wanted & (least < 1))
-                seen = visible_shares(lines, watched.solid_poses, partly, enough=needed)
-                sees[view[seen.line[seen.share < needed[seen.line]]]] = False
-                whole = near.of_lines(wanted & (least >= 1))
-                sees[view[self._tester.met(lines, watched.solid_poses, whole, first_only=True).line]] = False
+                sees[view[self._unseen(watched, lines, near.of_lines(wanted), needed)]] = False
             np.add.at(count, asked[sees], 1)
 
-    @staticmethod
-    def _needed(watched: WatchedBoxes, lines: SightLines) -> Array:
+    def _near(self, watched: WatchedBoxes, lines: SightLines) -> Pairs:
+        """The solids that may be in the way of sight lines; along a line without any, the box is seen."""
+        return near_pairs(lines, watched.solid_poses, watched.opaque)
+
+    def _needed(self, watched: WatchedBoxes, lines: SightLines) -> Array:
         """The share of the box of each sight line that must be visible to be seen; above 1 if none is enough."""
-        least = np.array([entry.limits.min_visible for entry in watched.boxes])[lines.box[lines.hull]]
-        return backdrop_of(lines, watched.boxes, watched.solid_poses, watched.alike).needed(least)
+        return backdrop_of(lines, watched.boxes, watched.solid_poses, watched.alike).needed(watched.least_of(lines))
+
+    def _unseen(self, watched: WatchedBoxes, lines: SightLines, near: Pairs, needed: Array) -> Indices:
+        """Those of the sight lines in the pairs along which too little is visible of the box, by index.
+
+        needed: the share that must be visible along each of v lines, shape (v,).
+        """
+        whole = watched.least_of(lines) >= 1
+        # Shares also detect free hulls, and faster.
+        seen = visible_shares(lines, watched.solid_poses, near.of_lines(~whole), enough=needed)
+        met = self._tester.met(lines, watched.solid_poses, near.of_lines(whole), first_only=True)
+        return np.concatenate([seen.line[seen.share < needed[seen.line]], met.line])
 
     def _box_verdicts(
         self, boxes: Sequence[SoughtBox], states: SceneStates, rows: Sequence[Indices], *, shares: bool

@@ -207,6 +207,11 @@ class WatchedBoxes:
             offset=np.array([entry.offset for entry in shrunk])[box],
         )
 
+    def least_of(self, lines: SightLines) -> Array:
+        """The share that the detector must see of the box of each sight line, shape (v,)."""
+        least: Array = np.array([entry.limits.min_visible for entry in self.boxes])[lines.box[lines.hull]]
+        return least
+
     @cached_property
     def _X_WC(self) -> list[Array]:
         return [self.states.camera_poses(projection.camera) for projection in self.projections]
@@ -232,9 +237,14 @@ class WatchedBoxes:
         normals = np.array([entry.normal or (0.0, 0.0, 0.0) for entry in self.boxes])[box].T
         normal_C = (X_CB[:, :3] * normals[:, None]).sum(axis=1)
         projections = [self.projections[camera] for camera in cameras]
-        return check_limits(
-            projections, [entry.limits for entry in self.boxes], detector=box, corners_C=corners, normal_C=normal_C
-        )
+        return self.check(projections, box, corners_C=corners, normal_C=normal_C)
+
+    def check(
+        self, projections: Sequence[Projection], box: Indices, *, corners_C: Array, normal_C: Array
+    ) -> LimitVerdicts:
+        """The limits for boxes by index, see `check_limits`."""
+        detectors = [entry.limits for entry in self.boxes]
+        return check_limits(projections, detectors, detector=box, corners_C=corners_C, normal_C=normal_C)
 
     def _in_cameras(self, cameras: Indices, X_WB: Array, state: Indices) -> Array:
         """Poses of boxes (n) in the optical frames of cameras (c), shape (3, 4, c, n)."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -58,27 +59,61 @@ def backdrop_of(lines: SightLines, boxes: Sequence[SoughtBox], poses: SolidPoses
     moves.
     """
     share, by = np.zeros(len(lines.state)), np.full(len(lines.state), -1, dtype=np.int64)
+    asked = _asked(lines, boxes, poses, alike)
+    if asked is None:
+        return Backdrop(share, by)
+    found, culprit = np.zeros(len(asked.near.T)), np.full(len(asked.near.T), -1, dtype=np.int64)
+    wanted = np.flatnonzero(asked.may_be)
+    for some in np.array_split(wanted, 1 + len(wanted) // _TOGETHER):
+        if len(some):
+            found[some], culprit[some] = asked.views.some(some).alike(poses, asked.near[:, some], alike)
+    share[asked.line], by[asked.line] = found[asked.view], culprit[asked.view]
+    return Backdrop(share, by)
+
+
+def may_be_alike(lines: SightLines, boxes: Sequence[SoughtBox], poses: SolidPoses, alike: Mask, reach: float) -> Mask:
+    """Whether anything of its colour may be behind the box of each line, from a camera up to `reach` [m] away; (v,)."""
+    found = np.zeros(len(lines.state), dtype=bool)
+    asked = _asked(lines, boxes, poses, alike, reach)
+    if asked is not None:
+        found[asked.line] = asked.may_be[asked.view]
+    return found
+
+
+class _Asked(NamedTuple):
+    """Sight lines to boxes that solids of their colours may be behind."""
+
+    line: Indices
+    """By index, shape (a,)."""
+    view: Indices
+    """The view that each has, shape (a,)."""
+    views: _Views
+    """v different ones."""
+    near: Mask
+    """Which solids may be behind the box of each view, shape (s, v)."""
+    may_be: Mask
+    """Whether any of them has the box's colour, shape (v,)."""
+
+
+def _asked(
+    lines: SightLines, boxes: Sequence[SoughtBox], poses: SolidPoses, alike: Mask, reach: float = 0.0
+) -> _Asked | None:
+    """The sight lines to boxes whose colours some solids have; None if there are none. reach: see `may_be_alike`."""
     box = lines.box[lines.hull]
     can_collide: Mask = np.any(alike, axis=0)
     asked = np.flatnonzero(can_collide[box] & lines.finite[lines.hull])
     if not len(asked):
-        return Backdrop(share, by)
+        return None
     scenery = np.array([solid.color is not None for solid in poses.solids], dtype=bool)
     keys = lines.hull[asked] if not (poses.moves & scenery).any() else asked
     _, first, same = np.unique(keys, return_index=True, return_inverse=True)
     views = _Views.of(lines, asked[first])
     owners = [poses.solids.called(entry.seeks or "") for entry in boxes]
-    near = views.near(poses, scenery)
+    near = views.near(poses, scenery, reach)
     for column, own in enumerate(owners):
         near[np.ix_(own, views.box == column)] = False
-    asks = (near & alike[:, views.box]).any(axis=0)
-    found, culprit = np.zeros(len(first)), np.full(len(first), -1, dtype=np.int64)
-    wanted = np.flatnonzero(asks)
-    for some in np.array_split(wanted, 1 + len(wanted) // _TOGETHER):
-        if len(some):
-            found[some], culprit[some] = views.some(some).alike(poses, near[:, some], alike)
-    share[asked], by[asked] = found[same], culprit[same]
-    return Backdrop(share, by)
+    may_be: Mask = np.any(near & alike[:, views.box], axis=0)
+    return _Asked(asked, same, views, near, may_be)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,22 +152,28 @@ class _Views:
         """Some of the views, by index."""
         return _Views(*(values[which] for values in vars(self).values()))
 
-    def near(self, poses: SolidPoses, scenery: Mask) -> Mask:
-        """Which of the solids that may be behind a box are in the cone around it, and not before it; shape (s, v)."""
+    def near(self, poses: SolidPoses, scenery: Mask, reach: float) -> Mask:
+        """Which of the solids that may be behind a box are in the cone around it, and not before it; shape (s, v).
+
+        reach: distance up to which the camera may be elsewhere [m].
+        """
         eyes = self.X_WC[:, :3, 3]
         rays = self.corners - eyes[:, None]
         axis = rays.mean(axis=1)
         axis /= _length(axis)[:, None]
         cosine = ((rays @ axis[:, :, None])[..., 0] / _length(rays)).min(axis=1)
-        nearest, opening = _length(rays).min(axis=1), np.arccos(np.clip(cosine, -1.0, 1.0))
+        nearest = _length(rays).min(axis=1)
+        opening = np.arccos(np.clip(cosine, -1.0, 1.0)) + np.where(
+            nearest > reach, np.arcsin(np.clip(reach / np.maximum(nearest, 1e-9), 0.0, 1.0)), np.pi
+        )
         found = np.zeros((len(poses.solids), len(eyes)), dtype=bool)
         for index in np.flatnonzero(scenery).tolist():
             X_WP = poses.at(np.full(len(eyes), index), self.state)
             center = transform(X_WP, np.array(poses.solids[index].center)[None, None])[:, 0] - eyes
-            away, radius = _length(center), poses.solids[index].radius
+            away, radius = _length(center), poses.solids[index].radius + reach
             spread = np.arcsin(np.clip(radius / np.maximum(away, 1e-9), 0.0, 1.0))
             angle = np.arccos(np.clip((center * axis).sum(axis=1) / np.maximum(away, 1e-9), -1.0, 1.0))
-            found[index] = ((angle <= opening + spread) | (away <= radius)) & (away + radius > nearest)
+            found[index] = ((angle <= opening + spread) | (away <= radius)) & (away + radius > nearest - reach)
         return found
 
     def alike(self, poses: SolidPoses, near: Mask, alike: Mask) -> tuple[Array, Indices]:

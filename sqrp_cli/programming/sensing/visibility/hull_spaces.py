@@ -148,13 +148,13 @@ def _clipped_distances(triangles: Array, normals: Array, spaces: Array) -> Array
         heights = (polygons[:, :width] @ space[:, :3, None])[..., 0] - space[:, 3:]
         cut = np.flatnonzero(((heights > 0) & (np.arange(width) < counts[:, None])).any(axis=1))
         if len(cut):
-            clipped, counts[cut] = _clipped(polygons[cut, :width], counts[cut], heights[cut])
+            clipped, counts[cut] = clipped_polygons(polygons[cut, :width], counts[cut], heights[cut])
             width = max(width, clipped.shape[1])
             polygons[cut, : clipped.shape[1]] = clipped
     return _distances_to_origin(polygons[:, :width], counts, normals)
 
 
-def _clipped(polygons: Array, counts: Indices, heights: Array) -> tuple[Array, Indices]:
+def clipped_polygons(polygons: Array, counts: Indices, heights: Array) -> tuple[Array, Indices]:
     """The parts of polygons (n, p, 3) where the height is not above 0, and their numbers of points.
 
     counts: number of points of each, shape (n,). heights: of the points, shape (n, p).

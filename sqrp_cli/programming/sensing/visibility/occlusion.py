@@ -31,15 +31,15 @@ _LEAST_DEPTH = 1e-6
 """Depth of a box's nearest corner [m] below which the box has no bounded image, and its hull no cone."""
 
 
-def near_pairs(lines: SightLines, poses: SolidPoses, opaque: Mask) -> Pairs:
+def near_pairs(lines: SightLines, poses: SolidPoses, opaque: Mask, margin: float = 0.0) -> Pairs:
     """The pairs whose view hull and bounding volume may touch, ordered by sight line, then by solid.
 
-    opaque: which solids can hide which box, shape (s, b).
+    opaque: which solids can hide which box, shape (s, b). margin: distance up to which they count as touching [m].
     """
     solids = np.flatnonzero(opaque.any(axis=1))
     if not len(lines.state) or not len(solids):
         return Pairs(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
-    hulls = _HullBounds.of(lines)
+    hulls = _HullBounds.of(lines, margin)
     moves = poses.moves[solids]
     every_hull = np.arange(len(lines.box))
     # Solids at rest are compared with each hull once, for all its lines.
@@ -56,14 +56,15 @@ def near_pairs(lines: SightLines, poses: SolidPoses, opaque: Mask) -> Pairs:
 class HullTester:
     """Tests view hulls against solids with coal; holds one convex shape whose points are overwritten for each hull."""
 
-    def __init__(self) -> None:
+    def __init__(self, points: int = 9) -> None:
+        """points: of which each hull is made; coal takes no more than 32 without their neighbours."""
         faces = coal.StdVec_Triangle()
         for triangle in BOX_TRIANGLES.tolist():
             faces.append(coal.Triangle(*triangle))
-        points = coal.StdVec_Vec3s()
-        points.extend([*BOX_SIGNS, np.array([0.0, 0.0, 3.0])])
+        corners = coal.StdVec_Vec3s()
+        corners.extend([*BOX_SIGNS, *(np.array([0.0, 0.0, 3.0]) for _ in range(points - len(BOX_SIGNS)))])
         # The support function uses only the points; coal requires some faces.
-        self._hull = coal.Convex(points, faces)
+        self._hull = coal.Convex(corners, faces)
         self._points = self._hull.points()
         self._at_origin = coal.Transform3s.Identity()
         self._placement = coal.Transform3s.Identity()
@@ -79,7 +80,7 @@ class HullTester:
             return pairs
         found = witnessed(lines, poses, pairs)
         settled = set(pairs.line[found].tolist()) if first_only else set()
-        hulls = np.concatenate([lines.corners, lines.eyes[:, None]], axis=1)
+        hulls = self.hulls(lines)
         hull_of = lines.hull.tolist()
         still: dict[tuple[int, int], bool] = {}
         placements = {}
@@ -108,6 +109,10 @@ class HullTester:
             if hit and first_only:
                 settled.add(line)
         return pairs.some(found)
+
+    def hulls(self, lines: SightLines) -> Array:
+        """Points of each view hull, shape (h, points, 3) [m]."""
+        return np.concatenate([lines.corners, lines.eyes[:, None]], axis=1)
 
     def _meets(self, solid: Solid) -> bool:
         self._result.clear()
@@ -184,9 +189,11 @@ class _HullBounds:
     """Unit normal n and offset o of ten planes, with n . p > o for every point p outside the plane, (10, 4, h)."""
     points: Array
     """Corners of the boxes, and the eyes, shape (3, 9, h) [m]."""
+    margin: float
+    """See `near_pairs` [m]."""
 
     @classmethod
-    def of(cls, lines: SightLines) -> _HullBounds:
+    def of(cls, lines: SightLines, margin: float) -> _HullBounds:
         eyes, corners = lines.eyes.T, np.ascontiguousarray(lines.corners.transpose(2, 1, 0))
         rays = corners - eyes[:, None]
         axis = rays.mean(axis=1)
@@ -200,7 +207,7 @@ class _HullBounds:
         planes[:, :, ~bounded] = 0.0
         points = np.concatenate([corners, eyes[:, None]], axis=1)
         cones = np.concatenate([eyes, axis, [cosine, sine, length]])
-        return cls(box=lines.box, cones=cones, planes=planes, points=points)
+        return cls(box=lines.box, cones=cones, planes=planes, points=points, margin=margin)
 
     def near(self, hull: Indices, bounds: _Bounds, state: Indices, opaque: Mask) -> Pairs:
         """Which solids may reach into which of n hulls, each in a state, shape (n,), by place among those n.
@@ -222,7 +229,7 @@ class _HullBounds:
         cones = self.cones[:, hull]
         cosine, sine, length = cones[6:]
         along, aside = bounds.from_eyes(cones[:3], cones[3:6], state)
-        reach = bounds.radii + ROUGH
+        reach = bounds.radii + (ROUGH + self.margin)
         beyond: Mask = along < -reach
         beyond |= along > reach + length  # never of a hull without a cone, which is endless
         aside *= cosine
@@ -234,18 +241,18 @@ class _HullBounds:
     def meet_boxes(self, hull: Indices, bounds: _Bounds, solid: Indices, state: Indices) -> Indices:
         """Which hulls (n,) may touch the box around a solid (n,) in a state (n,), by index."""
         center, half_axes = bounds.centers[:, solid, state], bounds.half_axes[:, :, solid, state]
-        points = self.points[:, :, hull] - center[:, None]
+        points, touch = self.points[:, :, hull] - center[:, None], TOUCH + self.margin
         beyond = np.zeros(len(hull), dtype=bool)
         for half_axis in half_axes:
             # The hull does not reach into the box if all of its points lie beyond the same face.
             along, length = _dot(points, half_axis), _norm(half_axis)
-            reach = length * (length + TOUCH)
+            reach = length * (length + touch)
             beyond |= (along.min(axis=0) > reach) | (along.max(axis=0) < -reach)
         kept = np.flatnonzero(~beyond)
         planes, center, half_axes = self.planes[:, :, hull[kept]], center[:, kept], half_axes[:, :, kept]
         normals = planes[:, :3].swapaxes(0, 1)
         extent = sum(np.abs(_dot(normals, half_axis)) for half_axis in half_axes)
-        outside = (_dot(normals, center) - extent > planes[:, 3] + TOUCH).any(axis=0)
+        outside = (_dot(normals, center) - extent > planes[:, 3] + touch).any(axis=0)
         return kept[~outside]
 
 

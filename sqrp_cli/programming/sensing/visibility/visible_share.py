@@ -11,6 +11,7 @@ silhouette; far less for others, which every row measures at another place.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -78,9 +79,34 @@ def visible_shares(lines: SightLines, poses: SolidPoses, pairs: Pairs, *, enough
 
 def _measured(lines: SightLines, poses: SolidPoses, pairs: Pairs, enough: Array) -> Array:
     """The visible shares of the boxes of the sight lines in the pairs, shape (n,)."""
+    start, shares = 0, np.ones(np.count_nonzero(begins_run(pairs.line)))
+    for view, hull, solids, named in _views(lines, poses, pairs):
+        least = enough[named]
+        doubtful = ~view.surely_seen(hull, solids, least)
+        if not doubtful.all():
+            used, hull = np.unique(hull[doubtful], return_inverse=True)
+            view, solids = view.some(used), solids.of_lines(doubtful, hull)
+        if doubtful.any():
+            shares[start + np.flatnonzero(doubtful)] = _rays(view, hull, poses, solids, least[doubtful]).shares
+        start += len(named)
+    return shares
+
+
+class _Views(NamedTuple):
+    """Some sight lines with all that may block their rays."""
+
+    view: _SeenBoxes
+    hull: Indices
+    """Which of the views each line has, shape (l,)."""
+    solids: _SeenSolids
+    line: Indices
+    """Index of each line, shape (l,)."""
+
+
+def _views(lines: SightLines, poses: SolidPoses, pairs: Pairs, margin: Array | None = None) -> Iterator[_Views]:
+    """The sight lines in the pairs, as many at a time as fit the memory; margin: see `rays_around`."""
     begins = begins_run(pairs.line)
     named, number = pairs.line[begins], np.cumsum(begins) - 1
-    shares = np.ones(len(named))
     largest = max((len(poses.solids[index].triangles) for index in set(pairs.solid.tolist())), default=0)
     size = max(1, min(_CHUNK, _MEMORY // max(1, largest)))
     for start in range(0, len(named), size):
@@ -88,17 +114,29 @@ def _measured(lines: SightLines, poses: SolidPoses, pairs: Pairs, enough: Array)
         within = slice(*np.searchsorted(number, (start, start + size)).tolist())
         hull, state = lines.hull[named[chunk]], lines.state[named[chunk]]
         begins = begins_run(hull)
-        view, hull = _SeenBoxes.of(lines, hull[begins]), np.cumsum(begins) - 1
+        view, hull = _SeenBoxes.of(lines, hull[begins], margin), np.cumsum(begins) - 1
         here = Pairs(number[within] - start, pairs.solid[within])
-        solids = _SeenSolids.of(view, hull, poses, here, state[here.line])
-        least = enough[named[chunk]]
-        doubtful = ~view.surely_seen(hull, solids, least)
-        if not doubtful.all():
-            used, hull = np.unique(hull[doubtful], return_inverse=True)
-            view, solids = view.some(used), solids.of_lines(doubtful, hull)
-        if doubtful.any():
-            shares[start + np.flatnonzero(doubtful)] = _shares(view, hull, poses, solids, least[doubtful])
-    return shares
+        yield _Views(view, hull, _SeenSolids.of(view, hull, poses, here, state[here.line]), named[chunk])
+
+
+class RaysAround(NamedTuple):
+    """The rays to the boxes of l sight lines, and around them."""
+
+    line: Indices
+    """Index of each sight line, shape (l,)."""
+    grid: RayGrid
+    """Of the h views of the lines."""
+    rays: SeenRays
+
+
+def rays_around(lines: SightLines, poses: SolidPoses, pairs: Pairs, margin: Array) -> Iterator[RaysAround]:
+    """The rays to the boxes of the sight lines in the pairs, some lines at a time, and which of them are blocked.
+
+    margin: how far the rays of each of h view hulls reach beyond the box's image in the plane z = 1, shape (h,).
+    """
+    for view, hull, solids, named in _views(lines, poses, pairs, margin):
+        rays = _rays(view, hull, poses, solids, np.full(len(hull), np.nan))
+        yield RaysAround(named, view.grid, rays)
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,8 +189,30 @@ class _SeenSolids:
         )
 
 
-def _shares(view: _SeenBoxes, hull: Indices, poses: SolidPoses, seen: _SeenSolids, enough: Array) -> Array:
-    """Visible shares of l sight lines behind solids; hull: which of the views each has, shape (l,).
+class SeenRays(NamedTuple):
+    """The rays of the grids of l sight lines."""
+
+    hull: Indices
+    """Which of the h views each line has, shape (l,)."""
+    outline: Mask
+    """Which rays run to the box, shape (COLUMNS, h, ROWS)."""
+    blocked: Mask
+    """Which rays meet something before the box's far side, shape (COLUMNS, l, ROWS)."""
+
+    @property
+    def silhouette(self) -> Mask:
+        """Which rays run to the box, shape (COLUMNS, l, ROWS)."""
+        return self.outline[:, self.hull]
+
+    @property
+    def shares(self) -> Array:
+        """The visible shares of the boxes, shape (l,)."""
+        every, free = count_rays(self.outline)[self.hull], count_rays(self.silhouette & ~self.blocked)
+        return np.where(every > 0, free / np.maximum(every, 1), 1.0)  # without area in the image, nothing hides
+
+
+def _rays(view: _SeenBoxes, hull: Indices, poses: SolidPoses, seen: _SeenSolids, enough: Array) -> SeenRays:
+    """The rays of l sight lines behind solids; hull: which of the views each has, shape (l,).
 
     enough: as in `visible_shares`, shape (l,). Triangles that reach through the far side come last, and only where what
     is wholly before it leaves enough.
@@ -191,20 +251,15 @@ def _shares(view: _SeenBoxes, hull: Indices, poses: SolidPoses, seen: _SeenSolid
             )
         bends.append(Bends.of(surface, turned, sides.take(rows, axis=2), hulls + rows))
     inside = Silhouette.of(bends, np.concatenate([view.maps, maps], axis=2), layers).inside(hulls + lines)
-    silhouette, blocked = inside[:, :hulls], inside[:, hulls:]
-    all_rays = _count(silhouette)[hull]
-
-    def shares() -> Array:
-        free = _count(silhouette[:, hull] & ~blocked)
-        return np.where(all_rays > 0, free / np.maximum(all_rays, 1), 1.0)  # without area in the image, nothing hides
-
-    found = shares()
-    open_ones = ~(found < enough)
+    found = SeenRays(hull, inside[:, :hulls], inside[:, hulls:])
+    if not crossing:
+        return found
+    open_ones = ~(found.shares < enough)
     for some in (triangles.of(open_ones[line]) for triangles in crossing):
         pair = some.pairs[some.row]
         rays = view.blocked(at[pair], some.corners_C)
-        blocked[rays.column, line[pair[rays.shape]], rays.row] = True
-    return shares() if crossing else found
+        found.blocked[rays.column, line[pair[rays.shape]], rays.row] = True
+    return found
 
 
 class _Crossing(NamedTuple):
@@ -256,8 +311,8 @@ class _SeenBoxes:
     """Of the box's image, in cells of the grid, shape (h,)."""
 
     @classmethod
-    def of(cls, lines: SightLines, hulls: Indices) -> _SeenBoxes:
-        """The views of some of the hulls of sight lines."""
+    def of(cls, lines: SightLines, hulls: Indices, margin: Array | None = None) -> _SeenBoxes:
+        """The views of some of the hulls of sight lines; margin: see `rays_around`."""
         X_WC, corners_W = lines.X_WC[hulls], lines.corners[hulls]
         X_CW = inverse(X_WC)
         corners_C = transform(X_CW, corners_W).transpose(2, 0, 1)
@@ -266,7 +321,8 @@ class _SeenBoxes:
         image = corners_C[:2] / corners_C[2]
         X_BW = inverse(lines.X_WB[hulls])
         half, middle = lines.half_size[hulls], lines.offset[hulls]
-        grid = RayGrid.over(image.min(axis=-1), image.max(axis=-1))
+        beyond = 0.0 if margin is None else margin[hulls]
+        grid = RayGrid.over(image.min(axis=-1) - beyond, image.max(axis=-1) + beyond)
         return cls(
             X_CW=X_CW,
             X_BW=X_BW,
@@ -383,7 +439,7 @@ def _image_areas(image: Array) -> Array:
     return areas
 
 
-def _count(rays: Mask) -> Array:
+def count_rays(rays: Mask) -> Array:
     """How many rays of each sight line are marked, shape (l,)."""
     # First over the columns, in small numbers: an ordinary sum is several times slower.
     count: Array = np.add.reduce(rays.view(np.uint8), axis=0, dtype=np.uint8).sum(axis=1, dtype=float)

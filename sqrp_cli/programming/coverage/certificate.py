@@ -1,0 +1,78 @@
+"""Qualities that hold for every pose of the cameras within bounds: proven, where draws of poses only show examples.
+
+The motion is observed twice: with what the cameras see surely, from every pose, and with what they see possibly, from
+some pose at least. What they see from any one pose lies between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from sqrp_cli.logic.formula_time import Stretch, merge
+from sqrp_cli.programming.coverage.quality import Qualities
+from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling
+from sqrp_cli.programming.coverage.timeline import Timeline, Watch, observe
+from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
+from sqrp_cli.programming.sensing.bounded.observer import BoundedObserver
+from sqrp_cli.programming.sensing.observer import Observer
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What is proven of a candidate's qualities, as they would be computed from any pose of each camera in bounds."""
+
+    least: Qualities
+    """No pose gives less."""
+    most: Qualities
+    """No pose gives more."""
+    undecided: tuple[Stretch, ...]
+    """When the state may be covered or not, depending on the poses, or no proof was found."""
+
+
+def certify(watch: Watch, observer: Observer, sampling: Sampling, bounds: PoseBounds) -> Certificate:
+    """What is proven of a motion."""
+    cameras, solids = observer.cameras, observer.solids
+    sure, possible = (
+        observe(watch, BoundedObserver(cameras, solids, bounds=bounds, surely=surely), sampling, full=False)
+        for surely in (True, False)
+    )
+    # Bisection leaves an error, that of the certificate and that of the figures that it is about.
+    error = sampling.tolerance if isinstance(sampling, Adaptive) else 0.0
+    least, most = Qualities.of(sure), Qualities.of(possible)
+    return Certificate(
+        least=Qualities(_lowered(least.q_avg, error), _lowered(least.q_eoi, error)),
+        most=Qualities(_raised(most.q_avg, error), _raised(most.q_eoi, error)),
+        undecided=tuple(_without(_covered(possible), _covered(sure))),
+    )
+
+
+def _lowered(quality: float | None, error: float) -> float | None:
+    """A quality that nothing can be lost of if all is seen."""
+    return quality if quality is None or quality >= 1.0 else max(0.0, quality - error)
+
+
+def _raised(quality: float | None, error: float) -> float | None:
+    """A quality that nothing can be added to if nothing is seen."""
+    return quality if quality is None or quality <= 0.0 else min(1.0, quality + error)
+
+
+def _covered(timeline: Timeline) -> list[Stretch]:
+    """When the state is covered, as its qualities count it."""
+    t, covered = timeline.samples.t, timeline.covered
+    both = np.flatnonzero(covered[:-1] & covered[1:] & ~np.isnan(timeline.steps))
+    return list(merge(Stretch(start, end) for start, end in zip(t[both].tolist(), t[both + 1].tolist(), strict=True)))
+
+
+def _without(stretches: list[Stretch], others: list[Stretch]) -> Iterator[Stretch]:
+    """Stretches without others, both in order."""
+    for stretch in stretches:
+        start = stretch.start
+        for other in others:
+            if other.start > start and start < stretch.end:
+                yield Stretch(start, min(other.start, stretch.end))
+            start = max(start, other.end)
+        if start < stretch.end:
+            yield Stretch(start, stretch.end)

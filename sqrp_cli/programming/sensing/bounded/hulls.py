@@ -1,0 +1,86 @@
+"""View hulls for every pose of the camera within bounds.
+
+All hulls that share a box and differ in the eye, which is anywhere in a ball, make up the convex hull of ball and box:
+what meets none of them does not meet that. What they have in common is convex, too, and contains the hull of the box
+and any of its own points: what meets that meets all of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from sqrp_cli.geometry import Array, Mask, cross
+from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
+from sqrp_cli.programming.sensing.sight_lines import SightLines
+from sqrp_cli.programming.sensing.visibility.hull_spaces import half_spaces
+from sqrp_cli.programming.sensing.visibility.occlusion import HullTester
+
+_SIDES = 12
+"""Sides of the prism around the ball of a camera's centres, which is 3.5 % wider."""
+
+_STEPS = np.geomspace(0.01, 0.99, 30)
+"""Where to look for a point that all hulls have in common, as shares of the way from the eye to the box's centre."""
+
+
+class AnyHullTester(HullTester):
+    """Tests whether a solid reaches into any of the view hulls of a box, wherever in a ball the eye is."""
+
+    def __init__(self, bounds: PoseBounds) -> None:
+        super().__init__(8 + 2 * _SIDES)
+        self._reach = bounds.reach
+
+    def hulls(self, lines: SightLines) -> Array:
+        """The corners of each box and of a prism around the ball, shape (h, 32, 3) [m]."""
+        ahead = _directions(lines.corners.mean(axis=1) - lines.eyes)
+        aside = _directions(cross(ahead, np.eye(3)[np.abs(ahead).argmin(axis=1)]))
+        turns = np.arange(_SIDES) * (2 * np.pi / _SIDES)
+        wide = self._reach / np.cos(np.pi / _SIDES)
+        ring = wide * (np.cos(turns)[:, None] * aside[:, None] + np.sin(turns)[:, None] * cross(ahead, aside)[:, None])
+        ends = [lines.eyes[:, None] + ring + sign * self._reach * ahead[:, None] for sign in (-1.0, 1.0)]
+        return np.concatenate([lines.corners, *ends], axis=1)
+
+
+class CommonHulls(NamedTuple):
+    """What the view hulls of each box have in common, wherever in a ball the eye is."""
+
+    lines: SightLines
+    """The same lines with an eye so much nearer to the box that its hull lies in all of them."""
+    known: Mask
+    """Whether there is such an eye, shape (h,)."""
+
+
+def common_hulls(lines: SightLines, bounds: PoseBounds) -> CommonHulls:
+    """View hulls that lie in those of all eyes of a ball.
+
+    A point a lies in the hull of an eye if a line from there through a meets the box: if the eye lies in the cone from
+    a away from the box. So a ball of eyes does if it is that far inside of all of the cone's faces.
+    """
+    to_center = lines.corners.mean(axis=1) - lines.eyes
+    share, known = np.zeros(len(to_center)), np.zeros(len(to_center), dtype=bool)
+    for step in _STEPS.tolist():
+        left = np.flatnonzero(~known & lines.finite)
+        if not len(left):
+            break
+        apex = lines.eyes[left] + step * to_center[left]
+        spaces = half_spaces(lines.corners[left] - apex[:, None])
+        normals, through_apex = spaces[..., :3], (spaces[..., 3] == 0.0) & (spaces != 0.0).any(axis=2)
+        depth = (normals @ (-step * to_center[left])[..., None])[..., 0]
+        length = np.sqrt(np.einsum("hki,hki->hk", normals, normals))
+        deep = (depth >= bounds.reach * length) | ~through_apex
+        # From inside the box nothing is known.
+        outside = (spaces[..., 3] > 0.0).any(axis=1) & through_apex.any(axis=1)
+        found = left[deep.all(axis=1) & outside]
+        share[found], known[found] = step, True
+    X_WC = lines.X_WC.copy()
+    X_WC[:, :3, 3] += share[:, None] * to_center
+    return CommonHulls(replace(lines, X_WC=X_WC), known)
+
+
+def _directions(vectors: Array) -> Array:
+    """Vectors (n, 3) with the length 1."""
+    length = np.sqrt(np.einsum("ni,ni->n", vectors, vectors))
+    found: Array = vectors / np.maximum(length, 1e-300)[:, None]
+    return found

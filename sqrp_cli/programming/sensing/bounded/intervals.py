@@ -1,0 +1,44 @@
+"""Arithmetic of intervals: what a result can be where each operand is only known to lie between two numbers."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sqrp_cli.geometry import Array
+
+_ROUND = 2 * np.pi
+
+
+class Interval(NamedTuple):
+    """Numbers between two, of equal shape."""
+
+    low: Array
+    high: Array
+
+    def plus(self, other: Interval) -> Interval:
+        """The sum."""
+        return Interval(self.low + other.low, self.high + other.high)
+
+    def scaled(self, factor: float) -> Interval:
+        """The product with a number; 0 if that is 0, however far the interval reaches."""
+        if factor == 0.0:
+            return Interval(np.zeros_like(self.low), np.zeros_like(self.high))
+        ends = factor * self.low, factor * self.high
+        return Interval(*ends) if factor > 0 else Interval(*ends[::-1])
+
+    def times(self, other: Interval) -> Interval:
+        """The product of two finite ones."""
+        ends = [a * b for a in self for b in other]
+        return Interval(np.minimum.reduce(ends), np.maximum.reduce(ends))
+
+
+def cosines(middle: Array, spread: Array) -> Interval:
+    """The cosines of the angles that differ from `middle` by up to `spread` [rad]."""
+    low, high = middle - spread, middle + spread
+    ends = np.cos(low), np.cos(high)
+    # The first multiple of a whole turn, and the first of those half a turn beyond, from `low` on.
+    top = np.ceil(low / _ROUND) * _ROUND <= high
+    bottom = (np.ceil(low / _ROUND - 0.5) + 0.5) * _ROUND <= high
+    return Interval(np.where(bottom, -1.0, np.minimum(*ends)), np.where(top, 1.0, np.maximum(*ends)))

@@ -1,0 +1,238 @@
+"""The limits of camera and detector, for every pose of the camera within bounds; see `sensing.limits`.
+
+A camera that moves by less than t and turns by less than a sees a point at the distance r in a direction that differs
+by at most a + asin(t / r), wherever it is and however it turned; the other bounds follow from that and from triangles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sqrp_cli.geometry import Array, Indices, Mask
+from sqrp_cli.knowledge.camera.projection import Projection
+from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
+from sqrp_cli.programming.sensing.bounded.intervals import Interval, cosines
+from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.limits import LimitVerdicts, bend, entries_at, hull_areas, to_pixels
+from sqrp_cli.programming.sensing.sight_lines import WatchedBoxes
+
+_RIGHT, _FAR = 0.5 * np.pi, 1e6
+"""A right angle [rad], and how far from the axis, in the plane z = 1, nothing is in any image."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BoundedBoxes(WatchedBoxes):
+    """Boxes whose limits hold surely, for every pose of each camera, or possibly, for some pose."""
+
+    bounds: PoseBounds
+    surely: bool
+
+    def check(
+        self, projections: Sequence[Projection], box: Indices, *, corners_C: Array, normal_C: Array
+    ) -> LimitVerdicts:
+        """The limits that no pose, or not every pose meets, each looked at by itself; without figures."""
+        bounds, sure = self.bounds, self.surely
+        rows = [(p.camera.width, p.camera.height, p.camera.near, p.camera.far) for p in projections]
+        width, height, near, far = np.array(rows, dtype=float).T[:, :, None]
+        limits = [entry.limits for entry in self.boxes]
+        columns = [(*entry.distance, entry.max_incidence, entry.min_pixels) for entry in limits]
+        closest, remotest, widest, smallest = np.array(columns, dtype=float).T[:, box]
+        depth = _depths(corners_C, bounds)
+        nearest = (depth.low if sure else depth.high).min(axis=0)
+        farthest = (depth.high if sure else depth.low).max(axis=0)
+        center = corners_C.mean(axis=1)
+        distance = np.sqrt((center * center).sum(axis=0))
+        away = bounds.reach if sure else -bounds.reach
+        incidence = _incidence(normal_C, center, distance) + (1.0 if sure else -1.0) * bounds.parallax(distance)
+        u, v, shown = _pixels(projections, corners_C, bounds, sure=sure)
+        first, last = (0, 1) if sure else (1, 0)  # the ends that must lie in the image
+        in_image = shown & (u[first] >= -0.5).all(axis=0) & (u[last] <= width - 0.5).all(axis=0)
+        in_image &= (v[first] >= -0.5).all(axis=0) & (v[last] <= height - 0.5).all(axis=0)
+        in_front = nearest > 0
+        checked = [
+            (Cause.TOO_NEAR, in_front & (nearest >= near)),
+            (Cause.TOO_FAR, farthest <= far),
+            (Cause.OUT_OF_IMAGE, in_image),
+            (Cause.DETECTOR_NEAR, distance - away >= closest),
+            (Cause.DETECTOR_FAR, distance + away <= remotest),
+            (Cause.OBLIQUE, ~normal_C.any(axis=0) | (incidence <= widest)),
+        ]
+        cause = np.full(distance.shape, np.int8(Cause.NONE))
+        for code, within in reversed(checked):
+            cause[~within] = code
+        large = _sizes_allowed(projections, corners_C, smallest, bounds, sure=sure)
+        cause[(cause == Cause.NONE) & ~large] = Cause.TOO_SMALL
+        return LimitVerdicts(cause=cause, side=np.full(cause.shape, np.int8(-1)), figure=np.zeros(cause.shape))
+
+
+def _depths(corners_C: Array, bounds: PoseBounds) -> Interval:
+    """Depths of points (3, ...), which are the cosines of their angles with the axis, times their distances [m]."""
+    distance = np.sqrt((corners_C * corners_C).sum(axis=0))
+    angle = np.arccos(np.clip(corners_C[2] / np.maximum(distance, 1e-300), -1.0, 1.0))
+    low = distance * np.cos(np.minimum(angle + bounds.turn, np.pi)) - bounds.reach
+    return Interval(low, distance * np.cos(np.maximum(angle - bounds.turn, 0.0)) + bounds.reach)
+
+
+def _incidence(normal_C: Array, center: Array, distance: Array) -> Array:
+    """Angles between normals and the directions to the camera [rad]."""
+    cosine = -(normal_C * center).sum(axis=0) / np.maximum(distance, 1e-12)
+    found: Array = np.arccos(np.clip(cosine, -1.0, 1.0))
+    return found
+
+
+def _pixels(
+    projections: Sequence[Projection], corners_C: Array, bounds: PoseBounds, *, sure: bool
+) -> tuple[Interval, Interval, Mask]:
+    """Pixels u and v of corners (3, 8, c, n), and which boxes (c, n) the lens surely or possibly shows."""
+    shape = corners_C.shape[1:]
+    u, v = (Interval(np.empty(shape), np.empty(shape)) for _ in range(2))
+    shown = np.ones(shape[1:], dtype=bool)
+    for number, projection in enumerate(projections):
+        points = corners_C[:, :, number]
+        spread = bounds.angles(np.sqrt((points * points).sum(axis=0)))
+        if projection.camera.distortion_model == "none":
+            x, y = (_tangents(points, axis, spread) for axis in (0, 1))
+        else:
+            x, y, shown[number] = _bent(projection, points, spread, sure=sure)
+        for interval, row in zip((u, v), projection.camera.matrix[:2].tolist(), strict=True):
+            low, high = x.scaled(row[0]).plus(y.scaled(row[1]))
+            interval.low[:, number], interval.high[:, number] = low + row[2], high + row[2]
+    return u, v, shown
+
+
+def _tangents(points: Array, axis: int, spread: Array) -> Interval:
+    """Where directions within `spread` [rad] of points (3, ...) meet the plane z = 1, along one axis.
+
+    The planes through the other axis that touch the cone of these directions are turned by asin(sin s / w), with the
+    length w of the unit direction's part across that axis.
+    """
+    distance = np.sqrt((points * points).sum(axis=0))
+    across = np.hypot(points[axis], points[2]) / np.maximum(distance, 1e-300)
+    reach = np.sin(np.minimum(spread, _RIGHT)) / np.maximum(across, 1e-300)
+    turn = np.where(reach < 1.0, np.arcsin(np.minimum(reach, 1.0)), np.pi)
+    angle = np.arctan2(points[axis], points[2])
+    low, high = angle - turn, angle + turn
+    return Interval(_tangent(low), _tangent(high))
+
+
+def _tangent(angle: Array) -> Array:
+    """Tangents of angles, `_FAR` at most; beyond a right angle, which is never shown, that."""
+    found: Array = np.clip(np.tan(np.clip(angle, -_RIGHT, _RIGHT)), -_FAR, _FAR)
+    return found
+
+
+def _bent(projection: Projection, points: Array, spread: Array, *, sure: bool) -> tuple[Interval, Interval, Mask]:
+    """Where a lens shows directions within `spread` [rad] of points (3, 8, n): x and y in the plane z = 1.
+
+    The cone lies within angles from the axis and about it. Up to the projection's radius, the radial distortion grows
+    with the former, so that it maps ends to ends; the rest of the distortion is a polynomial of second degree.
+
+    With which boxes (n,) the lens surely or possibly shows; what it never shows is left out of x and y.
+    """
+    axial = np.arctan2(np.hypot(points[0], points[1]), points[2])
+    near, far = _tangent(np.maximum(axial - spread, 0.0)), _tangent(axial + spread)
+    inside: Mask = np.all((far if sure else near) <= projection.radius, axis=0)
+    plane = Interval(np.minimum(near, projection.radius), np.minimum(far, projection.radius))
+    round_axis = np.sin(np.minimum(spread, _RIGHT)) / np.maximum(np.sin(axial), 1e-300)
+    turn = np.where(round_axis < 1.0, np.arcsin(np.minimum(round_axis, 1.0)), np.pi)
+    about = np.arctan2(points[1], points[0])
+    cosine, sine = cosines(about, turn), cosines(about - _RIGHT, turn)
+    camera = projection.camera
+    tangential = np.zeros(2) if camera.distortion_model == "equidistant" else camera.distortion[2:4]
+    straight = np.array(camera.distortion)
+    if camera.distortion_model != "equidistant":
+        straight[2:4] = 0.0
+    radial = replace(projection, camera=replace(camera, distortion=straight))
+    bent = Interval(*(radial.bent(np.stack([r, np.zeros_like(r)], axis=-1)).points[..., 0] for r in plane))
+    x, y = bent.times(cosine), bent.times(sine)
+    p1, p2 = tangential.tolist()
+    if p1 or p2:
+        u, v = plane.times(cosine), plane.times(sine)
+        mixed, square = u.times(v).scaled(2.0), plane.times(plane)
+        x = x.plus(mixed.scaled(p1)).plus(square.plus(_square(u).scaled(2.0)).scaled(p2))
+        y = y.plus(mixed.scaled(p2)).plus(square.plus(_square(v).scaled(2.0)).scaled(p1))
+    return x, y, inside
+
+
+def _square(values: Interval) -> Interval:
+    """Squares of the numbers."""
+    low, high = values.times(values)
+    return Interval(np.maximum(low, 0.0), high)
+
+
+def _sizes_allowed(
+    projections: Sequence[Projection], corners_C: Array, smallest: Array, bounds: PoseBounds, *, sure: bool
+) -> Mask:
+    """Whether boxes in front of the cameras (c, n) are surely or possibly shown as large as `smallest` (n,) [pixels].
+
+    A box's image from another centre is, in the plane z = 1, shifted, as much larger as the box is nearer, and no
+    corner is else displaced by more than `sweep`; twice that allows for what is not even there. Shift and turn change
+    how large the lens shows an area by no more than the angle times the slope of the logarithm of its density.
+    """
+    depth = corners_C[2]
+    plane = corners_C[:2] / np.where(depth > 0, depth, 1.0)
+    distance = np.sqrt((corners_C * corners_C).sum(axis=0))
+    nearest, middle, farthest = depth.min(axis=0), depth.mean(axis=0), depth.max(axis=0)
+    t, slant = bounds.reach, (distance / np.maximum(depth, 1e-300)).max(axis=0)
+    clear = nearest > 2.0 * t
+    gap = np.where(clear, nearest - t, 1.0)
+    sweep = t * slant * np.maximum(middle - nearest, farthest - middle) / (gap * np.where(clear, middle, 1.0))
+    sides = np.ptp(plane, axis=1).sum(axis=0)
+    area = hull_areas(plane[0], plane[1], _extremes(plane[0], plane[1]), np.zeros(1))
+    uneven = np.where(area > 0, 4.0 * sides * sweep / np.maximum(area, 1e-300), np.inf)
+    turned = np.arctan(np.sqrt((plane * plane).sum(axis=0))).max(axis=0)
+    turn = bounds.angles(distance).max(axis=0)
+    slopes = np.stack([_slope(p, at + by) for p, at, by in zip(projections, turned, turn, strict=True)])
+    if sure:
+        factor = np.maximum(1.0 - uneven, 0.0) * (middle / (middle + t)) ** 2 * np.exp(-slopes * turn)
+    else:
+        factor = (
+            (1.0 + uneven + np.pi * sweep**2 / np.maximum(area, 1e-300)) * (middle / gap) ** 2 * np.exp(slopes * turn)
+        )
+    factor = np.where(clear, factor, 0.0 if sure else np.inf)
+    bend(projections, plane)
+    u, v = to_pixels(projections, plane)
+    enough = smallest**2 / np.maximum(factor, 1e-200)
+    found: Mask = hull_areas(u, v, _extremes(u, v), enough) >= enough
+    return found
+
+
+def _extremes(u: Array, v: Array) -> Array:
+    """U and v of the points (8, ...) that are farthest left, right, up and down, shape (2, 4, ...)."""
+    return entries_at((u, v), (u.argmin(axis=0), u.argmax(axis=0), v.argmin(axis=0), v.argmax(axis=0)))
+
+
+def _slope(projection: Projection, angle: Array) -> Array:
+    """By how much the logarithm of the pixels per solid angle changes with the direction, at most, up to angles (n,).
+
+    Pixels per solid angle are those per area of the plane z = 1, times 1 / cos^3.
+    """
+    slope: Array = 3.0 * np.tan(np.minimum(angle, _RIGHT - 1e-3))
+    return slope if projection.camera.distortion_model == "none" else slope + _bending(projection)(angle)
+
+
+_RINGS, _SPOKES = 400, 16
+"""Where the density of pixels is looked at, about the axis of a lens."""
+
+
+def _bending(projection: Projection) -> Callable[[Array], Array]:
+    """The part of `_slope` that is due to distortion: of the density of pixels in the plane z = 1, by differences."""
+    widest = min(np.arctan(projection.radius), _RIGHT - 1e-2)
+    angle, about = np.linspace(0.0, widest, _RINGS)[1:-1, None], np.arange(_SPOKES) * (2 * np.pi / _SPOKES)
+    radius, step = np.tan(angle), 1e-5
+
+    def bent(away: float, aside: float) -> Array:
+        r = radius + away
+        points = np.stack([r * np.cos(about) - aside * np.sin(about), r * np.sin(about) + aside * np.cos(about)], -1)
+        return projection.bent(points).points
+
+    along, over = (bent(step, 0.0) - bent(-step, 0.0), bent(0.0, step) - bent(0.0, -step))
+    density = np.abs(along[..., 0] * over[..., 1] - along[..., 1] * over[..., 0]) / (4 * step * step)
+    logarithm = np.log(np.maximum(density, 1e-12))
+    outward = np.abs(np.gradient(logarithm, angle[:, 0], axis=0))
+    around = np.abs(logarithm - np.roll(logarithm, 1, axis=1)) * _SPOKES / (2 * np.pi * np.sin(angle))
+    steepest = np.maximum.accumulate(np.hypot(outward, around).max(axis=1))
+    return lambda at: 1.1 * np.interp(at, angle[:, 0], steepest, right=np.inf)

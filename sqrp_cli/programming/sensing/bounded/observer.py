@@ -1,0 +1,74 @@
+"""What the cameras of a cell see surely, from every pose within bounds, or possibly, from some pose at least."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sqrp_cli.geometry import Array, Indices
+from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
+from sqrp_cli.programming.sensing.bounded.hulls import AnyHullTester, common_hulls
+from sqrp_cli.programming.sensing.bounded.limits import BoundedBoxes
+from sqrp_cli.programming.sensing.bounded.shares import ShareBounds, share_bounds
+from sqrp_cli.programming.sensing.observer import Observer
+from sqrp_cli.programming.sensing.scene_states import SceneStates
+from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines, WatchedBoxes
+from sqrp_cli.programming.sensing.visibility.backdrop import may_be_alike
+from sqrp_cli.programming.sensing.visibility.occlusion import near_pairs
+from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
+from sqrp_cli.programming.targets import SoughtBox
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BoundedObserver(Observer):
+    """The cameras of a cell, of which each may be anywhere within bounds, with all its solids.
+
+    Covered is, of each target, what enough cameras see surely, whatever their poses; or possibly, where not even the
+    best pose of each helps the others. The response is that of the slowest or fastest of them.
+    """
+
+    bounds: PoseBounds
+    surely: bool
+    _any_tester: AnyHullTester = field(init=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "_any_tester", AnyHullTester(self.bounds))
+
+    def _watched(self, boxes: Sequence[SoughtBox], states: SceneStates) -> WatchedBoxes:
+        return BoundedBoxes(boxes, self._projections, self._solids, states, bounds=self.bounds, surely=self.surely)
+
+    def _near(self, watched: WatchedBoxes, lines: SightLines) -> Pairs:
+        margin = self.bounds.reach if self.surely else 0.0
+        return near_pairs(lines, watched.solid_poses, watched.opaque, margin)
+
+    def _needed(self, watched: WatchedBoxes, lines: SightLines) -> Array:
+        """As if all behind a box had its colour, if anything may; or as if nothing had."""
+        least, poses = watched.least_of(lines), watched.solid_poses
+        if not self.surely:
+            return least
+        may_be = may_be_alike(lines, watched.boxes, poses, watched.alike, self.bounds.reach)
+        return np.where(may_be, np.inf, least)
+
+    def _unseen(self, watched: WatchedBoxes, lines: SightLines, near: Pairs, needed: Array) -> Indices:
+        poses, finite, every = watched.solid_poses, lines.finite[lines.hull], watched.least_of(lines) >= 1
+        partly, whole = near.of_lines(~every), near.of_lines(every)
+        seen = visible_shares(lines, poses, partly, enough=needed)
+        enough = np.ones(len(needed), dtype=bool)
+        enough[seen.line[seen.share < needed[seen.line]]] = False
+        if self.surely:
+            between = self._between(lines, watched, partly.of_lines(enough))
+            enough[between.line[between.low < needed[between.line]]] = False
+            met = self._any_tester.met(lines, poses, whole, first_only=True)
+        else:
+            between = self._between(lines, watched, partly.of_lines(~enough & finite))
+            enough[between.line[between.high >= needed[between.line]]] = True
+            common = common_hulls(lines, self.bounds)
+            known = whole.of_lines(common.known[lines.hull] | ~finite)
+            met = self._tester.met(common.lines, poses, known, first_only=True)
+        return np.concatenate([np.flatnonzero(~enough), met.line])
+
+    def _between(self, lines: SightLines, watched: WatchedBoxes, pairs: Pairs) -> ShareBounds:
+        return share_bounds(lines, watched.solid_poses, pairs, self.bounds)

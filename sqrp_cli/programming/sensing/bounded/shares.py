@@ -1,0 +1,214 @@
+"""Visible shares for every pose of the camera within bounds.
+
+What a camera's turn changes in an image, it changes for the box and what hides it alike. What its centre moves is
+looked at in the plane through the box's centre that is parallel to the image: from a centre that has moved by less than
+t, a point at the depth z, seen in a direction s times as long as it is deep, appears there to have moved by less than
+t s |D - z| / (z - t), if the plane's depth is D. So the blocked area changes by no more than its outline sweeps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from sqrp_cli.geometry import Array, Indices, Mask, begins_run, inverse, transform
+from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
+from sqrp_cli.programming.sensing.scene_states import SolidPoses
+from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
+from sqrp_cli.programming.sensing.visibility.hull_spaces import BOX_FACES, clipped_polygons
+from sqrp_cli.programming.sensing.visibility.silhouette import SHIFT, RayGrid
+from sqrp_cli.programming.sensing.visibility.visible_share import count_rays, rays_around
+
+ACCURACY = 0.005
+"""Accuracy of visible shares, which are counted on rays."""
+
+_STRIDE = 3
+"""Rows between rays that stand nearly above each other."""
+
+_ASLANT = (SHIFT[_STRIDE] + 0.5) % 1.0 - 0.5
+"""By how much, as a share of a column."""
+
+
+class ShareBounds(NamedTuple):
+    """Between what the visible shares of the boxes of n sight lines lie."""
+
+    line: Indices
+    """Index of the sight line, shape (n,)."""
+    low: Array
+    """Shape (n,)."""
+    high: Array
+    """Shape (n,)."""
+
+
+def share_bounds(lines: SightLines, poses: SolidPoses, pairs: Pairs, bounds: PoseBounds) -> ShareBounds:
+    """Between what the visible shares of the boxes of the sight lines in the pairs lie.
+
+    pairs: of all solids that may be in the way, from any pose, for the lower bounds; from the middle one for the upper
+    ones. The boxes and cameras must be somewhere, and the corners of the boxes in front of the cameras.
+    """
+    hulls, named = _Hulls.of(lines), pairs.line[begins_run(pairs.line)]
+    depth = _least_depths(lines, hulls, poses, pairs, bounds)
+    pairs, depth = pairs.some(np.isfinite(depth)), depth[np.isfinite(depth)]
+    sweep = np.zeros(len(lines.state))
+    np.maximum.at(sweep, pairs.line, hulls.sweep(lines.hull[pairs.line], depth, bounds))
+    low, high = np.ones(len(lines.state)), np.ones(len(lines.state))
+    # Where anything may sweep across all of the box, nothing is known.
+    wide = sweep > hulls.sides[lines.hull].sum(axis=1)
+    low[wide], high[wide] = 0.0, 1.0
+    pairs = pairs.of_lines(~wide)
+    margin = np.zeros(len(lines.box))
+    np.maximum.at(margin, lines.hull[pairs.line], sweep[pairs.line])
+    for line, grid, rays in rays_around(lines, poses, pairs, margin):
+        box, hull, cells = rays.silhouette, lines.hull[line], _Cells.of(grid, rays.hull)
+        every, free = count_rays(box), count_rays(box & ~rays.blocked)
+        changed = cells.swept(rays.blocked, cells.around(box, sweep[line]), sweep[line])
+        edge = cells.along(2.0 * hulls.sides[hull].sum(axis=1), hulls.sweep(hull, hulls.nearest[hull], bounds))
+        error = ACCURACY + hulls.uneven(hull, bounds)
+        low[line] = (free - changed - edge) / np.maximum(every + edge, 1.0) - error
+        high[line] = (free + changed + edge) / np.maximum(every - edge, 1.0) + error
+    return ShareBounds(named, low[named], high[named])
+
+
+@dataclass(frozen=True, eq=False)
+class _Hulls:
+    """The boxes of h view hulls in the optical frames."""
+
+    X_CW: Array
+    """The world in the optical frames, shape (h, 4, 4)."""
+    depth: Array
+    """Of the boxes' centres, shape (h,) [m]."""
+    nearest: Array
+    """Least depth of the boxes' corners, shape (h,) [m]."""
+    farthest: Array
+    """The greatest, shape (h,) [m]."""
+    low: Array
+    """Least x / z and y / z of the corners, shape (h, 2)."""
+    high: Array
+    """The greatest, shape (h, 2)."""
+
+    @classmethod
+    def of(cls, lines: SightLines) -> _Hulls:
+        X_CW = inverse(lines.X_WC)
+        corners = transform(X_CW, lines.corners)
+        z = corners[..., 2]
+        image = corners[..., :2] / z[..., None]
+        return cls(X_CW, z.mean(axis=1), z.min(axis=1), z.max(axis=1), image.min(axis=1), image.max(axis=1))
+
+    @property
+    def sides(self) -> Array:
+        """Those of the rectangles around the boxes in the plane z = 1, shape (h, 2)."""
+        return self.high - self.low
+
+    @property
+    def slant(self) -> Array:
+        """How much longer the directions to the boxes are than deep, at most, shape (h,)."""
+        outermost = np.maximum(np.abs(self.low), np.abs(self.high))
+        slant: Array = np.sqrt(1.0 + (outermost * outermost).sum(axis=1))
+        return slant
+
+    def sweep(self, hull: Indices, depth: Array, bounds: PoseBounds) -> Array:
+        """How far points from depths (n,) on may move over a box, in the plane z = 1, up to its far side; (n,)."""
+        t, middle, slant = bounds.reach, self.depth[hull], self.slant[hull]
+        beside = slant * (1.0 + 2.0 * t / np.maximum(depth, 1e-300))  # of directions to points beside the box
+
+        def moved(z: Array) -> Array:
+            return np.where(z > t, np.abs(middle - z) / np.maximum(z - t, 1e-300), np.inf)
+
+        found: Array = t * beside / middle * np.maximum(moved(depth), moved(self.farthest[hull]))
+        return found
+
+    def uneven(self, hull: Indices, bounds: PoseBounds) -> Array:
+        """By how much the weights of areas in the image change across a box if the camera turns, as a share, (n,).
+
+        An area counts with 1 / z^3 of its unit direction, and a turn by a changes z by -a to a times the slope.
+        """
+        least = np.cos(bounds.turn) - np.sin(bounds.turn) * self.slant[hull]
+        across = np.sin(bounds.turn) * np.hypot(*self.sides[hull].T)
+        found: Array = np.where(least > 0, 3.0 * across / np.maximum(least, 1e-300), np.inf)
+        return found
+
+
+def _least_depths(lines: SightLines, hulls: _Hulls, poses: SolidPoses, pairs: Pairs, bounds: PoseBounds) -> Array:
+    """Least depth at which the solids of pairs may reach into the view hull of any pose [m], shape (pairs,).
+
+    Infinite where the box around the solid does not. It is clipped at the four sides of the hull, each moved out by as
+    much as the eye may be.
+    """
+    hull, state = lines.hull[pairs.line], lines.state[pairs.line]
+    X_CP = hulls.X_CW[hull] @ poses.at(pairs.solid, state)
+    faces = transform(X_CP, poses.solids.corners[pairs.solid])[:, BOX_FACES].reshape(-1, 4, 3)
+    counts = np.full(len(faces), 4)
+    for axis in range(2):
+        for sign, slopes in ((1.0, hulls.high), (-1.0, hulls.low)):
+            slope = np.repeat(slopes[hull, axis], 6)[:, None]
+            heights = sign * (faces[..., axis] - slope * faces[..., 2]) - bounds.reach * np.sqrt(1.0 + slope * slope)
+            faces, counts = clipped_polygons(faces, counts, heights)
+    present = np.arange(faces.shape[1]) < counts[:, None]
+    depth = np.where(present, faces[..., 2], np.inf).min(axis=1).reshape(-1, 6).min(axis=1)
+    # Nothing is between the eye and a box that it is in.
+    axes = (X_CP @ poses.solids.boxes[pairs.solid])[:, :3]
+    eyes = (axes[..., 3:] * axes[..., :3]).sum(axis=1)
+    inside: Mask = (np.abs(eyes) <= (axes[..., :3] ** 2).sum(axis=1)).all(axis=1)
+    return np.where(inside, 0.0, np.where(depth > 0, depth, np.where(np.isfinite(depth), 0.0, np.inf)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """The cells of the grids of l sight lines, with a ray in each."""
+
+    across: Array
+    """Their size along a row, shape (l,)."""
+    down: Array
+    """From row to row, shape (l,)."""
+
+    @classmethod
+    def of(cls, grid: RayGrid, hull: Indices) -> _Cells:
+        across, down = grid.step[:, hull]
+        return cls(across, down)
+
+    def along(self, length: Array, radius: Array) -> Array:
+        """How many rays there may be within a distance of a line, or of a point at least, on one side of it; (l,)."""
+        found: Array = (length * radius + np.pi * radius * radius) / (self.across * self.down)
+        return found
+
+    def around(self, rays: Mask, radius: Array) -> Mask:
+        """The rays within a rectangle of twice the size of `radius` (l,), or a little more, around those given."""
+        for axis, size in ((0, self.across), (2, self.down)):
+            rays = _spread(rays, np.ceil(radius / size).astype(np.int64) + 1, axis)
+        return rays
+
+    def swept(self, rays: Mask, near: Mask, radius: Array) -> Array:
+        """How many rays the outline of given rays may sweep if each of its points moves by up to `radius`, shape (l,).
+
+        near: where it matters. A shift along the vector from one ray to another changes as many rays as there are such
+        pairs of which one is given and one is not; any other shift is a sum of two of these.
+        """
+        nearby = near[1:] | near[:-1]
+        beside = count_rays((rays[1:] != rays[:-1]) & nearby)
+        first, second = rays[1:, :, :-_STRIDE], _below(rays)
+        below = count_rays((first != second) & (near[1:, :, :-_STRIDE] | _below(near))) / _STRIDE
+        # Per unit along the rows and across them, in rays.
+        along, over = beside / self.across, (below + abs(_ASLANT) / _STRIDE * beside) / self.down
+        found: Array = radius * np.hypot(along, over)
+        return found + self.along(np.zeros_like(radius), radius)
+
+
+def _below(rays: Mask) -> Mask:
+    """The rays `_STRIDE` rows further that are the least aside, from the second column on."""
+    return np.where(SHIFT[_STRIDE:] > SHIFT[:-_STRIDE], rays[:-1, :, _STRIDE:], rays[1:, :, _STRIDE:])
+
+
+def _spread(rays: Mask, count: Indices, axis: int) -> Mask:
+    """The rays with up to `count` (l,) to the next given one along an axis."""
+    length = rays.shape[axis]
+    total = np.cumsum(np.insert(rays, 0, False, axis=axis), axis=axis, dtype=np.int16)
+    at = np.arange(length)[:, None]
+    last, first = np.minimum(at + 1 + count, length), np.maximum(at - count, 0)
+    if axis == 0:
+        last, first = last[..., None], first[..., None]
+    else:
+        last, first = last.T[None], first.T[None]
+    spread: Mask = np.take_along_axis(total, last, axis) > np.take_along_axis(total, first, axis)
+    return spread

@@ -1,0 +1,56 @@
+"""What `sqrp rank --certify` proves, as a table with sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sqrp_cli.logic.formula_time import Stretch
+from sqrp_cli.programming.ranking import Criterion, Ranked, may_overtake
+from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
+from sqrp_cli.terminal.console import Column, print_table, say
+
+_LISTED = 6
+"""Most undecided times of a candidate that are listed."""
+
+
+def print_certificate(bounds: PoseBounds | None, ranking: Sequence[Ranked], by: Criterion) -> None:
+    """What is proven of the qualities and of the first place within bounds of the camera poses, if it was asked for."""
+    proven = [(one, one.assessment.certificate) for one in ranking if one.assessment.certificate is not None]
+    if bounds is None or not proven:
+        return
+    within = f"{1000 * bounds.position:g} mm and {np.degrees(bounds.rotation):g} deg"
+    say(f"\nProven for every pose of each camera within {within} of where it should be:")
+    rows = [
+        (
+            one.assessment.candidate.name,
+            _between(found.least.q_eoi, found.most.q_eoi),
+            _between(found.least.q_avg, found.most.q_avg),
+            f"{sum(stretch.length for stretch in found.undecided):.2f}",
+        )
+        for one, found in proven
+    ]
+    titles = ("Q_eoi [%]", "Q_avg [%]", "undecided [s]")
+    print_table([Column(""), *(Column(title, right=True) for title in titles)], rows)
+    first, certificate = proven[0]
+    name, rivals = first.assessment.candidate.name, may_overtake(ranking, by)
+    if rivals:
+        others = ", ".join(other.candidate.name for other in rivals)
+        say(f"Not proven: that {name} stays before {others}.")
+    elif len(proven) > 1:
+        say(f"{name} stays the first, whatever the poses.")
+    if certificate.undecided:
+        say(f"{name} is undecided {_times(certificate.undecided)}.")
+
+
+def _between(least: float | None, most: float | None) -> str:
+    return "-" if least is None or most is None else f"{100 * least:.1f} to {100 * most:.1f}"
+
+
+def _times(stretches: Sequence[Stretch]) -> str:
+    """The longest of them, in the order of time."""
+    longest = sorted(sorted(stretches, key=lambda stretch: -stretch.length)[:_LISTED])
+    shown = ", ".join(f"{stretch.start:.2f} to {stretch.end:.2f} s" for stretch in longest)
+    left = len(stretches) - len(longest)
+    return f"from {shown}" + (f", and {left} times more" if left else "")
