@@ -15,7 +15,7 @@ from sqrp_cli.programming.sensing.bounded.shares import ShareBounds, share_bound
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines, WatchedBoxes
-from sqrp_cli.programming.sensing.visibility.backdrop import may_be_alike
+from sqrp_cli.programming.sensing.visibility.backdrop import backdrop_bounds
 from sqrp_cli.programming.sensing.visibility.occlusion import near_pairs
 from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
 from sqrp_cli.programming.targets import SoughtBox
@@ -45,12 +45,9 @@ class BoundedObserver(Observer):
         return near_pairs(lines, watched.solid_poses, watched.opaque, margin)
 
     def _needed(self, watched: WatchedBoxes, lines: SightLines) -> Array:
-        """As if all behind a box had its colour, if anything may; or as if nothing had."""
-        least, poses = watched.least_of(lines), watched.solid_poses
-        if not self.surely:
-            return least
-        may_be = may_be_alike(lines, watched.boxes, poses, watched.alike, self.bounds.reach)
-        return np.where(may_be, np.inf, least)
+        bounds = backdrop_bounds(lines, watched.boxes, watched.solid_poses, watched.alike, self.bounds.reach)
+        needed = bounds.needed(watched.least_of(lines))
+        return needed.high if self.surely else needed.low
 
     def _unseen(self, watched: WatchedBoxes, lines: SightLines, near: Pairs, needed: Array) -> Indices:
         poses, finite, every = watched.solid_poses, lines.finite[lines.hull], watched.least_of(lines) >= 1

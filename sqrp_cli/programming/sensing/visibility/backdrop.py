@@ -71,13 +71,36 @@ def backdrop_of(lines: SightLines, boxes: Sequence[SoughtBox], poses: SolidPoses
     return Backdrop(share, by)
 
 
-def may_be_alike(lines: SightLines, boxes: Sequence[SoughtBox], poses: SolidPoses, alike: Mask, reach: float) -> Mask:
-    """Whether anything of its colour may be behind the box of each line, from a camera up to `reach` [m] away; (v,)."""
-    found = np.zeros(len(lines.state), dtype=bool)
+class BackdropBounds(NamedTuple):
+    """Between what the shares of v boxes before a surface of their colour lie."""
+
+    low: Array
+    """Shape (v,)."""
+    high: Array
+    """Shape (v,)."""
+
+    def needed(self, least: Array) -> BackdropBounds:
+        """Between what the shares lie that must be visible, see `Backdrop.needed`."""
+        telling = np.minimum(least, LEAST_TELLING)
+        low, high = (np.maximum(least, np.where(share > 0, telling + share, 0.0)) for share in self)
+        return BackdropBounds(low, high)
+
+
+def backdrop_bounds(
+    lines: SightLines, boxes: Sequence[SoughtBox], poses: SolidPoses, alike: Mask, reach: float
+) -> BackdropBounds:
+    """What may be behind the boxes of sight lines, from cameras up to `reach` [m] away; see `backdrop_of`."""
+    low, high = np.zeros(len(lines.state)), np.zeros(len(lines.state))
     asked = _asked(lines, boxes, poses, alike, reach)
-    if asked is not None:
-        found[asked.line] = asked.may_be[asked.view]
-    return found
+    if asked is None:
+        return BackdropBounds(low, high)
+    least, most = (np.zeros(len(asked.near.T)) for _ in range(2))
+    wanted = np.flatnonzero(asked.may_be)
+    for some in np.array_split(wanted, 1 + len(wanted) // _TOGETHER):
+        if len(some):
+            least[some], most[some] = asked.views.some(some).alike_within(poses, asked.near[:, some], alike, reach)
+    low[asked.line], high[asked.line] = least[asked.view], most[asked.view]
+    return BackdropBounds(low, high)
 
 
 class _Asked(NamedTuple):
@@ -178,7 +201,46 @@ class _Views:
 
     def alike(self, poses: SolidPoses, near: Mask, alike: Mask) -> tuple[Array, Indices]:
         """The share of each box before something alike, and the solid with most of that; near: as `near` gives it."""
-        start, ray, inside = self._rays()
+        which, inside = self._first(poses, near)
+        counts = np.stack([((which == index) & inside).sum(axis=1) for index in range(len(poses.solids))])
+        counts = counts * alike[:, self.box]
+        total = counts.sum(axis=0) / np.maximum(inside.sum(axis=1), 1)
+        return total, np.where(total > 0, counts.argmax(axis=0), -1)
+
+    def alike_within(self, poses: SolidPoses, near: Mask, alike: Mask, reach: float) -> tuple[Array, Array]:
+        """The least and the greatest share of each box before something alike, from cameras up to `reach` away.
+
+        From there, nothing behind a box of the depth D, in a direction s times as long as deep, appears to have moved
+        by more than t s / D in the plane z = 1: so a ray counts for the greatest if something alike is that near to it,
+        and for the least if all around it is alike, twice as far.
+        """
+        corners = transform(inverse(self.X_WC), self.corners)
+        image, depth = corners[..., :2] / corners[..., 2:], corners[..., 2].mean(axis=1)
+        cell = np.ptp(image, axis=1).min(axis=1) / RAYS
+        slant = np.sqrt(1.0 + (image * image).sum(axis=2).max(axis=1)) * (1.0 + 2.0 * reach / depth)
+        cells = float((reach * slant / depth / np.maximum(cell, 1e-12)).max())
+        if cells > RAYS:
+            return np.zeros(len(depth)), np.ones(len(depth))
+        around = int(np.ceil(cells))
+        # Whatever else is behind it, anything alike may show.
+        which, _ = self._first(poses, near & alike[:, self.box], beyond=around, reach=reach)
+        shown = _spread(which >= 0, around)
+        first, inside = self._first(poses, near)
+        same = np.take_along_axis(alike[:, self.box].T, np.maximum(first, 0), axis=1) & (first >= 0) & inside
+        kept = ~_spread(
+            np.pad(~_square(same), ((0, 0), *2 * ((2 * around, 2 * around),)), constant_values=True), 2 * around
+        )
+        count = np.maximum(inside.sum(axis=1), 1)
+        return (kept & _square(inside)).sum(axis=(1, 2)) / count, (shown & _square(inside)).sum(axis=(1, 2)) / count
+
+    def _first(
+        self, poses: SolidPoses, near: Mask, beyond: int = 0, reach: float | None = None
+    ) -> tuple[Indices, Mask]:
+        """The first solid behind each box that each ray meets, -1 for none, and whether it meets the box, (v, r) each.
+
+        beyond, reach: see `_rays`.
+        """
+        start, ray, inside = self._rays(beyond, reach)
         nearest, which = np.full(inside.shape, np.inf), np.full(inside.shape, -1, dtype=np.int64)
         for index in np.flatnonzero(near.any(axis=1)).tolist():
             rows = np.flatnonzero(near[index])
@@ -187,20 +249,18 @@ class _Views:
             closer = along < nearest[rows]
             nearest[rows] = np.where(closer, along, nearest[rows])
             which[rows] = np.where(closer, index, which[rows])
-        counts = np.stack([((which == index) & inside).sum(axis=1) for index in range(len(poses.solids))])
-        counts = counts * alike[:, self.box]
-        total = counts.sum(axis=0) / np.maximum(inside.sum(axis=1), 1)
-        return total, np.where(total > 0, counts.argmax(axis=0), -1)
+        return which, inside
 
-    def _rays(self) -> tuple[Array, Array, Mask]:
+    def _rays(self, beyond: int = 0, reach: float | None = None) -> tuple[Array, Array, Mask]:
         """Where rays begin, close to the far side of the box, and their directions, (v, r, 3) each, in the world.
 
-        Also whether each meets the box, (v, r).
+        Also whether each meets the box, (v, r). beyond: how many more rays there are on every side. reach: how much
+        before the box's nearest corner rays begin [m]; None: at its far side.
         """
         corners = transform(inverse(self.X_WC), self.corners)
         image = corners[..., :2] / corners[..., 2:]
         low, high = image.min(axis=1)[:, None], image.max(axis=1)[:, None]
-        steps = (np.arange(RAYS) + 0.5) / RAYS
+        steps = (np.arange(-beyond, RAYS + beyond) + 0.5) / RAYS
         grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(1, -1, 2)
         plane = low + grid * (high - low)
         rays = np.concatenate([plane, np.ones_like(plane[..., :1])], axis=-1) @ self.X_WC[:, :3, :3].swapaxes(1, 2)
@@ -210,8 +270,27 @@ class _Views:
         eyes_B = transform(inverse(self.X_WB), eyes) - self.middle[:, None]
         enter, leave = _slab(eyes_B, rays @ R_BW.swapaxes(1, 2), self.half[:, None])
         inside: Mask = (enter < leave) & (leave > 0)
-        start = eyes + rays * (np.where(inside, leave, 0.0) - _BACK)[..., None]
+        begin = np.where(inside, leave, 0.0) - _BACK
+        if reach is not None:
+            begin = np.broadcast_to(_length(corners).min(axis=1)[:, None] - reach, inside.shape)
+        start = eyes + rays * begin[..., None]
         return start, rays, inside
+
+
+def _square(rays: Mask) -> Mask:
+    """Rays (v, r) in rows and columns, shape (v, n, n)."""
+    side = int(np.sqrt(rays.shape[1]))
+    return rays.reshape(-1, side, side)
+
+
+def _spread(rays: Mask, count: int) -> Mask:
+    """Whether any of the rays (v, n, n) or (v, n * n) within `count` of each is given, without as many at the rim."""
+    rays = rays if rays.ndim == 3 else _square(rays)
+    size = rays.shape[1] - 2 * count
+    shifts = range(2 * count + 1)
+    across: Mask = np.logical_or.reduce([rays[:, :, shift : shift + size] for shift in shifts])
+    found: Mask = np.logical_or.reduce([across[:, shift : shift + size] for shift in shifts])
+    return found
 
 
 def _hits(solid: Solid, start: Array, ray: Array) -> Array:
