@@ -12,12 +12,17 @@ from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 from sqrp_cli.terminal.console import Column, print_table, say
 
 _LISTED = 6
-"""Most undecided times of a candidate that are listed."""
+"""Most undecided times of a candidate, and candidates that may be first, that are listed."""
 
 
-def print_certificate(bounds: PoseBounds | None, ranking: Sequence[Ranked], by: Criterion) -> None:
-    """What is proven of the qualities and of the first place within bounds of the camera poses, if it was asked for."""
-    proven = [(one, one.assessment.certificate) for one in ranking if one.assessment.certificate is not None]
+def print_certificate(
+    bounds: PoseBounds | None, feasible: Sequence[Ranked], shown: Sequence[Ranked], by: Criterion
+) -> None:
+    """What is proven of the qualities and of the first place within bounds of the camera poses, if it was asked for.
+
+    shown: those of the feasible candidates, with the first, that have a row.
+    """
+    proven = [(one, one.assessment.certificate) for one in shown if one.assessment.certificate is not None]
     if bounds is None or not proven:
         return
     within = f"{1000 * bounds.position:g} mm and {np.degrees(bounds.rotation):g} deg"
@@ -34,11 +39,12 @@ def print_certificate(bounds: PoseBounds | None, ranking: Sequence[Ranked], by: 
     titles = ("Q_eoi [%]", "Q_avg [%]", "undecided [s]")
     print_table([Column(""), *(Column(title, right=True) for title in titles)], rows)
     first, certificate = proven[0]
-    name, rivals = first.assessment.candidate.name, may_overtake(ranking, by)
+    name, rivals = first.assessment.candidate.name, may_overtake(feasible, by)
     if rivals:
-        others = ", ".join(other.candidate.name for other in rivals)
-        say(f"Not proven: that {name} stays before {others}.")
-    elif len(proven) > 1:
+        others = ", ".join(other.candidate.name for other in rivals[:_LISTED])
+        more = f" and {len(rivals) - _LISTED} more" if len(rivals) > _LISTED else ""
+        say(f"Not proven: that {name} stays before {others}{more}.")
+    elif len(feasible) > 1:
         say(f"{name} stays the first, whatever the poses.")
     if certificate.undecided:
         say(f"{name} is undecided {_times(certificate.undecided)}.")

@@ -54,9 +54,10 @@ def print_ranking(
     workspace = assignment.cell.workspace.name
     say(joined([(title, "bold"), f" in {workspace}: {summary(ranking, by)}\n"]))
     if feasible:
-        _print_feasible(feasible, feasible if all_rows else _best_of_each(feasible))
+        shown = feasible if all_rows else _best_of_each(feasible)
+        _print_feasible(feasible, shown)
         _print_calibration(assignment, feasible, by)
-        print_certificate(assignment.bounds, ranking, by)
+        print_certificate(assignment.bounds, feasible, shown, by)
     for ranked in feasible:
         if ranked.assessment.ways_around:
             say(f"{ranked.assessment.candidate.name}: {', '.join(ranked.assessment.ways_around)}")

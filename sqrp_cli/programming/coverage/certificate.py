@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sqrp_cli.logic.formula_time import Stretch, merge
-from sqrp_cli.programming.coverage.quality import Qualities
+from sqrp_cli.programming.coverage.quality import ROUNDING, Qualities, falls_short
 from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling
 from sqrp_cli.programming.coverage.timeline import Timeline, Watch, observe
 from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
@@ -40,7 +40,7 @@ def certify(watch: Watch, observer: Observer, sampling: Sampling, bounds: PoseBo
         for surely in (True, False)
     )
     # Bisection leaves an error, that of the certificate and that of the figures that it is about.
-    error = sampling.tolerance if isinstance(sampling, Adaptive) else 0.0
+    error = ROUNDING + (sampling.tolerance if isinstance(sampling, Adaptive) else 0.0)
     least, most = Qualities.of(sure), Qualities.of(possible)
     return Certificate(
         least=Qualities(_lowered(least.q_avg, error), _lowered(least.q_eoi, error)),
@@ -51,12 +51,14 @@ def certify(watch: Watch, observer: Observer, sampling: Sampling, bounds: PoseBo
 
 def _lowered(quality: float | None, error: float) -> float | None:
     """A quality that nothing can be lost of if all is seen."""
-    return quality if quality is None or quality >= 1.0 else max(0.0, quality - error)
+    if quality is None:
+        return None
+    return max(0.0, quality - (error if falls_short(quality, 1.0) else ROUNDING))
 
 
 def _raised(quality: float | None, error: float) -> float | None:
     """A quality that nothing can be added to if nothing is seen."""
-    return quality if quality is None or quality <= 0.0 else min(1.0, quality + error)
+    return quality if not quality else min(1.0, quality + error)
 
 
 def _covered(timeline: Timeline) -> list[Stretch]:
