@@ -58,7 +58,7 @@ def test_a_candidate_is_chosen_by_its_place(sqrp, watch, tmp_path):
     outcome = sqrp("rank", watch, "watch green", "--choose", "2", "--program", file)
     assert outcome.code == 0
     assert sqrp("program", file, "--json").document["steps"][0]["parameters"]["object"] == "turned"
-    assert sqrp("explain", watch, "watch green", "--choose", "2").out.startswith("watch turned")
+    assert sqrp("explain", watch, "watch green", "--choose", "2").out.startswith("turned: rank 2")
 
 
 @pytest.mark.parametrize("place", ["0", "3"])
