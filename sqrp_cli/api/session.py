@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from sqrp_cli.errors import Infeasible, InputError, Place, Problem, expected_names
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
@@ -165,7 +165,15 @@ def _done(session: Session, chosen: Assessment) -> list[StepDone]:
     return session.assignment.steps_done(chosen.candidate)
 
 
-def at_step(session: Session, chosen: Ranked, number: int | None) -> tuple[Session, Ranked]:
+class StepInWorld(NamedTuple):
+    """A step of a task of several as a task of its own."""
+
+    session: Session
+    """In the world that the steps before it leave."""
+    ranked: Ranked
+
+
+def at_step(session: Session, chosen: Ranked, number: int | None) -> StepInWorld:
     """A step of a candidate of several as a task of its own, in the world that the steps before it leave.
 
     number: from 1; None for the step that is seen worst. Raises InputError if there is no such step.
@@ -180,7 +188,7 @@ def at_step(session: Session, chosen: Ranked, number: int | None) -> tuple[Sessi
     candidate = step.assessment.candidate
     task = Task(candidate.task, candidate.skill, (candidate,))
     one = Session(task, replace(session.assignment, world=step.before))
-    return one, Ranked(step.assessment, rank=1 if step.assessment.feasible else None, pareto=True)
+    return StepInWorld(one, Ranked(step.assessment, rank=1 if step.assessment.feasible else None, pareto=True))
 
 
 def check_one_step(session: Session, what: str) -> None:

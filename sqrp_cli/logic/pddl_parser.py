@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.logic.domain import (
@@ -76,6 +77,14 @@ Scope = dict[str, str]
 
 MAX_PROBLEMS = 100
 """Most problems of a file that are reported at once."""
+
+
+class TypedTerm(NamedTuple):
+    """A term with its type."""
+
+    term: Term
+    type: str | None
+    """None of an unknown name."""
 
 
 @dataclass
@@ -298,7 +307,7 @@ class _Reader:
             case "=":
                 self.need(node, "`=`", ":equality")
                 left, right = self.exactly(2, node)
-                return Equal(self.term(left, scope)[0], self.term(right, scope)[0])
+                return Equal(self.term(left, scope).term, self.term(right, scope).term)
         return self.holds(node, scope)
 
     def effect(self, node: WordList, scope: Scope) -> Effect:
@@ -345,19 +354,19 @@ class _Reader:
                     self.report("pddl-type", message, item)
         return Holds(word.text, tuple(term for term, _ in terms))
 
-    def term(self, node: Node, scope: Scope) -> tuple[Term, str | None]:
-        """A term and its type; None for the type of an unknown name."""
+    def term(self, node: Node, scope: Scope) -> TypedTerm:
+        """A term with its type."""
         word = self.word(node, "a variable or a constant")
         if word.text.startswith("?"):
             name = word.text[1:]
             if name not in scope:
                 message = self.unknown("variable", word.text, [f"?{variable}" for variable in scope])
                 self.report("pddl-unknown-variable", message, word)
-            return Variable(name), scope.get(name)
+            return TypedTerm(Variable(name), scope.get(name))
         if word.text not in self.constants:
             message = self.unknown("constant", word.text, [*self.constants, *(f"?{variable}" for variable in scope)])
             self.report("pddl-unknown-constant", message, word)
-        return Constant(word.text), self.constants.get(word.text)
+        return TypedTerm(Constant(word.text), self.constants.get(word.text))
 
     def type_of(self, word: Word | None) -> str:
         if word is None:

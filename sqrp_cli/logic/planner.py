@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from heapq import heappop, heappush
-from typing import Protocol, TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias
 
 from sqrp_cli.logic.conditions import Binding, Objects, Some, UnmetCondition, UnmetPart
 from sqrp_cli.logic.domain import Condition, Domain
@@ -173,6 +173,16 @@ class _Estimate:
     helpful: tuple[GroundAction, ...]
 
 
+class _Reached(NamedTuple):
+    """A state that a search has come to."""
+
+    state: int
+    steps: tuple[GroundAction, ...]
+    """That lead to it."""
+    estimate: _Estimate
+    """From there on."""
+
+
 class _Search:
     """One search for a plan."""
 
@@ -206,10 +216,10 @@ class _Search:
             path = (*path, *steps)
         return path
 
-    def improve(self, state: int, start: _Estimate) -> tuple[int, tuple[GroundAction, ...], _Estimate] | None:
+    def improve(self, state: int, start: _Estimate) -> _Reached | None:
         """The nearest state, breadth first, with a better estimate than `start`."""
         seen = {state}
-        queue: deque[tuple[int, tuple[GroundAction, ...], _Estimate]] = deque([(state, (), start)])
+        queue = deque([_Reached(state, (), start)])
         last = self.meter.states + _PLATEAU
         while queue and self.meter.states <= last:
             current, steps, estimate = queue.popleft()
@@ -220,7 +230,7 @@ class _Search:
                 seen.add(following)
                 found = self.estimate(following)
                 if found is not None:
-                    reached = (following, (*steps, action), found)
+                    reached = _Reached(following, (*steps, action), found)
                     if found.steps < start.steps:
                         return reached
                     queue.append(reached)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,15 +14,22 @@ from sqrp_cli.knowledge.text.bounds import SMALLEST_SIZE
 from sqrp_cli.shapes import Mesh, Part, Shape
 
 
-def bounds_of(parts: Iterable[Part]) -> tuple[Array, Array]:
-    """The lowest and highest coordinates of parts along the axes of what carries them [m], each of shape (3,).
+class Bounds(NamedTuple):
+    """The lowest and highest coordinates of something along three axes [m], shape (3,) each."""
+
+    low: Array
+    high: Array
+
+
+def bounds_of(parts: Iterable[Part]) -> Bounds:
+    """The lowest and highest coordinates of parts along the axes of what carries them.
 
     Files of meshes have passed `check_mesh`. Raises InputError for a mesh that cannot be loaded.
     """
     ends = np.array([_ends(part.shape, part.X_PG) for part in parts])
     low, high = ends[:, 0].min(axis=0), ends[:, 1].max(axis=0)
     thin = np.maximum(SMALLEST_SIZE - (high - low), 0.0)
-    return low - thin / 2, high + thin / 2
+    return Bounds(low - thin / 2, high + thin / 2)
 
 
 def _ends(shape: Shape, X_PG: Array) -> tuple[Array, Array]:

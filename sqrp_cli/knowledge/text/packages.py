@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
+from typing import NamedTuple
 from urllib.parse import unquote
 
 from sqrp_cli.errors import InputError, Place, Problem, nearest
@@ -50,10 +51,17 @@ def package_around(path: Path) -> Path | None:
     return next((folder for folder in path.parents if (folder / MANIFEST).is_file()), None)
 
 
-def package_and_path(reference: str) -> tuple[str, str]:
+class PackagePath(NamedTuple):
+    """A file of a package."""
+
+    package: str
+    path: str
+
+
+def package_and_path(reference: str) -> PackagePath:
     """What `package://NAME/PATH` names; with a third slash, as some tools accept it, it means the same."""
     name, _, path = reference.removeprefix("package://").lstrip("/").partition("/")
-    return name, path
+    return PackagePath(name, path)
 
 
 def package_folder(name: str, roots: Sequence[Path], place: Place | None) -> Path:

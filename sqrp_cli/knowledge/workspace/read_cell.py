@@ -332,16 +332,23 @@ def _free_name(name: str, taken: Collection[str]) -> str:
     return free
 
 
+class RobotDescription(NamedTuple):
+    """The file of a URDF or SRDF, and what else it is made of."""
+
+    file: Path
+    source: RobotSource
+
+
 def resolve_description(
     entry: XacroEntry | str, document: SourceDocument, path: KeyPath, roots: Sequence[Path]
-) -> tuple[Path, RobotSource]:
+) -> RobotDescription:
     """The file of a URDF or SRDF that a workspace names, and what else it is made of."""
     if isinstance(entry, str):
         entry = XacroEntry(xacro=entry)
     else:
         path = (*path, "xacro")
     file = packages.resolve(entry.xacro, document.folder, roots, document.value_place(path))
-    return file, RobotSource((*roots, document.folder), entry.args)
+    return RobotDescription(file, RobotSource((*roots, document.folder), entry.args))
 
 
 def add_mesh(digest: ContentDigest, role: str, path: Path, place: Place) -> None:

@@ -102,7 +102,7 @@ def _figures(model: RobotModel, q: Array) -> Array:
     elbow = _dot(to_elbow, across) * across[:, 2]
     side = _dot(cross(wrist - origins[:, 0], origins[:, 1] - origins[:, 0]), first)
     side *= np.where(first[:, 2] < 0, -1.0, 1.0)
-    home, _ = model.joint_lines(model.home[None])
+    home = model.joint_lines(model.home[None]).axes
     return np.stack([elbow, side, _bend(axes) * _bend(home)], axis=1)
 
 

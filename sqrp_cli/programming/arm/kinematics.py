@@ -98,6 +98,15 @@ class ToolMotion(NamedTuple):
     """Jacobians, shape (m, 6, n): velocity over angular velocity, in world axes."""
 
 
+class JointLines(NamedTuple):
+    """The axes of joints at m positions, shape (m, n, 3) each."""
+
+    axes: Array
+    """Unit vectors."""
+    origins: Array
+    """A point on each [m]."""
+
+
 @dataclass(frozen=True, eq=False)
 class RobotModel:
     """A robot with its tool, placed in the world, that moves with the joints of its arm and its fingers.
@@ -295,19 +304,19 @@ class RobotModel:
         """Whether no joint on the way to the tool frame follows another one."""
         return all(joint.mimic is None for joint in self._chain_tree.joints)
 
-    def joint_lines(self, q: Array) -> tuple[Array, Array]:
-        """Axes of the arm's joints, unit vectors, and their origins [m], in the world, shape (m, n, 3) each.
+    def joint_lines(self, q: Array) -> JointLines:
+        """The axes of the arm's joints, in the world.
 
         q: m arm positions, shape (m, n).
         """
         X_WJ = self._chain_tree.poses(self._chain_couplings.positions(q))
         own = (self._chain_couplings.ratios != 0.0).argmax(axis=0)  # the first that a joint of the arm moves
         axes = (X_WJ[:, :, :3, :3] @ self._chain_tree.axes[:, :, None])[..., 0]
-        return axes[:, own], X_WJ[:, :, :3, 3][:, own]
+        return JointLines(axes[:, own], X_WJ[:, :, :3, 3][:, own])
 
     def joint_origins(self, q: Array) -> Array:
         """World position [m] of each arm joint's origin, shape (n, 3), at arm positions of shape (n,)."""
-        origins: Array = self.joint_lines(q[None])[1][0]
+        origins: Array = self.joint_lines(q[None]).origins[0]
         return origins
 
     @cached_property

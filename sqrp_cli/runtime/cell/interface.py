@@ -4,9 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from sqrp_cli.geometry import Array
+
+
+class JointStates(NamedTuple):
+    """Where joints are, and how they move."""
+
+    positions: Array
+    """[rad or m]."""
+    velocities: Array
+    """[rad/s or m/s]."""
+    accelerations: Array
+    """[rad/s^2 or m/s^2]."""
 
 
 class ArmReference(Protocol):
@@ -19,11 +30,8 @@ class ArmReference(Protocol):
     def joints(self) -> Sequence[str]:
         """Names of the n joints that it moves: those of the arm, and the fingers of a gripper where it has some."""
 
-    def states(self, t: Array) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations at times t [s] of the cell's clock, (m,); shape (m, n) each.
-
-        Units: rad or m, and s.
-        """
+    def states(self, t: Array) -> JointStates:
+        """The joints at times t [s] of the cell's clock, (m,); shape (m, n) each."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,13 +55,13 @@ Numbers4 = Annotated[list[FiniteFloat], Field(min_length=4, max_length=4)]
 Numbers7 = Annotated[list[FiniteFloat], Field(min_length=7, max_length=7)]
 
 
-class _Part(BaseModel):
+class _LogRecord(BaseModel):
     """Of an event; keys that a log has beside its fields are let be."""
 
     model_config = ConfigDict(strict=True, frozen=True, use_attribute_docstrings=True)
 
 
-class _Event(_Part):
+class _Event(_LogRecord):
     t: FiniteFloat
     """Simulated time [s]."""
     event: str
@@ -84,7 +84,7 @@ class _Event(_Part):
         return schema
 
 
-class ProgramStep(_Part):
+class ProgramStep(_LogRecord):
     """A step of the program that is run."""
 
     skill: str
@@ -117,7 +117,7 @@ class RunBegan(_Event):
     """Of the program, in order."""
 
 
-class AskedBox(_Part):
+class AskedBox(_LogRecord):
     """A box in which images are judged."""
 
     frame: str
@@ -152,7 +152,7 @@ class PrimitiveBegan(_Event):
     """As in the skill."""
 
 
-class ShownAtom(_Part):
+class ShownAtom(_LogRecord):
     """What images of one time show of an atom."""
 
     value: ShownTruth

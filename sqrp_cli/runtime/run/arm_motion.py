@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.robot.robot import JointLimits, StopLimits
 from sqrp_cli.program.record import ProgramPrimitive
+from sqrp_cli.runtime.cell.interface import JointStates
 from sqrp_cli.trajectory import PiecewiseCubic, Trajectory
 
 LEAST_STOP, FINENESS = 0.05, 1.02
@@ -172,13 +174,12 @@ class ArmMotion:
         """The time of the step's own clock [s] at time t [s]."""
         return float(self._clock(np.array([t]))[0][0])
 
-    def state(self, t: float) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations at time t [s], shape (n,) each [rad or m, s]."""
-        q, velocity, acceleration = self.states(np.array([t]))
-        return q[0], velocity[0], acceleration[0]
+    def state(self, t: float) -> JointStates:
+        """The joints at time t [s], shape (n,) each."""
+        return JointStates(*(values[0] for values in self.states(np.array([t]))))
 
-    def states(self, t: Array) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations at times t [s], (m,); shape (m, n) each [rad or m, s]."""
+    def states(self, t: Array) -> JointStates:
+        """The joints at times t [s], (m,); shape (m, n) each."""
         q = np.tile(self._rest, (len(t), 1))
         velocity, acceleration = np.zeros_like(q), np.zeros_like(q)
         if self._primitives:
@@ -191,15 +192,15 @@ class ArmMotion:
             velocity = velocity * rate[:, None]
         for joint, wanted in self._placed.items():
             q[:, joint], velocity[:, joint], acceleration[:, joint] = wanted, 0.0, 0.0
-        return q, velocity, acceleration
+        return JointStates(q, velocity, acceleration)
 
-    def _clock(self, t: Array) -> tuple[Array, Array, Array]:
-        """The step's own clock [s] at times t [s], its rate and the change of its rate [1/s], shape (m,) each."""
+    def _clock(self, t: Array) -> ClockReadings:
+        """The step's own clock at times t [s], (m,)."""
         tau, rate, change = t - self._start, np.ones_like(t), np.zeros_like(t)
         for stop in self._stops:
             rows = t > stop.t
             tau[rows], rate[rows], change[rows] = stop.clock(t[rows])
-        return tau, rate, change
+        return ClockReadings(tau, rate, change)
 
     def _on_path(self, tau: Array, order: int) -> list[Array]:
         """Positions and their first derivatives by the step's own time [s], all in one primitive, shape (m, n) each.
@@ -256,6 +257,17 @@ class ArmMotion:
         )
 
 
+class ClockReadings(NamedTuple):
+    """What a clock shows at m times, shape (m,) each."""
+
+    time: Array
+    """[s]."""
+    rate: Array
+    """At which it passes."""
+    change: Array
+    """Of its rate [1/s]."""
+
+
 @dataclass(frozen=True, eq=False)
 class PathStop:
     """A stop that begins at a time t [s], when the step's own clock shows tau [s], and lasts for a duration [s]."""
@@ -285,12 +297,12 @@ class PathStop:
         """What the step's own clock shows then [s]."""
         return min(self.tau + self.duration * float(self.law.positions(1.0)), self.last)
 
-    def clock(self, t: Array) -> tuple[Array, Array, Array]:
-        """The step's own clock [s] at times t [s] of the stop, its rate and the change of its rate [1/s], (m,) each."""
+    def clock(self, t: Array) -> ClockReadings:
+        """The step's own clock at times t [s] of the stop, (m,)."""
         if not self.duration:
-            return np.full_like(t, self.tau), np.ones_like(t), np.zeros_like(t)
+            return ClockReadings(np.full_like(t, self.tau), np.ones_like(t), np.zeros_like(t))
         clock, rate, change, _ = self.law.derivatives((t - self.t) / self.duration)
-        return np.minimum(self.tau + self.duration * clock, self.last), rate, change / self.duration
+        return ClockReadings(np.minimum(self.tau + self.duration * clock, self.last), rate, change / self.duration)
 
 
 def slowing(rate: float, change: float) -> PiecewiseCubic:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -145,7 +145,14 @@ def parse_fault(
     return InjectedFault(kind, text, _time(written, found["time"]), camera, step=number)
 
 
-def parse_sweep(text: str, steps: Sequence[Step], option: str = "--sweep") -> tuple[StepPlace, ProgramPrimitive]:
+class MeantPrimitive(NamedTuple):
+    """The primitive of a step that a text names."""
+
+    place: StepPlace
+    primitive: ProgramPrimitive
+
+
+def parse_sweep(text: str, steps: Sequence[Step], option: str = "--sweep") -> MeantPrimitive:
     """Where a sweep such as `slip@a4` or `2:slip@a4` is. Raises InputError for a fault that cannot be swept."""
     written, places = _read_step(option, text, steps)
     kind, _, name = written.bare.partition("@")
@@ -156,7 +163,7 @@ def parse_sweep(text: str, steps: Sequence[Step], option: str = "--sweep") -> tu
         owner = "the program" if len(places) == len(steps) else places[0].label
         message = f"expected `slip@` and a primitive of {owner}; {expected_names(name, _names(places))}"
         raise written.refused(message, _in_another_step(written, name, steps) or _slip_instead(places))
-    _check_can_slip(written, found[0], [name])
+    _check_can_slip(written, found.place, [name])
     return found
 
 
@@ -214,11 +221,11 @@ def _slip_at(written: _FaultText, t: float, place: StepPlace) -> InjectedFault:
     return InjectedFault("slip", written.text, t, step=place.number)
 
 
-def _meant(name: str, places: Sequence[StepPlace], offset: float) -> tuple[StepPlace, ProgramPrimitive] | None:
+def _meant(name: str, places: Sequence[StepPlace], offset: float) -> MeantPrimitive | None:
     """The first primitive of a name in which something can slip at an offset [s], else the nearest to that."""
-    found = [(place, one) for place in places for one in place.primitives if one.name == name]
-    able = [(place, one) for place, one in found if one in place.holding]
-    long = [(place, one) for place, one in able if one.start + offset <= one.end]
+    found = [MeantPrimitive(place, one) for place in places for one in place.primitives if one.name == name]
+    able = [meant for meant in found if meant.primitive in meant.place.holding]
+    long = [meant for meant in able if meant.primitive.start + offset <= meant.primitive.end]
     return next(iter(long or able or found), None)
 
 
@@ -229,7 +236,7 @@ def _names(places: Sequence[StepPlace]) -> set[str]:
 def _in_another_step(written: _FaultText, name: str, steps: Sequence[Step]) -> str | None:
     """What to write instead if a primitive of some name is in another step than the one that was written."""
     found = _meant(name, _places(steps), 0.0)
-    return None if found is None else f"write {found[0].prefix}{written.bare}"
+    return None if found is None else f"write {found.place.prefix}{written.bare}"
 
 
 def _grasping(written: _FaultText, places: Sequence[StepPlace]) -> StepPlace:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -241,6 +242,21 @@ class _Near:
     """The contact that it would be."""
 
 
+class Halves(NamedTuple):
+    """Stretches of a path, m of them, shape (m,) each."""
+
+    middles: Array
+    lengths: Array
+    """Half of each stretch."""
+
+
+class StretchesOfPairs(NamedTuple):
+    """Combinations of a stretch and a pair of solids, by index, shape (n,) each."""
+
+    stretch: Indices
+    pair: Indices
+
+
 @dataclass(frozen=True, eq=False)
 class _Course:
     """A path with bounds of the slopes of its joints over each of its pieces, shape (p, n)."""
@@ -248,8 +264,8 @@ class _Course:
     path: JointPath
     slopes: Array
 
-    def stretches(self, radii: Array) -> tuple[Array, Array]:
-        """Middles and half lengths of stretches with at most twice `FIRST_STRETCH` of motion, shape (m,) each.
+    def stretches(self, radii: Array) -> Halves:
+        """Stretches with at most twice `FIRST_STRETCH` of motion, m of them.
 
         radii: sizes of the joints' motions, (n,).
         """
@@ -260,7 +276,7 @@ class _Course:
             half = (end - start) / (2 * count)
             middles.append(start + half * (2 * np.arange(count) + 1))
             halves.append(np.full(count, half))
-        return np.concatenate(middles), np.concatenate(halves)
+        return Halves(np.concatenate(middles), np.concatenate(halves))
 
     def variation(self, s: Array, half: Array) -> Array:
         """Largest change of each joint from its position at s, within `half` of s, shape (m, n)."""
@@ -315,10 +331,9 @@ class Stretches:
         course = np.repeat(np.arange(len(courses)), [len(s) for s in middles])
         return _stretches(courses, course, np.concatenate(middles), np.concatenate(halves), pairs, None)
 
-    def split(self, combinations: Indices) -> tuple[Indices, Indices]:
+    def split(self, combinations: Indices) -> StretchesOfPairs:
         """Stretch and pair of each combination."""
-        stretch, pair = np.divmod(combinations, max(self.pairs, 1))
-        return stretch, pair
+        return StretchesOfPairs(*np.divmod(combinations, max(self.pairs, 1)))
 
     def beyond(self, until: Array) -> Callable[[int], bool]:
         """Whether a stretch comes after `until` of its path; later changes of the array count."""
