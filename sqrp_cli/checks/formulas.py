@@ -198,37 +198,40 @@ def _truth(formula: Formula, yes: set[Claim], no: set[Claim], lists: ArgumentLis
 
 def _demands(skill: Skill, requirement: Requirement) -> Iterator[_Demand]:
     """The required `always` operators, each with the claims that it makes true and false."""
-    lists = argument_lists(skill.action)
-
-    def demanded(formula: Formula, truth: bool) -> Iterator[tuple[Claim, bool]]:
-        match formula:
-            case Predicate():
-                yield _claim(formula, lists), truth
-            case Not(operand):
-                yield from demanded(operand, not truth)
-            case And(operands) if truth:
-                for operand in operands:
-                    yield from demanded(operand, True)
-            case Or(operands) if not truth:
-                for operand in operands:
-                    yield from demanded(operand, False)
-            case Implies(premise, conclusion) if not truth:
-                yield from demanded(premise, True)
-                yield from demanded(conclusion, False)
-
-    def always(formula: Formula) -> Iterator[Always]:
-        if isinstance(formula, Always):
-            yield formula
-        elif isinstance(formula, And):
-            for operand in formula.operands:
-                yield from always(operand)
-
     if requirement.name is not None:
         return
-    for operator in always(requirement.formula):
-        literals = list(demanded(operator.operand, True))
+    lists = argument_lists(skill.action)
+    for operator in _always(requirement.formula):
+        literals = [(_claim(atom, lists), truth) for atom, truth in _demanded(operator.operand, truth=True)]
         true, false = ({claim for claim, truth in literals if truth == value} for value in (True, False))
         yield _Demand(operator.interval, true, false)
+
+
+def _always(formula: Formula) -> Iterator[Always]:
+    """The `always` operators that must hold for a formula to hold."""
+    if isinstance(formula, Always):
+        yield formula
+    elif isinstance(formula, And):
+        for operand in formula.operands:
+            yield from _always(operand)
+
+
+def _demanded(formula: Formula, *, truth: bool) -> Iterator[tuple[Predicate, bool]]:
+    """The predicates that must have one value, each with it, for a formula to have a value."""
+    match formula:
+        case Predicate():
+            yield formula, truth
+        case Not(operand):
+            yield from _demanded(operand, truth=not truth)
+        case And(operands) if truth:
+            for operand in operands:
+                yield from _demanded(operand, truth=True)
+        case Or(operands) if not truth:
+            for operand in operands:
+                yield from _demanded(operand, truth=False)
+        case Implies(premise, conclusion) if not truth:
+            yield from _demanded(premise, truth=True)
+            yield from _demanded(conclusion, truth=False)
 
 
 def _claim(predicate: Predicate, lists: ArgumentLists) -> Claim:

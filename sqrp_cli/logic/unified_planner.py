@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import tempfile
+from collections.abc import Sequence
 from typing import Any
 
 from sqrp_cli.errors import InputError, Problem, expected_names
@@ -15,7 +16,7 @@ from sqrp_cli.logic.conditions import Binding, Objects
 from sqrp_cli.logic.domain import Condition, Domain
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.planner import AlreadySatisfied, GaveUp, Plan, Planner, PlanningResult, ProvenImpossible
-from sqrp_cli.logic.planning_task import Need, PlanningTask, TaskTooLargeError, planning_task
+from sqrp_cli.logic.planning_task import GroundAction, Need, PlanningTask, TaskTooLargeError, planning_task
 
 TIME_LIMIT = 60.0
 """Time limit of an engine [s]."""
@@ -72,17 +73,8 @@ def _solved(environment: Any, name: str, task: PlanningTask) -> PlanningResult: 
         with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
             result = planner.solve(problem, timeout=TIME_LIMIT)
     if result.plan is not None:
-        steps = [task.actions[int(instance.action.name.removeprefix("a"))] for instance in result.plan.actions]
-        state = task.initial
-        for step in steps:
-            if not step.need.holds(state):
-                raise InputError(
-                    Problem("wrong-plan", f"`{name}` returned a plan whose step {step.step} is impossible")
-                )
-            state = step.after(state)
-        if not task.goal.holds(state):
-            raise _wrong_plan(name, "it does not reach the goal")
-        return Plan(tuple(step.step for step in steps))
+        numbers = (int(instance.action.name.removeprefix("a")) for instance in result.plan.actions)
+        return _checked(name, [task.actions[number] for number in numbers], task)
     match result.status:
         case Status.UNSOLVABLE_PROVEN:
             return ProvenImpossible(())
@@ -92,6 +84,18 @@ def _solved(environment: Any, name: str, task: PlanningTask) -> PlanningResult: 
             return GaveUp(f"{TIME_LIMIT:g} s by `{name}`")
     message = f"the planner `{name}` failed: {result.status.name.lower().replace('_', ' ')}"
     raise InputError(Problem("planner-failed", message, mend="leave --planner out"))
+
+
+def _checked(name: str, steps: Sequence[GroundAction], task: PlanningTask) -> Plan:
+    """The plan of these steps. Raises InputError for one that is wrong."""
+    state = task.initial
+    for step in steps:
+        if not step.need.holds(state):
+            raise InputError(Problem("wrong-plan", f"`{name}` returned a plan whose step {step.step} is impossible"))
+        state = step.after(state)
+    if not task.goal.holds(state):
+        raise _wrong_plan(name, "it does not reach the goal")
+    return Plan(tuple(step.step for step in steps))
 
 
 def _wrong_plan(name: str, why: str) -> InputError:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -121,19 +121,9 @@ def compare_with(
         if cell.workspace is not None and cell.name in known
         for record in [baseline.workspaces[known[cell.name]]]
     }
-    scores = [result.score for result in scorecard.results]
     tasks = {name: baseline.workspaces[before].tasks for name, before in known.items()}
-    pairs = [(one, tasks.get(one.workspace, {}).get(one.task or "")) for one in scores]
-    lookup.prepare(
-        [
-            (one, one.ways[change.way])
-            for one, record in pairs
-            if record is not None
-            for change in changed_ways(record, one, allowance)
-            if change.worse
-        ],
-        progress,
-    )
+    pairs = [(one.score, tasks.get(one.score.workspace, {}).get(one.score.task or "")) for one in scorecard.results]
+    lookup.prepare(list(_worse_ways(pairs, allowance)), progress)
     results = [
         _compared(one, record, allowance, lookup, changes.get(one.workspace, ()), may_vanish=may_vanish)
         for one, record in pairs
@@ -148,6 +138,15 @@ def compare_with(
         may_vanish=may_vanish,
         renamed={name: before for name, before in known.items() if name != before},
     )
+
+
+def _worse_ways(
+    pairs: Sequence[tuple[TaskScore, TaskRecord | None]], allowance: float
+) -> Iterator[tuple[TaskScore, Ranked]]:
+    """The ways that got worse, each with its task; pairs: every task, and what the baseline says of it."""
+    for one, record in pairs:
+        if record is not None:
+            yield from ((one, one.ways[change.way]) for change in changed_ways(record, one, allowance) if change.worse)
 
 
 def listed(changes: Sequence[Change]) -> str:

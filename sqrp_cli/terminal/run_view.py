@@ -307,6 +307,11 @@ def print_sweep(
     say(f"t_f it happened, t_r it was seen, t_e the step was done, {clocks}", "dim")
     _print_stops(runs)
     say()
+    _print_comparison(summary)
+
+
+def _print_comparison(summary: SweepSummary) -> None:
+    """How predicted and measured delays of a sweep compare, in sentences."""
     within = f"within {1000 * summary.tolerance:.0f} ms (a frame period and the time to look at an image)"
     say(
         f"{summary.seen} of {summary.predictable} slips that the prediction says can be seen were seen: "

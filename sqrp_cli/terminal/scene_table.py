@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from sqrp_cli.knowledge.robot.robot import Robot
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.motion.collision.collision import SAMPLES
 from sqrp_cli.report.documents.scene import FirstRun
@@ -23,6 +25,21 @@ def print_scene(cell: Cell) -> None:
         f"{workspace.name}: {robot.urdf.path.name} with {len(model.arm)} arm joints, tool frame {robot.tool_frame}\n",
         "bold",
     )
+    _print_joints(model)
+    if robot.angle_tolerance:
+        say(f"\ntool may be turned by {np.degrees(robot.angle_tolerance):g} deg from a pose")
+    _print_hand(robot)
+    say(_checked_pairs(cell))
+    _print_cameras(workspace)
+    _print_files(cell)
+    say()
+    _print_objects(cell)
+    say(f"\nskills  {', '.join(workspace.skills)}")
+    say(f"state   {', '.join(sorted(map(str, workspace.state))) or 'nothing holds'}")
+    say(f"tasks   {', '.join(expected.task for expected in workspace.tasks) or 'none'}")
+
+
+def _print_joints(model: RobotModel) -> None:
     joints = [
         (name, *(f"{np.degrees(value):.0f}" if turns else f"{1000 * value:.0f} mm" for value in values))
         for name, turns, *values in zip(
@@ -34,10 +51,9 @@ def print_scene(cell: Cell) -> None:
         [Column("joint [deg, s]"), *(Column(title, right=True) for title in ("min", "max", "v", "a", "j", "home"))],
         joints,
     )
-    if robot.angle_tolerance:
-        say(f"\ntool may be turned by {np.degrees(robot.angle_tolerance):g} deg from a pose")
-    _print_hand(robot)
-    say(_checked_pairs(cell))
+
+
+def _print_cameras(workspace: Workspace) -> None:
     cameras = [
         (
             camera.name, camera.frame, _numbers(camera.X_FC[:3, 3]), f"{camera.width}x{camera.height}",
@@ -48,21 +64,19 @@ def print_scene(cell: Cell) -> None:
     ]  # fmt: skip
     titles = ("at [m]", "pixels", "fov", "lens", "range [m]", "Hz", "ms")
     print_table([Column("camera"), Column("frame"), *(Column(title) for title in titles)], cameras)
-    _print_files(cell)
-    say()
+
+
+def _print_objects(cell: Cell) -> None:
     X_WO = cell.initial_world.X_WO
     objects = [
         (obj.name, " ".join(filter(None, (obj.color, obj.type, *obj.attributes))), _numbers(obj.size),
          _numbers(X_WO[obj.name][:3, 3]) if obj.name in X_WO else "unknown",
          "fixed" if obj.fixed else "movable", "tool" if obj.X_TO is not None else obj.on or "")
-        for obj in workspace.objects.values()
+        for obj in cell.workspace.objects.values()
     ]  # fmt: skip
     print_table(
         [Column("object"), Column("what"), Column("size [m]"), Column("at [m]"), Column(""), Column("on")], objects
     )
-    say(f"\nskills  {', '.join(workspace.skills)}")
-    say(f"state   {', '.join(sorted(map(str, workspace.state))) or 'nothing holds'}")
-    say(f"tasks   {', '.join(expected.task for expected in workspace.tasks) or 'none'}")
 
 
 def print_new_cell(folder: Path, starter: Starter, run: FirstRun | None, *, own_arm: bool) -> None:

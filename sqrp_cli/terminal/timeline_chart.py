@@ -65,26 +65,13 @@ def print_study(cell: Cell, ranked: Ranked, study: Study | None, sampling: Sampl
         for reason in assessment.reasons:
             say(f"- {reason}")
         return
-    figures = [f"time {assessment.time:.2f} s"]
-    for label, quality in (("Q_eoi", assessment.q_eoi), ("Q_avg", assessment.q_avg)):
-        figures.append(f"{label} {'-' if quality is None else f'{100 * quality:.1f} %'}")
-    place = f"rank {ranked.rank}" + (", Pareto-optimal" if ranked.pareto else "")
-    if assessment.has_choice:
-        figures.insert(0, f"way {way_of(assessment)}")
-    say(joined([(assessment.candidate.name, "bold"), f": {place}, {', '.join(figures)}\n"]))
+    _print_head(ranked)
     for row in _Chart(study, study.motion.time).rows(cell):
         say(row)
     totals = cause_totals(cell, study)
     said = any(total.cause is Cause.SAME_COLOUR for total in totals)
     say(plain(LEGEND + SAME_COLOUR * said, "dim"))
-    for name, fault in assessment.faults.items():
-        unseen = f", in {100 * fault.unseen:.0f} % of cases only at the end" if fault.unseen else ""
-        retried = name in study.candidate.skill.retried_faults
-        done = f"; done after one retry at {fault.expected_time:.1f} s" if retried else ""
-        say(
-            f"\n{name}: noticed after {fault.delay_mean:.2f} s on average, {fault.delay_worst:.2f} s at worst{unseen};"
-            f" longest blind stretch {fault.blind_longest:.2f} s{done}"
-        )
+    _print_faults(assessment)
     say(f"\n{_camera_failures(cell, study, assessment)}")
     if totals:
         say()
@@ -94,6 +81,30 @@ def print_study(cell: Cell, ranked: Ranked, study: Study | None, sampling: Sampl
         )
     say(f"\n{assessment.verdict}")
     say(plain(accuracy(sampling, [ranked]), "dim"))
+
+
+def _print_head(ranked: Ranked) -> None:
+    """The name of a feasible candidate, its place and figures."""
+    assessment = ranked.assessment
+    figures = [f"time {assessment.time:.2f} s"]
+    for label, quality in (("Q_eoi", assessment.q_eoi), ("Q_avg", assessment.q_avg)):
+        figures.append(f"{label} {'-' if quality is None else f'{100 * quality:.1f} %'}")
+    place = f"rank {ranked.rank}" + (", Pareto-optimal" if ranked.pareto else "")
+    if assessment.has_choice:
+        figures.insert(0, f"way {way_of(assessment)}")
+    say(joined([(assessment.candidate.name, "bold"), f": {place}, {', '.join(figures)}\n"]))
+
+
+def _print_faults(assessment: Assessment) -> None:
+    """When each fault is noticed."""
+    for name, fault in assessment.faults.items():
+        unseen = f", in {100 * fault.unseen:.0f} % of cases only at the end" if fault.unseen else ""
+        retried = name in assessment.candidate.skill.retried_faults
+        done = f"; done after one retry at {fault.expected_time:.1f} s" if retried else ""
+        say(
+            f"\n{name}: noticed after {fault.delay_mean:.2f} s on average, {fault.delay_worst:.2f} s at worst{unseen};"
+            f" longest blind stretch {fault.blind_longest:.2f} s{done}"
+        )
 
 
 def print_comparison(explained: Sequence[Explained], sampling: Sampling) -> None:

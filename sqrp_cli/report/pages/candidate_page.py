@@ -94,8 +94,8 @@ def write_scores(
             entries += found if scene is None else [replace(entry, scene=len(scenes)) for entry in found]
             scenes += [] if scene is None else [scene]
             advance(1)
-    about = [*origin(arguments)]
-    about += [(f"digest of {cell.name}", cell.workspace.digest) for cell in usable if cell.workspace is not None]
+    digests = [(f"digest of {cell.name}", cell.workspace.digest) for cell in usable if cell.workspace is not None]
+    about = [*origin(arguments), *digests]
     passed = (
         f"{findings.count('passed')} of {len(findings.results)} tasks passed; of each, the best candidate is shown."
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -69,14 +69,6 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
     from sqrp_cli.programming.cell import Cell
 
     names = [step.label for step in report.steps]
-    figures = [("simulated time", f"{report.time:.2f} s"), ("images", f"{report.images}")]
-    if report.total.precision is not None:
-        figures.append(("predicted to see, and did", f"{100 * report.total.precision:.1f} %"))
-    for fault in report.faults:
-        if fault.delay is not None:
-            figures.append((f"{report.label_of(fault)}: seen after", f"{fault.delay:.2f} s"))
-        if fault.delay is not None and fault.predicted_delay is not None:
-            figures.append(("predicted: within", f"{fault.predicted_delay:.2f} s"))
     track = Track.of(events)
     why_flat = cell.why_flat if track is not None else "this log does not say where everything was"
     scenes = [] if cell.workspace is None or track is None else [cell_scene(Cell.load(cell.workspace))]
@@ -91,12 +83,25 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
         detail=packed(_detail(cell, report, events, track if scenes else None, why_flat))
         if watched or scenes
         else None,
-        figures=figures,
+        figures=list(_figures(report)),
     )
     title = f"A run in {cell.name}"
     summary = f"{', '.join(names)}: {report.outcome} at {report.time:.2f} s."
     about = [*origin(arguments), ("workspace", cell.name), ("digest", cell.digest)]
     write_page(PageContent(title, summary, "Steps", about, [entry], scenes, of_images=True), path)
+
+
+def _figures(report: RunReport) -> Iterator[tuple[str, str]]:
+    """What is told of a run in figures, as pairs of a term and its value."""
+    yield "simulated time", f"{report.time:.2f} s"
+    yield "images", f"{report.images}"
+    if report.total.precision is not None:
+        yield "predicted to see, and did", f"{100 * report.total.precision:.1f} %"
+    for fault in report.faults:
+        if fault.delay is not None:
+            yield f"{report.label_of(fault)}: seen after", f"{fault.delay:.2f} s"
+        if fault.delay is not None and fault.predicted_delay is not None:
+            yield "predicted: within", f"{fault.predicted_delay:.2f} s"
 
 
 def _detail(cell: RunCell, report: RunReport, events: Sequence[Event], track: Track | None, why_flat: str) -> PlayedRun:

@@ -15,7 +15,7 @@ from sqrp_cli.runtime.image import CameraImage, check_recorded
 from sqrp_cli.runtime.monitor.nominal_step import NominalStep, values_when_open
 from sqrp_cli.runtime.monitor.prediction_check import PredictionCheck
 from sqrp_cli.runtime.monitor.step_monitor import StepMonitor
-from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, DetectionTargets
+from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, Detection, DetectionTargets
 from sqrp_cli.runtime.perception.detector_pool import DetectorPool, PerceptionError
 from sqrp_cli.runtime.record.frame_folder import FrameEntry, read_frames
 from sqrp_cli.runtime.record.png import ImageSize, bare_png, decoded, png_damage, read_png
@@ -65,11 +65,8 @@ def audit(program: Program, workspace: Workspace, folder: Path, image_done: Call
                 if entry.t is None or not 0.0 <= entry.t <= step.time:
                     skipped += 1
                     continue
-                try:
-                    pool.submit(_frame(entry, workspace), _posture(step, program.joints, nominal, entry.t))
-                    detection = pool.collect(entry.camera)
-                except PerceptionError as error:
-                    raise InputError(Problem("perception", str(error), Place(entry.file))) from error
+                posture = _posture(step, program.joints, nominal, entry.t)
+                detection = _detected(pool, entry, workspace, posture)
                 repeated += detection.frozen
                 compared += 1
                 truths = {atom: nominal.holds(atom, entry.t) for atom in step.targets}
@@ -92,6 +89,15 @@ def _frame(entry: FrameEntry, workspace: Workspace) -> CameraImage:
         message = f"this is no PNG file, or a damaged one: {damage or 'it cannot be decoded'}"
         raise InputError(Problem("unreadable", message, Place(entry.file)))
     return CameraImage(entry.camera, entry.t or 0.0, image)
+
+
+def _detected(pool: DetectorPool, entry: FrameEntry, workspace: Workspace, posture: BelievedState) -> Detection:
+    """What a recorded frame shows. Raises InputError where it cannot be looked at."""
+    try:
+        pool.submit(_frame(entry, workspace), posture)
+        return pool.collect(entry.camera)
+    except PerceptionError as error:
+        raise InputError(Problem("perception", str(error), Place(entry.file))) from error
 
 
 def _posture(step: Step, joints: tuple[str, ...], nominal: NominalStep, t: float) -> BelievedState:

@@ -115,24 +115,30 @@ class NominalStep:
                 q[rows] = primitive.trajectory.positions(self._t[rows] - primitive.start)
         X_WL = robot.poses_over(dict(zip(joints, q.T, strict=True)))
         X_WT = X_WL[robot.tool_frame]
-        starts = step.before.X_WO
-        X_WO: dict[str, Array] = {name: X[None] for name, X in starts.items()}
+        X_WO: dict[str, Array] = {name: X[None] for name, X in step.before.X_WO.items()}
         for name in dict.fromkeys(primitive.held for primitive in step.primitives if primitive.held is not None):
             X_WO[name] = carried_poses(X_WT, _stays(name, step, primitive_of, X_WT))
         held = [step.primitives[index].held for index in primitive_of.tolist()]
+        return X_WO, self._values(X_WL, X_WO, held)
+
+    def _values(
+        self, X_WL: Mapping[str, Array], X_WO: Mapping[str, Array], held: Sequence[str | None]
+    ) -> Mapping[str, NDArray[np.bool_]]:
+        """Whether each atom holds at each time, shape (m,); links and objects are where it is said."""
+        step = self.step
         when_open = values_when_open(step)
         values = {atom: np.zeros(len(self._t), dtype=bool) for atom in step.targets}
         for i in range(len(self._t)):
             now = Situation(
                 {link: X[i] for link, X in X_WL.items()},
                 {name: X[i if len(X) > 1 else 0] for name, X in X_WO.items()},
-                starts,
+                step.before.X_WO,
                 held[i],
                 held[i] is None,
             )
             for atom, target in step.targets.items():
                 values[atom][i] = holds(atom, target, now, when_open=when_open[atom])
-        return X_WO, values
+        return values
 
 
 def _stays(name: str, step: Step, primitive_of: NDArray[np.int64], X_WT: Array) -> Iterator[Stay]:
