@@ -233,6 +233,11 @@ class Trajectory:
         """Length in time [s]."""
         return self.law.duration
 
+    @property
+    def stands(self) -> bool:
+        """Whether no joint ever moves."""
+        return not (self.path.coefficients[:, 1:].any() and self.law.coefficients[:, 1:].any())
+
     def positions(self, t: ArrayLike) -> Array:
         """Joint positions [rad or m] at times t [s] of shape (m,), shape (m, n); the nearest end for times outside."""
         return self.path.positions(self.law.positions(t))

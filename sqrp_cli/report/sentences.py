@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from math import degrees
+from math import ceil, degrees
 from typing import TYPE_CHECKING
 
 from sqrp_cli.programming.coverage.assessment import Assessment
@@ -66,8 +66,11 @@ def accuracy(sampling: Sampling, feasible: Sequence[Ranked]) -> str:
     within = f"Q is within {_two_digits(min(max(100 * error, 0.001), 100.0))} points"
     match sampling:
         case Adaptive():
-            missed = f", save for events shorter than {_two_digits(gap)} s" if gap else ""
-            return f"Sampled every {1000 * MAX_MOTION:.0f} mm of motion or closer: {within}{missed}."
+            # Rounded up, as it is a bound.
+            longest_gap = f"{_two_digits(ceil(round(1000 * gap, 3)))} ms"
+            missed = f", save for gains and losses of sight shorter than {longest_gap}; no longer one is missed"
+            how = f"Sampled every {1000 * MAX_MOTION:.0f} mm" + (f" and {longest_gap}" if gap else "")
+            return f"{how} or closer: {within}{missed if gap else ''}."
         case FixedCount(samples):
             how = f"Sampled {samples} times per primitive"
         case FixedStep(dt):
@@ -76,7 +79,8 @@ def accuracy(sampling: Sampling, feasible: Sequence[Ranked]) -> str:
             how = f"Sampled every {dt:g} s and" if dt < longest else "Sampled only"
             how += " where a primitive or formula begins or ends"
     # The bound covers the changes that were found: samples this far apart may miss others.
-    return f"{how}, up to {_two_digits(gap)} s apart: {within} if coverage changes at most once between two samples."
+    apart = f"up to {_two_digits(gap)} s apart" if gap else "and nothing moves between"
+    return f"{how}, {apart}: {within} if coverage changes at most once between two samples."
 
 
 def short_times(text: str) -> str:

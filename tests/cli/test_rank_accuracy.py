@@ -13,9 +13,9 @@ from tests.cli.conftest import Outcome
 @pytest.mark.parametrize(
     ("options", "how"),
     [
-        (("--dt", "1e9"), "Sampled only where a primitive or formula begins or ends, up to"),
-        (("--dt", "0.5"), "Sampled every 0.5 s and where a primitive or formula begins or ends, up to 0.5 s apart"),
-        (("--samples", "3"), "Sampled 3 times per primitive, up to"),
+        (("--dt", "1e9"), "Sampled only where a primitive or formula begins or ends, and nothing moves"),
+        (("--dt", "0.5"), "Sampled every 0.5 s and where a primitive or formula begins or ends, and nothing moves"),
+        (("--samples", "3"), "Sampled 3 times per primitive, and nothing moves between"),
     ],
     ids=["step longer than the motion", "step", "count"],
 )

@@ -195,7 +195,7 @@ def test_the_page_says_what_was_computed(opened, written, shown_document):
     assert about["command"].startswith("sqrp rank ")
     assert f"--report {written}" in about["command"]
     assert about["digest"] == shown_document["digest"]
-    assert about["accuracy"].startswith("Sampled every 10 mm of motion or closer")
+    assert about["accuracy"].startswith("Sampled every 10 mm and 50 ms or closer")
 
 
 @pytest.fixture(scope="module")

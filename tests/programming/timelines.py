@@ -50,6 +50,7 @@ def make_story(
     columns = tuple(ATOMS.index(literal.atom) for literal in operator.literals)
     timeline = Timeline(
         pieces=pieces,
+        moving=np.ones(len(pieces), dtype=bool),
         samples=samples,
         atoms=ATOMS,
         observation=Observation(

@@ -82,7 +82,7 @@ class Assessment(Figures):
     error: float | None = None
     """Bound on the error of Q from bisection, in 0..1."""
     largest_gap: float | None = None
-    """Between samples [s]."""
+    """Between samples, see `Timeline.largest_gap` [s]."""
     ways_around: tuple[str, ...] = ()
     """Detours where the direct move is blocked, such as `a1 goes around wall`."""
     outside: tuple[tuple[int, int], ...] = ()

@@ -1,13 +1,14 @@
-"""The first samples of a motion: a fixed number, a fixed step, or adapted to the speed of objects and robot."""
+"""The first samples of a motion: a fixed number, a fixed step, or as dense as movement and images ask for."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sqrp_cli.geometry import Array, box_corners
+from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.programming.coverage.stage import Samples, Stage, states_of
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.pieces import Piece
@@ -22,6 +23,12 @@ MAX_MOTION = 0.01
 
 It applies to every corner of a target and of a box around a moving part; for a camera on a link, to its centre and a
 point 1 m in front of it.
+"""
+
+MAX_STEP, MIN_STEP = 0.05, 0.001
+"""Largest time between neighbouring samples where a formula applies and a joint moves [s].
+
+The first, or the frame period of the fastest camera if that is less, but no less than the second.
 """
 
 VIEW = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -57,12 +64,21 @@ class FixedStep:
 
 @dataclass(frozen=True)
 class Adaptive:
-    """As dense as `MAX_MOTION` requires, then bisected until Q is exact to `tolerance` (a fraction)."""
+    """As dense as `MAX_MOTION` and `longest_step` require, then bisected until Q is exact to `tolerance` (a fraction)."""
 
     tolerance: float = DEFAULT_TOLERANCE
 
 
 Sampling = FixedCount | FixedStep | Adaptive
+
+
+def longest_step(cameras: Iterable[Camera]) -> float:
+    """Largest time between adaptive samples where a formula applies and a joint moves [s].
+
+    No gain or loss of sight that lasts as long falls between two samples, whatever the speeds, and at most one image of
+    each camera falls into any that does.
+    """
+    return max(MIN_STEP, min([MAX_STEP, *(1.0 / camera.rate for camera in cameras)]))
 
 
 def first_samples(sampling: Sampling, stage: Stage, observer: Observer, targets: Sequence[Target]) -> Samples:
@@ -118,11 +134,11 @@ _Instants = dict[int, Array]
 
 
 def _equal_motion(observer: Observer, motions: Sequence[tuple[Stage, Sequence[Target]]]) -> list[list[Array]]:
-    """Instants of each primitive of motions with no movement larger than `MAX_MOTION` between them."""
-    probes = [_probes(stage) for stage, _ in motions]
+    """Instants of each primitive of motions with no more movement and time between them than allowed."""
+    probes, longest = [_probes(stage) for stage, _ in motions], longest_step(observer.cameras)
     instants = [
-        {index: _spread(t[index], step) for index, step in steps.items()}
-        for t, steps in zip(probes, _steps_of_all(observer, motions, probes), strict=True)
+        {index: _spread(t[index], step, longest if stage.asks(index) else np.inf) for index, step in steps.items()}
+        for (stage, _), t, steps in zip(motions, probes, _steps_of_all(observer, motions, probes), strict=True)
     ]
     for t, steps in zip(instants, _steps_of_all(observer, motions, instants), strict=True):
         for index, step in steps.items():
@@ -141,11 +157,15 @@ def _probes(stage: Stage) -> _Instants:
     return {index: np.linspace(primitives[index].start, primitives[index].end, _PROBES) for index in used}
 
 
-def _spread(probes: Array, step: Array) -> Array:
-    """Instants between which about `_SPACING` is moved, from the movement between probes."""
-    travelled = np.concatenate([[0.0], np.cumsum(step)])
-    even = np.linspace(0.0, travelled[-1], max(1, int(np.ceil(travelled[-1] / _SPACING))) + 1)
-    return np.interp(even, travelled, probes) if travelled[-1] else probes[[0, -1]]
+def _spread(probes: Array, moved: Array, longest: float) -> Array:
+    """Instants between which about `_SPACING` is moved at most, and no more time passes than `longest` [s].
+
+    moved: between neighbouring probes [m].
+    """
+    share = np.maximum(moved / _SPACING, np.diff(probes) / longest)
+    passed = np.concatenate([[0.0], np.cumsum(share)])
+    even = np.linspace(0.0, passed[-1], max(1, int(np.ceil(passed[-1]))) + 1)
+    return np.interp(even, passed, probes) if passed[-1] else probes[[0, -1]]
 
 
 def _steps_of_all(

@@ -69,6 +69,17 @@ class Stage:
         """Whether a frame ever moves, as far as its kind tells."""
         return frame in self._carried or (frame in self.model.links and frame not in self.model.still_links)
 
+    def asks(self, primitive: int) -> bool:
+        """Whether something moves during a primitive, by index, in which anything must be seen."""
+        asked = any(piece.literals for piece in self.pieces if piece.primitive == primitive)
+        return asked and not self.motion.primitives[primitive].trajectory.stands
+
+    @cached_property
+    def moving_pieces(self) -> Mask:
+        """Whether something moves in each piece, shape (pieces,)."""
+        stands = [primitive.trajectory.stands for primitive in self.motion.primitives]
+        return np.array([not stands[piece.primitive] for piece in self.pieces], dtype=bool)
+
     def moving_boxes(self, target: Target) -> int:
         """How many boxes of a target may move."""
         return sum(self.moves(box.frame) for box in target.boxes)

@@ -22,6 +22,10 @@ from sqrp_cli.programming.targets import Target
 SHORTEST_BRACKET = 1e-7
 """Transitions are not bisected further than this [s]."""
 
+_SHARE = 0.1
+"""Of the error that may remain, so much is left: qualities are compared rounded to the default, and ways that see the
+same must not differ by how their brackets lie."""
+
 _ROUNDS = range(1, 9)
 """Most rounds of narrowing a bracket."""
 
@@ -38,6 +42,8 @@ class Timeline:
 
     pieces: tuple[Piece, ...]
     """Of the motion, in order."""
+    moving: Mask
+    """Whether something moves in each piece, shape (pieces,)."""
     samples: Samples
     """The samples."""
     atoms: tuple[Atom, ...]
@@ -90,11 +96,11 @@ class Timeline:
 
     @property
     def largest_gap(self) -> float:
-        """Longest time between neighbouring samples that hold literals and were observed [s].
+        """Longest time between neighbouring samples that hold literals and were observed, where something moves [s].
 
-        Shorter events may be missed.
+        Shorter events may be missed. Where nothing moves, there are none.
         """
-        rows = np.flatnonzero(self.monitored & self.observation.looked)
+        rows = np.flatnonzero(self.monitored & self.observation.looked & self.moving[self.samples.piece])
         steps = np.diff(self.samples.t[rows])[np.diff(self.samples.piece[rows]) == 0]
         return float(steps.max(initial=0.0))
 
@@ -128,6 +134,7 @@ class Watch:
         """What was seen in samples."""
         return Timeline(
             pieces=self.stage.pieces,
+            moving=self.stage.moving_pieces,
             samples=samples,
             atoms=tuple(target.atom for target in self.targets),
             observation=observation,
@@ -206,15 +213,15 @@ def _finer(timeline: Timeline, tolerance: float) -> _FinerSamples | None:
 def _allowed_widths(timeline: Timeline, tolerance: float) -> Array:
     """How wide the bracket from each sample to the next may be [s], shape (m - 1,); infinite where nothing changes.
 
-    The brackets around changes of the state's coverage share the allowed error of Q_avg, and those in events of
-    interest that of Q_eoi. A change of a fault's coverage, on which a delay depends, is found as exactly as a single
+    The brackets around changes of the state's coverage share `_SHARE` of the allowed error of Q_avg, and those in
+    events of interest that of Q_eoi. A change of a fault's coverage, on which a delay depends, is found as exactly as a single
     change in events of interest; one of a camera's, in the full matrix, as a single change at any time.
     """
     apart = ~np.isnan(timeline.steps)
     state = (timeline.covered[1:] != timeline.covered[:-1]) & apart
     interesting = state & timeline.interesting[:-1]
-    error, error_eoi = tolerance * timeline.T, tolerance * (timeline.T_eoi or timeline.T)
-    allowed = np.where(state, error / max(1, int(state.sum())), np.inf)
+    error, error_eoi = tolerance * timeline.T, _SHARE * tolerance * (timeline.T_eoi or timeline.T)
+    allowed = np.where(state, _SHARE * error / max(1, int(state.sum())), np.inf)
     allowed[interesting] = np.minimum(allowed[interesting], error_eoi / max(1, int(interesting.sum())))
     for covered in map(timeline.fault_covered, timeline.faults):
         changes = (covered[1:] != covered[:-1]) & apart

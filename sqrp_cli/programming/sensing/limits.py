@@ -76,7 +76,6 @@ def check_limits(
 
     center = corners_C.mean(axis=1)
     distance = np.sqrt((center * center).sum(axis=0))
-    size = np.sqrt(hull_areas(u, v, extremes, smallest * smallest))
     incidence = np.zeros_like(distance)
     if normal_C.any():
         cosine = -(normal_C * center).sum(axis=0) / np.maximum(distance, 1e-12)
@@ -90,8 +89,10 @@ def check_limits(
         (Cause.DETECTOR_NEAR, distance >= closest, closest - distance),
         (Cause.DETECTOR_FAR, distance <= remotest, distance - remotest),
         (Cause.OBLIQUE, incidence <= widest, incidence - widest),
-        (Cause.TOO_SMALL, size >= smallest, smallest - size),
     ]
+    kept = np.logical_and.reduce([within for _, within, _ in limits])
+    size = np.sqrt(hull_areas(u, v, extremes, smallest * smallest, kept))
+    limits.append((Cause.TOO_SMALL, size >= smallest, smallest - size))
     cause, figure = np.full(distance.shape, np.int8(Cause.NONE)), np.zeros(distance.shape)
     for code, within, missed in reversed(limits):
         cause[~within], figure[~within] = code, missed[~within]
@@ -125,23 +126,47 @@ def entries_at(values: Sequence[Array], corners: Sequence[NDArray[np.intp]]) -> 
     return np.stack([entry.reshape(-1).take(at) for entry in values]).reshape(len(values), len(corners), *shape)
 
 
-def hull_areas(u: Array, v: Array, extremes: Array, enough: Array) -> Array:
-    """Areas of the convex hulls of points (8, c, n), exact where below `enough` (n,), elsewhere a bound above it.
+def hull_areas(u: Array, v: Array, extremes: Array, enough: Array, asked: Mask | None = None) -> Array:
+    """Areas of the convex hulls of points (8, c, n), exact where `asked` (c, n; None: all) and below `enough` (n,).
 
-    The four extreme points along the axes (left, right, top, bottom; shape (2, 4, c, n)) span a quadrilateral inside
-    the hull, which decides nearly every box far from the limit.
+    Elsewhere it is a bound from below. The four extreme points along the axes (left, right, top, bottom; shape (2, 4,
+    c, n)) span a quadrilateral inside the hull, which decides nearly every box far from the limit.
     """
     across, down = extremes[:, 1] - extremes[:, 0], extremes[:, 3] - extremes[:, 2]
     areas: Array = 0.5 * np.abs(across[0] * down[1] - across[1] * down[0])
-    for camera, box in np.argwhere(areas < enough):
-        areas[camera, box] = hull_area(np.column_stack([u[:, camera, box], v[:, camera, box]]))
+    near = areas < enough if asked is None else asked & (areas < enough)
+    if near.any():
+        areas[near] = exact_hull_areas(u[:, near], v[:, near])
     return areas
 
 
-def hull_area(points: Array) -> float:
-    """Area of the convex hull of points (n, 2), by the shoelace formula."""
-    hull = convex_hull(points)
-    return 0.5 * abs(sum(a[0] * b[1] - b[0] * a[1] for a, b in zip(hull, hull[1:] + hull[:1], strict=True)))
+def exact_hull_areas(u: Array, v: Array) -> Array:
+    """Areas (n,) of the convex hulls of points with coordinates (p, n) each, by Andrew's monotone chain.
+
+    All hulls grow together, point by point; an area is a sum of triangles with the first point.
+    """
+    points = np.stack([u - u[0], v - v[0]])
+    points = np.take_along_axis(points, np.lexsort(points[::-1], axis=0)[None], axis=1)
+    every = np.arange(points.shape[2])
+    area = np.zeros(len(every))
+    for chain in (points, points[:, ::-1]):
+        hull, last = chain.copy(), np.zeros(len(every), dtype=np.int64)
+        for point in chain.swapaxes(0, 1)[1:]:
+            end = hull[:, last, every]
+            while (inward := (last > 0) & (_turn(hull[:, last - 1, every], end, point) <= 0)).any():
+                last -= inward
+                end = hull[:, last, every]
+            last += 1
+            hull[:, last, every] = point
+        after = np.arange(1, len(points[0]))[:, None] <= last
+        area += 0.5 * ((hull[0, :-1] * hull[1, 1:] - hull[1, :-1] * hull[0, 1:]) * after).sum(axis=0)
+    return area
+
+
+def _turn(origin: Array, first: Array, second: Array) -> Array:
+    """Twice the signed area of triangles with corners (2, n)."""
+    turn: Array = (first[0] - origin[0]) * (second[1] - origin[1]) - (first[1] - origin[1]) * (second[0] - origin[0])
+    return turn
 
 
 def convex_hull(points: Array) -> list[tuple[float, float]]:

@@ -97,7 +97,8 @@ class SamplingDone(Record):
     error: float | None
     """Largest remaining error of Q."""
     max_gap: float | None
-    """Largest time between two instants [s]; shorter events may be missed."""
+    """Largest time between two instants at which something must be seen while something moves [s]. No gain or loss of
+    sight that lasts as long is missed; shorter ones may be."""
 
     @classmethod
     def of(cls, sampling: Sampling, assessments: Sequence[Assessment]) -> SamplingDone:

@@ -32,13 +32,15 @@ from sqrp_cli.programming.coverage.sampling import (
     FixedStep,
     Sampling,
     first_samples,
+    longest_step,
 )
-from sqrp_cli.programming.coverage.stage import Stage
+from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.coverage.timeline import Timeline, observe
 from sqrp_cli.programming.pieces import GroundFormula, cut_into_pieces, interesting_time, monitored_time
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.task import read_task
 from tests.conftest import TABLETOP
+from tests.programming.sensing.views import make_camera
 from tests.programming.studies import HOLD, WatchedMotion, always, eventually, watched_motion
 
 DENSE = int(os.environ.get("SQRP_DENSE_SAMPLES", "2000"))
@@ -202,6 +204,30 @@ def test_nothing_moves_further_than_stated_between_adaptive_samples(ur5: RobotMo
         moving = np.concatenate([track for track in tracks if len(track) > 1], axis=1)
         steps = np.linalg.norm(np.diff(moving, axis=0), axis=2).max(axis=1)
         assert steps[np.diff(samples.piece) == 0].max() <= 1.02 * MAX_MOTION
+
+
+def between(motion: WatchedMotion, samples: Samples) -> NDArray[np.float64]:
+    """The times between samples of one piece where something moves and must be seen."""
+    piece, stage = samples.piece, motion.stage
+    asked = np.array([bool(p.literals) for p in stage.pieces]) & stage.moving_pieces
+    return np.diff(samples.t)[(np.diff(piece) == 0) & asked[piece[:-1]]]
+
+
+def test_no_more_than_50_ms_pass_between_adaptive_samples_where_something_moves(ur5: RobotModel) -> None:
+    for seed in range(SCENES):
+        motion = watched_motion(seed, ur5)
+        samples = first_samples(Adaptive(), motion.stage, motion.observer, motion.targets)
+        period = min(1 / camera.rate for camera in motion.observer.cameras)
+        assert between(motion, samples).max() <= min(0.05, period) + 1e-9
+        assert motion.timeline(Adaptive()).largest_gap <= min(0.05, period) + 1e-9
+        standing = [number for number, moves in enumerate(motion.stage.moving_pieces) if not moves]
+        assert standing
+        assert all((samples.piece == number).sum() <= 2 for number in standing)
+
+
+@pytest.mark.parametrize(("rates", "longest"), [((10.0,), 0.05), ((10.0, 40.0), 0.025), ((5000.0,), 0.001), ((), 0.05)])
+def test_the_fastest_camera_decides_how_much_time_may_pass(rates: tuple[float, ...], longest: float) -> None:
+    assert longest_step(make_camera(rate=rate) for rate in rates) == pytest.approx(longest)
 
 
 def with_formulas(motion: WatchedMotion, *formulas: GroundFormula) -> WatchedMotion:

@@ -17,7 +17,7 @@ from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.detector import Detector
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.sensing.cause import SIDES, Cause
-from sqrp_cli.programming.sensing.limits import LimitVerdicts, check_limits, hull_area
+from sqrp_cli.programming.sensing.limits import LimitVerdicts, check_limits, exact_hull_areas
 from tests.programming.sensing.views import make_camera, make_detector, random_rotation
 
 CLOSE = 1e-7
@@ -231,4 +231,5 @@ def test_the_image_reaches_half_a_pixel_beyond_the_outer_centres(edge: float) ->
 def test_hull_areas_are_those_of_opencv(points: list[tuple[float, float]]) -> None:
     hull = cv2.convexHull(np.array(points, dtype=np.float32))
     expected = cv2.contourArea(hull) if hull is not None and len(hull) > 2 else 0.0
-    assert hull_area(np.array(points)) == pytest.approx(expected, rel=1e-4, abs=1e-2)
+    u, v = np.array(points).T[:, :, None]
+    assert exact_hull_areas(u, v)[0] == pytest.approx(expected, rel=1e-4, abs=1e-2)
