@@ -64,7 +64,7 @@ class FixedStep:
 
 @dataclass(frozen=True)
 class Adaptive:
-    """As dense as `MAX_MOTION` and `longest_step` require, then bisected until Q is exact to `tolerance` (a fraction)."""
+    """As dense as `MAX_MOTION` and `longest_step` say, then bisected until Q is exact to `tolerance` (a fraction)."""
 
     tolerance: float = DEFAULT_TOLERANCE
 

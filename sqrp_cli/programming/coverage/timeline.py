@@ -214,8 +214,8 @@ def _allowed_widths(timeline: Timeline, tolerance: float) -> Array:
     """How wide the bracket from each sample to the next may be [s], shape (m - 1,); infinite where nothing changes.
 
     The brackets around changes of the state's coverage share `_SHARE` of the allowed error of Q_avg, and those in
-    events of interest that of Q_eoi. A change of a fault's coverage, on which a delay depends, is found as exactly as a single
-    change in events of interest; one of a camera's, in the full matrix, as a single change at any time.
+    events of interest that of Q_eoi. A change of a fault's coverage, on which a delay depends, is found as exactly as a
+    single change in events of interest; one of a camera's, in the full matrix, to the allowed error of Q_avg.
     """
     apart = ~np.isnan(timeline.steps)
     state = (timeline.covered[1:] != timeline.covered[:-1]) & apart
