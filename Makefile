@@ -75,6 +75,7 @@ trials: all
 	$(BIN)/python -m tests.trials
 	$(BIN)/python -m tests.arms
 	$(BIN)/python -m tests.place
+	$(BIN)/python -m tests.slips
 
 # 10,000 damaged inputs of every kind, each in a process of its own with limits; takes a quarter of an hour.
 damage: all

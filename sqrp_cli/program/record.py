@@ -11,6 +11,7 @@ from dataclasses import astuple, dataclass
 from itertools import pairwise
 from typing import Annotated, Literal, Protocol
 
+import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 from pydantic_core import PydanticCustomError
 
@@ -21,6 +22,7 @@ from sqrp_cli.knowledge.text.entries import Entry, Finite, Stored, Written
 from sqrp_cli.knowledge.text.units import read_quantity
 from sqrp_cli.knowledge.workspace.understood import Plain
 from sqrp_cli.knowledge.workspace.workspace import World
+from sqrp_cli.logic.image_time import Onset, Window, delays
 from sqrp_cli.trajectory import Trajectory
 
 Numbers = tuple[Finite, ...]
@@ -140,6 +142,58 @@ class ProgramTarget(Entry):
     """Intervals in which a camera sees all boxes, from the start of the step [s], by the camera's name."""
 
 
+class ProgramWindow(Entry):
+    """A time in which every image of some cameras shows a fault."""
+
+    start: Seconds
+    """From the start of the step [s]."""
+    end: Seconds
+    """From the start of the step [s]."""
+    period: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+    """Between two images [s]."""
+    lag: Seconds
+    """From an image until what it shows is known [s]."""
+
+
+class ProgramOnset(Entry):
+    """From when on images show a fault that happens at a time x, at points in order; linear in between."""
+
+    x: tuple[Seconds, ...]
+    """From the start of the step [s]."""
+    shown: tuple[Seconds, ...]
+    """From when on images show it, from the start of the step [s]."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> ProgramOnset:
+        rising = all(a <= b for times in (self.x, self.shown) for a, b in pairwise(times))
+        if len(self.x) < 2 or len(self.x) != len(self.shown) or not rising:
+            raise PydanticCustomError("program-motion", "expected two times or more that rise, and as many of both")
+        return self
+
+
+class ProgramSight(Entry):
+    """When images show a fault."""
+
+    windows: tuple[ProgramWindow, ...]
+    """In order, apart from each other."""
+    onsets: tuple[ProgramOnset, ...]
+    """Of each interval in which it may happen."""
+
+    def latest(self, x: float, end: float) -> float | None:
+        """How long after time x [s] of the step a fault is noticed at the latest [s]; None if it may not be.
+
+        end: of the motion [s].
+        """
+        onset = next((one for one in self.onsets if one.x[0] - 1e-9 <= x <= one.x[-1] + 1e-9), None)
+        if onset is None:
+            return None
+        shown = float(np.interp(x, onset.x, onset.shown))
+        at = Onset(np.array([x, x]), np.array([shown, shown]))
+        windows = [Window(w.start, w.end, w.period, w.lag) for w in self.windows]
+        found = delays(windows, at, end, lambda t: t, np.empty(0))
+        return None if found.unseen > 0 else found.worst
+
+
 @dataclass(frozen=True)
 class FaultMetrics(Stored):
     """The cost of a fault at a time x, uniform over its interval."""
@@ -189,6 +243,8 @@ class Step(Entry):
     """The world that it starts from."""
     after: World
     """The world that it leaves behind."""
+    sights: Mapping[str, ProgramSight] = {}
+    """When images show each fault, by its name. Programs of earlier versions lack it."""
 
     @property
     def short_task(self) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from sqrp_cli.logic.formula_time import SAME_INSTANT, GroundOperator, Stretch, events_of_interest, union_length
+from sqrp_cli.logic.formula_time import SAME_INSTANT, GroundOperator, Stretch, events_of_interest, merge, union_length
 from sqrp_cli.logic.literal import Literal
 
 
@@ -87,6 +87,11 @@ def monitored_time(formulas: Sequence[GroundFormula]) -> float:
 def interesting_time(formulas: Sequence[GroundFormula]) -> float:
     """T_eoi: duration of the union of the events of interest [s]."""
     return sum(stretch.length for stretch in events_of_interest(formula.operator for formula in formulas))
+
+
+def fault_intervals(formulas: Sequence[GroundFormula], fault: str) -> tuple[Stretch, ...]:
+    """When a fault may happen: the union of the intervals of its operators that have literals."""
+    return merge(f.operator.stretch for f in formulas if f.fault == fault and f.operator.literals)
 
 
 def _contains(stretch: Stretch, t: float) -> bool:

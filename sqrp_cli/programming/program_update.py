@@ -20,7 +20,17 @@ from sqrp_cli.logic.conditions import apply_effect
 from sqrp_cli.logic.formula import Formula
 from sqrp_cli.logic.formula_check import argument_lists, bind
 from sqrp_cli.logic.formula_time import with_times
-from sqrp_cli.program.record import ProgramFormula, ProgramGuard, ProgramPrimitive, ProgramResponse, ProgramTarget, Step
+from sqrp_cli.program.record import (
+    ProgramFormula,
+    ProgramGuard,
+    ProgramOnset,
+    ProgramPrimitive,
+    ProgramResponse,
+    ProgramSight,
+    ProgramTarget,
+    ProgramWindow,
+    Step,
+)
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
 from sqrp_cli.programming.coverage.sampling import Adaptive
@@ -106,6 +116,16 @@ def make_step(task: str, study: Study, assessment: Assessment, cameras: tuple[st
         targets={str(target.atom): _target(study, column, cameras) for column, target in enumerate(study.targets)},
         before=study.world,
         after=world_after(candidate, motion, study.world),
+        sights={fault: _sight(study, fault) for fault in study.windows},
+    )
+
+
+def _sight(study: Study, fault: str) -> ProgramSight:
+    return ProgramSight(
+        windows=tuple(ProgramWindow(**window._asdict()) for window in study.windows[fault]),
+        onsets=tuple(
+            ProgramOnset(x=tuple(onset.x.tolist()), shown=tuple(onset.shown.tolist())) for onset in study.onsets[fault]
+        ),
     )
 
 

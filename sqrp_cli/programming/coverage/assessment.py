@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 from sqrp_cli.errors import Infeasible, InputError, Problem
 from sqrp_cli.knowledge.workspace.workspace import World
-from sqrp_cli.logic.formula_time import Stretch, merge
+from sqrp_cli.logic.image_time import Onset, Window
+from sqrp_cli.logic.literal import Literal
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.certificate import Certificate
+from sqrp_cli.programming.coverage.fault_sights import all_fault_windows, fault_onsets
 from sqrp_cli.programming.coverage.faults import fault_metrics
 from sqrp_cli.programming.coverage.quality import NO_FIGURES, Figures, Qualities, figures_of
 from sqrp_cli.programming.coverage.sampling import MAX_SAMPLES, Sampling, sample_count
@@ -19,7 +21,13 @@ from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.grounding import TargetGrounder, formulas_outside, ground_formulas
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.stop_and_return import Recovery, recovery_over
-from sqrp_cli.programming.pieces import GroundFormula, cut_into_pieces, interesting_time, monitored_time
+from sqrp_cli.programming.pieces import (
+    GroundFormula,
+    cut_into_pieces,
+    fault_intervals,
+    interesting_time,
+    monitored_time,
+)
 from sqrp_cli.programming.targets import Target
 from sqrp_cli.programming.task import Candidate
 
@@ -147,6 +155,15 @@ class Rehearsal:
         return {fault: tuple(found) for fault, found in columns.items()}
 
     @property
+    def fault_literals(self) -> Mapping[str, tuple[Literal, ...]]:
+        """All literals of each fault, by its name."""
+        found: dict[str, dict[Literal, None]] = {}
+        for formula in self.formulas:
+            if formula.fault is not None and formula.operator.literals:
+                found.setdefault(formula.fault, {}).update(dict.fromkeys(formula.operator.literals))
+        return {fault: tuple(literals) for fault, literals in found.items()}
+
+    @property
     def T(self) -> float:
         """Duration of the union of all formulas' intervals [s]."""
         return monitored_time(self.formulas)
@@ -168,13 +185,17 @@ class Study(Rehearsal):
 
     timeline: Timeline
     recovery: Recovery
+    windows: Mapping[str, tuple[Window, ...]]
+    """In which images show each fault, by its name."""
+    onsets: Mapping[str, tuple[Onset, ...]]
+    """From when on images show each fault, for each interval in which it may happen, by its name."""
 
     def assessment(self, verdict: str) -> Assessment:
         """The figures of the candidate."""
         timeline, time = self.timeline, self.motion.time
         faults = {
-            fault: fault_metrics(timeline, fault, fault_intervals(self.formulas, fault), self.recovery, time)
-            for fault in timeline.faults
+            fault: fault_metrics(windows, self.onsets[fault], self.recovery, time)
+            for fault, windows in self.windows.items()
         }
         return Assessment(
             candidate=self.candidate,
@@ -238,15 +259,13 @@ def all_observed(cell: Cell, scenes: Sequence[Rehearsal], sampling: Sampling, *,
                 Problem("too-many-samples", message, mend="leave it out: the default places samples where they matter")
             )
     timelines = observe_all([scene.watch for scene in scenes], cell.observer, sampling, full=full)
-    return [_study(cell, scene, timeline) for scene, timeline in zip(scenes, timelines, strict=True)]
+    windows = all_fault_windows(scenes, timelines, cell.observer, sampling)
+    return [_study(cell, *found) for found in zip(scenes, timelines, windows, strict=True)]
 
 
-def _study(cell: Cell, scene: Rehearsal, timeline: Timeline) -> Study:
+def _study(cell: Cell, scene: Rehearsal, timeline: Timeline, windows: Mapping[str, tuple[Window, ...]]) -> Study:
     starts = (fault_intervals(scene.formulas, fault)[0].start for fault in timeline.faults)
     recovery = recovery_over(scene.motion, cell.model, min(starts, default=scene.motion.time))
-    return Study(**vars(scene), timeline=timeline, recovery=recovery)
-
-
-def fault_intervals(formulas: tuple[GroundFormula, ...], fault: str) -> tuple[Stretch, ...]:
-    """When a fault may happen: the union of the intervals of its operators that have literals."""
-    return merge(f.operator.stretch for f in formulas if f.fault == fault and f.operator.literals)
+    return Study(
+        **vars(scene), timeline=timeline, recovery=recovery, windows=windows, onsets=fault_onsets(scene, cell.observer)
+    )

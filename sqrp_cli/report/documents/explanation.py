@@ -190,6 +190,48 @@ class Sample(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class SightWindow(Record):
+    """A time in which every image of some cameras shows a fault."""
+
+    start: float
+    """[s]."""
+    end: float
+    """[s]."""
+    period: float
+    """Between two images [s]."""
+    lag: float
+    """From an image until what it shows is known [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SightOnset(Record):
+    """From when on images show a fault that happens at a time x, at points in order; linear in between."""
+
+    x: list[float]
+    """When it happens [s]."""
+    shown: list[float]
+    """From when on images show it [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FaultSight(Record):
+    """When images show a fault."""
+
+    windows: list[SightWindow]
+    """In order, apart from each other."""
+    onsets: list[SightOnset]
+    """Of each interval in which it may happen."""
+
+    @classmethod
+    def of(cls, study: Study, fault: str) -> FaultSight:
+        """As a study found it."""
+        return cls(
+            windows=[SightWindow(**window._asdict()) for window in study.windows[fault]],
+            onsets=[SightOnset(x=one.x.tolist(), shown=one.shown.tolist()) for one in study.onsets[fault]],
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
 class CandidateStudy(CandidateFigures):
     """A candidate over time."""
 
@@ -205,6 +247,8 @@ class CandidateStudy(CandidateFigures):
     """The qualities if this camera fails."""
     recovery: RecoveryTimes | None
     """How long a stop and the way back take; null if the candidate is infeasible."""
+    sights: Mapping[str, FaultSight]
+    """When images show each fault, by its name."""
     targets: Mapping[str, TargetBoxes]
     """By literal, for every literal of `formulas`."""
     samples: list[Sample]
@@ -221,6 +265,7 @@ class CandidateStudy(CandidateFigures):
             cameras={camera.name: completed(CameraTiming, camera) for camera in cell.observer.cameras},
             without_camera=without_each_camera(cell, study),
             recovery=RecoveryTimes(t=study.recovery.t.tolist(), duration=study.recovery.duration.tolist()),
+            sights={fault: FaultSight.of(study, fault) for fault in study.windows},
             targets=_targets(study),
             samples=_samples(cell, study),
         )
@@ -236,6 +281,7 @@ class CandidateStudy(CandidateFigures):
             cameras={},
             without_camera={},
             recovery=None,
+            sights={},
             targets={},
             samples=[],
         )

@@ -130,10 +130,10 @@ class StepMonitor:
                 return Alarm("blindness", atom, f"`{atom}` should be seen by {cameras}, but is not", STOP)
         return None
 
-    def faults(self) -> list[list[tuple[float, float, tuple[Literal, ...]]]]:
-        """Start, end and literals of each operator of each fault's formula."""
+    def faults(self) -> list[tuple[str, list[tuple[float, float, tuple[Literal, ...]]]]]:
+        """The name of each fault, with start, end and literals of each operator of its formula."""
         return [
-            [(operator.start, operator.end, operator.literals) for operator in watch.operators]
+            (watch.entry.fault, [(operator.start, operator.end, operator.literals) for operator in watch.operators])
             for watch in self._watches
             if watch.entry.fault is not None
         ]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
+from sqrp_cli.logic.literal import Literal
+from sqrp_cli.program.record import Step
 from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 from sqrp_cli.runtime.monitor.attempt import Attempt
 from sqrp_cli.runtime.monitor.prediction_check import predicted_delay
@@ -16,7 +18,7 @@ from sqrp_cli.runtime.run.injected_fault import InjectedFault
 PHYSICAL = ("slip", "miss-pick")
 """Faults of the step; the others are faults of cameras."""
 
-TRUTH_SPACING = 0.01
+TRUTH_SPACING = 0.002
 """Period of checking the ground truth, once a fault was injected [s]."""
 
 
@@ -69,13 +71,18 @@ class FaultTracker:
         """Note if the formula of a fault is true at time tau [s] of the step; truths: of all atoms now."""
         if tau is None:
             return
-        for operators in attempt.monitor.faults():
+        for name, operators in attempt.monitor.faults():
             for start, end, literals in operators:
                 if start <= tau <= end and all(truths[str(lit.atom)] == lit.positive for lit in literals):
-                    atoms = [str(literal.atom) for literal in literals]
-                    responses = {name: camera.response for name, camera in self._streams.cameras.items()}
-                    self._came_true(t, predicted_delay(attempt.step, atoms, responses, tau))
+                    self._came_true(t, self._predicted(attempt.step, name, literals, tau))
                     return
+
+    def _predicted(self, step: Step, fault: str, literals: Sequence[Literal], tau: float) -> float | None:
+        """How long after time tau [s] of a step a fault is noticed at the latest, as the step predicts it."""
+        if (sight := step.sights.get(fault)) is not None:
+            return sight.latest(tau, step.time)
+        responses = {name: camera.response for name, camera in self._streams.cameras.items()}
+        return predicted_delay(step, [str(literal.atom) for literal in literals], responses, tau)
 
     def _came_true(self, t: float, delay: float | None) -> None:
         for record in self._open:

@@ -36,7 +36,7 @@ def sample(t: float, x: float) -> Sample:
 def study(samples: list[Sample]) -> CandidateStudy:
     return CandidateStudy(
         **vars(NO_FIGURES), parameters={}, feasible=True, rank=1, reasons=(), pareto=True, verdict="", ways=None,
-        sampling=None, primitives=[], formulas=[], cameras={}, without_camera={}, recovery=None, targets={},
+        sampling=None, primitives=[], formulas=[], cameras={}, without_camera={}, recovery=None, sights={}, targets={},
         samples=samples,
     )  # fmt: skip
 

@@ -1,0 +1,246 @@
+"""When images show a fault: the windows in which they show all its literals, by what it takes to see them.
+
+A fault says that a literal holds that should not, so an image that *refutes* what should be is enough. For `not hold`
+that is any one box without its object, where coverage, which has to confirm `hold`, needs all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain, repeat
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from sqrp_cli.geometry import Array, begins_run
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.skill.target_box import object_of
+from sqrp_cli.logic.formula_time import SAME_INSTANT, Stretch
+from sqrp_cli.logic.image_time import Onset, Window
+from sqrp_cli.logic.literal import Literal
+from sqrp_cli.programming.coverage.parting import onset
+from sqrp_cli.programming.coverage.sampling import Sampling
+from sqrp_cli.programming.coverage.stage import Stage
+from sqrp_cli.programming.coverage.timeline import Timeline, Watch, observe_all
+from sqrp_cli.programming.pieces import GroundFormula, Piece, fault_intervals
+from sqrp_cli.programming.sensing.observer import Observer
+from sqrp_cli.programming.targets import Target
+from sqrp_cli.programming.task import Candidate
+
+
+class WatchedFaults(Protocol):
+    """A motion with its faults, and what must be seen during it."""
+
+    @property
+    def candidate(self) -> Candidate:
+        """What is done."""
+
+    @property
+    def stage(self) -> Stage:
+        """Where everything is."""
+
+    @property
+    def targets(self) -> tuple[Target, ...]:
+        """Of all formulas."""
+
+    @property
+    def formulas(self) -> tuple[GroundFormula, ...]:
+        """All formulas."""
+
+    @property
+    def fault_literals(self) -> Mapping[str, tuple[Literal, ...]]:
+        """All literals of each fault, by its name."""
+
+    @property
+    def T(self) -> float:
+        """Duration of the union of all formulas' intervals [s]."""
+
+    @property
+    def T_eoi(self) -> float:
+        """Duration of the union of the events of interest [s]."""
+
+
+class Clock(NamedTuple):
+    """When a camera's images are taken and known."""
+
+    period: float
+    """Between two of them [s]."""
+    lag: float
+    """From an image until what it shows is known [s]."""
+
+
+def clocks_of(cameras: Sequence[Camera]) -> dict[float, Clock]:
+    """The clock behind each response of cameras; of several, the slowest of both."""
+    clocks: dict[float, Clock] = {}
+    for camera in cameras:
+        known = clocks.get(camera.response, Clock(0.0, 0.0))
+        clocks[camera.response] = Clock(max(known.period, 1.0 / camera.rate), max(known.lag, camera.latency))
+    return clocks
+
+
+@dataclass(frozen=True, eq=False)
+class FaultWatch:
+    """A fault: its literals, and what shows each."""
+
+    name: str
+    literals: tuple[Literal, ...]
+    intervals: tuple[Stretch, ...]
+    """When it may happen."""
+    columns: tuple[tuple[int, ...], ...]
+    """Of each literal the targets that show it, each by itself: indices."""
+    until: float = 0.0
+    """Up to when, after its interval, images of it tell it wherever no formula says anything of it [s]."""
+
+    def told_in(self, piece: Piece) -> bool:
+        """Whether an image of a piece can tell that it has happened."""
+        if any(s.start - SAME_INSTANT <= piece.start and piece.end <= s.end + SAME_INSTANT for s in self.intervals):
+            return True
+        if piece.start < self.intervals[0].end - SAME_INSTANT:
+            return False
+        return any(literal.negated() in piece.literals for literal in self.literals) or self.is_left_alone_in(piece)
+
+    def is_left_alone_in(self, piece: Piece) -> bool:
+        """Whether a piece after its interval requires nothing of it, while all is still as in the interval."""
+        after = piece.start >= self.intervals[-1].end - SAME_INSTANT and piece.end <= self.until + SAME_INSTANT
+        return after and not any(literal in piece.literals for literal in self.literals)
+
+
+def fault_windows(timeline: Timeline, fault: FaultWatch, clocks: Mapping[float, Clock]) -> tuple[Window, ...]:
+    """The windows in which images show a fault, in order.
+
+    That is in its intervals and, after them, where a formula requires the opposite of one of its literals, or nothing
+    of it while the tool holds what it held. Between two neighbouring samples that both show it the slower of their
+    cameras count.
+    """
+    response = _response(timeline, fault)
+    counts = np.array([fault.told_in(piece) for piece in timeline.pieces])[timeline.samples.piece]
+    response = np.where(counts, response, np.nan)
+    t = timeline.samples.t
+    together = ~np.isnan(response[:-1]) & ~np.isnan(response[1:])
+    together &= ~np.isnan(timeline.steps) | (np.diff(t) <= SAME_INSTANT)
+    slower = np.maximum(response[:-1], response[1:])
+    begins = together & begins_run(np.where(together, slower, np.nan))
+    goes_on = np.append(together[1:] & ~begins[1:], False)
+    first, last = np.flatnonzero(begins), np.flatnonzero(together & ~goes_on) + 1
+    spans = zip(t[first].tolist(), t[last].tolist(), slower[first].tolist(), strict=True)
+    return tuple(Window(start, end, *clocks[delay]) for start, end, delay in spans if end > start)
+
+
+def _response(timeline: Timeline, fault: FaultWatch) -> Array:
+    """Of the cameras that show all literals of a fault, NaN where they do not, shape (m,) [s]."""
+    covered, response = timeline.observation.covered, timeline.observation.response
+    found = np.zeros(len(timeline.samples))
+    for columns in fault.columns:
+        own = list(columns)
+        found = np.maximum(found, np.where(covered[:, own], response[:, own], np.inf).min(axis=1))
+    return np.where(np.isfinite(found), found, np.nan)
+
+
+class Refuting(NamedTuple):
+    """What a motion's images are asked to show its faults, and by which of it each is shown."""
+
+    targets: tuple[Target, ...]
+    faults: tuple[FaultWatch, ...]
+    more: bool
+    """Whether these are other targets than those of the formulas."""
+
+
+def refuting(scene: WatchedFaults) -> Refuting:
+    """What shows the faults of a candidate.
+
+    A literal that says that something is not so is shown by any one box of its target: by one with an object, which is
+    then not in it, if there are any.
+    """
+    by_atom = {target.atom: target for target in scene.targets}
+    telling = {
+        literal: _telling(by_atom[literal.atom], literal, scene.stage.X_WO)
+        for literals in scene.fault_literals.values()
+        for literal in literals
+    }
+    more = any(target not in scene.targets for targets in telling.values() for target in targets)
+    asked = list(dict.fromkeys(chain(*telling.values()))) if more else list(scene.targets)
+    faults = (
+        FaultWatch(
+            name=name,
+            literals=literals,
+            intervals=fault_intervals(scene.formulas, name),
+            columns=tuple(tuple(map(asked.index, telling[literal])) for literal in literals),
+            until=_unchanged_until(scene, name),
+        )
+        for name, literals in scene.fault_literals.items()
+    )
+    found = tuple(faults)
+    return Refuting(tuple(asked), found, more or any(map(_beyond, found, repeat(scene.stage.pieces))))
+
+
+def _beyond(fault: FaultWatch, pieces: Sequence[Piece]) -> bool:
+    """Whether images tell a fault in pieces that do not require all that shows it."""
+    atoms = {literal.atom for literal in fault.literals}
+    return any(
+        fault.is_left_alone_in(piece) and not atoms <= {literal.atom for literal in piece.literals} for piece in pieces
+    )
+
+
+def _unchanged_until(scene: WatchedFaults, fault: str) -> float:
+    """When what the tool holds changes first after a fault's last interval, less the time to settle [s]."""
+    end = fault_intervals(scene.formulas, fault)[-1].end
+    settle = max(one.stated.settle for one in scene.candidate.skill.requirements if one.name == fault)
+    primitives = scene.stage.motion.primitives
+    at_end = next((p.held for p in reversed(primitives) if p.start < end - SAME_INSTANT), None)
+    changes = [p.start for p in primitives if p.start > end - SAME_INSTANT and p.held != at_end]
+    return changes[0] - settle if changes else scene.stage.motion.time
+
+
+def _telling(target: Target, literal: Literal, objects: Mapping[str, Array]) -> tuple[Target, ...]:
+    """The targets of which each shows a literal by itself."""
+    if literal.positive or len(target.boxes) == 1:
+        return (target,)
+    with_object = [box for box in target.boxes if object_of(str(target.atom), box, objects) is not None]
+    return tuple(replace(target, boxes=(box,)) for box in with_object or target.boxes)
+
+
+def all_fault_windows(
+    scenes: Sequence[WatchedFaults], timelines: Sequence[Timeline], observer: Observer, sampling: Sampling
+) -> list[dict[str, tuple[Window, ...]]]:
+    """The windows of every fault of several motions in one cell, by its name.
+
+    Where targets of formulas decide all faults, by the timelines; else the boxes that tell are looked at as well.
+    """
+    clocks = clocks_of(observer.cameras)
+    asked = [refuting(scene) for scene in scenes]
+    further = [index for index, one in enumerate(asked) if one.more]
+    looked = observe_all([_watch(scenes[i], asked[i]) for i in further], observer, sampling, full=False)
+    by_scene = dict(zip(further, looked, strict=True))
+    return [
+        {fault.name: fault_windows(by_scene.get(index, timeline), fault, clocks) for fault in one.faults}
+        for index, (one, timeline) in enumerate(zip(asked, timelines, strict=True))
+    ]
+
+
+def _watch(scene: WatchedFaults, asked: Refuting) -> Watch:
+    """A look at what shows the faults of a motion, from when the first may happen."""
+    pieces = [_asking(piece, asked.faults) for piece in scene.stage.pieces]
+    pieces = [piece for piece in pieces if any(fault.told_in(piece) for fault in asked.faults)]
+    stage = Stage(scene.stage.model, scene.stage.motion, pieces, scene.stage.X_WO)
+    # Each target is a fault of its own here, so that its changes are located whatever else is seen.
+    alone = {f"{column}": (column,) for column in range(len(asked.targets))}
+    return Watch(stage=stage, targets=asked.targets, faults=alone, T=scene.T, T_eoi=scene.T_eoi)
+
+
+def _asking(piece: Piece, faults: Sequence[FaultWatch]) -> Piece:
+    """A piece with the literals that images of it are asked for beyond those of formulas: the opposite of a fault's."""
+    more = [lit.negated() for fault in faults if fault.is_left_alone_in(piece) for lit in fault.literals]
+    return replace(piece, literals=tuple(dict.fromkeys([*piece.literals, *more]))) if more else piece
+
+
+def fault_onsets(scene: WatchedFaults, observer: Observer) -> dict[str, tuple[Onset, ...]]:
+    """From when on images show each fault, for each interval in which it may happen, by its name."""
+    targets = {target.atom: target for target in scene.targets}
+    return {
+        fault: tuple(
+            onset(scene.stage, observer, literals, targets, interval)
+            for interval in fault_intervals(scene.formulas, fault)
+        )
+        for fault, literals in scene.fault_literals.items()
+    }

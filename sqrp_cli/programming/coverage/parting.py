@@ -1,0 +1,214 @@
+"""From when on images show that a part was lost: what must part first, and what must be in its place.
+
+A part that the tool loses falls freely, with the tool's velocity, down to where it stood or is to stand. An image shows
+that it is not held once it lies apart from where the tool would show it, and that it is in its place once the line of
+sight through its centre meets the middle plane of its box inside the box; monitors judge images by the same limits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.frames import WORLD
+from sqrp_cli.knowledge.skill.target_box import object_of
+from sqrp_cli.logic.formula_time import Stretch
+from sqrp_cli.logic.image_time import Onset
+from sqrp_cli.logic.literal import Atom, Literal
+from sqrp_cli.programming.coverage.stage import Samples, Stage
+from sqrp_cli.programming.sensing.observer import Observer, sees_all
+from sqrp_cli.programming.targets import SoughtBox, Target
+
+APART_PIXELS, APART_SHARE = 2.0, 0.1
+"""How far apart images must show a part from where the tool would show it: pixels, and a share of its size."""
+
+GRAVITY = 9.81
+"""[m/s^2]."""
+
+_LOOK = 0.15
+"""Share of an interval after which cameras are asked whether they see what may be lost in it."""
+
+_STARTS = 25
+"""Instants of an interval at which a part is let fall."""
+
+_LONGEST = 0.8
+"""How long what is lost is followed [s]; later it counts as apart, if it is."""
+
+_FALL = _LONGEST * np.linspace(0.0, 1.0, 41) ** 1.5
+"""Times after it is lost at which it is looked at [s], the first ones closer."""
+
+
+@dataclass(frozen=True, eq=False)
+class LostPart:
+    """A part that is lost at instants of an interval: s of them, each followed for f times `_FALL`."""
+
+    t: Array
+    """When it is lost, shape (s,) [s]."""
+    held: Array
+    """Where its centre would be if the tool held it, shape (s, f, 3) [m]."""
+    free: Array
+    """Where its centre is, shape (s, f, 3) [m]."""
+
+
+def onset(
+    stage: Stage,
+    observer: Observer,
+    literals: Sequence[Literal],
+    targets: Mapping[Atom, Target],
+    interval: Stretch,
+) -> Onset:
+    """From when on images show a fault that becomes true at a time of an interval.
+
+    literals: of the fault, with the target of each. Where the tool loses nothing in it, images show it at once.
+    """
+    name = _held(stage, interval)
+    boxes = {} if name is None else {lit: _boxes_of(stage, targets[lit.atom], name) for lit in literals}
+    left = [box for lit, found in boxes.items() if not lit.positive for box in found if box.frame in stage.model.links]
+    reached = [box for lit, found in boxes.items() if lit.positive for box in found if box.frame in stage.resting]
+    if name is None or not left or interval.length <= 0.0:
+        return Onset.at_once(interval.start, interval.end)
+    loss = _loss(stage, name, interval)
+    left_by, *reached_by = _watching(stage, observer, [left, *([box] for box in reached)], interval)
+    x = loss.t
+    shown = loss.t + _together(_first(_apart(loss, np.array(left[0].size), *_eyes(left_by))))
+    for box, by in zip(reached, reached_by, strict=True):
+        X_WB = stage.resting[box.frame][0] @ box.X_FB
+        offset = (loss.free - X_WB[:3, 3]) @ X_WB[:3, :3]
+        half = 0.5 * np.array(box.size)
+        x = np.maximum(x, loss.t + _first((half - np.abs(offset)).min(axis=2)[None])[0])
+        shown = np.maximum(shown, loss.t + _together(_first(_in_place(loss, X_WB, half, _eyes(by)[0]))))
+    return _between(x, shown, interval)
+
+
+def _together(shown: Array) -> Array:
+    """From when on the cameras agree, of when each of c shows it, shape (c, s); (s,)."""
+    latest: Array = shown.max(axis=0, initial=0.0)
+    return latest
+
+
+def _between(x: Array, shown: Array, interval: Stretch) -> Onset:
+    """The onset of what becomes true at x and is shown from some times on, within an interval."""
+    x = np.maximum.accumulate(x)
+    lag = np.maximum(shown - x, 0.0)
+    kept = np.append(np.diff(x) > 1e-9, True)
+    inner = (x > interval.start) & (x < interval.end) & kept
+    at = np.concatenate([[interval.start], x[inner], [interval.end]])
+    late = at + np.interp(at, x[kept], lag[kept])
+    return Onset(at, np.maximum.accumulate(late))
+
+
+def _watching(
+    stage: Stage, observer: Observer, boxes: Sequence[Sequence[SoughtBox]], interval: Stretch
+) -> list[list[Camera]]:
+    """For each of some groups of boxes the fixed cameras that see any of them, early in an interval."""
+    t = interval.start + _LOOK * interval.length
+    piece = next(i for i, piece in enumerate(stage.pieces) if piece.start <= t <= piece.end)
+    states = stage.states(Samples(np.array([piece]), np.array([t])))
+    targets = [Target(Atom(box.name), 1, (box,)) for group in boxes for box in group]
+    sees = iter([sees_all(found)[0] for found in observer.verdicts(targets, states, shares=False)])
+    of_groups = [np.any([next(sees) for _ in group], axis=0) for group in boxes]
+    fixed = [camera.frame == WORLD for camera in observer.cameras]
+    return [[c for c, *good in zip(observer.cameras, seen, fixed, strict=True) if all(good)] for seen in of_groups]
+
+
+def _held(stage: Stage, interval: Stretch) -> str | None:
+    """What the tool holds throughout an interval."""
+    primitives = stage.motion.primitives
+    held = {p.held for p in primitives if p.start < interval.end - 1e-9 and p.end > interval.start + 1e-9}
+    return held.pop() if len(held) == 1 else None
+
+
+def _boxes_of(stage: Stage, target: Target, name: str) -> list[SoughtBox]:
+    return [box for box in target.boxes if object_of(str(target.atom), box, stage.X_WO) == name]
+
+
+def _loss(stage: Stage, name: str, interval: Stretch) -> LostPart:
+    t = np.linspace(interval.start, interval.end, _STARTS)
+    step = t[1] - t[0]
+    total = stage.motion.time
+    later = np.arange(interval.end + step, min(interval.end + _LONGEST, total) + step, step)
+    path = _path(stage, name, np.concatenate([t, later]))
+    times = np.concatenate([t, later])
+    when = t[:, None] + _FALL
+    held = np.stack([np.interp(when, times, path[:, axis]) for axis in range(3)], axis=2)
+    velocity = np.gradient(path, times, axis=0)[: len(t)]
+    start = path[: len(t)]
+    free = start[:, None] + velocity[:, None] * _FALL[:, None]
+    free[..., 2] -= 0.5 * GRAVITY * _FALL**2
+    free[..., 2] = np.maximum(free[..., 2], _floor(stage, name, start)[:, None])
+    return LostPart(t, held, free)
+
+
+def _path(stage: Stage, name: str, t: Array) -> Array:
+    """Where the centre of an object is at instants of the motion, shape (n, 3) [m]; after its end as at its end."""
+    motion = stage.motion
+    ends = [primitive.end for primitive in motion.primitives[:-1]]
+    clipped = np.minimum(t, motion.time)
+    number = np.searchsorted(ends, clipped)
+    q = np.concatenate([motion.positions(int(i), clipped[number == i]) for i in np.unique(number)])
+    X_WT = stage.model.link_poses(q)[stage.model.tool_frame]
+    path = np.empty((len(t), 3))
+    for index in np.unique(number).tolist():
+        primitive, rows = motion.primitives[index], number == index
+        if primitive.held == name and primitive.X_TO is not None:
+            path[rows] = (X_WT[rows] @ primitive.X_TO)[:, :3, 3]
+        else:
+            path[rows] = primitive.X_WO.get(name, stage.X_WO[name])[:3, 3]
+    return path
+
+
+def _floor(stage: Stage, name: str, start: Array) -> Array:
+    """How low the centre of a part can fall from places (s, 3), to where it stood or is to stand; shape (s,) [m]."""
+    floor = np.full(len(start), -np.inf)
+    for X_WO in (stage.X_WO[name], stage.motion.final.X_WO.get(name)):
+        if X_WO is not None:
+            above = np.hypot(*(start - X_WO[:3, 3])[:, :2].T) < 0.02
+            floor = np.where(above, np.maximum(floor, X_WO[2, 3]), floor)
+    lowest: Array = np.minimum(floor, start[:, 2])
+    return lowest
+
+
+def _eyes(cameras: Sequence[Camera]) -> tuple[Array, Array]:
+    """Where cameras are, shape (c, 3) [m], and their focal lengths, (c,) [pixels]."""
+    return (
+        np.array([camera.X_FC[:3, 3] for camera in cameras]).reshape(-1, 3),
+        np.array([np.sqrt(camera.matrix[0, 0] * camera.matrix[1, 1]) for camera in cameras]),
+    )
+
+
+def _apart(loss: LostPart, size: Array, eyes: Array, focal: Array) -> Array:
+    """By how much a part is further from where the tool would show it than it must be, shape (c, s, f) [m]."""
+    ray = loss.held - eyes[:, None, None]
+    distance = np.linalg.norm(ray, axis=3)
+    gap = loss.held - loss.free
+    along = (ray * gap).sum(axis=3) / distance
+    across = np.sqrt(np.maximum((gap**2).sum(axis=2) - along**2, 0.0))
+    faces = size * np.roll(size, 1)
+    least = APART_PIXELS * distance / focal[:, None, None] + APART_SHARE * np.sqrt(0.5 * faces.sum())
+    margin: Array = across - least
+    return margin
+
+
+def _in_place(loss: LostPart, X_WB: Array, half: Array, eyes: Array) -> Array:
+    """By how much the line of sight through a part meets the middle plane of a box inside it, shape (c, s, f) [m]."""
+    eye = (eyes - X_WB[:3, 3]) @ X_WB[:3, :3]
+    part = (loss.free - X_WB[:3, 3]) @ X_WB[:3, :3]
+    ray = part - eye[:, None, None]
+    met = part[..., :2] - ray[..., :2] * (part[..., 2:] / np.where(np.abs(ray[..., 2:]) > 1e-6, ray[..., 2:], 1e-6))
+    margin: Array = (half[:2] - np.abs(met)).min(axis=3)
+    return margin
+
+
+def _first(margin: Array) -> Array:
+    """When a margin (c, s, f) is first not negative after the loss, shape (c, s) [s]; at most the longest time."""
+    good = margin >= 0.0
+    index = np.where(good.any(axis=2), good.argmax(axis=2), margin.shape[2] - 1)
+    before = np.maximum(index - 1, 0)
+    late, early = (np.take_along_axis(margin, i[..., None], axis=2)[..., 0] for i in (index, before))
+    share = np.where((index > 0) & (late > 0) & (early < 0), early / np.where(early != late, early - late, 1.0), 1.0)
+    found: Array = _FALL[before] + np.clip(share, 0.0, 1.0) * (_FALL[index] - _FALL[before])
+    return found

@@ -1,0 +1,1 @@
+"""Slips at random times in cells that were made by seed: measured delays against predicted ones."""
