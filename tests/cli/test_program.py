@@ -198,7 +198,7 @@ def test_a_chosen_candidate_becomes_the_step(sqrp, watch, tmp_path):
     (step,) = yaml.safe_load(path.read_text(encoding="utf-8"))["steps"]
     assert step["parameters"] == {"object": "turned"}
     assert step["q_avg"] == pytest.approx(0.6, abs=1e-9)
-    figures = {"delay_mean": 0.15, "delay_worst": 0.15, "blind_longest": 0.0, "unseen": 0.0, "expected_time": 6.65}
+    figures = {"delay_mean": 0.1, "delay_worst": 0.15, "blind_longest": 0.0, "unseen": 0.0, "expected_time": 6.6}
     assert step["faults"] == {"moved": pytest.approx(figures, abs=1e-9)}
 
 

@@ -38,8 +38,8 @@ watch green in watch: 2 of 2 candidates can be done, best Q_eoi first
 
                                              time     moved     at   all
 #    object       Q_eoi [%]       Q_avg [%]   [s]  seen [s]  worst  done
-1 *  seen    ████████ 100.0  ████████ 100.0  4.00      0.15   0.15   6.7
-2    turned  ████████ 100.0  ████▊     60.0  4.00      0.15   0.15   6.7
+1 *  seen    ████████ 100.0  ████████ 100.0  4.00      0.10   0.15   6.6
+2    turned  ████████ 100.0  ████▊     60.0  4.00      0.10   0.15   6.6
 """
 
 CHECKED = """\
