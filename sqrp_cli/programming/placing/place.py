@@ -34,7 +34,7 @@ from sqrp_cli.programming.placing.placement import (
 from sqrp_cli.programming.placing.problem import Choice, Demand, Hiding, Placing, worth_of
 from sqrp_cli.programming.placing.refine import Seat, refined
 from sqrp_cli.programming.placing.room import blocked, hidden_by, pairs_apart
-from sqrp_cli.programming.placing.scenes import JudgedWay, judged, middle_of, varied
+from sqrp_cli.programming.placing.scenes import JudgedWay, judged, middle_of, of_first_grip, varied
 from sqrp_cli.programming.placing.tensor import LocalVerdicts, joined_items, portions, seen_by
 from sqrp_cli.programming.placing.views import Option, View, camera_of, options_of, price_of, views_of
 from sqrp_cli.programming.sensing.observer import Observer
@@ -71,6 +71,10 @@ class Placer:
         self.infeasible: list[tuple[str, Assessment]] = []
         self._others: list[list[JudgedWay]] = []
         """Of each candidate, ways that are looked at only where they may be better."""
+        self._plain: list[int] = []
+        """Which of the ways of each candidate is the only one without a choice of ways."""
+        self._aimed_at: list[JudgedWay] = []
+        """Those ways: what cameras aim at does not depend on whether ways are chosen, too."""
         self._shut: list[Mask] = []
         """Of each way, at which places a camera would touch something."""
         self._apart: frozenset[tuple[int, int]] = frozenset(pairs_apart(self.spots))
@@ -93,6 +97,7 @@ class Placer:
         problem, chosen = self._wanted(demand)
         if self._others and not chosen.interrupted and self._may_be_better(problem, chosen):
             self._add_ways()
+            self._sharpen_plain(demand)
             problem, chosen = self._wanted(demand, chosen.choice)
         if chosen.choice is None and not chosen.interrupted and demand.wish is not None:
             return self._nearest(demand)
@@ -154,6 +159,14 @@ class Placer:
         self._others = []
         self._judge(self.ways[first:])
 
+    def _sharpen_plain(self, demand: Demand) -> None:
+        """Add samples where cameras that are best without a choice of ways lose sight: with it, none are worse."""
+        every = self.candidates
+        self.candidates = [(of_one[plain],) for of_one, plain in zip(every, self._plain, strict=True)]
+        if any(of_one != (all_ways[0],) for of_one, all_ways in zip(self.candidates, every, strict=True)):
+            self._sharpened(demand)
+        self.candidates = every
+
     def _judge(self, ways: Sequence[JudgedWay]) -> None:
         """Find out what is seen of some ways, and which places are in their way."""
         self.sees += self._verdicts(ways)
@@ -205,16 +218,19 @@ class Placer:
                 if isinstance(scenes, Infeasible):
                     self.infeasible.append((task.text, Assessment.infeasible(candidate, scenes.reasons)))
                     continue
-                first, *others = [judged(question.cell, task.text, candidate, scene) for scene in varied(scenes)]
+                some = varied(scenes)
+                first, *others = all_ways = [judged(question.cell, task.text, candidate, scene) for scene in some]
                 self.candidates.append((len(self.ways),))
                 self.ways.append(first)
                 self._others.append(others)
+                self._plain.append(some.index(of_first_grip(scenes)))
+                self._aimed_at.append(all_ways[self._plain[-1]])
 
     def _choose_from(self) -> None:
         """The poses, and the options."""
         question, workspace = self.question, self.question.cell.workspace
-        middles = [middle_of([self.ways[number] for number in of_one]) for of_one in self.candidates]
-        self.views = views_of(self.spots, middle_of(self.ways), middles)
+        middles = [middle_of([way]) for way in self._aimed_at]
+        self.views = views_of(self.spots, middle_of(self._aimed_at), middles)
         self.options = options_of(self.spots, self.views, self.lenses)
         self.kept = []
         for name in question.keep:
@@ -278,7 +294,7 @@ class Placer:
             ),
         )
 
-    def _plain(self, problem: Placing) -> Placing:
+    def _never_failing(self, problem: Placing) -> Placing:
         """The same problem if no camera may fail."""
         return self.problem(0) if self.question.demand.survive else problem
 
@@ -293,7 +309,7 @@ class Placer:
     def cameras(self, problem: Placing, choice: Choice) -> tuple[PlacedCamera, ...]:
         """The chosen cameras, with names that no camera that stays has."""
         names = (name for number in count(1) if (name := f"cam{number}") not in self.question.keep)
-        plain = self._plain(problem)
+        plain = self._never_failing(problem)
         return tuple(
             self._camera(plain, choice, option, name) for option, name in zip(choice.options, names, strict=False)
         )
@@ -397,7 +413,7 @@ class Placer:
         Then the figures at the samples are the exact ones; where any one camera may fail, those without each of them.
         """
         together = (*choice.options, *self.kept)
-        plain = replace(self._plain(problem), kept=frozenset())
+        plain = replace(self._never_failing(problem), kept=frozenset())
         added = False
         for some in [together] if not spare else [tuple(o for o in together if o != lost) for lost in together]:
             worth = worth_of(plain, Choice(some, choice.ways))
@@ -476,7 +492,7 @@ class Placer:
     def _seen_alone(self, problem: Placing) -> Array:
         """See `Placement.seen`."""
         found = np.zeros(len(self.question.mounts.spots))
-        mean = qualities_alone(self._plain(problem))
+        mean = qualities_alone(self._never_failing(problem))
         np.maximum.at(found, problem.spot[: len(problem.spot) - len(self.kept)], mean[: len(mean) - len(self.kept)])
         return found
 

@@ -100,8 +100,13 @@ def varied(scenes: Sequence[Rehearsal]) -> list[Rehearsal]:
     branches: dict[str, Rehearsal] = {}
     for scene in ordered:
         branches.setdefault(repr(sorted(scene.candidate.branch.items())), scene)
-    of_first_grip = next(scene for scene in ordered if _grip(scene) == _grip(scenes[0]))
-    return list(dict.fromkeys([ordered[0], of_first_grip, *branches.values()]))[:MOST_WAYS]
+    return list(dict.fromkeys([ordered[0], of_first_grip(scenes), *branches.values()]))[:MOST_WAYS]
+
+
+def of_first_grip(scenes: Sequence[Rehearsal]) -> Rehearsal:
+    """The fastest way with the first grip: the only one that a candidate has without a choice of ways."""
+    ordered = sorted(scenes, key=lambda scene: compared_time(scene.motion.time))
+    return next(scene for scene in ordered if _grip(scene) == _grip(scenes[0]))
 
 
 def _grip(scene: Rehearsal) -> dict[str, float | str]:
