@@ -14,14 +14,14 @@ from sqrp_cli.knowledge.text.bounds import SMALLEST_SIZE
 from sqrp_cli.shapes import Mesh, Part, Shape
 
 
-class Bounds(NamedTuple):
+class ExtentOfParts(NamedTuple):
     """The lowest and highest coordinates of something along three axes [m], shape (3,) each."""
 
     low: Array
     high: Array
 
 
-def bounds_of(parts: Iterable[Part]) -> Bounds:
+def bounds_of(parts: Iterable[Part]) -> ExtentOfParts:
     """The lowest and highest coordinates of parts along the axes of what carries them.
 
     Files of meshes have passed `check_mesh`. Raises InputError for a mesh that cannot be loaded.
@@ -29,7 +29,7 @@ def bounds_of(parts: Iterable[Part]) -> Bounds:
     ends = np.array([_ends(part.shape, part.X_PG) for part in parts])
     low, high = ends[:, 0].min(axis=0), ends[:, 1].max(axis=0)
     thin = np.maximum(SMALLEST_SIZE - (high - low), 0.0)
-    return Bounds(low - thin / 2, high + thin / 2)
+    return ExtentOfParts(low - thin / 2, high + thin / 2)
 
 
 def _ends(shape: Shape, X_PG: Array) -> tuple[Array, Array]:

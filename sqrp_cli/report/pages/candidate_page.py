@@ -27,7 +27,6 @@ from sqrp_cli.shapes import Triangles
 from sqrp_cli.version import __version__
 
 if TYPE_CHECKING:
-    from sqrp_cli.knowledge.workspace.workspace import Workspace
     from sqrp_cli.scoring.cells import ScoredCell
     from sqrp_cli.scoring.score import TaskScore
     from sqrp_cli.scoring.scorecard import Progress, Scorecard
@@ -80,17 +79,12 @@ def write_scores(
     """
     usable = [cell for cell in cells if cell.workspace is not None and cell.tasks]
     scores = [result.score for result in findings.results]
-
-    def shown(cell: ScoredCell) -> tuple[CellScene | None, list[PageRow]]:
-        own = [score for score in scores if score.workspace == cell.name]
-        if cell.workspace is None or all(score.best is None for score in own):
-            return None, [_score(score, None, None) for score in own]
-        return _scored(cell.workspace, own, means)
-
     scenes: list[CellScene] = []
     entries: list[PageRow] = [_score(score, None, None) for score in scores if score.task is None]
     with progress("Writing the report", len(usable)) as advance:
-        for scene, found in in_processes(shown, usable, min(means.jobs, len(usable))):
+        for scene, found in in_processes(
+            lambda cell: _scored(cell, scores, means), usable, min(means.jobs, len(usable))
+        ):
             entries += found if scene is None else [replace(entry, scene=len(scenes)) for entry in found]
             scenes += [] if scene is None else [scene]
             advance(1)
@@ -102,8 +96,12 @@ def write_scores(
     write_page(PageContent("Scores", passed, "Tasks", about, entries, scenes), path)
 
 
-def _scored(workspace: Workspace, scores: Sequence[TaskScore], means: Means) -> tuple[CellScene, list[PageRow]]:
-    cell = Cell.load(workspace, means.seed)
+def _scored(scored: ScoredCell, scores: Sequence[TaskScore], means: Means) -> tuple[CellScene | None, list[PageRow]]:
+    """The rows of a workspace's tasks, and its scene if any of them can be done."""
+    scores = [score for score in scores if score.workspace == scored.name]
+    if scored.workspace is None or all(score.best is None for score in scores):
+        return None, [_score(score, None, None) for score in scores]
+    cell = Cell.load(scored.workspace, means.seed)
     assignment = Assignment(cell, cell.initial_world, means.sampling)
     details = [None if score.best is None else _detail(assignment, score.best) for score in scores]
     return cell_scene(cell), [_score(score, 0, detail) for score, detail in zip(scores, details, strict=True)]
