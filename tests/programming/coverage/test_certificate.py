@@ -22,7 +22,7 @@ from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.task import read_task
 
 BOUNDS = PoseBounds(0.002, 0.0035)
-DRAWS = 24
+DRAWS = 12
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ from sqrp_cli.programming.targets import SoughtBox, Target
 from sqrp_cli.shapes import Cylinder, Part
 from tests.programming.sensing.views import box_part, make_box, make_camera, make_detector, random_rotation
 
-STATES, DRAWS = 300, 24
+STATES, DRAWS = 200, 18
 
 SMALL, LARGE = PoseBounds(0.002, np.radians(0.2)), PoseBounds(0.03, np.radians(3.0))
 
@@ -110,6 +110,19 @@ def test_no_pose_breaks_what_is_decided_of_hidden_boxes(
     box = make_box(size, frame="thing", detector=make_detector(least), normal=(0.0, 0.0, 1.0))
     share = decided_share(camera, occluders(), box, poses_of_boxes(2, 0.35), bounds)
     assert share > (0.8 if bounds is SMALL else 0.1)
+
+
+@pytest.mark.parametrize("bounds", [SMALL, LARGE], ids=["small", "large"])
+def test_no_pose_breaks_what_is_decided_before_backgrounds(bounds: PoseBounds) -> None:
+    """Green posts, a green wall and a grey board before it, behind and beside what is green."""
+    camera = make_camera(focal=(400.0, 400.0))
+    box = replace(make_box(frame="thing", detector=make_detector(0.5)), seeks="cube", color="green")
+    posts = [load_solid(box_part(f"post {x}", (0.05, 2.0, 0.05), pose(None, (x, 0.0, 1.8)))) for x in (-0.3, 0.0, 0.3)]
+    wall = load_solid(box_part("wall", (1.0, 0.5, 0.01), pose(None, (0.6, 0.0, 2.5))))
+    board = load_solid(box_part("board", (0.2, 2.0, 0.01), pose(None, (0.3, 0.1, 2.0))))
+    painted = [*(replace(solid, color="green") for solid in [*posts, wall]), replace(board, color="grey")]
+    share = decided_share(camera, [*painted, *occluders()], box, poses_of_boxes(4, 0.35)[:80], bounds)
+    assert share > (0.6 if bounds is SMALL else 0.05)
 
 
 @pytest.mark.parametrize("least", [1.0, 0.5])
