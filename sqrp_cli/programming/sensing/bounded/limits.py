@@ -169,8 +169,8 @@ def _sizes_allowed(
     """Whether boxes in front of the cameras (c, n) are surely or possibly shown as large as `smallest` (n,) [pixels].
 
     A box's image from another centre is, in the plane z = 1, shifted, as much larger as the box is nearer, and no
-    corner is else displaced by more than `sweep`; twice that allows for what is not even there. Shift and turn change
-    how large the lens shows an area by no more than the angle times the slope of the logarithm of its density.
+    corner is else displaced by more than `sweep`. How many pixels an area gets changes, in logarithms, by the angle
+    times the slope of their density: for a turn that of 1 / cos^3, and for both what the lens makes of it.
     """
     depth = corners_C[2]
     plane = corners_C[:2] / np.where(depth > 0, depth, 1.0)
@@ -180,17 +180,25 @@ def _sizes_allowed(
     clear = nearest > 2.0 * t
     gap = np.where(clear, nearest - t, 1.0)
     sweep = t * slant * np.maximum(middle - nearest, farthest - middle) / (gap * np.where(clear, middle, 1.0))
-    sides = np.ptp(plane, axis=1).sum(axis=0)
-    area = hull_areas(plane[0], plane[1], _extremes(plane[0], plane[1]), np.zeros(1))
-    uneven = np.where(area > 0, 4.0 * sides * sweep / np.maximum(area, 1e-300), np.inf)
+    width, height = np.ptp(plane, axis=1)
+    sides = width + height
+    # Where the quadrilateral of four corners is slim, the hull is looked at.
+    area = hull_areas(plane[0], plane[1], _extremes(plane[0], plane[1]), 0.4 * width * height)
+    uneven = np.where(area > 0, _SWEPT * sides * sweep / np.maximum(area, 1e-300), np.inf)
     turned = np.arctan(np.sqrt((plane * plane).sum(axis=0))).max(axis=0)
     turn = bounds.angles(distance).max(axis=0)
-    slopes = np.stack([_slope(p, at + by) for p, at, by in zip(projections, turned, turn, strict=True)])
+    # A shift changes nothing that a lens without distortion shows of a plane parallel to the image.
+    uneven_lens = np.stack(
+        [
+            bounds.turn * 3.0 * np.tan(np.minimum(at + by, _RIGHT - 1e-3)) + by * _bending(projection)(at + by)
+            for projection, at, by in zip(projections, turned, turn, strict=True)
+        ]
+    )
     if sure:
-        factor = np.maximum(1.0 - uneven, 0.0) * (middle / (middle + t)) ** 2 * np.exp(-slopes * turn)
+        factor = np.maximum(1.0 - uneven, 0.0) * (middle / (middle + t)) ** 2 * np.exp(-uneven_lens)
     else:
         factor = (
-            (1.0 + uneven + np.pi * sweep**2 / np.maximum(area, 1e-300)) * (middle / gap) ** 2 * np.exp(slopes * turn)
+            (1.0 + uneven + np.pi * sweep**2 / np.maximum(area, 1e-300)) * (middle / gap) ** 2 * np.exp(uneven_lens)
         )
     factor = np.where(clear, factor, 0.0 if sure else np.inf)
     bend(projections, plane)
@@ -205,21 +213,18 @@ def _extremes(u: Array, v: Array) -> Array:
     return entries_at((u, v), (u.argmin(axis=0), u.argmax(axis=0), v.argmin(axis=0), v.argmax(axis=0)))
 
 
-def _slope(projection: Projection, angle: Array) -> Array:
-    """By how much the logarithm of the pixels per solid angle changes with the direction, at most, up to angles (n,).
-
-    Pixels per solid angle are those per area of the plane z = 1, times 1 / cos^3.
-    """
-    slope: Array = 3.0 * np.tan(np.minimum(angle, _RIGHT - 1e-3))
-    return slope if projection.camera.distortion_model == "none" else slope + _bending(projection)(angle)
-
+_SWEPT = 2.1
+"""How much of its image a box may gain or lose per corner's displacement, in sums of the sides of the rectangle around
+it: no more than its perimeter, which is at most twice that; the rest is for an uneven density of pixels."""
 
 _RINGS, _SPOKES = 400, 16
 """Where the density of pixels is looked at, about the axis of a lens."""
 
 
 def _bending(projection: Projection) -> Callable[[Array], Array]:
-    """The part of `_slope` that is due to distortion: of the density of pixels in the plane z = 1, by differences."""
+    """How fast the logarithm of the pixels per area of the plane z = 1 changes with the direction, up to an angle."""
+    if projection.camera.distortion_model == "none":
+        return np.zeros_like
     widest = min(np.arctan(projection.radius), _RIGHT - 1e-2)
     angle, about = np.linspace(0.0, widest, _RINGS)[1:-1, None], np.arange(_SPOKES) * (2 * np.pi / _SPOKES)
     radius, step = np.tan(angle), 1e-5
