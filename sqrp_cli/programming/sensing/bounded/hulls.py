@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, Mask, cross
+from sqrp_cli.geometry import Array, Indices, Mask, cross
 from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 from sqrp_cli.programming.sensing.sight_lines import SightLines
 from sqrp_cli.programming.sensing.visibility.hull_spaces import half_spaces
@@ -21,8 +21,9 @@ from sqrp_cli.programming.sensing.visibility.occlusion import HullTester
 _SIDES = 12
 """Sides of the prism around the ball of a camera's centres, which is 3.5 % wider."""
 
-_STEPS = np.geomspace(0.01, 0.99, 30)
-"""Where to look for a point that all hulls have in common, as shares of the way from the eye to the box's centre."""
+_STEPS, _HALVINGS = np.geomspace(1e-6, 0.99, 14), 5
+"""Where to look for the first point that all hulls have in common, as shares of the way from the eye to the box's
+centre, and how often to halve the way before it."""
 
 
 class AnyHullTester(HullTester):
@@ -52,31 +53,43 @@ class CommonHulls(NamedTuple):
     """Whether there is such an eye, shape (h,)."""
 
 
-def common_hulls(lines: SightLines, bounds: PoseBounds) -> CommonHulls:
-    """View hulls that lie in those of all eyes of a ball.
+def common_hulls(lines: SightLines, bounds: PoseBounds, wanted: Mask) -> CommonHulls:
+    """View hulls that lie in those of all eyes of a ball, of those wanted (h,).
 
     A point a lies in the hull of an eye if a line from there through a meets the box: if the eye lies in the cone from
     a away from the box. So a ball of eyes does if it is that far inside of all of the cone's faces.
     """
     to_center = lines.corners.mean(axis=1) - lines.eyes
-    share, known = np.zeros(len(to_center)), np.zeros(len(to_center), dtype=bool)
+    # Behind a point that lies in all hulls all points do, up to the box.
+    low, high = np.zeros(len(to_center)), np.full(len(to_center), np.inf)
     for step in _STEPS.tolist():
-        left = np.flatnonzero(~known & lines.finite)
-        if not len(left):
-            break
-        apex = lines.eyes[left] + step * to_center[left]
-        spaces = half_spaces(lines.corners[left] - apex[:, None])
-        normals, through_apex = spaces[..., :3], (spaces[..., 3] == 0.0) & (spaces != 0.0).any(axis=2)
-        depth = (normals @ (-step * to_center[left])[..., None])[..., 0]
-        length = np.sqrt(np.einsum("hki,hki->hk", normals, normals))
-        deep = (depth >= bounds.reach * length) | ~through_apex
-        # From inside the box nothing is known.
-        outside = (spaces[..., 3] > 0.0).any(axis=1) & through_apex.any(axis=1)
-        found = left[deep.all(axis=1) & outside]
-        share[found], known[found] = step, True
+        left = np.flatnonzero(np.isinf(high) & lines.finite & wanted)
+        found = _in_all(lines, bounds, left, np.full(len(left), step))
+        high[left[found]], low[left[~found]] = step, step
+    known = np.isfinite(high)
+    some = np.flatnonzero(known)
+    for _ in range(_HALVINGS):
+        middle = np.sqrt(np.maximum(low[some], 0.1 * _STEPS[0]) * high[some])
+        found = _in_all(lines, bounds, some, middle)
+        high[some[found]], low[some[~found]] = middle[found], middle[~found]
     X_WC = lines.X_WC.copy()
-    X_WC[:, :3, 3] += share[:, None] * to_center
+    X_WC[:, :3, 3] += np.where(known, high, 0.0)[:, None] * to_center
     return CommonHulls(replace(lines, X_WC=X_WC), known)
+
+
+def _in_all(lines: SightLines, bounds: PoseBounds, hulls: Indices, share: Array) -> Mask:
+    """Whether the points at shares (n,) of the way to the boxes of hulls (n,) lie in the hulls of all eyes."""
+    if not len(hulls):
+        return np.zeros(0, dtype=bool)
+    way = share[:, None] * (lines.corners[hulls].mean(axis=1) - lines.eyes[hulls])
+    spaces = half_spaces(lines.corners[hulls] - (lines.eyes[hulls] + way)[:, None])
+    normals, through_apex = spaces[..., :3], (spaces[..., 3] == 0.0) & (spaces != 0.0).any(axis=2)
+    depth = -(normals @ way[..., None])[..., 0]
+    deep = (depth >= bounds.reach * np.sqrt(np.einsum("hki,hki->hk", normals, normals))) | ~through_apex
+    # From inside the box nothing is known.
+    outside = (spaces[..., 3] > 0.0).any(axis=1) & through_apex.any(axis=1)
+    found: Mask = deep.all(axis=1) & outside
+    return found
 
 
 def _directions(vectors: Array) -> Array:

@@ -62,10 +62,18 @@ class BoundedObserver(Observer):
         else:
             between = self._between(lines, watched, partly.of_lines(~enough & finite))
             enough[between.line[between.high >= needed[between.line]]] = True
-            common = common_hulls(lines, self.bounds)
-            known = whole.of_lines(common.known[lines.hull] | ~finite)
-            met = self._tester.met(common.lines, poses, known, first_only=True)
+            met = self._met_by_all(lines, watched, whole)
         return np.concatenate([np.flatnonzero(~enough), met.line])
+
+    def _met_by_all(self, lines: SightLines, watched: WatchedBoxes, pairs: Pairs) -> Pairs:
+        """Pairs of the lines whose view hulls surely meet something, first those of the middle poses."""
+        poses, hidden = watched.solid_poses, np.zeros(len(lines.state), dtype=bool)
+        hidden[self._tester.met(lines, poses, pairs, first_only=True).line] = True
+        wanted = np.zeros(len(lines.box), dtype=bool)
+        wanted[lines.hull[hidden]] = True
+        common = common_hulls(lines, self.bounds, wanted)
+        known = hidden & (common.known | ~lines.finite)[lines.hull]
+        return self._tester.met(common.lines, poses, pairs.of_lines(known), first_only=True)
 
     def _between(self, lines: SightLines, watched: WatchedBoxes, pairs: Pairs) -> ShareBounds:
         return share_bounds(lines, watched.solid_poses, pairs, self.bounds)
