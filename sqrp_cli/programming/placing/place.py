@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from itertools import count
+from typing import TypeVar
 
 import numpy as np
 
@@ -58,6 +59,9 @@ Told = Callable[[str, float | None, float], None]
 """Told what a search seeks, the best value so far if there is one, and the bound."""
 
 
+Found = TypeVar("Found")
+
+
 class Placer:
     """Answers a question; what several of its steps need is computed once."""
 
@@ -80,6 +84,8 @@ class Placer:
         self._apart: frozenset[tuple[int, int]] = frozenset(pairs_apart(self.spots))
         self._too_slow = False
         """Whether no camera helps, because a candidate takes longer than is wished for."""
+        self._stopped = False
+        """Whether Ctrl-C came."""
         self._blind = False
         """Whether no choice of cameras gives any candidate a quality above 0."""
         self._known_hiding: frozenset[Hiding] = frozenset()
@@ -304,7 +310,9 @@ class Placer:
         count = "as few cameras as possible" if demand.most is None else f"{demand.most} of the cameras"
         with self._progress(f"Choosing {count}", 1):
             search = Search(problem, demand, self._watch, start)
-            return search.first() if first_only else search.best()
+            chosen = search.first() if first_only else search.best()
+        self._stopped |= chosen.interrupted
+        return chosen
 
     def cameras(self, problem: Placing, choice: Choice) -> tuple[PlacedCamera, ...]:
         """The chosen cameras, with names that no camera that stays has."""
@@ -496,6 +504,16 @@ class Placer:
         np.maximum.at(found, problem.spot[: len(problem.spot) - len(self.kept)], mean[: len(mean) - len(self.kept)])
         return found
 
+    def _unless_stopped(self, step: Callable[[], Found], otherwise: Found) -> Found:
+        """What a further step finds; something else after Ctrl-C, and if it comes now: what was chosen is not lost."""
+        if self._stopped:
+            return otherwise
+        try:
+            return step()
+        except KeyboardInterrupt:
+            self._stopped = True
+            return otherwise
+
     def _without_more(self) -> tuple[JudgedCandidate, ...]:
         """All candidates in their fastest ways with the cameras that stay."""
         choice = Choice((), tuple(of_one[0] for of_one in self.candidates))
@@ -551,9 +569,10 @@ class Placer:
             too_slow=self._too_slow,
         )
 
-    def _placement(self, problem: Placing, chosen: Chosen) -> Placement:
+    def _so_far(self, problem: Placing, chosen: Chosen) -> Placement:
+        """What is known without the chosen cameras."""
         count = len(self.question.mounts.spots)
-        found = Placement(
+        return Placement(
             question=self.question,
             infeasible=tuple(self.infeasible),
             ways=len(self.ways),
@@ -571,13 +590,19 @@ class Placer:
             quickest=self._quickest(problem),
             fastest=len(self.ways) == len(self.candidates),
         )
+
+    def _placement(self, problem: Placing, chosen: Chosen) -> Placement:
+        found = self._so_far(problem, chosen)
         if chosen.choice is None:
             why = "" if chosen.interrupted else obstacle(problem, self.question.demand, blind=self._blind)
             return replace(found, met=False, why=why, candidates=self._without_more())
-        worth = worth_of(problem, chosen.choice)
-        cameras, studies = self.cameras(problem, chosen.choice), self.studies(chosen.choice)
+        choice = chosen.choice
+        worth = worth_of(problem, choice)
+        cameras, studies = self.cameras(problem, choice), self.studies(choice)
         if worth.least < 1.0 - ROUNDED and not chosen.interrupted and not self.question.demand.survive:
-            cameras, studies = self._refined(problem, chosen.choice, cameras, studies)
+            cameras, studies = self._unless_stopped(
+                lambda: self._refined(problem, choice, cameras, studies), (cameras, studies)
+            )
         cell = self.cell_with([placed.camera for placed in cameras])
         return replace(
             found,
@@ -589,8 +614,9 @@ class Placer:
             ),
             worth=worth,
             bound=max(chosen.bound, worth.of(self.question.demand.objective)),
-            fewer=None if chosen.interrupted else self._fewer(problem, chosen.choice),
-            without_spare=None if chosen.interrupted else self._without_spare(),
+            fewer=self._unless_stopped(lambda: self._fewer(problem, choice), None),
+            without_spare=self._unless_stopped(self._without_spare, None),
+            interrupted=self._stopped,
         )
 
 

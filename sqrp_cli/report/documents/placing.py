@@ -385,6 +385,8 @@ def ranked_in_words(found: PlaceDocument) -> str:
 
 def scope_in_words(found: PlaceDocument) -> str:
     """What was looked at beyond the proof, or why there is none."""
+    if found.interrupted and found.proven:
+        return "Interrupted once that was proven: no camera was moved between places, nor was one less looked at."
     if found.interrupted:
         return "Interrupted: the best so far." if found.cameras else "Interrupted: nothing was found yet."
     if found.reason:

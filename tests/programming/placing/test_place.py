@@ -162,6 +162,25 @@ def test_ways_that_are_chosen_too_are_never_worse(cell, tmp_path, pair):
     assert found.gap == 0.0
 
 
+def test_what_cameras_aim_at_does_not_depend_on_a_choice_of_ways(cell, tmp_path, pair):
+    free = placer(cell, tmp_path, FORTY, Demand(most=2), fastest=False)
+    free._plan()
+    free._choose_from()
+    assert [view.at.tolist() for view in free.views] == [view.at.tolist() for view in pair[0].views]
+
+
+def test_ctrl_c_after_the_choice_does_not_lose_it(cell, tmp_path, pair, monkeypatch):
+    def pressed(*_arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Placer, "_refined", pressed)
+    found = placer(cell, tmp_path, FORTY, Demand(most=2)).place()
+    assert found.interrupted
+    assert found.proven
+    assert found.objective == pytest.approx(pair[1].objective)
+    assert len(found.cameras) == 2
+
+
 def test_a_camera_in_the_sight_of_another_one_is_not_chosen(cell, tmp_path):
     """The nearer of two places hides the farther one's view; with both, one would see nothing that counts."""
     text = """
