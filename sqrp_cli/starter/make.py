@@ -238,7 +238,7 @@ def _with_work(draft: Path, layout: Layout, reach: float, stand: Stand, down: Do
     if len(found.cubes) < len(search.COLORS):
         others = _reachable(draft, layout, search.other_places(cell.model, reach, size, stand, down))
         found = max(found, others, key=lambda one: len(one.cubes))
-    views = search.views_of(found.cubes, home.direction, LIFT) if found.cubes else ()
+    views = search.views_of(cell, home, found.cubes, LIFT) if found.cubes else ()
     return _Trial(replace(layout, cubes=found.cubes, views=views), found.reason)
 
 

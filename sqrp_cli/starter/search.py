@@ -9,7 +9,7 @@ from math import pi
 import numpy as np
 
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.geometry import Array, axis_rotation, cross, pose, transform
+from sqrp_cli.geometry import Array, axis_rotation, cross, inverse, pose, transform
 from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.arm.pose_search import descend, spread_starts
@@ -64,6 +64,12 @@ BEHIND, ASIDE = 150 * pi / 180, -60 * pi / 180
 
 HALF_VIEW = 20 * pi / 180
 """Half the angle within which the first camera sees all cubes [rad]; its image is wider, for arm and lift."""
+
+SHIFTS = (0.0, 30 * pi / 180, -30 * pi / 180, 60 * pi / 180, -60 * pi / 180)
+"""By how much a camera goes aside where the robot is in its place [rad]."""
+
+CLEARANCE = 0.1
+"""Between a camera and a link of the robot at home, at least [m]."""
 
 CLOSE_UP = 0.35
 """Distance of the second camera as a share of the first's: it sees some of the cubes, and what is lifted there."""
@@ -305,10 +311,10 @@ def _coloured(cubes: Sequence[Cube]) -> Iterator[Cube]:
         yield replace(cube, name=f"{color[0]}{number}", color=color)
 
 
-def views_of(cubes: Sequence[Cube], direction: float, lift: float) -> tuple[CameraView, ...]:
+def views_of(cell: Cell, home: Home, cubes: Sequence[Cube], lift: float) -> tuple[CameraView, ...]:
     """A camera that sees all cubes while the arm is not in its way, and one that sees some of them from the side.
 
-    lift: how far the cubes are lifted [m].
+    Neither is in the robot or close to it, if there is such a place. lift: how far the cubes are lifted [m].
     """
     places = np.array([cube.position for cube in cubes])
     middle = np.append((places.min(axis=0) + places.max(axis=0))[:2] / 2, lift / 2)
@@ -316,9 +322,31 @@ def views_of(cubes: Sequence[Cube], direction: float, lift: float) -> tuple[Came
     distance = max(radius / np.sin(HALF_VIEW), 0.5)
     some_cube = np.append(places[len(places) // 3][:2], lift / 2)
     return (
-        _view("cam1", middle, distance, direction + BEHIND),
-        _view("cam2", some_cube, max(CLOSE_UP * distance, 0.25), direction + ASIDE),
+        _clear_view(cell, home, "cam1", middle, distance, BEHIND),
+        _clear_view(cell, home, "cam2", some_cube, max(CLOSE_UP * distance, 0.25), ASIDE),
     )
+
+
+def _clear_view(cell: Cell, home: Home, name: str, looks_at: Array, distance: float, turn: float) -> CameraView:
+    """A camera in a direction relative to that of the work [rad], or the next one in which no robot is."""
+    q = np.array([home.positions[joint].value for joint in cell.model.arm])
+    X_WL = cell.model.link_poses(q[None])
+    views = [_view(name, looks_at, distance, home.direction + sign * turn + by) for by in SHIFTS for sign in (1, -1)]
+    for view in views:
+        eye = np.array([view.position])
+        if not any(
+            (np.abs(transform(inverse(X_WL[solid.part.parent][0]), eye) - middle) < half + CLEARANCE).all()
+            for solid in load_solids(cell.model.parts)
+            for middle, half in [_extent(solid.vertices)]
+        ):
+            return view
+    return views[0]
+
+
+def _extent(points: Array) -> tuple[Array, Array]:
+    """The middle of the box around points (n, 3), and half its sides."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    return (low + high) / 2, (high - low) / 2
 
 
 def _view(name: str, looks_at: Array, distance: float, turn: float) -> CameraView:

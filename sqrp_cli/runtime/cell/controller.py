@@ -39,6 +39,8 @@ class Controller:
     A motor's torque is stiffness (wanted - position) - damping velocity, with its gains set from the inertia that the
     joint has at the start, with that of the joints that mimic it. What is wanted is shifted so that on the reference
     the torque is that of inverse dynamics, payload included. MuJoCo limits the torque to the effort that the URDF says.
+    An arm that this effort could not even hold where it starts is one that springs or counterweights balance, which no
+    URDF can say: then what its weight takes goes beside the effort.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -46,6 +48,7 @@ class Controller:
         self._model, self._data, self._scratch = model, data, mujoco.MjData(model)
         self.joints = tuple(model.actuator(i).name for i in range(model.nu))
         joint_ids = model.actuator_trnid[:, 0]
+        self._joint_ids, self._efforts = joint_ids, model.jnt_actfrcrange[joint_ids].copy()
         self._position, self._velocity = model.jnt_qposadr[joint_ids], model.jnt_dofadr[joint_ids]
         self._followers = _followers(model)
         self._moved = self._motion_by_motors()
@@ -54,6 +57,8 @@ class Controller:
         self._stiffness = BANDWIDTH**2 * np.diag(self._moved.T @ inertia @ self._moved)
         self._damping = 2.0 / BANDWIDTH * self._stiffness
         self.wanted = data.qpos[self._position].copy()
+        limited = model.jnt_actfrclimited[joint_ids].astype(bool)
+        self._balanced = bool((limited & (np.abs(self._weight()) > self._efforts[:, 1])).any())
         self._force = np.full(model.nu, np.nan)
         for motor in range(model.nu):
             self.follow(motor)
@@ -76,6 +81,8 @@ class Controller:
 
     def drive(self, velocity: Array, acceleration: Array, payload: Payload | None) -> None:
         """Set the motors for the next time step; velocity, acceleration: of each [rad/s or m/s, and per s]."""
+        if self._balanced:
+            self._model.jnt_actfrcrange[self._joint_ids] = self._efforts + self._weight()[:, None]
         torque = self._inverse_dynamics(velocity, acceleration, payload)
         led = self.wanted + (torque + self._damping * velocity) / self._stiffness
         self._data.ctrl[:] = np.where(np.isnan(self._force), led, self._force)
@@ -89,6 +96,11 @@ class Controller:
         """Position of a body if every motor were where it is wanted [m], at the last `drive`."""
         wanted: Array = self._scratch.xpos[body]
         return wanted
+
+    def _weight(self) -> Array:
+        """Torque of each motor that holds the robot where it is wanted."""
+        still = np.zeros(self._model.nu)
+        return self._inverse_dynamics(still, still, None)
 
     def _inverse_dynamics(self, velocity: Array, acceleration: Array, payload: Payload | None) -> Array:
         """Torque of each motor that the wanted motion takes; everything else stands still where it now is."""

@@ -270,6 +270,17 @@ def test_a_motor_bears_the_weight_of_the_joints_that_mimic_it(tmp_path: Path) ->
     assert physics.joints() == pytest.approx({"motor": 1.0, "elbow": -0.4}, abs=1e-3)
 
 
+def test_an_arm_that_its_motors_could_not_hold_is_balanced(tmp_path: Path) -> None:
+    """Holding the arm takes 31 Nm; what is left beyond its weight is 5 Nm."""
+    urdf = tmp_path / "led.urdf"
+    urdf.write_text(LED_ARM.replace('upper="2"/>', 'upper="2" effort="5"/>'))
+    base = replace(cell(workspace("workspaces/tabletop"), []), robot=robot(urdf, "arm"))
+    physics = Physics(base, World(frozenset(), {}, None, None, {"motor": 0.2}))
+    physics.advance(2.5, Quintic({"motor": 0.2}, {"motor": 1.0}, 0.0, 2.0))
+    assert physics.joints() == pytest.approx({"motor": 1.0, "elbow": -0.4}, abs=1e-3)
+    assert np.abs(physics.torques()).max() < 31.4 / 2 + 5.0
+
+
 BARE_ARM = """<robot name="bare">
   <link name="base"/>
   <link name="upper"><visual><geometry><box size="0.1 0.1 0.4"/></geometry></visual></link>
