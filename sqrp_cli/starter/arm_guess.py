@@ -14,7 +14,7 @@ from sqrp_cli.knowledge.robot.joint_tree import driving_joints
 from sqrp_cli.knowledge.robot.robot import AXES_OF_A_POSE
 from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfModel
 
-_GRIPPER_JOINT = re.compile(r"finger|grip|jaw|claw|knuckle|thumb", re.IGNORECASE)
+_GRIPPER_JOINT = re.compile(r"finger|grip|jaw|claw|knuckle|thumb|hand_(index|middle|ring|little|pinky)", re.IGNORECASE)
 """Words in the names of gripper joints."""
 
 _TOOL_WORDS = ({"tcp"}, {"tool0", "tool"}, {"ee", "eef", "effector"}, {"flange"}, {"hand", "tip"})

@@ -11,7 +11,7 @@ from sqrp_cli.knowledge.robot.read_urdf import read_urdf
 from sqrp_cli.starter.arm_guess import guess_arm
 from sqrp_cli.starter.make import make_starter
 from tests.arms.arms import BOX, PEDESTAL, side, solid
-from tests.programming.robots import FEW_AXES, LINKAGES, written_urdf
+from tests.programming.robots import FEW_AXES, LINKAGES, ROBOTS, written_urdf
 
 
 def test_an_arm_with_a_pedestal_works_at_a_table_of_its_height(tmp_path: Path) -> None:
@@ -37,6 +37,12 @@ def test_cubes_count_that_can_be_picked_up_with_the_tool_turned(tmp_path: Path) 
     urdf = solid(tmp_path, "two", (*side("left", 0.25), *side("right", -0.25)))
     made = make_starter(tmp_path / "cell", str(urdf))
     assert (made.tip, len(made.cubes)) == ("left_hand", 4)
+
+
+def test_the_fingers_of_a_hand_are_not_of_the_arm() -> None:
+    guessed = guess_arm(read_urdf(ROBOTS / "tiago_description/robots/tiago.urdf"))
+    assert [joint.name for joint in guessed.joints] == ["torso_lift_joint", *(f"arm_{k}_joint" for k in range(1, 8))]
+    assert guessed.others == ()
 
 
 @pytest.mark.parametrize(
