@@ -127,7 +127,7 @@ def _tip_rank(link: str) -> int:
 
 
 def _moves_gripper(joint: UrdfJoint, urdf: UrdfModel, leads: set[str]) -> bool:
-    """Whether a joint belongs to a gripper: by its name, because others mimic it, or as one of several fingers.
+    """Whether a joint belongs to a gripper: by its name or one's beside it, because others mimic it, or as a finger.
 
     A joint that carries other independent joints is of the arm: what it mimics, or mimics it, is a parallel linkage.
     """
@@ -135,7 +135,10 @@ def _moves_gripper(joint: UrdfJoint, urdf: UrdfModel, leads: set[str]) -> bool:
     if _GRIPPER_JOINT.search(joint.name) or (coupled and not _carries_independent(joint, urdf)):
         return True
     siblings = _movable_on(joint.parent, urdf)
-    return len(siblings) > 1 and all(_depth_beyond(other, urdf) <= LONGEST_FINGER for other in siblings)
+    beside_finger = any(_GRIPPER_JOINT.search(other.name) for other in siblings)
+    return beside_finger or (
+        len(siblings) > 1 and all(_depth_beyond(other, urdf) <= LONGEST_FINGER for other in siblings)
+    )
 
 
 def _outward(urdf: UrdfModel, arm: Sequence[UrdfJoint], tip: str, rigid: Sequence[str]) -> Array:

@@ -15,7 +15,7 @@ import json
 import shutil
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict
 from pathlib import Path
 
@@ -70,13 +70,12 @@ def _try_all(arms: Sequence[MatrixArm], made: Path, packages: Path) -> dict[str,
         return outcome
 
     with ThreadPoolExecutor(AT_A_TIME) as pool, (made / "outcomes.jsonl").open("a", encoding="utf-8") as file:
-        found = {}
-        for outcome in pool.map(one, arms):
-            found[outcome.name] = outcome
+        under_way = [pool.submit(one, arm) for arm in arms]
+        for outcome in (future.result() for future in as_completed(under_way)):
             if outcome.name not in done:
                 file.write(json.dumps(asdict(outcome)) + "\n")
                 file.flush()
-    return found
+    return {future.result().name: future.result() for future in under_way}
 
 
 def _print(outcomes: Sequence[ArmOutcome]) -> None:
