@@ -15,6 +15,8 @@ from sqrp_cli.programming.ways.words import choice_in_words
 
 if TYPE_CHECKING:
     from sqrp_cli.programming.advice.change import Kind, ProposedChange
+    from sqrp_cli.programming.coverage.in_the_way import ToMove
+    from sqrp_cli.programming.sensing.observer import Occluder
 
 _CRITERION_WORDS: dict[Criterion, str] = {
     "q_eoi": "best Q_eoi first",
@@ -34,6 +36,12 @@ KIND_WORDS: Mapping[Kind, str] = {
     "camera": "another camera",
 }
 """What kinds of changes are called."""
+
+LEAST_GAIN = 0.001
+"""Share of what is hidden below which a move of what hides it is not worth a sentence."""
+
+MOST_PARTS = 3
+"""Parts that a sentence names; the others count together."""
 
 _INTERVAL = re.compile(r"\b(?:always|eventually)\[[^\]]*\]")
 
@@ -57,6 +65,26 @@ def differing_parameters(candidates: Sequence[Candidate]) -> list[str]:
 def way_of(assessment: Assessment) -> str:
     """The way behind the figures of a candidate, in a few words."""
     return choice_in_words(assessment.candidate, assessment.way)
+
+
+def part_shares_in_words(parts: Sequence[Occluder]) -> str:
+    """What each of several parts hides, the rest together: `forearm_link 40.2 %, tray 3.1 %, 2 others 0.4 %`."""
+    shown, others = parts[:MOST_PARTS], parts[MOST_PARTS:]
+    words = [f"{part.name} {100 * part.share:.1f} %" for part in shown]
+    if others:
+        words.append(f"{len(others)} other{'s' * (len(others) > 1)} {100 * sum(part.share for part in others):.1f} %")
+    return ", ".join(words)
+
+
+def what_to_move(found: Sequence[ToMove]) -> str:
+    """A sentence about the object to move first; empty if no move of one object would help."""
+    if not found or found[0].alone < LEAST_GAIN:
+        return ""
+    first = found[0]
+    return (
+        f"Of the objects in the way, move {first.name} first: of what is hidden meanwhile, "
+        f"{100 * first.alone:.1f} % would be seen without it."
+    )
 
 
 def accuracy(sampling: Sampling, feasible: Sequence[Ranked]) -> str:

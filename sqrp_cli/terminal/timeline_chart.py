@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study
 from sqrp_cli.programming.coverage.blind_spans import CauseTotal, cause_totals, first_failures
+from sqrp_cli.programming.coverage.in_the_way import hidden_views, in_the_way, to_move
 from sqrp_cli.programming.coverage.robustness import without_each_camera
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.pipeline import Explained
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.sensing.cause import Cause
-from sqrp_cli.report.sentences import accuracy, way_of
+from sqrp_cli.report.sentences import accuracy, part_shares_in_words, way_of, what_to_move
 from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table, say, terminal_width
 
 MOST_SIGNS = 50
@@ -79,7 +80,8 @@ def print_study(cell: Cell, ranked: Ranked, study: Study | None, sampling: Sampl
             [Column("literal"), Column("camera"), Column("seconds", right=True), Column("does not see it because")],
             ((str(t.atom), t.camera, f"{t.duration:.2f}", _because(t)) for t in totals),
         )
-    say(f"\n{assessment.verdict}")
+    in_the_way_of = _print_occluders(cell, study)
+    say(f"\n{assessment.verdict}{in_the_way_of}")
     say(plain(accuracy(sampling, [ranked]), "dim"))
 
 
@@ -105,6 +107,22 @@ def _print_faults(assessment: Assessment) -> None:
             f"\n{name}: noticed after {fault.delay_mean:.2f} s on average, {fault.delay_worst:.2f} s at worst{unseen};"
             f" longest blind stretch {fault.blind_longest:.2f} s{done}"
         )
+
+
+def _print_occluders(cell: Cell, study: Study) -> str:
+    """Which parts hide how much; and a sentence about what to move first, after a blank, where that helps."""
+    views = hidden_views(cell, study)
+    found = in_the_way(cell, study, views)
+    if not found:
+        return ""
+    say()
+    columns = [Column("literal"), Column("camera"), Column("hidden", right=True)]
+    print_table(
+        [*columns, Column("of which first on the ray", shrink=True)],
+        ((str(one.atom), one.camera, f"{100 * one.hidden:.1f} %", part_shares_in_words(one.parts)) for one in found),
+    )
+    sentence = what_to_move(to_move(cell, study, views))
+    return f" {sentence}" if sentence else ""
 
 
 def print_comparison(explained: Sequence[Explained], sampling: Sampling) -> None:

@@ -92,8 +92,53 @@ def test_feasible_candidates_have_every_field_of_the_contract(scene):
                 assert set(literal) == {"covered", "boxes", "cameras"}
                 for box in literal["boxes"]:
                     assert set(box) == {"corners", "cameras"}
-                    assert all(set(v) == {"covered", "cause", "by", "visible"} for v in box["cameras"].values())
+                    for verdict in box["cameras"].values():
+                        told = {"hidden_by"} if verdict["cause"] == "hidden" else set()
+                        assert set(verdict) == {"covered", "cause", "by", "visible"} | told
                 assert all({"covered", "cause", "by"} <= set(v) <= VERDICT_FIELDS for v in literal["cameras"].values())
+
+
+def test_the_parts_that_hide_a_box_add_up_to_what_is_not_visible(scene):
+    _, documents = scene
+    for document in documents:
+        for sample in document["samples"]:
+            boxes = [box for literal in sample["literals"].values() for box in literal["boxes"]]
+            for verdict in (v for box in boxes for v in box["cameras"].values() if v["cause"] == "hidden"):
+                shares = [part["share"] for part in verdict["hidden_by"]]
+                assert math.fsum(shares) == pytest.approx(1 - verdict["visible"], abs=EXACT)
+                assert shares == sorted(shares, reverse=True)
+                assert all(0 <= part["alone"] <= part["share"] for part in verdict["hidden_by"])
+
+
+def hidden_by(sample: Document, atom: str, camera: str) -> list[Document] | None:
+    """What hides the first box that a camera does not see, if that is hidden."""
+    literal = sample["literals"].get(atom) or sample["literals"].get(negated(atom))
+    verdicts = [box["cameras"][camera] for box in literal["boxes"]] if literal else []
+    first = next((verdict for verdict in verdicts if not verdict["covered"]), {"cause": None})
+    return first["hidden_by"] if first["cause"] == "hidden" else None
+
+
+def test_who_is_in_the_way_is_the_mean_of_the_samples(scene):
+    _, documents = scene
+    for document in documents:
+        samples, weights = document["samples"], [0.0] * len(document["samples"])
+        for number, (before, after) in enumerate(pairwise(samples)):
+            weights[number] += 0.5 * (after["t"] - before["t"])
+            weights[number + 1] += 0.5 * (after["t"] - before["t"])
+        for entry in document["hidden"]:
+            found = [hidden_by(sample, entry["literal"], entry["camera"]) for sample in samples]
+            some = [(weight, parts) for weight, parts in zip(weights, found, strict=True) if parts is not None]
+            seconds = math.fsum(weight for weight, _ in some)
+            assert entry["seconds"] == pytest.approx(seconds, abs=EXACT)
+            for part in entry["parts"]:
+                for figure in ("share", "alone"):
+                    told = math.fsum(
+                        w * one[figure] for w, parts in some for one in parts if one["name"] == part["name"]
+                    )
+                    assert part[figure] == pytest.approx(told / seconds, abs=EXACT)
+            assert entry["hidden"] == pytest.approx(math.fsum(part["share"] for part in entry["parts"]), abs=EXACT)
+            seen = math.fsum(w * math.fsum(one["share"] for one in parts) for w, parts in some) / seconds
+            assert entry["hidden"] == pytest.approx(seen, abs=EXACT)
 
 
 def test_primitives_follow_one_another_without_a_gap(scene):

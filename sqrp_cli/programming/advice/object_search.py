@@ -18,9 +18,8 @@ from sqrp_cli.programming.advice.effects import finely_met
 from sqrp_cli.programming.advice.least import least_beyond
 from sqrp_cli.programming.advice.question import Found, Met, Near, Question
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Study
+from sqrp_cli.programming.coverage.in_the_way import hidden_views, to_move
 from sqrp_cli.programming.motion.collision.collision_body import CLEARANCE, distance_within, placement_at
-from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.whole_study import WholeStudy, whole_study
 
@@ -199,19 +198,13 @@ def _is_free(cell: Cell, name: str, world: World) -> bool:
 
 
 def _hiding(cell: Cell, found: WholeStudy) -> Iterator[str]:
-    """Objects that hide targets in uncovered states, those that do so most often first."""
-    count = Counter(name for step in found.steps for name in _occluders(cell, step))
-    yield from sorted(count, key=lambda name: (-count[name], name))
-
-
-def _occluders(cell: Cell, step: Study) -> Iterator[str]:
-    """The objects that hide boxes in uncovered states, one for each box, camera and state."""
-    lost = ~step.timeline.covered & step.timeline.monitored
-    for boxes in step.timeline.observation.full_matrix:
-        for box in boxes:
-            hidden = (box.cause == Cause.HIDDEN) & lost[:, None]
-            parents = (cell.observer.solids[index].part.parent for index in box.by[hidden].tolist())
-            yield from (parent for parent in parents if parent in cell.workspace.objects)
+    """Objects that hide targets while too few cameras see them, the one first without which most would be seen."""
+    alone, share = Counter[str](), Counter[str]()
+    for step in found.steps:
+        for one in to_move(cell, step, hidden_views(cell, step)):
+            alone[one.name] += one.alone
+            share[one.name] += one.share
+    yield from sorted(share, key=lambda name: (-alone[name], -share[name], name))
 
 
 def _support(cell: Cell, world: World, name: str) -> str | None:

@@ -22,6 +22,7 @@ from sqrp_cli.programming.sensing.sight_lines import BoxViews, Pairs, SightLines
 from sqrp_cli.programming.sensing.visibility.backdrop import backdrop_of
 from sqrp_cli.programming.sensing.visibility.culprit import find_hidden, find_largest
 from sqrp_cli.programming.sensing.visibility.occlusion import HullTester, near_pairs
+from sqrp_cli.programming.sensing.visibility.part_shares import part_shares
 from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
 from sqrp_cli.programming.solids import Solid, Solids
 from sqrp_cli.programming.targets import SoughtBox, Target
@@ -50,6 +51,17 @@ class BoxVerdicts:
     """Amount by which the first failing limit is missed (see `LimitVerdicts`), shape (m, c)."""
     visible: Array
     """Visible share of the silhouette, NaN where an earlier limit failed, shape (m, c)."""
+
+
+class Occluder(NamedTuple):
+    """A part that hides something of a box, or of several on average."""
+
+    name: str
+    """In output; all pieces of a link are one part."""
+    share: float
+    """Share of the box's silhouette that it hides as the first part on the ray from the camera, in 0..1."""
+    alone: float
+    """Share that only it hides, which would be seen without it, in 0..1."""
 
 
 def sees_all(boxes: Sequence[BoxVerdicts]) -> Mask:
@@ -136,6 +148,20 @@ class Observer:
             reached = (count >= questions.needed) & np.isnan(response)
             response[reached] = self.cameras[tier[0]].response
         return tuple(CoveredStates(count >= questions.needed, response).split([len(of_target) for of_target in rows]))
+
+    def occluders(self, boxes: Sequence[SoughtBox], states: SceneStates, views: BoxViews) -> list[tuple[Occluder, ...]]:
+        """Which parts hide how much of the boxes in views, largest share first, ties by name; for each view.
+
+        All corners of the boxes must lie in front of the cameras. The shares of a view add up to what is not visible.
+        """
+        watched = self._watched(boxes, states)
+        lines, poses = watched.sight_lines(views), watched.solid_poses
+        found = part_shares(lines, poses, near_pairs(lines, poses, watched.opaque), self._parts)
+        names = sorted({solid.name for solid in self.solids})
+        occluders: list[list[Occluder]] = [[] for _ in views.box]
+        for line, part, share, alone in zip(*(values.tolist() for values in found), strict=True):
+            occluders[line].append(Occluder(name=names[part], share=share, alone=alone))
+        return [tuple(sorted(some, key=lambda one: (-one.share, one.name))) for some in occluders]
 
     def _tiers(self) -> list[NDArray[np.int64]]:
         """Indices of cameras grouped by response, fastest first."""

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from sqrp_cli.geometry import Array, box_corners, transform
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.programming.coverage.blind_spans import by_name
+from sqrp_cli.programming.coverage.in_the_way import HiddenView, HiddenViews, hidden_views, in_the_way, to_move
 from sqrp_cli.programming.coverage.quality import Qualities
 from sqrp_cli.programming.coverage.robustness import without_each_camera
 from sqrp_cli.programming.coverage.sampling import Sampling
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.coverage.assessment import Study
     from sqrp_cli.programming.pieces import GroundFormula
     from sqrp_cli.programming.ranking import Ranked
-    from sqrp_cli.programming.sensing.observer import BoxVerdicts
+    from sqrp_cli.programming.sensing.observer import BoxVerdicts, Occluder
     from sqrp_cli.programming.targets import SoughtBox, Target
 
 
@@ -142,11 +143,58 @@ class Verdict(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class HidingPart(Record):
+    """A part that hides something of a box, or on average."""
+
+    name: str
+    """As `by` names it."""
+    share: float
+    """Share of the box's silhouette along whose rays from the camera it is the first part, in 0..1."""
+    alone: float
+    """Share that no other part hides: what would be seen without it, in 0..1."""
+
+    @classmethod
+    def of(cls, parts: Sequence[Occluder]) -> list[HidingPart]:
+        """Several parts in their order."""
+        return [cls(**part._asdict()) for part in parts]
+
+
+@dataclass(frozen=True, kw_only=True)
 class BoxVerdict(Verdict):
     """Whether a camera covers a box."""
 
     visible: float | None
     """Visible share of the box's silhouette; null if an earlier limit failed."""
+    hidden_by: list[HidingPart] | None = field(default=None, metadata=LEFT_OUT)
+    """Of a hidden box: what every part hides, the largest share first. The shares add up to 1 - `visible`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HiddenTarget(Record):
+    """What hides a target from a camera, on average over the time for which it does."""
+
+    literal: str
+    """Without `not`: a literal and its negation have one target."""
+    camera: str
+    """Its name."""
+    seconds: float
+    """For how long the first box that the camera does not see is a hidden one [s]."""
+    hidden: float
+    """Share of that box's silhouette that is hidden, in 0..1: the sum of the shares of `parts`."""
+    parts: list[HidingPart]
+    """The largest share first."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObjectToMove(Record):
+    """An object in the way that the task does not handle."""
+
+    name: str
+    """As in the workspace."""
+    share: float
+    """Of all that is hidden, from any camera, while too few see the target: its part, in 0..1."""
+    alone: float
+    """The part of that which nothing else hides, in 0..1."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -253,10 +301,15 @@ class CandidateStudy(CandidateFigures):
     """By literal, for every literal of `formulas`."""
     samples: list[Sample]
     """The sampled instants in the order of time."""
+    hidden: list[HiddenTarget]
+    """Who is in the way: of each literal, from each camera that it is hidden from."""
+    to_move: list[ObjectToMove]
+    """Objects in the way, the largest `alone` first: the one to move first. Empty if only the robot is in the way."""
 
     @classmethod
     def of_study(cls, cell: Cell, study: Study, ranked: Ranked, sampling: Sampling) -> CandidateStudy:
         """A feasible candidate with everything computed about it."""
+        views = hidden_views(cell, study)
         return cls(
             **vars(CandidateFigures.of(ranked)),
             sampling=SamplingDone.of(sampling, [ranked.assessment]),
@@ -267,7 +320,18 @@ class CandidateStudy(CandidateFigures):
             recovery=RecoveryTimes(t=study.recovery.t.tolist(), duration=study.recovery.duration.tolist()),
             sights={fault: FaultSight.of(study, fault) for fault in study.windows},
             targets=_targets(study),
-            samples=_samples(cell, study),
+            samples=_samples(cell, study, views),
+            hidden=[
+                HiddenTarget(
+                    literal=str(one.atom),
+                    camera=one.camera,
+                    seconds=one.duration,
+                    hidden=one.hidden,
+                    parts=HidingPart.of(one.parts),
+                )
+                for one in in_the_way(cell, study, views)
+            ],
+            to_move=[completed(ObjectToMove, one) for one in to_move(cell, study, views)],
         )
 
     @classmethod
@@ -284,6 +348,8 @@ class CandidateStudy(CandidateFigures):
             sights={},
             targets={},
             samples=[],
+            hidden=[],
+            to_move=[],
         )
 
 
@@ -311,14 +377,14 @@ def _targets(study: Study) -> dict[str, TargetBoxes]:
     }
 
 
-def _samples(cell: Cell, study: Study) -> list[Sample]:
+def _samples(cell: Cell, study: Study, views: HiddenViews) -> list[Sample]:
     timeline, samples = study.timeline, study.timeline.samples
     states, q, held = study.stage.states(samples), study.stage.positions(samples), study.stage.held(samples)
     objects = [name for name in cell.workspace.objects if name in states.X_WF]
     observation = timeline.observation
     column = {target.atom: index for index, target in enumerate(study.targets)}
     seen = [
-        _coverage(cell, target, boxes, states.X_WF, observation.covered[:, index].tolist())
+        _coverage(cell, _Seen(index, target, boxes, observation.covered[:, index].tolist()), states.X_WF, views)
         for index, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True))
     ]
     return [
@@ -337,18 +403,34 @@ def _samples(cell: Cell, study: Study) -> list[Sample]:
     ]
 
 
-def _coverage(
-    cell: Cell, target: Target, matrix: Sequence[BoxVerdicts], X_WF: Mapping[str, Array], covered: Sequence[bool]
-) -> list[LiteralCoverage]:
+class _Seen(NamedTuple):
+    """What is known of a target."""
+
+    column: int
+    """Its index."""
+    target: Target
+    matrix: Sequence[BoxVerdicts]
+    """Of its boxes."""
+    covered: Sequence[bool]
+    """Per sample."""
+
+
+def _coverage(cell: Cell, seen: _Seen, X_WF: Mapping[str, Array], views: HiddenViews) -> list[LiteralCoverage]:
     """The verdicts on a target's boxes and cameras, per sample."""
-    names = [camera.name for camera in cell.observer.cameras]
+    names, target = [camera.name for camera in cell.observer.cameras], seen.target
     corners = [transform(X_WF[box.frame] @ box.X_FB, box_corners(box.size)) for box in target.boxes]
     found = []
-    for row in range(len(covered)):
-        verdicts = [{name: _verdict(cell, boxes, row, index) for index, name in enumerate(names)} for boxes in matrix]
+    for row in range(len(seen.covered)):
+        verdicts = [
+            {
+                name: _verdict(cell, boxes, HiddenView(seen.column, number, row, index), views)
+                for index, name in enumerate(names)
+            }
+            for number, boxes in enumerate(seen.matrix)
+        ]
         found.append(
             LiteralCoverage(
-                covered=covered[row],
+                covered=seen.covered[row],
                 boxes=[
                     BoxCoverage(corners=_at(points, row).tolist(), cameras=cameras)
                     for points, cameras in zip(corners, verdicts, strict=True)
@@ -359,13 +441,15 @@ def _coverage(
     return found
 
 
-def _verdict(cell: Cell, boxes: BoxVerdicts, row: int, camera: int) -> BoxVerdict:
+def _verdict(cell: Cell, boxes: BoxVerdicts, view: HiddenView, views: HiddenViews) -> BoxVerdict:
+    row, camera = view.row, view.camera
     cause, visible = Cause(int(boxes.cause[row, camera])), float(boxes.visible[row, camera])
     return BoxVerdict(
         covered=cause is Cause.NONE,
         cause=cause.label,
         by=by_name(cell, cause, int(boxes.by[row, camera])),
         visible=None if np.isnan(visible) else visible,
+        hidden_by=HidingPart.of(views[view]) if view in views else None,
     )
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from math import ceil, sqrt
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from sqrp_cli.platform.files import make_folder, write_atomically
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study
 from sqrp_cli.programming.coverage.blind_spans import Failure, by_name, first_failures
+from sqrp_cli.programming.coverage.in_the_way import HiddenView, HiddenViews, hidden_views
 from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.coverage.verdict import stretches
 from sqrp_cli.programming.sensing.cause import Cause
@@ -37,6 +38,7 @@ from sqrp_cli.report.pictures.drawing import (
     png,
 )
 from sqrp_cli.report.pictures.rays import check_rays
+from sqrp_cli.report.sentences import part_shares_in_words
 
 SHEET = "contact-sheet.png"
 
@@ -80,14 +82,15 @@ def write_pictures(cell: Cell, study: Study, folder: Path) -> int:
 
     Raises InputError where a file cannot be written or a library is missing.
     """
-    sheet = []
-    for number, interval in enumerate(blind_intervals(study), 1):
+    sheet, intervals = [], list(blind_intervals(study))
+    views = hidden_views(cell, study, np.array([interval.row for interval in intervals], dtype=np.int64))
+    for number, interval in enumerate(intervals, 1):
         samples = Samples(study.timeline.samples.piece[[interval.row]], study.timeline.samples.t[[interval.row]])
         states = study.stage.states(samples)
         photographer = Photographer(cell, states)
         pictures = []
         for camera in range(len(cell.observer.cameras)):
-            made = _picture(cell, study, interval, states, photographer, camera)
+            made = _picture(cell, study, _Look(interval, states, photographer, camera), views)
             when = f"{interval.start:.1f}s-{interval.end:.1f}s"
             name = f"{number:02d}_{when}_{cell.observer.cameras[camera].name}"
             _write(folder / f"{_file_name(name)}.png", captioned(made))
@@ -104,20 +107,33 @@ def folder_of(study: Study, folder: Path) -> Path:
     return folder / _file_name(study.candidate.name)
 
 
-def _picture(
-    cell: Cell, study: Study, interval: BlindInterval, states: SceneStates, photographer: Photographer, index: int
-) -> Picture:
-    """The picture of one camera."""
+class _Look(NamedTuple):
+    """A look at a cell through a camera."""
+
+    interval: BlindInterval
+    states: SceneStates
+    """Of the instant."""
+    photographer: Photographer
+    camera: int
+    """By index."""
+
+
+def _picture(cell: Cell, study: Study, look: _Look, views: HiddenViews) -> Picture:
+    """The picture of one camera; views: what hides the boxes that it does not see."""
+    interval, states, photographer, index = look
     camera, step = _drawable(cell.observer.cameras[index])
     colors = solid_colors(cell)
     smaller = f", 1/{step} of its size" if step > 1 else ""
     captions = [Caption(f"{camera.name} at {interval.t:.2f} s{smaller}")]
     outlines = []
     X_CW = inverse(states.camera_poses(camera)[0])
-    for target, failure, failures in _asked(study, interval.row, index):
+    for column, target, failure, failures in _asked(study, interval.row, index):
         seen = failure.cause is Cause.NONE
         why = f"{_of_box(target, failure)}{_because(cell, failure)}"
         captions.append(Caption(f"{target.atom}: {why}", COVERED if seen else HIDDEN))
+        if parts := views.get(HiddenView(column, failure.box, interval.row, index)):
+            hidden = sum(part.share for part in parts)
+            captions.append(Caption(f"hidden {100 * hidden:.1f} %: {part_shares_in_words(parts)}"))
         for box, cause in zip(target.boxes, failures, strict=True):
             corners = transform(X_CW @ states.box_poses(box)[0], box_corners(box.size))
             outlines.append(BoxOutline(corners, COVERED if cause is Cause.NONE else HIDDEN))
@@ -138,13 +154,13 @@ def _drawable(camera: Camera) -> tuple[Camera, int]:
     return replace(camera, width=width, height=height, matrix=matrix), step
 
 
-def _asked(study: Study, row: int, camera: int) -> Iterator[tuple[Target, Failure, list[Cause]]]:
-    """The targets that must be seen at a sample, each with the camera's first failure and the cause of every box."""
+def _asked(study: Study, row: int, camera: int) -> Iterator[tuple[int, Target, Failure, list[Cause]]]:
+    """The targets that must be seen at a sample, with their index, the camera's first failure and every box's cause."""
     observation = study.timeline.observation
     for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
         if observation.required[row, column]:
             (failure,) = first_failures(boxes, np.array([row]), camera)
-            yield target, failure, [Cause(int(box.cause[row, camera])) for box in boxes]
+            yield column, target, failure, [Cause(int(box.cause[row, camera])) for box in boxes]
 
 
 def _of_box(target: Target, failure: Failure) -> str:

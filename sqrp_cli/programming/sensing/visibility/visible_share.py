@@ -47,8 +47,8 @@ _MEMORY = 2_000_000
 _ROUNDING = 1e-9
 """Share by which the area of an image may be too large."""
 
-_BEFORE = np.uint16(0b11)
-"""Bits of the regions before a box, see `_SeenBoxes.regions`."""
+BEFORE = np.uint16(0b11)
+"""Bits of the regions before a box, see `SeenBoxes.regions`."""
 
 _BOX = Triangulation.of_triangles(BOX_SIGNS, BOX_TRIANGLES)
 
@@ -95,7 +95,7 @@ def _measured(lines: SightLines, poses: SolidPoses, pairs: Pairs, enough: Array)
 class _Views(NamedTuple):
     """Some sight lines with all that may block their rays."""
 
-    view: _SeenBoxes
+    view: SeenBoxes
     hull: Indices
     """Which of the views each line has, shape (l,)."""
     solids: _SeenSolids
@@ -114,7 +114,7 @@ def _views(lines: SightLines, poses: SolidPoses, pairs: Pairs, margin: Array | N
         within = slice(*np.searchsorted(number, (start, start + size)).tolist())
         hull, state = lines.hull[named[chunk]], lines.state[named[chunk]]
         begins = begins_run(hull)
-        view, hull = _SeenBoxes.of(lines, hull[begins], margin), np.cumsum(begins) - 1
+        view, hull = SeenBoxes.of(lines, hull[begins], margin), np.cumsum(begins) - 1
         here = Pairs(number[within] - start, pairs.solid[within])
         yield _Views(view, hull, _SeenSolids.of(view, hull, poses, here, state[here.line]), named[chunk])
 
@@ -141,7 +141,7 @@ def rays_around(lines: SightLines, poses: SolidPoses, pairs: Pairs, margin: Arra
 
 @dataclass(frozen=True, eq=False)
 class _SeenSolids:
-    """Solids that may block the rays of sight lines: n pairs; optical frames as in `_SeenBoxes`."""
+    """Solids that may block the rays of sight lines: n pairs; optical frames as in `SeenBoxes`."""
 
     line: Indices
     """Of each, shape (n,)."""
@@ -159,7 +159,7 @@ class _SeenSolids:
     """Corners of the box around the solid in its parent's frame, shape (n, 8, 3) [m]."""
 
     @classmethod
-    def of(cls, view: _SeenBoxes, hull: Indices, poses: SolidPoses, pairs: Pairs, state: Indices) -> _SeenSolids:
+    def of(cls, view: SeenBoxes, hull: Indices, poses: SolidPoses, pairs: Pairs, state: Indices) -> _SeenSolids:
         """The solids of pairs; hull: which of the views each line has, state: index of each pair's state."""
         at = hull[pairs.line]
         X_WP = poses.at(pairs.solid, state)
@@ -211,7 +211,7 @@ class SeenRays(NamedTuple):
         return np.where(every > 0, free / np.maximum(every, 1), 1.0)  # without area in the image, nothing hides
 
 
-def _rays(view: _SeenBoxes, hull: Indices, poses: SolidPoses, seen: _SeenSolids, enough: Array) -> SeenRays:
+def _rays(view: SeenBoxes, hull: Indices, poses: SolidPoses, seen: _SeenSolids, enough: Array) -> SeenRays:
     """The rays of l sight lines behind solids; hull: which of the views each has, shape (l,).
 
     enough: as in `visible_shares`, shape (l,). Triangles that reach through the far side come last, and only where what
@@ -226,7 +226,7 @@ def _rays(view: _SeenBoxes, hull: Indices, poses: SolidPoses, seen: _SeenSolids,
         rows = np.flatnonzero(reaching)
         bounds_B = transform(view.X_BW[at[rows]] @ X_WP[rows], bounds_P[rows])
         regions = view.regions(at[rows], bounds_B, transform(X_CP[rows], bounds_P[rows]))
-        reaching[rows] = (np.bitwise_and.reduce(regions, axis=1) & _BEFORE) == 0
+        reaching[rows] = (np.bitwise_and.reduce(regions, axis=1) & BEFORE) == 0
 
     # One layer for each silhouette, then one for the occluders of each line.
     bends, crossing, layers = [view.bends()], [], np.concatenate([np.arange(hulls), hulls + line])
@@ -239,12 +239,12 @@ def _rays(view: _SeenBoxes, hull: Indices, poses: SolidPoses, seen: _SeenSolids,
             of = rows[doubtful]
             points_B = transform(view.X_BW[at[of]] @ X_WP[of], surface.vertices)
             points_C = transform(X_CP[of], surface.vertices)
-            regions = _in_all(view.regions(at[of], points_B, points_C), surface.triangles)
+            regions = in_all(view.regions(at[of], points_B, points_C), surface.triangles)
             through = regions == 0
             if surface.is_convex:  # a ray that meets its back has met its front, unless the camera is inside
                 front = turned[:-1, doubtful].T > 0
                 through &= front | ~front.any(axis=1, keepdims=True)
-            turned[:-1, doubtful] *= ((regions & _BEFORE) != 0).T
+            turned[:-1, doubtful] *= ((regions & BEFORE) != 0).T
             row, triangle = np.nonzero(through)
             crossing.append(
                 _Crossing(pairs=of, row=row, triangle=triangle, points=points_C, triangles=surface.triangles)
@@ -288,7 +288,7 @@ class _Crossing(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class _SeenBoxes:
+class SeenBoxes:
     """Boxes as cameras see them, one for each of h view hulls; optical frames are turned as the ray grids are."""
 
     X_CW: Array
@@ -311,7 +311,7 @@ class _SeenBoxes:
     """Of the box's image, in cells of the grid, shape (h,)."""
 
     @classmethod
-    def of(cls, lines: SightLines, hulls: Indices, margin: Array | None = None) -> _SeenBoxes:
+    def of(cls, lines: SightLines, hulls: Indices, margin: Array | None = None) -> SeenBoxes:
         """The views of some of the hulls of sight lines; margin: see `rays_around`."""
         X_WC, corners_W = lines.X_WC[hulls], lines.corners[hulls]
         X_CW = inverse(X_WC)
@@ -335,7 +335,7 @@ class _SeenBoxes:
             areas=_image_areas(image / grid.step[..., None]),
         )
 
-    def some(self, hulls: Indices) -> _SeenBoxes:
+    def some(self, hulls: Indices) -> SeenBoxes:
         """Some of the views, by index."""
         arrays = {part.name: getattr(self, part.name)[hulls] for part in fields(self) if part.name != "grid"}
         return replace(self, **arrays, grid=RayGrid(self.grid.low[:, hulls], self.grid.step[:, hulls]))
@@ -370,7 +370,7 @@ class _SeenBoxes:
     def regions(self, hull: Indices, points_B: Array, points_C: Array) -> NDArray[np.uint16]:
         """The convex regions in which points seen in k of the views lie, one bit each, shape (k, n).
 
-        A triangle wholly in one of the first two, of the bits `_BEFORE`, blocks the rays that it meets; wholly in any
+        A triangle wholly in one of the first two, of the bits `BEFORE`, blocks the rays that it meets; wholly in any
         other region, it blocks none. points_B, points_C: in the frames of box and camera, shape (k, n, 3).
         """
         eyes, low, high = self.eyes[hull], self.low[hull], self.high[hull]
@@ -422,7 +422,7 @@ class _SeenBoxes:
         return np.concatenate([one, np.where(both, before_high, np.array([[0.0], [0.0], [1.0]]))])
 
 
-def _in_all(regions: NDArray[np.uint16], triangles: Indices) -> NDArray[np.uint16]:
+def in_all(regions: NDArray[np.uint16], triangles: Indices) -> NDArray[np.uint16]:
     """The regions in which triangles (F, 3) lie wholly, from those of their corners (k, n), one bit each; (k, F)."""
     a, b, c = triangles.T
     return regions[:, a] & regions[:, b] & regions[:, c]

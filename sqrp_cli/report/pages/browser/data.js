@@ -68,6 +68,15 @@ function reasonOf(verdict) {
   return verdict.cause === 'out_of_image' ? `${words} (${verdict.by})` : words;
 }
 
+// How much of the box that a camera does not see is hidden, and what each part hides; none where it is not hidden.
+function sharesOf(state, camera) {
+  const box = (state.boxes ?? []).find((one) => one?.cameras[camera]?.covered === false);
+  const parts = box?.cameras[camera].hidden_by ?? [];
+  if (!parts.length) return [];
+  const told = parts.map(({ name, share }) => `${name} ${percent(share)}`);
+  return [`${percent(parts.reduce((sum, { share }) => sum + share, 0))}: ${told.join(', ')}`];
+}
+
 // How an entry fares, in words.
 const placeOf = ({ mark, candidate }) =>
   `${/^\d+$/.test(mark) ? 'rank ' : ''}${mark}${candidate?.pareto ? ', Pareto-optimal' : ''}`;

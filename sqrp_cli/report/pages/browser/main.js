@@ -288,6 +288,7 @@ class Page {
                 named(camera),
               ),
               make('span', {}, named(because(verdict))),
+              ...sharesOf(state, camera).map((text) => make('span', { class: 'faint shares' }, named(text))),
             ),
           ),
         ),
