@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -199,12 +198,14 @@ def _is_free(cell: Cell, name: str, world: World) -> bool:
 
 def _hiding(cell: Cell, found: WholeStudy) -> Iterator[str]:
     """Objects that hide targets while too few cameras see them, the one first without which most would be seen."""
-    alone, share = Counter[str](), Counter[str]()
-    for step in found.steps:
-        for one in to_move(cell, step, hidden_views(cell, step)):
-            alone[one.name] += one.alone
-            share[one.name] += one.share
-    yield from sorted(share, key=lambda name: (-alone[name], -share[name], name))
+    of_steps = [to_move(cell, step, hidden_views(cell, step)) for step in found.steps]
+    objects = sorted({one.name for of_step in of_steps for one in of_step})
+
+    def gain(name: str) -> tuple[float, float]:
+        same = [one for of_step in of_steps for one in of_step if one.name == name]
+        return sum(one.alone for one in same), sum(one.share for one in same)
+
+    yield from sorted(objects, key=gain, reverse=True)
 
 
 def _support(cell: Cell, world: World, name: str) -> str | None:
