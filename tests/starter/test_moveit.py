@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from sqrp_cli.api.cell import open_cell
 from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.robot.read_urdf import read_urdf
 from sqrp_cli.knowledge.workspace.load import load_workspace
@@ -102,6 +103,17 @@ def test_nothing_but_the_objects_is_left_to_type(starter: Starter) -> None:
     assert robot["home"] == "home"
     assert robot["tool"]["link"] == TIP
     assert starter.task is not None
+
+
+def test_with_objects_of_ones_own_and_nothing_else_the_task_can_be_done(starter: Starter) -> None:
+    file = Path(shutil.copytree(starter.folder, starter.folder.parent / "own")) / "workspace.yaml"
+    before, after = file.read_text().split("\nobjects:")
+    table, cube = (next(one for one in after.splitlines() if word in one) for word in ("  table:", "color: green"))
+    bolt = f"  bolt:{cube.split(':', 1)[1].replace('type: cube', 'type: bolt')}"
+    own = ["objects:", table, bolt, "state: [obj_on_table(bolt), hand_empty]", "tasks: [{task: pickup bolt}]", ""]
+    file.write_text("\n".join([before, *own]))
+    checked = open_cell(file.parent).check("pickup bolt")
+    assert [candidate.feasible for candidate in checked.candidates] == [True]
 
 
 def test_limits_are_taken_over_exactly(workspace: Workspace) -> None:

@@ -70,6 +70,12 @@ class PlayedCandidate(CandidateStudy):
                 for name, one in step.targets.items()
             },
             samples=[shift.sample(one) for shift, step in zip(shifts, steps, strict=True) for one in step.samples],
+            hidden=[
+                replace(one, literal=shift.literal(one.literal))
+                for shift, step in zip(shifts, steps, strict=True)
+                for one in step.hidden
+            ],
+            to_move=[],  # what to move is a matter of each step
         )
         return cls.of_candidate(joined, tuple(_played(figures, steps, starts)))
 

@@ -37,7 +37,7 @@ def study(samples: list[Sample]) -> CandidateStudy:
     return CandidateStudy(
         **vars(NO_FIGURES), parameters={}, feasible=True, rank=1, reasons=(), pareto=True, verdict="", ways=None,
         sampling=None, primitives=[], formulas=[], cameras={}, without_camera={}, recovery=None, sights={}, targets={},
-        samples=samples,
+        samples=samples, hidden=[], to_move=[],
     )  # fmt: skip
 
 
