@@ -11,9 +11,8 @@ from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.advice.change import CandidateEffect, EffectOnTask, ProposedChange
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment
+from sqrp_cli.programming.coverage.assessment import Assessment, observed_again
 from sqrp_cli.programming.coverage.sampling import Sampling
-from sqrp_cli.programming.coverage.timeline import observe
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.grips import first_grip
 from sqrp_cli.programming.whole_study import WholeStudy, whole_study
@@ -79,7 +78,7 @@ def is_fastest(found: Assessment) -> bool:
 
 def seen_by(cell: Cell, found: WholeStudy, sampling: Sampling, *, full: bool = False) -> WholeStudy:
     """The same motion seen by the cameras of another cell. full: with the verdicts of every camera."""
-    steps = (replace(one, timeline=observe(one.watch, cell.observer, sampling, full=full)) for one in found.steps)
+    steps = (observed_again(cell, one, sampling, full=full) for one in found.steps)
     return replace(found, steps=tuple(steps))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from sqrp_cli.errors import Infeasible, InputError, Problem
 from sqrp_cli.knowledge.workspace.workspace import World
@@ -16,7 +16,7 @@ from sqrp_cli.programming.coverage.faults import fault_metrics
 from sqrp_cli.programming.coverage.quality import NO_FIGURES, Figures, Qualities, figures_of
 from sqrp_cli.programming.coverage.sampling import MAX_SAMPLES, Sampling, sample_count
 from sqrp_cli.programming.coverage.stage import Stage
-from sqrp_cli.programming.coverage.timeline import Timeline, Watch, observe_all
+from sqrp_cli.programming.coverage.timeline import Timeline, Watch, observe, observe_all
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.grounding import TargetGrounder, formulas_outside, ground_formulas
 from sqrp_cli.programming.motion.plan_motion import Motion
@@ -261,6 +261,13 @@ def all_observed(cell: Cell, scenes: Sequence[Rehearsal], sampling: Sampling, *,
     timelines = observe_all([scene.watch for scene in scenes], cell.observer, sampling, full=full)
     windows = all_fault_windows(scenes, timelines, cell.observer, sampling)
     return [_study(cell, *found) for found in zip(scenes, timelines, windows, strict=True)]
+
+
+def observed_again(cell: Cell, study: Study, sampling: Sampling, *, full: bool) -> Study:
+    """The same motion seen by the cameras of another cell; see `study`."""
+    timeline = observe(study.watch, cell.observer, sampling, full=full)
+    windows = all_fault_windows([study], [timeline], cell.observer, sampling)[0]
+    return replace(study, timeline=timeline, windows=windows, onsets=fault_onsets(study, cell.observer))
 
 
 def _study(cell: Cell, scene: Rehearsal, timeline: Timeline, windows: Mapping[str, tuple[Window, ...]]) -> Study:

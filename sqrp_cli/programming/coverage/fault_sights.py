@@ -205,10 +205,11 @@ def all_fault_windows(
 ) -> list[dict[str, tuple[Window, ...]]]:
     """The windows of every fault of several motions in one cell, by its name.
 
-    Where targets of formulas decide all faults, by the timelines; else the boxes that tell are looked at as well.
+    Where targets of formulas decide all faults, or show them all the time, by the timelines; else the boxes that tell
+    are looked at as well.
     """
     clocks = clocks_of(observer.cameras)
-    asked = [refuting(scene) for scene in scenes]
+    asked = [_enough(refuting(scene), scene, found, clocks) for scene, found in zip(scenes, timelines, strict=True)]
     further = [index for index, one in enumerate(asked) if one.more]
     looked = observe_all([_watch(scenes[i], asked[i]) for i in further], observer, sampling, full=False)
     by_scene = dict(zip(further, looked, strict=True))
@@ -216,6 +217,28 @@ def all_fault_windows(
         {fault.name: fault_windows(by_scene.get(index, timeline), fault, clocks) for fault in one.faults}
         for index, (one, timeline) in enumerate(zip(asked, timelines, strict=True))
     ]
+
+
+def _enough(asked: Refuting, scene: WatchedFaults, timeline: Timeline, clocks: Mapping[float, Clock]) -> Refuting:
+    """What shows the faults: the targets of formulas, if images show all faults by them all the time."""
+    column = {target.atom: (number,) for number, target in enumerate(scene.targets)}
+    whole = [replace(fault, columns=tuple(column[lit.atom] for lit in fault.literals)) for fault in asked.faults]
+    if not asked.more or not all(_always_shown(fault, timeline, clocks) for fault in whole):
+        return asked
+    return Refuting(scene.targets, tuple(whole), more=False)
+
+
+def _always_shown(fault: FaultWatch, timeline: Timeline, clocks: Mapping[float, Clock]) -> bool:
+    """Whether one window after the other shows a fault until surely an image has come after its last interval."""
+    windows = fault_windows(timeline, fault, clocks)
+    for interval in fault.intervals:
+        seen = interval.start
+        for window in windows:
+            if window.start <= seen + SAME_INSTANT:
+                seen = max(seen, window.end)
+        if seen < interval.end + max(window.period for window in windows) if windows else True:
+            return False
+    return True
 
 
 def _watch(scene: WatchedFaults, asked: Refuting) -> Watch:
