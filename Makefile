@@ -77,6 +77,7 @@ trials: all
 	$(BIN)/python -m tests.place
 	$(BIN)/python -m tests.slips
 	$(BIN)/python -m tests.certify
+	$(BIN)/python -m tests.slits
 
 # 10,000 damaged inputs of every kind, each in a process of its own with limits; takes a quarter of an hour.
 damage: all

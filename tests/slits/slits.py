@@ -1,0 +1,185 @@
+"""Random cells in which a slit before the only camera shows what the tool carries for a moment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from sqrp_cli import open_cell
+from sqrp_cli.errors import Infeasible
+from sqrp_cli.geometry import Array, box_corners, look_at, matrix_to_quaternion, transform
+from sqrp_cli.knowledge.skill.target_box import TargetBox
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import Study
+from sqrp_cli.programming.coverage.sampling import Adaptive
+from sqrp_cli.programming.coverage.stage import Samples, Stage
+from sqrp_cli.programming.sensing.observer import Observer
+from sqrp_cli.programming.task import read_task
+from sqrp_cli.programming.ways.find import WantedWay, find_way
+from sqrp_cli.starter.make import make_starter
+from sqrp_cli.starter.random_cell import Crowd
+
+SHORTEST, LONGEST = 0.013, 0.144
+"""Range of the durations that slits are made for [s]."""
+
+SLOWEST = 0.02
+"""Least speed of the box across the view at the event [m/s]."""
+
+PLATE = 0.7
+"""Extent of a plate along the slit and away from it [m]."""
+
+STEP = 1e-3
+"""Time between the states in which the truth is computed [s]."""
+
+TASK = "pickup green"
+
+
+@dataclass(frozen=True, eq=False)
+class SlitCell:
+    """A cell, and the way in which its task is done there."""
+
+    observer: Observer
+    study: Study
+    kind: str
+    """What its detector needs to see of the box."""
+
+
+class Slit(NamedTuple):
+    """A camera with plates before it."""
+
+    eye: Array
+    """Where the camera is, shape (3,) [m]."""
+    aim: Array
+    """The point that it looks at, shape (3,) [m]."""
+    plates: list[tuple[Array, Array]]
+    """Poses in the world, shape (4, 4), and sizes, shape (3,) [m]."""
+
+
+def study_of(cell: Cell) -> Study | None:
+    """The fastest way of the first candidate of the task that can be done; None if there is none."""
+    for candidate in read_task(TASK, cell.workspace).candidates:
+        found = find_way(cell, candidate, cell.initial_world, Adaptive(), WantedWay(fastest=True))
+        if not isinstance(found, Infeasible):
+            return found.study
+    return None
+
+
+def watched_box(study: Study) -> TargetBox:
+    """The only box that matters: that of what the tool holds."""
+    (target,) = study.targets
+    (sought,) = target.boxes
+    return sought
+
+
+def every_step(stage: Stage) -> Samples:
+    """A sample at every `STEP` of every piece in which something must be seen."""
+    t, piece = [], []
+    for number, one in enumerate(stage.pieces):
+        if one.literals and one.length > 0:
+            times = np.linspace(one.start, one.end, max(2, int(np.ceil(one.length / STEP)) + 1))
+            t.append(times)
+            piece.append(np.full(len(times), number))
+    return Samples(np.concatenate(piece), np.concatenate(t))
+
+
+def slit_cell(seed: int, folder: Path) -> SlitCell | None:
+    """The cell of a seed in a folder that does not exist; None if its task cannot be done."""
+    rng = np.random.default_rng([seed, 27])
+    make_starter(folder, None, Crowd(seed, objects=3, cameras=1))
+    file, skill = folder / "workspace.yaml", folder / "skills" / "pickup" / "skill.yaml"
+    said = skill.read_text().replace(" and not obj_on_table)", ")").replace(" and obj_on_table)", ")")
+    skill.write_text(said.replace("encloses: [object]", "encloses: [object, suction_cup, suction_tube]"))
+    text = file.read_text()
+    head, _, rest = text.partition("cameras:")
+    after = rest[rest.index("\nskills:") :]
+    whole = rng.random() < 0.75
+    head = head.replace("min_visible: 0.5", "min_visible: 1") if whole else head
+    file.write_text(f"{head}cameras:\n  far: {_camera((2.0, 0.0, 1.0), (0.0, 0.0, 0.2))}\n{after}")
+    open_study = study_of(open_cell(folder).cell)
+    if open_study is None:
+        return None
+    samples, box = every_step(open_study.stage), watched_box(open_study)
+    X_WB = open_study.stage.states(samples).box_poses(box)
+    eye, aim, plates = slit_before(rng, samples, X_WB, box)
+    cameras = f"cameras:\n  far: {_camera(eye, aim)}\n"
+    entries = "".join(
+        f"  plate{number}: {{type: plate, size: {_triple(size)}, fixed: true, "
+        f"pose: {{position: {_triple(X[:3, 3])}, quaternion: {matrix_to_quaternion(X[:3, :3]).tolist()}}}}}\n"
+        for number, (X, size) in enumerate(plates, 1)
+    )
+    file.write_text(head + cameras + after.replace("\nobjects:", f"\nobjects:\n{entries}  #", 1))
+    cell = open_cell(folder).cell
+    study = study_of(cell)
+    return None if study is None else SlitCell(cell.observer, study, "whole" if whole else "half")
+
+
+def _camera(eye: Array | tuple[float, ...], aim: Array | tuple[float, ...]) -> str:
+    return (
+        f"{{pose: {{position: {_triple(eye)}, look_at: {_triple(aim)}}}, "
+        "image: {width: 1280, height: 960, horizontal_fov: 60 deg}, near: 20 cm, far: 6 m, rate: 10 Hz, latency: 50 ms}"
+    )
+
+
+def _triple(values: Array | tuple[float, ...]) -> list[float]:
+    return [round(float(value), 9) for value in values]
+
+
+def slit_before(rng: np.random.Generator, samples: Samples, X_WB: Array, box: TargetBox) -> Slit:
+    """A camera behind a slit that shows a box for a moment, if nothing else hides it.
+
+    samples: `STEP` apart; X_WB: poses of the box in them, shape (m, 4, 4). The instant and about how long it lasts are
+    random.
+    """
+    corners = transform(X_WB, box_corners(np.array(box.size) - 0.002))
+    while True:
+        found = _drawn(rng, samples, corners)
+        if found is not None:
+            return found
+
+
+def _drawn(rng: np.random.Generator, samples: Samples, corners: Array) -> Slit | None:
+    """The same, drawn once; None if a plate would stand in the table, or hardly anything moves then."""
+    middle = corners.mean(axis=1)
+    row = int(rng.integers(1, len(samples) - 1))
+    angle, height = rng.uniform(0, 2 * np.pi), rng.uniform(0.3, 1.2)
+    eye = middle[row] + rng.uniform(1.8, 2.6) * np.array([np.cos(angle), np.sin(angle), height])
+    X_WC = look_at(eye, middle[row])
+    plane = (corners - eye) @ X_WC[:3, :3]
+    spots = plane[..., :2] / plane[..., 2:]
+    moved = spots[row + 1].mean(axis=0) - spots[row - 1].mean(axis=0)
+    if samples.piece[row - 1] != samples.piece[row + 1] or np.linalg.norm(moved) < STEP * SLOWEST:
+        return None
+    away = float(rng.uniform(0.3, 0.45))
+    across = moved / np.linalg.norm(moved)
+    along = spots @ across
+    width = 2 * away * _half_width(along - along[row].mean(), row, samples, rng.uniform(SHORTEST, LONGEST))
+    side, normal = X_WC[:3, :2] @ across, X_WC[:3, 2]
+    X_WP = np.eye(4)
+    X_WP[:3, :3] = np.stack([side, np.cross(normal, side), normal], axis=1)
+    center = eye + away * (normal + X_WC[:3, :2] @ across * along[row].mean())
+    plates = []
+    for offset in (-(PLATE + width) / 2, (PLATE + width) / 2):
+        X = X_WP.copy()
+        X[:3, 3] = center + offset * side
+        plates.append((X, np.array([PLATE, PLATE, 1e-3])))
+    lowest = min(float(transform(X, box_corners(size))[:, 2].min()) for X, size in plates)
+    return Slit(eye, middle[row], plates) if lowest > 0.0 else None
+
+
+def _half_width(along: Array, row: int, samples: Samples, duration: float) -> float:
+    """Half the width, at unit distance, of a slit at 0 through which a box is seen around a row for a duration [s].
+
+    along: the box's corners across it, shape (m, 8).
+    """
+    low, high = along.min(axis=1), along.max(axis=1)
+    smallest, largest = 0.5 * float((high - low)[row]), 1.0
+    for _ in range(50):
+        half = 0.5 * (smallest + largest)
+        hidden = np.flatnonzero((low < -half) | (high > half))
+        first, last = hidden[hidden < row].max(initial=0), hidden[hidden > row].min(initial=len(along) - 1)
+        lasts = 0.0 if row in hidden else samples.t[last] - samples.t[first] - STEP
+        smallest, largest = (half, largest) if lasts < duration else (smallest, half)
+    return largest
