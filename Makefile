@@ -73,6 +73,7 @@ calibrate: all
 
 trials: all
 	$(BIN)/python -m tests.trials
+	$(BIN)/python -m tests.light
 	$(BIN)/python -m tests.arms
 	$(BIN)/python -m tests.place
 	$(BIN)/python -m tests.slips

@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
+from itertools import chain, permutations
 from pathlib import Path
 
 from sqrp_cli.checks.lint import lint
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import Infeasible, InputError, Place, Problem
 from sqrp_cli.knowledge.robot.urdf import UrdfJoint
 from sqrp_cli.knowledge.workspace.load import WORKSPACE_FILE, load_workspace
 from sqrp_cli.platform.files import naming, no_folder
 from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import study
+from sqrp_cli.programming.coverage.blind_spans import cause_totals
+from sqrp_cli.programming.coverage.sampling import Adaptive
+from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.task import read_task
 from sqrp_cli.starter import search
 from sqrp_cli.starter.arm_guess import ArmGuess, guess_arm
 from sqrp_cli.starter.description import Description, OwnRobot, describe_robot
@@ -144,7 +150,7 @@ def _fill(
     arm = guess_arm(description.urdf, tip or description.tip)
     tried = _tried(draft, _bare_layout(description, arm, guessed=guessed), arm)
     best = max(tried, key=lambda trial: len(trial.layout.cubes)).layout  # the first of equals: the least lifted
-    best = _with_named_home(draft, best, description)
+    best = _told_apart(draft, _with_named_home(draft, best, description))
     _write(draft, best)
     others = [_other_arms(arm)] if arm.others else []
     if not best.cubes:
@@ -197,6 +203,37 @@ def _with_named_home(draft: Path, layout: Layout, description: Description) -> L
         if 0 < sum(cube.color in TASK for cube in layout.cubes) == len(found.cubes):
             return named
     return layout
+
+
+def _told_apart(draft: Path, layout: Layout) -> Layout:
+    """The layout with the colours of its cubes changed round so that the fewest stand behind another of their colour.
+
+    With all of them green, what each camera loses for another cube is known of every pair; pairs of two colours lose
+    nothing.
+    """
+    names = [f"c{index + 1}" for index in range(len(layout.cubes))]
+    green = [replace(cube, name=name, color="green") for name, cube in zip(names, layout.cubes, strict=True)]
+    cell, lost = _load(draft, replace(layout, cubes=green)), defaultdict[tuple[str, str], float](float)
+    for candidate in read_task(TASK, cell.workspace).candidates if green else ():
+        found = study(cell, candidate, cell.initial_world, Adaptive(), full=True)
+        if not isinstance(found, Infeasible):
+            (own,) = candidate.binding.values()
+            for total in cause_totals(cell, found):
+                if total.cause is Cause.SAME_COLOUR:
+                    lost[own, total.by or ""] += total.duration
+
+    def loss(colors: Sequence[str]) -> float:
+        pairs = permutations(zip(names, colors, strict=True), 2)
+        return sum(lost[first, other] for (first, color), (other, same) in pairs if color == same)
+
+    usual = [cube.color for cube in layout.cubes]
+    colors = min(dict.fromkeys(permutations(usual)), key=loss, default=())
+    numbers = [colors[: index + 1].count(color) for index, color in enumerate(colors)]
+    painted = zip(layout.cubes, colors, numbers, strict=True)
+    return replace(
+        layout,
+        cubes=[replace(cube, name=f"{color[0]}{number}", color=color) for cube, color, number in painted],
+    )
 
 
 def _lazily(stands: Callable[[], Sequence[Stand]]) -> Iterator[Stand]:

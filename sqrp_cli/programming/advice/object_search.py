@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -17,8 +18,10 @@ from sqrp_cli.programming.advice.effects import finely_met
 from sqrp_cli.programming.advice.least import least_beyond
 from sqrp_cli.programming.advice.question import Found, Met, Near, Question
 from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import Study
 from sqrp_cli.programming.coverage.in_the_way import hidden_views, to_move
 from sqrp_cli.programming.motion.collision.collision_body import CLEARANCE, distance_within, placement_at
+from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.whole_study import WholeStudy, whole_study
 
@@ -206,6 +209,18 @@ def _hiding(cell: Cell, found: WholeStudy) -> Iterator[str]:
         return sum(one.alone for one in same), sum(one.share for one in same)
 
     yield from sorted(objects, key=gain, reverse=True)
+    behind = Counter(name for step in found.steps for name in _alike_behind(cell, step))
+    yield from sorted(behind.keys() - set(objects), key=lambda name: (-behind[name], name))
+
+
+def _alike_behind(cell: Cell, step: Study) -> Iterator[str]:
+    """The objects that have the colour of targets behind them in uncovered states, one for each camera and state."""
+    lost = ~step.timeline.covered & step.timeline.monitored
+    for boxes in step.timeline.observation.full_matrix:
+        for box in boxes:
+            alike = (box.cause == Cause.SAME_COLOUR) & lost[:, None]
+            parents = (cell.observer.solids[index].part.parent for index in box.by[alike].tolist())
+            yield from (parent for parent in parents if parent in cell.workspace.objects)
 
 
 def _support(cell: Cell, world: World, name: str) -> str | None:

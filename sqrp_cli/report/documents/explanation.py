@@ -137,7 +137,7 @@ class Verdict(Record):
     cause: str | None
     """The first limit that fails."""
     by: str | None
-    """What hides it, or the side on which it is out of the image."""
+    """What hides it or has its colour behind it, or the side on which it is out of the image."""
     box: str | None = field(default=None, metadata=LEFT_OUT)
     """Of a target with several boxes: the first that fails, in their order."""
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Mask
 from sqrp_cli.runtime.image import ImageArray
-from sqrp_cli.runtime.perception.vision import alike, dilated, inpainted
+from sqrp_cli.runtime.perception.vision import alike, color_mask, dilated, inpainted
 
 TOLERANCE = 24
 """Largest difference of a colour channel (of 255) from the background; covers noise and mild changes of light."""
@@ -57,6 +57,12 @@ class Background:
         if self._surroundings is not None:
             return self._surroundings[_coarse(part)]
         return alike(part, self._picture[crop], TOLERANCE)
+
+    def has_hue(self, image: ImageArray, crop: tuple[slice, slice], color: str) -> Mask:
+        """Where, in a crop, the background has the hue of a colour: a shade of it there may be the background's own."""
+        if self._surroundings is not None:
+            return self.matches(image, crop) & color_mask(image[crop], color)
+        return color_mask(self._picture[crop], color)
 
     def robot_colored(self, image: ImageArray, crop: tuple[slice, slice]) -> Mask:
         """Which pixels of a crop have a colour of the robot."""

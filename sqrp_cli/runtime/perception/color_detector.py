@@ -144,11 +144,11 @@ class ColorDetector:
         enclosed = dilated(robot.mask(shape, origin, box_outline.depth, links=box.encloses), 1)
         front = hiding | enclosed
         background = self._background.matches(self._view.image, crop)
-        own = colored & ~background
+        # Where the background has the object's own colour, the image cannot distinguish the two: a shade is no object.
+        same = self._background.has_hue(self._view.image, crop, self._object.color or "")
+        own = colored & ~background & ~same
         behind = robot.mask(shape, origin, box_outline.depth, behind=True)
         background |= behind & self._background.robot_colored(self._view.image, crop)
-        # Where the background has the object's own colour, the image cannot distinguish the two.
-        same = background & colored
         telling = ~front & ~same
         decided = silhouette & telling
         hidden = min(float((silhouette & front).sum()) / projected.area, 1.0)

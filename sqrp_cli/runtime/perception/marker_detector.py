@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.markers import Marker, ObjectMarker
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.runtime.perception.background import Background
 from sqrp_cli.runtime.perception.detections import NO_OUTLINE, BoxDetection, MissReason
-from sqrp_cli.runtime.perception.expected_view import ExpectedView, extent
+from sqrp_cli.runtime.perception.expected_view import Crop, ExpectedView, extent
 from sqrp_cli.runtime.perception.projected import ProjectedBox
-from sqrp_cli.runtime.perception.vision import FoundMarker, dilated, filled
+from sqrp_cli.runtime.perception.vision import FoundMarker, dilated, filled, markers_beside
 from sqrp_cli.runtime.robot_body import OPEN_SHARE
 
 ABSENT_SHARE = 0.9
 """Share of a marker's outline in which the background must be seen for the marker to be absent."""
+
+AROUND = 0.5
+"""How much of the image around a marker is looked at again, as a share of the marker's size in it."""
+
+
+class _Hiding(NamedTuple):
+    """What of the robot is before a marker or beside it, in a part of the image."""
+
+    crop: Crop
+    mask: Mask
 
 
 class MarkerDetector:
@@ -33,6 +45,9 @@ class MarkerDetector:
         wanted = self._wanted(atom, box)
         inside = () if wanted is None else self._view.markers(wanted.dictionary)
         found = next((marker for marker in inside if wanted is not None and marker.id == wanted.id), None)
+        hiding = self._hiding(box, outline) if found is None else None
+        if wanted is not None and hiding is not None:
+            found = self._beside(hiding, wanted)
         share = 0.0 if found is None else 1.0
         if box.frame in self._view.cell.markers:
             evidence = Truth.UNKNOWN if found is None else self._on_finger(atom, box, found)
@@ -42,20 +57,27 @@ class MarkerDetector:
         else:
             share = self._background_share(outline)
             evidence = Truth.FALSE if share >= ABSENT_SHARE else Truth.UNKNOWN
-        because = MissReason.DETECTOR
-        if found is None and self._is_cut_off(box, outline):
-            because = MissReason.MASK
+        because = MissReason.DETECTOR if found is not None or hiding is None else MissReason.MASK
         return BoxDetection(box.name, evidence, share, outline.polygon, because)
 
-    def _is_cut_off(self, box: TargetBox, outline: ProjectedBox) -> bool:
-        """Whether the robot is taken to hide some of a box, other than by what carries the marker."""
-        crop = self._view.crop(outline.polygon, 2)
+    def _hiding(self, box: TargetBox, outline: ProjectedBox) -> _Hiding | None:
+        """What of the robot is taken to hide some of a box, other than what carries the marker; None if nothing is."""
+        crop = self._view.crop(outline.polygon, round(AROUND * outline.area**0.5))
         if crop is None:
-            return False
+            return None
         shape, origin = extent(crop)
         others = {surface.parent for surface in self._view.cell.robot.surfaces} - {box.frame, *box.encloses}
-        hiding = dilated(self._view.robot.mask(shape, origin, outline.depth, links=others), 1)
-        return bool((hiding & filled(shape, origin, [outline.corners])).any())
+        mask = dilated(self._view.robot.mask(shape, origin, outline.depth, links=others), 1)
+        return _Hiding(crop, mask) if (mask & filled(shape, origin, [outline.corners])).any() else None
+
+    def _beside(self, hiding: _Hiding, wanted: Marker | ObjectMarker) -> FoundMarker | None:
+        """A marker that is not found because a part of the robot touches it in the image."""
+        rows, columns = hiding.crop
+        found = markers_beside(self._view.image[hiding.crop], hiding.mask, wanted.dictionary)
+        marker = next((marker for marker in found if marker.id == wanted.id), None)
+        return (
+            None if marker is None else FoundMarker(marker.id, marker.corners + np.array([columns.start, rows.start]))
+        )
 
     def _on_finger(self, atom: str, box: TargetBox, marker: FoundMarker) -> Truth:
         """What a marker on a finger says: where it is between open and closed, if the atom is about the fingers."""

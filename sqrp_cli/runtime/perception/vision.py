@@ -143,6 +143,20 @@ def find_markers(image: ImageArray, dictionary: str = ORIGINAL) -> list[FoundMar
     return sorted(found, key=lambda marker: marker.id)
 
 
+BRIGHT = 90
+"""Percentile of the pixels around a marker that is as bright as its margin."""
+
+
+def markers_beside(image: ImageArray, parts: Mask, dictionary: str) -> list[FoundMarker]:
+    """The markers in an image of which known parts cover some of the margin, or a line of the black square.
+
+    A dark part that touches the square makes the two one shape, which is no square: so it is taken for margin.
+    """
+    painted = image.copy()
+    painted[parts] = np.percentile(image, BRIGHT)
+    return find_markers(painted, dictionary)
+
+
 @cache
 def _marker_detector(name: str) -> Any:  # noqa: ANN401
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, opencv_name(name)))

@@ -54,3 +54,18 @@ def test_of_a_moving_camera_the_colours_around_robot_and_objects_are_the_backgro
     aside = area(slice(0, 5), slice(0, 5))
     background = Background(image, ROBOT, WATCHED, OTHER | aside, moving=True)
     assert (background.matches(image, EVERYWHERE) == ~ROBOT & ~aside).all()
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_a_shade_on_a_background_of_its_colour_has_its_hue(*, moving: bool) -> None:
+    image = painted()
+    image[50:60, 0:10] = RED
+    background = Background(image, ROBOT, WATCHED, OTHER, moving=moving)
+    red = area(slice(50, 60), slice(0, 10))
+    assert (background.has_hue(image, EVERYWHERE, "red") >= red).all()
+    shaded = image.copy()
+    shaded[50:60, 0:5] = (120, 18, 18)
+    told = background.has_hue(shaded, EVERYWHERE, "red")
+    assert told[50:60, 5:10].all()
+    assert told[50:60, 0:5].all() != moving  # of a moving camera only the colours themselves are known
+    assert not background.has_hue(shaded, EVERYWHERE, "blue")[~OTHER].any()
