@@ -14,7 +14,10 @@ import pytest
 Document = dict[str, Any]
 
 CELLS = ("tabletop", "harsh", "watch")
-CAUSES = ("too_near", "too_far", "out_of_image", "detector_near", "detector_far", "oblique", "too_small", "hidden")
+CAUSES = (
+    "too_near", "too_far", "out_of_image", "detector_near", "detector_far", "oblique", "too_small", "hidden",
+    "same_colour",
+)  # fmt: skip
 SIDES = ("left", "right", "top", "bottom")
 FAULT_FIGURES = ("delay_mean", "delay_worst", "blind_longest", "unseen", "expected_time")
 CANDIDATE_FIELDS = {
@@ -252,6 +255,9 @@ def _check_verdict(verdict: Document, box: Document) -> None:
         assert verdict["by"] not in (None, *box["encloses"])
         assert 0.0 <= verdict["visible"] <= 1.0
         assert verdict["visible"] < box["min_visible"] or box["min_visible"] == 1.0
+    elif verdict["cause"] == "same_colour":
+        assert verdict["by"] not in (None, *box["encloses"])
+        assert box["min_visible"] <= verdict["visible"] <= 1.0
     else:
         assert verdict["visible"] is None
         assert verdict["by"] in (SIDES if verdict["cause"] == "out_of_image" else (None,))

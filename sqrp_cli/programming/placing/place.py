@@ -183,7 +183,7 @@ class Placer:
     ) -> tuple[Placing, Chosen]:
         """The best choice at samples at which its own figures are exact; first_only: only the first aim counts."""
         for number in range(ROUNDS):
-            problem = self.problem(demand.survive)
+            problem = self.posed(demand.survive)
             chosen = self._search(problem, demand, first_only=first_only, start=start)
             if chosen.choice is None or chosen.interrupted or number == ROUNDS - 1:
                 break
@@ -275,7 +275,7 @@ class Placer:
         view, lens = np.array([o.view for o in self.options]), np.array([o.lens for o in self.options])
         return [np.concatenate(of_way, axis=1)[lens, view] for of_way in by_way]
 
-    def problem(self, survive: int) -> Placing:
+    def posed(self, survive: int) -> Placing:
         """The problem of choosing, at the samples so far, if so many cameras may fail."""
         spot = np.array([self.views[option.view].spot for option in self.options], dtype=np.int64)
         responses = np.array([self.lenses[option.lens].response for option in self.options])
@@ -302,7 +302,7 @@ class Placer:
 
     def _never_failing(self, problem: Placing) -> Placing:
         """The same problem if no camera may fail."""
-        return self.problem(0) if self.question.demand.survive else problem
+        return self.posed(0) if self.question.demand.survive else problem
 
     def _search(
         self, problem: Placing, demand: Demand, *, first_only: bool = False, start: Choice | None = None

@@ -64,6 +64,7 @@ class PlayedCandidate(CandidateStudy):
             cameras=steps[0].cameras,
             without_camera={name: _without(name, steps) for name in steps[0].without_camera},
             recovery=None,
+            sights={},  # pages show none
             targets={
                 shift.literal(name): one
                 for shift, step in zip(shifts, steps, strict=True)

@@ -119,7 +119,7 @@ def test_the_figures_are_those_of_the_exact_timeline(pair):
 
 def test_the_best_choice_is_never_worse_than_the_greedy_one(pair):
     asked, found, _ = pair
-    problem = asked.problem(0)
+    problem = asked.posed(0)
     assert found.objective >= worth_of(problem, greedy(problem, asked.question.demand, 2)).least - 1e-9
 
 
@@ -207,7 +207,7 @@ def test_nothing_stands_where_the_robot_moves(cell, tmp_path):
 
 def test_of_equally_good_pairs_the_one_with_the_shortest_delay_is_chosen(pair):
     asked, found, _ = pair
-    problem = asked.problem(0)
+    problem = asked.posed(0)
     ways = tuple(of_one[0] for of_one in problem.candidates)
     worths = [worth_of(problem, Choice(chosen, ways)) for chosen in combinations(range(problem.count), 2)]
     best = max(worth.least for worth in worths)
@@ -221,7 +221,7 @@ def test_a_wished_delay_takes_no_more_cameras_than_needed(cell, tmp_path):
     narrow = FORTY.replace("6 deg", "4.5 deg")
     asked = placer(cell, tmp_path, narrow, Demand(most=2))
     asked.place()
-    problem = asked.problem(0)
+    problem = asked.posed(0)
     ways = tuple(of_one[0] for of_one in problem.candidates)
 
     def shortest(count: int) -> float:
@@ -248,7 +248,7 @@ def test_a_wished_delay_takes_no_more_cameras_than_needed(cell, tmp_path):
     ids=["one", "mean", "budget", "wish", "unmet"],
 )
 def test_all_sets_and_the_integer_program_have_the_same_best(pair, demand, monkeypatch):
-    problem = pair[0].problem(0)
+    problem = pair[0].posed(0)
     of_all = Search(problem, demand, lambda _title, _best, _bound: None).best()
     monkeypatch.setattr(every, "MOST_WORK", 0.0)
     solved = Search(problem, demand, lambda _title, _best, _bound: None).best()
