@@ -40,6 +40,9 @@ KIND_WORDS: Mapping[Kind, str] = {
 LEAST_GAIN = 0.001
 """Share of what is hidden below which a move of what hides it is not worth a sentence."""
 
+LEAST_SHOWN = 5e-4
+"""Least share of a part in a list of several."""
+
 MOST_PARTS = 3
 """Parts that a sentence names; the others count together."""
 
@@ -68,7 +71,11 @@ def way_of(assessment: Assessment) -> str:
 
 
 def part_shares_in_words(parts: Sequence[Occluder]) -> str:
-    """What each of several parts hides, the rest together: `forearm_link 40.2 %, tray 3.1 %, 2 others 0.4 %`."""
+    """What each of several parts hides, the rest together: `forearm_link 40.2 %, tray 3.1 %, 2 others 0.4 %`.
+
+    Without those that hide less than 0.05 %, save the first.
+    """
+    parts = [part for number, part in enumerate(parts) if number == 0 or part.share >= LEAST_SHOWN]
     shown, others = parts[:MOST_PARTS], parts[MOST_PARTS:]
     words = [f"{part.name} {100 * part.share:.1f} %" for part in shown]
     if others:
