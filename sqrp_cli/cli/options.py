@@ -57,7 +57,8 @@ Ways = Annotated[
     typer.Option(
         "--ways",
         metavar="best|all|fastest",
-        help="Show each candidate by its best way, all that are Pareto-optimal, or take the fastest branch of its first grasp, seen or not.",
+        help="Show each candidate by its best way, all that are Pareto-optimal, or take the fastest branch of its "
+        "first grasp, seen or not.",
     ),
 ]
 MaxTime = Annotated[
