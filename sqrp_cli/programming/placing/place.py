@@ -33,7 +33,7 @@ from sqrp_cli.programming.placing.placement import (
     WithoutSpare,
 )
 from sqrp_cli.programming.placing.problem import Choice, Demand, Hiding, Placing, worth_of
-from sqrp_cli.programming.placing.refine import Seat, refined
+from sqrp_cli.programming.placing.refine import CameraSeat, refined
 from sqrp_cli.programming.placing.room import blocked, hidden_by, pairs_apart
 from sqrp_cli.programming.placing.scenes import JudgedWay, judged, middle_of, of_first_grip, varied
 from sqrp_cli.programming.placing.tensor import LocalVerdicts, joined_items, portions, seen_by
@@ -370,7 +370,7 @@ class Placer:
         """The cameras moved and turned between their places, with the exact studies, if they are better then."""
         ways = [self.ways[number] for number in choice.ways]
         stay = [self.sees[number][sorted(problem.kept)].sum(axis=0) for number in choice.ways]
-        seats = [Seat(placed.spot, placed.view, placed.lens) for placed in cameras]
+        seats = [CameraSeat(placed.spot, placed.view, placed.lens) for placed in cameras]
         with self._progress("Refining", 1):
             found = refined(seats, ways, stay, lambda some: self._seen_from(some, ways), self._free(ways))
         if any(self._hides(one, other, ways) for one in found for other in found if one is not other):
@@ -388,14 +388,14 @@ class Placer:
         better = self._studies_with([*stay_there, *(placed.camera for placed in moved)], choice)
         return (moved, better) if _least(better) > _least(studies) + CLOSE else (cameras, studies)
 
-    def _seen_from(self, seats: Sequence[Seat], ways: Sequence[JudgedWay]) -> list[Mask]:
+    def _seen_from(self, seats: Sequence[CameraSeat], ways: Sequence[JudgedWay]) -> list[Mask]:
         """What seats see of each way, shape (seats, items) each."""
         spots = [replace(seat.spot, lenses=(seat.lens,)) for seat in seats]
         views = [replace(seat.view, spot=number) for number, seat in enumerate(seats)]
         return [seen_by(self.question.cell, way, spots, views, (seats[0].lens,))[0] for way in ways]
 
-    def _free(self, ways: Sequence[JudgedWay]) -> Callable[[Sequence[Seat], Sequence[Seat]], Mask]:
-        def free(tried: Sequence[Seat], rest: Sequence[Seat]) -> Mask:
+    def _free(self, ways: Sequence[JudgedWay]) -> Callable[[Sequence[CameraSeat], Sequence[CameraSeat]], Mask]:
+        def free(tried: Sequence[CameraSeat], rest: Sequence[CameraSeat]) -> Mask:
             """Whether nothing touches a camera there, and it touches no other one."""
             spots = [seat.spot for seat in tried]
             good = np.ones(len(spots), dtype=bool)
@@ -407,7 +407,7 @@ class Placer:
 
         return free
 
-    def _hides(self, one: Seat, other: Seat, ways: Sequence[JudgedWay]) -> bool:
+    def _hides(self, one: CameraSeat, other: CameraSeat, ways: Sequence[JudgedWay]) -> bool:
         """Whether a camera hides something that another one sees."""
         seen = self._seen_from([other], ways)
         return any(

@@ -21,7 +21,7 @@ _HALVINGS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Seat:
+class CameraSeat:
     """A camera somewhere on its mount."""
 
     spot: Spot
@@ -29,17 +29,17 @@ class Seat:
     lens: LensChoice
 
 
-Sees = Callable[[Sequence[Seat]], list[Mask]]
+Sees = Callable[[Sequence[CameraSeat]], list[Mask]]
 """What several seats see of each way, shape (seats, items) each."""
 
 
 def refined(
-    seats: Sequence[Seat],
+    seats: Sequence[CameraSeat],
     ways: Sequence[JudgedWay],
     others: Sequence[Array],
     sees: Sees,
-    free: Callable[[Sequence[Seat], Sequence[Seat]], Mask],
-) -> tuple[Seat, ...]:
+    free: Callable[[Sequence[CameraSeat], Sequence[CameraSeat]], Mask],
+) -> tuple[CameraSeat, ...]:
     """The cameras, each moved and turned as long as that improves the least quality, else the mean of all.
 
     others: how many cameras that stay see each item of each way. free: which of some seats may be taken besides others.
@@ -82,7 +82,7 @@ def qualities(way: JudgedWay, covered: Mask) -> list[float]:
     return [*found, float(steps.sum() / scene.T)] if scene.T > 0 else found
 
 
-def _around(seat: Seat, share: float) -> Iterator[Seat]:
+def _around(seat: CameraSeat, share: float) -> Iterator[CameraSeat]:
     """The camera a share of a step away along its mount, and turned by a share of a step of its cone."""
     for offset in _offsets(seat.spot.entry, share):
         position = np.round(_within(seat.spot.entry, seat.spot.position + offset), 3) + 0.0
@@ -122,7 +122,7 @@ def _within(entry: MountEntry, position: Array) -> Array:
     return inside
 
 
-def _moved(seat: Seat, position: Array) -> Seat:
+def _moved(seat: CameraSeat, position: Array) -> CameraSeat:
     """The camera elsewhere: it looks at the same point, or in the same direction."""
     spot = replace(seat.spot, name=f"{seat.spot.name}, moved", position=read_only(position))
     if seat.view.at is not None:

@@ -11,34 +11,34 @@ from sqrp_cli.geometry import Array
 _ROUND = 2 * np.pi
 
 
-class Interval(NamedTuple):
+class Enclosure(NamedTuple):
     """Numbers between two, of equal shape."""
 
     low: Array
     high: Array
 
-    def plus(self, other: Interval) -> Interval:
+    def plus(self, other: Enclosure) -> Enclosure:
         """The sum."""
-        return Interval(self.low + other.low, self.high + other.high)
+        return Enclosure(self.low + other.low, self.high + other.high)
 
-    def scaled(self, factor: float) -> Interval:
+    def scaled(self, factor: float) -> Enclosure:
         """The product with a number; 0 if that is 0, however far the interval reaches."""
         if factor == 0.0:
-            return Interval(np.zeros_like(self.low), np.zeros_like(self.high))
+            return Enclosure(np.zeros_like(self.low), np.zeros_like(self.high))
         ends = factor * self.low, factor * self.high
-        return Interval(*ends) if factor > 0 else Interval(*ends[::-1])
+        return Enclosure(*ends) if factor > 0 else Enclosure(*ends[::-1])
 
-    def times(self, other: Interval) -> Interval:
+    def times(self, other: Enclosure) -> Enclosure:
         """The product of two finite ones."""
         ends = [a * b for a in self for b in other]
-        return Interval(np.minimum.reduce(ends), np.maximum.reduce(ends))
+        return Enclosure(np.minimum.reduce(ends), np.maximum.reduce(ends))
 
 
-def cosines(middle: Array, spread: Array) -> Interval:
+def cosines(middle: Array, spread: Array) -> Enclosure:
     """The cosines of the angles that differ from `middle` by up to `spread` [rad]."""
     low, high = middle - spread, middle + spread
     ends = np.cos(low), np.cos(high)
     # The first multiple of a whole turn, and the first of those half a turn beyond, from `low` on.
     top = np.ceil(low / _ROUND) * _ROUND <= high
     bottom = (np.ceil(low / _ROUND - 0.5) + 0.5) * _ROUND <= high
-    return Interval(np.where(bottom, -1.0, np.minimum(*ends)), np.where(top, 1.0, np.maximum(*ends)))
+    return Enclosure(np.where(bottom, -1.0, np.minimum(*ends)), np.where(top, 1.0, np.maximum(*ends)))

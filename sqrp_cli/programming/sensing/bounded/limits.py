@@ -14,7 +14,7 @@ import numpy as np
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
-from sqrp_cli.programming.sensing.bounded.intervals import Interval, cosines
+from sqrp_cli.programming.sensing.bounded.intervals import Enclosure, cosines
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.limits import LimitVerdicts, bend, entries_at, hull_areas, to_pixels
 from sqrp_cli.programming.sensing.sight_lines import WatchedBoxes
@@ -68,12 +68,12 @@ class BoundedBoxes(WatchedBoxes):
         return LimitVerdicts(cause=cause, side=np.full(cause.shape, np.int8(-1)), figure=np.zeros(cause.shape))
 
 
-def _depths(corners_C: Array, bounds: PoseBounds) -> Interval:
+def _depths(corners_C: Array, bounds: PoseBounds) -> Enclosure:
     """Depths of points (3, ...), which are the cosines of their angles with the axis, times their distances [m]."""
     distance = np.sqrt((corners_C * corners_C).sum(axis=0))
     angle = np.arccos(np.clip(corners_C[2] / np.maximum(distance, 1e-300), -1.0, 1.0))
     low = distance * np.cos(np.minimum(angle + bounds.turn, np.pi)) - bounds.reach
-    return Interval(low, distance * np.cos(np.maximum(angle - bounds.turn, 0.0)) + bounds.reach)
+    return Enclosure(low, distance * np.cos(np.maximum(angle - bounds.turn, 0.0)) + bounds.reach)
 
 
 def _incidence(normal_C: Array, center: Array, distance: Array) -> Array:
@@ -85,10 +85,10 @@ def _incidence(normal_C: Array, center: Array, distance: Array) -> Array:
 
 def _pixels(
     projections: Sequence[Projection], corners_C: Array, bounds: PoseBounds, *, sure: bool
-) -> tuple[Interval, Interval, Mask]:
+) -> tuple[Enclosure, Enclosure, Mask]:
     """Pixels u and v of corners (3, 8, c, n), and which boxes (c, n) the lens surely or possibly shows."""
     shape = corners_C.shape[1:]
-    u, v = (Interval(np.empty(shape), np.empty(shape)) for _ in range(2))
+    u, v = (Enclosure(np.empty(shape), np.empty(shape)) for _ in range(2))
     shown = np.ones(shape[1:], dtype=bool)
     for number, projection in enumerate(projections):
         points = corners_C[:, :, number]
@@ -103,7 +103,7 @@ def _pixels(
     return u, v, shown
 
 
-def _tangents(points: Array, axis: int, spread: Array) -> Interval:
+def _tangents(points: Array, axis: int, spread: Array) -> Enclosure:
     """Where directions within `spread` [rad] of points (3, ...) meet the plane z = 1, along one axis.
 
     The planes through the other axis that touch the cone of these directions are turned by asin(sin s / w), with the
@@ -115,7 +115,7 @@ def _tangents(points: Array, axis: int, spread: Array) -> Interval:
     turn = np.where(reach < 1.0, np.arcsin(np.minimum(reach, 1.0)), np.pi)
     angle = np.arctan2(points[axis], points[2])
     low, high = angle - turn, angle + turn
-    return Interval(_tangent(low), _tangent(high))
+    return Enclosure(_tangent(low), _tangent(high))
 
 
 def _tangent(angle: Array) -> Array:
@@ -124,7 +124,7 @@ def _tangent(angle: Array) -> Array:
     return found
 
 
-def _bent(projection: Projection, points: Array, spread: Array, *, sure: bool) -> tuple[Interval, Interval, Mask]:
+def _bent(projection: Projection, points: Array, spread: Array, *, sure: bool) -> tuple[Enclosure, Enclosure, Mask]:
     """Where a lens shows directions within `spread` [rad] of points (3, 8, n): x and y in the plane z = 1.
 
     The cone lies within angles from the axis and about it. Up to the projection's radius, the radial distortion grows
@@ -135,7 +135,7 @@ def _bent(projection: Projection, points: Array, spread: Array, *, sure: bool) -
     axial = np.arctan2(np.hypot(points[0], points[1]), points[2])
     near, far = _tangent(np.maximum(axial - spread, 0.0)), _tangent(axial + spread)
     inside: Mask = np.all((far if sure else near) <= projection.radius, axis=0)
-    plane = Interval(np.minimum(near, projection.radius), np.minimum(far, projection.radius))
+    plane = Enclosure(np.minimum(near, projection.radius), np.minimum(far, projection.radius))
     round_axis = np.sin(np.minimum(spread, _RIGHT)) / np.maximum(np.sin(axial), 1e-300)
     turn = np.where(round_axis < 1.0, np.arcsin(np.minimum(round_axis, 1.0)), np.pi)
     about = np.arctan2(points[1], points[0])
@@ -146,7 +146,7 @@ def _bent(projection: Projection, points: Array, spread: Array, *, sure: bool) -
     if camera.distortion_model != "equidistant":
         straight[2:4] = 0.0
     radial = replace(projection, camera=replace(camera, distortion=straight))
-    bent = Interval(*(radial.bent(np.stack([r, np.zeros_like(r)], axis=-1)).points[..., 0] for r in plane))
+    bent = Enclosure(*(radial.bent(np.stack([r, np.zeros_like(r)], axis=-1)).points[..., 0] for r in plane))
     x, y = bent.times(cosine), bent.times(sine)
     p1, p2 = tangential.tolist()
     if p1 or p2:
@@ -157,10 +157,10 @@ def _bent(projection: Projection, points: Array, spread: Array, *, sure: bool) -
     return x, y, inside
 
 
-def _square(values: Interval) -> Interval:
+def _square(values: Enclosure) -> Enclosure:
     """Squares of the numbers."""
     low, high = values.times(values)
-    return Interval(np.maximum(low, 0.0), high)
+    return Enclosure(np.maximum(low, 0.0), high)
 
 
 def _sizes_allowed(

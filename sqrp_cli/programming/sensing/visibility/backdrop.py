@@ -110,7 +110,7 @@ class _Asked(NamedTuple):
     """By index, shape (a,)."""
     view: Indices
     """The view that each has, shape (a,)."""
-    views: _Views
+    views: _Looks
     """v different ones."""
     near: Mask
     """Which solids may be behind the box of each view, shape (s, v)."""
@@ -130,7 +130,7 @@ def _asked(
     scenery = np.array([solid.color is not None for solid in poses.solids], dtype=bool)
     keys = lines.hull[asked] if not (poses.moves & scenery).any() else asked
     _, first, same = np.unique(keys, return_index=True, return_inverse=True)
-    views = _Views.of(lines, asked[first])
+    views = _Looks.of(lines, asked[first])
     owners = [poses.solids.called(entry.seeks or "") for entry in boxes]
     near = views.near(poses, scenery, reach)
     for column, own in enumerate(owners):
@@ -140,7 +140,7 @@ def _asked(
 
 
 @dataclass(frozen=True, eq=False)
-class _Views:
+class _Looks:
     """Boxes as cameras see them: v views."""
 
     state: Indices
@@ -159,7 +159,7 @@ class _Views:
     """Its corners in the world, shape (v, 8, 3) [m]."""
 
     @classmethod
-    def of(cls, lines: SightLines, which: Indices) -> _Views:
+    def of(cls, lines: SightLines, which: Indices) -> _Looks:
         hull = lines.hull[which]
         return cls(
             lines.state[which],
@@ -171,9 +171,9 @@ class _Views:
             lines.corners[hull],
         )
 
-    def some(self, which: Indices) -> _Views:
+    def some(self, which: Indices) -> _Looks:
         """Some of the views, by index."""
-        return _Views(*(values[which] for values in vars(self).values()))
+        return _Looks(*(values[which] for values in vars(self).values()))
 
     def near(self, poses: SolidPoses, scenery: Mask, reach: float) -> Mask:
         """Which of the solids that may be behind a box are in the cone around it, and not before it; shape (s, v).
