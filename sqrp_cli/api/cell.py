@@ -207,8 +207,9 @@ class OpenCell:
         if choose is None:
             check_one_step(session, "--all")
         ranking = rank(list(assess(session, jobs, progress)), "q_eoi")
+        place = None
         if whole and choose is not None:
-            session, one = at_step(session, choose_candidate(ranking, choose), step)
+            session, one, place = at_step(session, choose_candidate(ranking, choose), step)
             ranking, task, choose = (one,), session.task.text, "best"
         chosen = list(ranking) if choose is None else [choose_candidate(ranking, choose)]
         explained = []
@@ -216,7 +217,7 @@ class OpenCell:
             for ranked in chosen:
                 explained.append(session.assignment.explain(ranked))
                 advance(1)
-        return Explanation(session, task, ranking, explained, several=choose is None)
+        return Explanation(session, task, ranking, explained, several=choose is None, step=place)
 
     def advise(
         self,

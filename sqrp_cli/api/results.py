@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.pipeline import Explained
     from sqrp_cli.programming.ranking import Criterion, Ranked
     from sqrp_cli.programming.suggestion import SuggestedStep
+    from sqrp_cli.programming.whole_assessment import StepPlace
     from sqrp_cli.report.documents.candidates import CandidateFigures, RankDocument
     from sqrp_cli.report.documents.checks import CheckDocument, CheckedCandidate
     from sqrp_cli.report.documents.explanation import CandidateStudy, ExplainAllDocument, ExplainDocument
@@ -133,6 +134,8 @@ class Explanation(Answer["ExplainDocument | ExplainAllDocument"]):
     """The requested ones."""
     several: bool
     """Whether they are compared, not explained one by one."""
+    step: StepPlace | None = None
+    """Which step it is about; None for a task of one step."""
 
     @property
     def candidates(self) -> list[CandidateStudy]:
@@ -161,7 +164,16 @@ class Explanation(Answer["ExplainDocument | ExplainAllDocument"]):
         ]
         if self.several:
             return ExplainAllDocument(workspace=name, task=self.task, candidates=studies)
-        return ExplainDocument(workspace=name, task=self.task, **vars(studies[0]))
+        return ExplainDocument(workspace=name, task=self.task, **{**vars(studies[0]), **self._step})
+
+    @property
+    def _step(self) -> dict[str, int | bool | None]:
+        """The step's number and the place of the whole, which its document has instead of its own."""
+        if self.step is None:
+            return {}
+        whole = self.step.whole
+        place = {} if whole is None else {"rank": whole.rank, "pareto": whole.pareto}
+        return {"step": self.step.number, **place}
 
     def show(self) -> None:
         """Print the timeline of `sqrp explain`, or the comparison of `--all`."""
@@ -171,7 +183,7 @@ class Explanation(Answer["ExplainDocument | ExplainAllDocument"]):
         if self.several:
             print_comparison(self.explained, sampling)
         else:
-            print_study(self.session.cell, *self.explained[0], sampling)
+            print_study(self.session.cell, *self.explained[0], sampling, self.step)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

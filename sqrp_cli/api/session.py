@@ -24,7 +24,7 @@ from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 from sqrp_cli.programming.task import Task, read_task
 from sqrp_cli.programming.ways.find import WantedWay
 from sqrp_cli.programming.ways.grips import first_grip
-from sqrp_cli.programming.whole_assessment import StepDone, worst_seen
+from sqrp_cli.programming.whole_assessment import StepDone, StepPlace, worst_seen
 
 if TYPE_CHECKING:
     from sqrp_cli.programming.suggestion import SuggestedStep
@@ -171,6 +171,8 @@ class StepInWorld(NamedTuple):
     session: Session
     """In the world that the steps before it leave."""
     ranked: Ranked
+    """By itself: the only one of its task."""
+    place: StepPlace
 
 
 def at_step(session: Session, chosen: Ranked, number: int | None) -> StepInWorld:
@@ -188,7 +190,9 @@ def at_step(session: Session, chosen: Ranked, number: int | None) -> StepInWorld
     candidate = step.assessment.candidate
     task = Task(candidate.task, candidate.skill, (candidate,))
     one = Session(task, replace(session.assignment, world=step.before))
-    return StepInWorld(one, Ranked(step.assessment, rank=1 if step.assessment.feasible else None, pareto=True))
+    ranked = Ranked(step.assessment, rank=1 if step.assessment.feasible else None, pareto=True)
+    place = StepPlace(number, len(chosen.assessment.candidate.steps), candidate.task, chosen)
+    return StepInWorld(one, ranked, place)
 
 
 def check_one_step(session: Session, what: str) -> None:

@@ -19,7 +19,7 @@ from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.validation import validate
 from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, read_yaml
-from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.knowledge.workspace.load import load_workspace, shortest_path
 from sqrp_cli.knowledge.workspace.understood import digest_of_understood, what_changed, with_skills
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.mtl_parser import parse_formula
@@ -207,7 +207,10 @@ def stale(program: Program, path: Path, workspace: Workspace) -> Problem | None:
 
 def _again(program: Program, path: Path) -> str:
     """The commands that make a program again."""
-    tasks, workspace = [step.own_task for step in program.steps] or ["TASK"], workspace_path(program, path).parent
+    tasks, workspace = (
+        [step.own_task for step in program.steps] or ["TASK"],
+        shortest_path(workspace_path(program, path)),
+    )
     again = (f"sqrp rank {_quoted(workspace)} {_quoted(task)} --program {_quoted(path)}" for task in tasks)
     return " && ".join([f"rm {_quoted(path)}", *again])
 

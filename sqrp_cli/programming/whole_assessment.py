@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
-from typing import Protocol
+from typing import NamedTuple, Protocol
 from weakref import WeakKeyDictionary
 
 from sqrp_cli.errors import Infeasible
@@ -18,6 +18,7 @@ from sqrp_cli.programming.coverage.certificate import Certificate
 from sqrp_cli.programming.coverage.quality import Qualities
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.program_update import world_after
+from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.whole_task import whole_candidate
 
 Assess = Callable[[World, Candidate], Assessment]
@@ -32,6 +33,19 @@ class StepDone:
     before: World
     after: World | None
     """None if it is infeasible."""
+
+
+class StepPlace(NamedTuple):
+    """Which step of a task of several, or of a program, is looked at."""
+
+    number: int
+    """From 1."""
+    steps: int
+    """How many there are."""
+    task: str
+    """The skill and its objects."""
+    whole: Ranked | None
+    """The candidate of all steps in its ranking; None in a program, which has no ranking."""
 
 
 def steps_done(

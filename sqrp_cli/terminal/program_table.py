@@ -6,6 +6,7 @@ import os
 import shlex
 from pathlib import Path
 
+from sqrp_cli.knowledge.workspace.load import shortest_path, workspace_name
 from sqrp_cli.program.file import workspace_path
 from sqrp_cli.program.joint_trajectory import tool_commands
 from sqrp_cli.program.record import Program, Step, Totals
@@ -16,17 +17,18 @@ def print_program(program: Program, file: Path) -> None:
     """A row per step, the totals, the tool's actions with their times, and how to go on."""
     count = len(program.steps)
     totals = Totals.of(program)
-    folder = workspace_path(program, file).parent
+    workspace = workspace_path(program, file)
     steps = f"{count} step{'s' * (count != 1)}"
     length = f", {totals.time:.2f} s" if count else ""
-    say(joined([(file.name, "bold"), f" for {folder.name}: {steps}{length}\n"]))
+    say(joined([(file.name, "bold"), f" for {workspace_name(workspace)}: {steps}{length}\n"]))
     if count:
         _print_steps(program, totals)
         _print_tool(program)
     held = program.steps[-1].after.held if count else None
     if held is not None:
         say(f"It leaves {held} in the tool.")
-    command = f"sqrp rank {shlex.quote(os.path.relpath(folder))} TASK --program {shlex.quote(str(file))}"
+    asked = shlex.quote(os.path.relpath(shortest_path(workspace)))
+    command = f"sqrp rank {asked} TASK --program {shlex.quote(str(file))}"
     say_command("To add a step:", command, "dim")
 
 

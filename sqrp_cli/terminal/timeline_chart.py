@@ -16,6 +16,7 @@ from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.pipeline import Explained
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.whole_assessment import StepPlace
 from sqrp_cli.report.sentences import accuracy, part_shares_in_words, way_of, what_to_move
 from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table, say, terminal_width
 
@@ -55,18 +56,20 @@ SAME_COLOUR = "  c same colour behind"
 """Added to it where a camera cannot see something for that."""
 
 
-def print_study(cell: Cell, ranked: Ranked, study: Study | None, sampling: Sampling) -> None:
+def print_study(
+    cell: Cell, ranked: Ranked, study: Study | None, sampling: Sampling, step: StepPlace | None = None
+) -> None:
     """The timeline of a candidate, the totals of its causes, the verdict and its accuracy.
 
-    For an infeasible candidate, the reasons.
+    For an infeasible candidate, the reasons. step: that it is, of a task of several or of a program.
     """
     assessment = ranked.assessment
     if study is None:
-        say(f"{assessment.candidate.name} is infeasible:")
+        say(f"{_title(assessment, step)} is infeasible:")
         for reason in assessment.reasons:
             say(f"- {reason}")
         return
-    _print_head(ranked)
+    _print_head(ranked, step)
     for row in _Chart(study, study.motion.time).rows(cell):
         say(row)
     totals = cause_totals(cell, study)
@@ -85,16 +88,31 @@ def print_study(cell: Cell, ranked: Ranked, study: Study | None, sampling: Sampl
     say(plain(accuracy(sampling, [ranked]), "dim"))
 
 
-def _print_head(ranked: Ranked) -> None:
+def _print_head(ranked: Ranked, step: StepPlace | None) -> None:
     """The name of a feasible candidate, its place and figures."""
     assessment = ranked.assessment
-    figures = [f"time {assessment.time:.2f} s"]
+    figures = [] if step is not None else [_rank_of(ranked)]
+    if assessment.has_choice:
+        figures.append(f"way {way_of(assessment)}")
+    figures.append(f"time {assessment.time:.2f} s")
     for label, quality in (("Q_eoi", assessment.q_eoi), ("Q_avg", assessment.q_avg)):
         figures.append(f"{label} {'-' if quality is None else f'{100 * quality:.1f} %'}")
-    place = f"rank {ranked.rank}" + (", Pareto-optimal" if ranked.pareto else "")
-    if assessment.has_choice:
-        figures.insert(0, f"way {way_of(assessment)}")
-    say(joined([(assessment.candidate.name, "bold"), f": {place}, {', '.join(figures)}\n"]))
+    if step is None:
+        say(joined([(_title(assessment, step), "bold"), f": {', '.join(figures)}\n"]))
+        return
+    of = "" if step.whole is None else f"; the whole, {step.whole.assessment.candidate.name}, is {_rank_of(step.whole)}"
+    say(joined([(_title(assessment, step), "bold"), of]))
+    say(f"{', '.join(figures)}\n")
+
+
+def _title(assessment: Assessment, step: StepPlace | None) -> str:
+    """What a study is about: a candidate, or a step."""
+    return assessment.candidate.name if step is None else f"Step {step.number} of {step.steps}, {step.task}"
+
+
+def _rank_of(ranked: Ranked) -> str:
+    """The place in a ranking."""
+    return "infeasible" if ranked.rank is None else f"rank {ranked.rank}" + ", Pareto-optimal" * ranked.pareto
 
 
 def _print_faults(assessment: Assessment) -> None:

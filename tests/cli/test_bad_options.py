@@ -34,6 +34,7 @@ BAD = [
     (["rank", "CELL", "wacth seen"], ["`wacth`", "did you mean `watch`?"]),
     (["rank", "CELL", "watch sen"], ["`sen`", "did you mean `seen`?"]),
     (["explain", "CELL", "watch seen", "--choose", "sen"], ["`sen`", "did you mean `seen`?"]),
+    (["explain", "TMP/none.yaml", "--step", "1"], ["none.yaml", "no such file or folder"]),
     (["explain", "CELL", "watch seen", "--choose", ""], ["there is no candidate ``", "`seen`"]),
     (["check", "CELL", "watch seen", "--after", "TMP"], ["found a folder, expected a file"]),
     (["show", "TMP"], ["no workspace.yaml", "empty"]),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shlex
 from pathlib import Path
 
 import pytest
@@ -11,7 +13,10 @@ from sqrp_cli.api.program import open_program
 from sqrp_cli.api.results import Ranking
 from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.program.file import load_program, stale
 from sqrp_cli.programming.task import read_task
+from sqrp_cli.report.documents.programs import ProgramDocument
+from sqrp_cli.terminal.program_table import print_program
 
 CELL = Path(__file__).parents[1] / "cases" / "contact" / "peg.yaml"
 TASK = "pickup peg then insert peg socket yaw=0"
@@ -70,7 +75,9 @@ def test_the_figures_of_the_whole_are_those_of_the_steps_by_hand(ranking: Rankin
     assert whole.faults["1.slip"].expected_time == pytest.approx(slip.expected_time + times[1])
 
 
-def test_a_program_of_the_whole_has_its_steps_and_each_can_be_explained(ranking: Ranking, tmp_path: Path) -> None:
+def test_a_program_of_the_whole_has_its_steps_and_each_can_be_explained(
+    ranking: Ranking, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = tmp_path / "program.yaml"
     ranking.write(file)
     program = open_program(file)
@@ -80,6 +87,8 @@ def test_a_program_of_the_whole_has_its_steps_and_each_can_be_explained(ranking:
     figures = second.explained[0].ranked.assessment
     assert figures.time == pytest.approx(program.program.steps[1].time)
     assert figures.q_avg == pytest.approx(program.program.steps[1].q_avg)
+    second.show()
+    assert capsys.readouterr().out.startswith("Step 2 of 2, insert peg1 socket\ntime ")
     with pytest.raises(InputError, match=r"--step is 3, but .* has 2 steps"):
         program.explain(3)
 
@@ -88,6 +97,43 @@ def test_a_step_of_a_task_is_explained_in_the_world_that_the_steps_before_leave(
     found = cell.explain(TASK, step=2)
     assert found.task == "insert peg1 socket"
     assert found.session.assignment.world.held == "peg1"
+
+
+def test_the_explanation_of_a_step_says_which_it_is_and_the_place_of_the_whole(
+    cell: OpenCell, ranking: Ranking, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = ranking.candidates[1]
+    assert (whole.parameters["1.object"], whole.rank, whole.pareto) == ("peg2", 2, False)
+    found = cell.explain(TASK, "2", step=1)
+    found.show()
+    title, figures = capsys.readouterr().out.splitlines()[:2]
+    assert title == "Step 1 of 2, pickup peg2; the whole, peg2 then peg2 socket, is rank 2"
+    assert figures.startswith("way ")
+    assert "rank" not in figures
+    document = json.loads(found.to_json())
+    assert (document["task"], document["step"], document["rank"], document["pareto"]) == ("pickup peg2", 1, 2, False)
+    assert whole.steps is not None
+    assert document["time"] == whole.steps[0].time
+
+
+def test_a_program_names_a_workspace_file_as_other_commands_do(
+    ranking: Ranking, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A file that is not `workspace.yaml` cannot be asked for by its folder."""
+    file = tmp_path / "program.yaml"
+    ranking.write(file)
+    program = load_program(file)
+    print_program(program, file)
+    listed = capsys.readouterr().out
+    assert listed.startswith("program.yaml for peg: 2 steps")
+    words = shlex.split(listed.splitlines()[-1])
+    assert words[:2] == ["sqrp", "rank"]
+    assert Path(words[2]).resolve() == CELL
+    assert ProgramDocument.of(program, file, stale=False).workspace == "peg"
+    changed = stale(program.model_copy(update={"digest": "0"}), file, load_workspace(CELL))
+    assert changed is not None
+    assert changed.mend is not None
+    assert f"sqrp rank {CELL} 'pickup peg1'" in changed.mend
 
 
 def test_check_knows_whole_tasks(cell: OpenCell) -> None:

@@ -149,8 +149,11 @@ def command(
 def _explain_program(file: Path, step: int | None, seed: int, *, as_json: bool) -> ExitCode:
     """Explain a step of a program, which stands where a workspace would."""
     from sqrp_cli.api.program import open_program
+    from sqrp_cli.knowledge.text.input_file import missing_file
     from sqrp_cli.terminal.console import say_raw
 
+    if not file.exists():
+        raise InputError(missing_file(file))
     if not (file.is_file() and b"sqrp_program" in file.read_bytes()[:200_000]):
         message = f"{file} is no program, so a task is missing"
         raise InputError(Problem("no-program", message, mend=f"sqrp explain {file} TASK"))

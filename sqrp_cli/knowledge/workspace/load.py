@@ -55,7 +55,7 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
         raise InputError(*problems)
     objects, taken_as_held = with_held_by_facts(objects, facts, skills.values(), document)
     return Workspace(
-        name=shown_name(file_path.parent.name if file_path.name == WORKSPACE_FILE else file_path.stem),
+        name=workspace_name(file_path),
         path=file_path,
         robot=robot,
         cameras=cameras,
@@ -100,6 +100,16 @@ def _is_program(document: SourceDocument) -> Problem:
         return Problem("no-workspace", "this is a program; expected a workspace", place)
     workspace = os.path.normpath(document.path.parent / named)
     return Problem("no-workspace", f"this is a program; its workspace is {workspace}", place)
+
+
+def workspace_name(file: Path) -> str:
+    """What a workspace is called: the name of its folder, or of a file that is not `workspace.yaml`."""
+    return shown_name(file.parent.name if file.name == WORKSPACE_FILE else file.stem)
+
+
+def shortest_path(file: Path) -> Path:
+    """The path that a command needs for a workspace file: its folder is enough for `workspace.yaml`."""
+    return file.parent if file.name == WORKSPACE_FILE else file
 
 
 def workspace_file(path: Path) -> Path:

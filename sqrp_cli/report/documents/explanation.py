@@ -355,7 +355,13 @@ class CandidateStudy(CandidateFigures):
 
 @dataclass(frozen=True, kw_only=True)
 class ExplainDocument(CandidateStudy, TaskDocument):
-    """What `sqrp explain` finds about one candidate."""
+    """What `sqrp explain` finds about one candidate.
+
+    Of a task of several steps it is about one step; `rank` and `pareto` are those of all steps together.
+    """
+
+    step: int | None = field(default=None, metadata=LEFT_OUT)
+    """Which step, from 1: of a task of several, or of a program."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sqrp_cli.knowledge.workspace.load import workspace_name
 from sqrp_cli.program.file import workspace_path
 from sqrp_cli.program.joint_trajectory import ToolCommand, action_name, tool_commands
 from sqrp_cli.program.record import FaultMetrics, Totals
@@ -128,7 +129,7 @@ class ProgramDocument(Document):
         worst = totals.worst
         return cls(
             program=str(file),
-            workspace=workspace_path(program, file).parent.name,
+            workspace=workspace_name(workspace_path(program, file)),
             stale=stale,
             steps=list(_steps(program)),
             total=ProgramTotal(
