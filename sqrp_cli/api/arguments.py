@@ -201,9 +201,13 @@ def check_calibration(value: Calibration | None) -> None:
     raise refused("calibration", value, "Calibration(position, rotation, seed) with up to 1 m and up to 1 rad")
 
 
-def check_bounds(value: PoseBounds | None) -> None:
-    """Raises InputError for anything but plausible bounds of camera poses."""
+def check_bounds(value: PoseBounds | None, sampling: Sampling | None) -> None:
+    """Raises InputError for anything but plausible bounds of camera poses, and for a sampling that proves nothing."""
+    from sqrp_cli.programming.coverage.sampling import Adaptive
     from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
+
+    if value is not None and not isinstance(sampling, Adaptive | None):
+        raise refused("sampling", sampling, "Adaptive(tolerance) or None with certify: a proof needs adaptive sampling")
 
     match value:
         case None:

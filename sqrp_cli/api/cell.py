@@ -127,7 +127,7 @@ class OpenCell:
         check_text(task, "task", "a skill and what to do it with, such as `pickup green`")
         check_sampling(sampling)
         check_calibration(calibration)
-        check_bounds(certify)
+        check_bounds(certify, sampling)
         before = optional_path(after, "after")
         wanted = check_wanted(by, ways, max_time)
         return Session.begin(self.cell, task, before, sampling or Adaptive(), calibration, wanted, certify)
@@ -149,10 +149,10 @@ class OpenCell:
         """Rank the candidates of a task, such as `pickup green`, each in its best way.
 
         by: what counts first. sampling: of the motions, adaptive by default. calibration: accuracy of the camera poses,
-        to compute its effect. certify: bounds of the camera poses, to prove what holds within them. after: a program;
-        the task starts where it ends. ways: `best` of all, or `fastest`: each candidate with its fastest branch,
-        untouched by what cameras see. max_time: of a way, such as `20 s`, or `1.25x` the time of the candidate's
-        fastest way.
+        to compute its effect. certify: bounds of the camera poses, to prove what holds within them, with adaptive
+        sampling only. after: a program; the task starts where it ends. ways: `best` of all, or `fastest`: each
+        candidate with its fastest branch, untouched by what cameras see. max_time: of a way, such as `20 s`, or `1.25x`
+        the time of the candidate's fastest way.
         """
         from sqrp_cli.api.results import Ranking
         from sqrp_cli.api.session import assess

@@ -25,7 +25,7 @@ from sqrp_cli.cli.commands import (
     show,
 )
 from sqrp_cli.cli.commands import run as run_program
-from sqrp_cli.cli.completion import ASKED, propose
+from sqrp_cli.cli.completion import ASKED, for_named_shell, propose
 from sqrp_cli.cli.streams import ResultsLost
 from sqrp_cli.errors import ExitCode, InputError
 from sqrp_cli.shown import harmless, one_line
@@ -98,6 +98,8 @@ def execute(arguments: list[str]) -> int:
         return ExitCode.OK
     lines = progress_lines.wanted.set("--json" not in arguments)
     try:
+        if for_named_shell([word for word in arguments if word not in ANYWHERE]):
+            return ExitCode.OK
         # Calling `app` itself would take system errors for Ctrl-C or for a reader that has left.
         with typer.main.get_command(app).make_context("sqrp", _with_options_first(arguments), obj=arguments) as context:
             return int(context.command.invoke(context) or ExitCode.OK)

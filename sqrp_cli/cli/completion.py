@@ -7,8 +7,9 @@ a workspace or task cannot be read: a shell has no place for messages.
 from __future__ import annotations
 
 import os
+import re
 import shlex
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import redirect_stdout, suppress
 from io import StringIO
 from itertools import islice
@@ -16,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from sqrp_cli.errors import InputError
+from sqrp_cli.errors import InputError, Problem, expected_names
 
 if TYPE_CHECKING:
     from sqrp_cli.knowledge.workspace.workspace import Workspace
@@ -41,6 +42,28 @@ def propose(app: typer.Typer) -> None:
         lines = ["'" + line.replace("'", "'\"'\"'") + "'" for line in lines]
     if lines:
         typer.echo("\n".join(lines))
+
+
+def for_named_shell(words: Sequence[str]) -> bool:
+    """Show or install what a shell needs to complete commands, if one is named: `--show-completion zsh`.
+
+    Typer's own options take no name: they act for the shell that runs, whatever follows them. words: of a command line.
+    Returns whether it is such a one. Raises InputError for a shell that is not known.
+    """
+    asked = re.fullmatch(r"(--(?:show|install)-completion)[= ](.*)", " ".join(words), re.DOTALL)
+    if asked is None:
+        return False
+    from typer.completion import Shells, get_completion_script, install  # type: ignore[attr-defined]
+
+    option, named = asked.groups()
+    if named not in set(Shells):
+        raise InputError(Problem("bad-option", f"{option} is `{named}`; {expected_names(named, Shells)}"))
+    if option == "--show-completion":
+        typer.echo(get_completion_script(prog_name="sqrp", complete_var=ASKED, shell=named))
+    else:
+        _, path = install(named, "sqrp", ASKED)
+        typer.echo(f"{named} completion is in {path}; restart the terminal to use it")
+    return True
 
 
 def _read_line() -> bool:

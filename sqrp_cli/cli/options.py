@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
@@ -15,12 +16,13 @@ from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.platform.memory import keep_all_so_far
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Collection, Sequence
 
     from sqrp_cli.api.answer import Answer, AnyDocument
     from sqrp_cli.api.arguments import WaysOption
     from sqrp_cli.api.cell import OpenCell
     from sqrp_cli.api.program import OpenProgram
+    from sqrp_cli.knowledge.text.units import Dimension, Quantity
     from sqrp_cli.programming.coverage.robustness import Calibration
     from sqrp_cli.programming.coverage.sampling import Sampling
     from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
@@ -231,27 +233,55 @@ def read_calibration(text: str | None, seed: int) -> Calibration | None:
     """Standard deviations of camera poses, such as `5 mm, 0.5 deg`; either may be left out."""
     from sqrp_cli.programming.coverage.robustness import Calibration
 
-    return None if text is None else Calibration(*_pose_errors(text, "--calibration"), seed)
+    return None if text is None else Calibration(*_pose_errors(text, "--calibration", "5 mm, 0.5 deg"), seed)
 
 
-def read_bounds(text: str | None) -> PoseBounds | None:
-    """Bounds on the errors of camera poses, such as `2 mm, 0.2 deg`; either may be left out."""
+def read_bounds(text: str | None, sampling: Sampling) -> PoseBounds | None:
+    """Bounds on the errors of camera poses, such as `2 mm, 0.2 deg`; either may be left out.
+
+    Raises InputError for a sampling that proves nothing, too.
+    """
+    from sqrp_cli.programming.coverage.sampling import Adaptive, FixedCount
     from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 
-    return None if text is None else PoseBounds(*_pose_errors(text, "--certify"))
+    if text is None:
+        return None
+    if not isinstance(sampling, Adaptive):
+        fixed = "--samples" if isinstance(sampling, FixedCount) else "--dt"
+        raise _refused(f"--certify excludes {fixed}: a proof needs adaptive sampling")
+    return PoseBounds(*_pose_errors(text, "--certify", "2 mm, 0.2 deg"))
 
 
-def _pose_errors(text: str, option: str) -> tuple[float, float]:
-    """A length [m] and an angle [rad]."""
+def _pose_errors(text: str, option: str, example: str) -> tuple[float, float]:
+    """A length [m] and an angle [rad], each with its unit; either may be left out."""
     from sqrp_cli.knowledge.text.units import ANGLE, LENGTH, read_quantity
 
-    deviations = {LENGTH: 0.0, ANGLE: 0.0}
-    parts = [read_quantity(part.strip()) for part in text.split(",")]
-    for quantity in parts:
-        if quantity is None or quantity.dimension not in deviations or not 0 <= quantity.value <= 1 or len(parts) > 2:
-            raise _refused(f"{option} is `{text}`, expected up to 1 m and up to 1 rad, such as `5 mm, 0.5 deg`")
-        deviations[quantity.dimension] = quantity.value
-    return deviations[LENGTH], deviations[ANGLE]
+    found: dict[Dimension, float] = {}
+    for part in (one.strip() for one in text.split(",")):
+        quantity = read_quantity(part)
+        wrong = _wrong_error(part, quantity, found)
+        if wrong or quantity is None or quantity.dimension is None:
+            raise _refused(f"{option}: `{part}` {wrong}; try `{example}`")
+        found[quantity.dimension] = quantity.value
+    return found.get(LENGTH, 0.0), found.get(ANGLE, 0.0)
+
+
+def _wrong_error(part: str, quantity: Quantity | None, before: Collection[Dimension]) -> str:
+    """What is wrong with one of the numbers of `_pose_errors`, after those before it; empty if nothing is."""
+    from sqrp_cli.knowledge.text.units import ANGLE, LENGTH, read_quantity
+
+    if quantity is None:
+        numbers = re.split(r"\s+(?=[-+.\d])", part)
+        return "lacks a comma" if len(numbers) == 2 and all(map(read_quantity, numbers)) else "is no length or angle"
+    if quantity.dimension is None:
+        return "has no unit"
+    if quantity.dimension not in (LENGTH, ANGLE):
+        return "is no length or angle"
+    if quantity.dimension in before:
+        return f"is {quantity.dimension.name} once more"
+    if quantity.value < 0:
+        return "is negative"
+    return f"is not up to 1 {'m' if quantity.dimension is LENGTH else 'rad'}" if quantity.value > 1 else ""
 
 
 class WaysRead(NamedTuple):

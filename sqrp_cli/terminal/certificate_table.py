@@ -46,8 +46,9 @@ def print_certificate(
         say(f"Not proven: that {name} stays before {others}{more}.")
     elif len(feasible) > 1:
         say(f"{name} stays the first, whatever the poses.")
-    if certificate.undecided:
-        say(f"{name} is undecided {_times(certificate.undecided)}.")
+    undecided = [one for one in certificate.undecided if f"{one.start:.2f}" != f"{one.end:.2f}"]
+    if undecided:
+        say(f"{name} is undecided {_times(undecided)}.")
 
 
 def _between(least: float | None, most: float | None) -> str:

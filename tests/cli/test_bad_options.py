@@ -23,7 +23,26 @@ BAD = [
     (["rank", "CELL", "watch seen", "--choose", "sen"], ["`sen`", "did you mean `seen`?"]),
     (["rank", "CELL", "watch seen", "--calibration", "5 kg"], ["--calibration", "`5 kg`", "5 mm, 0.5 deg"]),
     (["rank", "CELL", "watch seen", "--calibration", "1e308 m"], ["--calibration", "up to 1 m"]),
-    (["rank", "CELL", "watch seen", "--certify", "5 kg"], ["--certify", "`5 kg`", "5 mm, 0.5 deg"]),
+    (["rank", "CELL", "watch seen", "--certify", "5 kg"], ["--certify", "`5 kg`", "2 mm, 0.2 deg"]),
+    *(
+        (["rank", "CELL", "watch seen", "--certify", text], [f"--certify: {says}; try `2 mm, 0.2 deg`\n"])
+        for text, says in {
+            "0,0": "`0` has no unit",
+            "2 mm 0.2 deg": "`2 mm 0.2 deg` lacks a comma",
+            "-2 mm": "`-2 mm` is negative",
+            "2 mm, -0.2 deg": "`-0.2 deg` is negative",
+            "2 m": "`2 m` is not up to 1 m",
+            "2 mm, 60 deg": "`60 deg` is not up to 1 rad",
+            "2 mm, 3 cm": "`3 cm` is a length once more",
+            "2 s": "`2 s` is no length or angle",
+            "2 mm,": "`` is no length or angle",
+        }.items()
+    ),
+    (["rank", "CELL", "watch seen", "--certify", "2 mm", "--samples", "5"], ["--certify excludes --samples: a proof"]),
+    (["rank", "CELL", "watch seen", "--certify", "2 mm", "--dt", "50 ms"], ["--certify excludes --dt: a proof"]),
+    (["--show-completion", "tcsh"], ["--show-completion is `tcsh`", "`bash`", "`fish`", "`zsh`"]),
+    (["--install-completion", "--help"], ["--install-completion is `--help`", "`bash`", "`fish`", "`zsh`"]),
+    (["-q", "--show-completion=tcsh"], ["--show-completion is `tcsh`"]),
     (["rank", "CELL", "watch seen", "--after", "TMP/none.yaml"], ["none.yaml", "no such file or folder"]),
     (["rank", "CELL", "watch seen", "--program", "TMP/no/such.yaml"], ["there is no folder", "mkdir -p"]),
     (["rank", "CELL", "watch seen", "--program", "TMP"], ["this is a folder"]),
@@ -82,6 +101,7 @@ def test_it_is_refused_and_named(words: list[str], says: list[str], sqrp: Any, w
     for piece in says:
         assert piece in outcome.err
     assert "Traceback" not in outcome.err
+    assert "--certify" not in words or all(len(line) <= 80 for line in outcome.err.splitlines())
     assert list(tmp_path.iterdir()) == []
 
 

@@ -81,6 +81,22 @@ def test_where_nothing_can_be_read_nothing_is_proposed(proposed, words):
     assert proposed(*words) == []
 
 
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish", "pwsh"])
+def test_the_completion_of_a_shell_that_is_named_is_shown(sqrp, shell):
+    shown = sqrp("--show-completion", shell)
+    assert (shown.code, shown.err) == (0, "")
+    assert f"complete_{'powershell' if shell == 'pwsh' else shell}" in shown.out
+    assert sqrp(f"--show-completion={shell}", "-q") == shown
+
+
+def test_completion_is_installed_for_the_shell_that_is_named(sqrp, tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    said = sqrp("--install-completion", "fish").out
+    file = tmp_path / ".config/fish/completions/sqrp.fish"
+    assert str(file) in said.replace("\n", "")
+    assert file.read_text() == sqrp("--show-completion", "fish").out
+
+
 @pytest.mark.parametrize("shell", SHELLS)
 def test_a_shell_completes_a_task_with_a_blank_in_it(shell, tabletop, tmp_path):
     options = ["--norc", "--noprofile", "-i"] if shell == "bash" else ["-f", "-i"]

@@ -103,7 +103,7 @@ def command(
 
     criterion, (wanted, all_ways) = read_criterion(by), read_ways(ways)
     sampling, drawn = read_sampling(samples, dt, tolerance), read_calibration(calibration, seed)
-    bounds = read_bounds(certify)
+    bounds = read_bounds(certify, sampling)
     check_max_time(max_time)
     cell, before = _checked_files(workspace, seed, after, program, report)
     session = cell.begin(

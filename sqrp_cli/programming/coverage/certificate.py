@@ -19,6 +19,9 @@ from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 from sqrp_cli.programming.sensing.bounded.observer import BoundedObserver
 from sqrp_cli.programming.sensing.observer import Observer
 
+_SHORT = 1e-3
+"""Undecided times up to this [s] are left out: bisection leaves some around changes that both timelines have."""
+
 
 @dataclass(frozen=True)
 class Certificate:
@@ -29,7 +32,7 @@ class Certificate:
     most: Qualities
     """No pose gives more."""
     undecided: tuple[Stretch, ...]
-    """When the state may be covered or not, depending on the poses, or no proof was found."""
+    """When the state may be covered or not, depending on the poses, or no proof was found, for more than 1 ms."""
 
 
 def certify(watch: Watch, observer: Observer, sampling: Sampling, bounds: PoseBounds) -> Certificate:
@@ -45,15 +48,15 @@ def certify(watch: Watch, observer: Observer, sampling: Sampling, bounds: PoseBo
     return Certificate(
         least=Qualities(_lowered(least.q_avg, error), _lowered(least.q_eoi, error)),
         most=Qualities(_raised(most.q_avg, error), _raised(most.q_eoi, error)),
-        undecided=tuple(_without(_covered(possible), _covered(sure))),
+        undecided=tuple(one for one in _without(_covered(possible), _covered(sure)) if one.length > _SHORT),
     )
 
 
 def _lowered(quality: float | None, error: float) -> float | None:
-    """A quality that nothing can be lost of if all is seen."""
+    """A quality that nothing can be lost of if all is seen: then it is 1, whatever the rounding of sums of times."""
     if quality is None:
         return None
-    return max(0.0, quality - (error if falls_short(quality, 1.0) else ROUNDING))
+    return max(0.0, quality - error) if falls_short(quality, 1.0) else 1.0
 
 
 def _raised(quality: float | None, error: float) -> float | None:

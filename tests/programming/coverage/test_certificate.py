@@ -30,8 +30,8 @@ def cell(tabletop: Workspace) -> Cell:
     return Cell.load(tabletop)
 
 
-def studied(cell: Cell, sampling: Sampling) -> Study:
-    candidate = read_task("pickup g4", cell.workspace).candidates[0]
+def studied(cell: Cell, sampling: Sampling, task: str = "pickup g4") -> Study:
+    candidate = read_task(task, cell.workspace).candidates[0]
     found = study(cell, candidate, cell.initial_world, sampling, full=False)
     assert isinstance(found, Study)
     return found
@@ -72,6 +72,26 @@ def test_undecided_times_are_what_the_qualities_leave_open(cell: Cell) -> None:
     length = sum(stretch.length for stretch in proven.undecided)
     assert length == pytest.approx((proven.most.q_avg - proven.least.q_avg) * found.T, abs=1e-6)
     assert length > 0
+
+
+def test_what_is_seen_throughout_is_proven_to_be_exactly_all(cell: Cell) -> None:
+    found = studied(cell, Adaptive(), "pickup g2")
+    proven = certify(found.watch, cell.observer, Adaptive(), BOUNDS)
+    assert (proven.least.q_eoi, proven.most.q_eoi) == (1.0, 1.0)
+    assert Qualities.of(found.timeline).q_eoi == 1.0
+
+
+def test_undecided_times_are_not_those_that_bisection_leaves(cell: Cell) -> None:
+    exactly = PoseBounds(0.0, 0.0)
+    proven = certify(studied(cell, Adaptive()).watch, cell.observer, Adaptive(), exactly)
+    assert all(stretch.length > 1e-3 for stretch in proven.undecided)
+
+
+def test_bounds_so_wide_that_they_prove_nothing_are_no_numerical_problem(cell: Cell) -> None:
+    found = studied(cell, FixedCount(5))
+    with np.errstate(all="raise", under="ignore"):
+        proven = certify(found.watch, cell.observer, FixedCount(5), PoseBounds(1.0, 1.0))
+    assert (proven.least.q_avg, proven.most.q_avg) == (0.0, 1.0)
 
 
 def assessed(cell: Cell, name: str, time: float, least: float, most: float) -> Assessment:

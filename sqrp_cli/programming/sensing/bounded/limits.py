@@ -197,9 +197,10 @@ def _sizes_allowed(
     if sure:
         factor = np.maximum(1.0 - uneven, 0.0) * (middle / (middle + t)) ** 2 * np.exp(-uneven_lens)
     else:
-        factor = (
-            (1.0 + uneven + np.pi * sweep**2 / np.maximum(area, 1e-300)) * (middle / gap) ** 2 * np.exp(uneven_lens)
-        )
+        larger = 1.0 + uneven + np.pi * sweep**2 / np.maximum(area, 1e-300)
+        # Infinite where wide bounds leave nothing known; what is not in front of the camera is replaced below.
+        with np.errstate(over="ignore", invalid="ignore"):
+            factor = larger * (middle / gap) ** 2 * np.exp(uneven_lens)
     factor = np.where(clear, factor, 0.0 if sure else np.inf)
     bend(projections, plane)
     u, v = to_pixels(projections, plane)
