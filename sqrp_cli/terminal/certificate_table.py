@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from sqrp_cli.logic.formula_time import Stretch
+from sqrp_cli.programming.coverage.certificate import Certificate
+from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling
 from sqrp_cli.programming.ranking import Criterion, Ranked, may_overtake
 from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 from sqrp_cli.terminal.console import Column, print_table, say
@@ -16,7 +18,7 @@ _LISTED = 6
 
 
 def print_certificate(
-    bounds: PoseBounds | None, feasible: Sequence[Ranked], shown: Sequence[Ranked], by: Criterion
+    bounds: PoseBounds | None, sampling: Sampling, feasible: Sequence[Ranked], shown: Sequence[Ranked], by: Criterion
 ) -> None:
     """What is proven of the qualities and of the first place within bounds of the camera poses, if it was asked for.
 
@@ -26,7 +28,7 @@ def print_certificate(
     if bounds is None or not proven:
         return
     within = f"{1000 * bounds.position:g} mm and {np.degrees(bounds.rotation):g} deg"
-    say(f"\nProven for every pose of each camera within {within} of where it should be:")
+    say(f"\nProven wherever each camera is within {within} of where it should be:")
     rows = [
         (
             one.assessment.candidate.name,
@@ -38,6 +40,8 @@ def print_certificate(
     ]
     titles = ("Q_eoi [%]", "Q_avg [%]", "undecided [s]")
     print_table([Column(""), *(Column(title, right=True) for title in titles)], rows)
+    if isinstance(sampling, Adaptive) and any(_is_open(one) for _, one in proven):
+        say(f"Both ends allow for {100 * sampling.tolerance:g} points that sampling may be off.")
     first, certificate = proven[0]
     name, rivals = first.assessment.candidate.name, may_overtake(feasible, by)
     if rivals:
@@ -49,6 +53,12 @@ def print_certificate(
     undecided = [one for one in certificate.undecided if f"{one.start:.2f}" != f"{one.end:.2f}"]
     if undecided:
         say(f"{name} is undecided {_times(undecided)}.")
+
+
+def _is_open(certificate: Certificate) -> bool:
+    """Whether a quality is neither proven to be all nor nothing."""
+    least, most = certificate.least, certificate.most
+    return any(one != other for one, other in ((least.q_eoi, most.q_eoi), (least.q_avg, most.q_avg)))
 
 
 def _between(least: float | None, most: float | None) -> str:

@@ -57,7 +57,7 @@ def print_ranking(
         shown = feasible if all_rows else _best_of_each(feasible)
         _print_feasible(feasible, shown)
         _print_calibration(assignment, feasible, by)
-        print_certificate(assignment.bounds, feasible, shown, by)
+        print_certificate(assignment.bounds, assignment.sampling, feasible, shown, by)
     for ranked in feasible:
         if ranked.assessment.ways_around:
             say(f"{ranked.assessment.candidate.name}: {', '.join(ranked.assessment.ways_around)}")
