@@ -1,8 +1,9 @@
 """From when on images show that a part was lost: what must part first, and what must be in its place.
 
 A part that the tool loses falls freely, with the tool's velocity, down to where it stood or is to stand. An image shows
-that it is not held once it lies apart from where the tool would show it, and that it is in its place once the line of
-sight through its centre meets the middle plane of its box inside the box; monitors judge images by the same limits.
+that it is not held once it lies clear of where the tool would show it, or apart from there and in a place in which it
+is looked for, too: seen in between, a detector of colours calls it neither held nor gone. It shows that it is in its
+place once the line of sight through its centre meets the middle plane of its box inside the box.
 """
 
 from __future__ import annotations
@@ -12,8 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, Indices
 from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.camera.judging import FULL, LEAST_SHARE, SHIFT_PIXELS, SHIFT_SHARE
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.skill.target_box import object_of
 from sqrp_cli.logic.formula_time import Stretch
@@ -23,8 +25,18 @@ from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.sensing.observer import Observer, sees_all
 from sqrp_cli.programming.targets import SoughtBox, Target
 
-APART_PIXELS, APART_SHARE = 2.0, 0.1
-"""How far apart images must show a part from where the tool would show it: pixels, and a share of its size."""
+APART_PIXELS, APART_SHARE = SHIFT_PIXELS, 2.0 * SHIFT_SHARE
+"""How far apart images must show a part from where the tool would show it: pixels, and a share of its size.
+
+Twice the detector's share: where fingers hide one end of it, the middle of what is seen moves by half as much.
+"""
+
+INSIDE_SHARE = 1.0 - np.sqrt(1.0 - LEAST_SHARE * (1.0 - FULL / 2))
+"""How far from a place, as a share of its length that way, a part surely fills enough of it to count as there.
+
+Moved by a share d, a convex silhouette still covers (1 - d)^2 of itself at least (Brunn-Minkowski), even if all that
+it leaves uncovered is in the share of it that must be visible.
+"""
 
 GRAVITY = 9.81
 """[m/s^2]."""
@@ -54,6 +66,22 @@ class LostPart:
     """Where its centre is, shape (s, f, 3) [m]."""
 
 
+@dataclass(frozen=True, eq=False)
+class HeldPart:
+    """A lost part beside the box in which the tool would show it."""
+
+    loss: LostPart
+    R_WB: Array
+    """How the box is turned when the part is lost, shape (s, 3, 3)."""
+    size: Array
+    """Full extents of the box, shape (3,) [m]."""
+
+    @property
+    def spread(self) -> float:
+        """Square root of the mean area of its silhouette [m]."""
+        return float(np.sqrt(0.5 * (self.size * np.roll(self.size, 1)).sum()))
+
+
 def onset(
     stage: Stage,
     observer: Observer,
@@ -72,10 +100,19 @@ def onset(
     if name is None or not left or interval.length <= 0.0:
         return Onset.at_once(interval.start, interval.end)
     loss = _loss(stage, name, interval)
-    left_by, *reached_by = _watching(stage, observer, [left, *([box] for box in reached)], interval)
     x = loss.t
-    shown = loss.t + _together(_first(_apart(loss, np.array(left[0].size), *_eyes(left_by))))
-    for box, by in zip(reached, reached_by, strict=True):
+    rests = [box for box in _rests(stage, targets, name) if box not in reached]
+    left_by, *by_place = _watching(stage, observer, [left, *([box] for box in [*reached, *rests])], interval)
+    held = HeldPart(loss, _turn(stage, left[0], loss.t), np.array(left[0].size))
+    shows = _apart(held, *_eyes(left_by))
+    if left[0].limits.kind == "color":
+        there = [
+            np.where(_are_in(left_by, by)[:, None, None], _at_place(held, stage, box, _eyes(left_by)[0]), -np.inf)
+            for box, by in zip([*reached, *rests], by_place, strict=True)
+        ]
+        shows = np.maximum(_clear(held, _eyes(left_by)[0]), np.minimum(shows, np.max(there, axis=0, initial=-np.inf)))
+    shown = loss.t + _together(_first(shows))
+    for box, by in zip(reached, by_place, strict=False):
         X_WB = stage.resting[box.frame][0] @ box.X_FB
         offset = (loss.free - X_WB[:3, 3]) @ X_WB[:3, :3]
         half = 0.5 * np.array(box.size)
@@ -122,6 +159,18 @@ def _held(stage: Stage, interval: Stretch) -> str | None:
     return held.pop() if len(held) == 1 else None
 
 
+def _rests(stage: Stage, targets: Mapping[Atom, Target], name: str) -> list[SoughtBox]:
+    """The places that hold still in which images of the task look for an object."""
+    boxes = (box for target in targets.values() for box in _boxes_of(stage, target, name))
+    return [box for box in boxes if box.frame in stage.resting and box.limits.kind == "color"]
+
+
+def _are_in(cameras: Sequence[Camera], others: Sequence[Camera]) -> Array:
+    """Which of some cameras are among others, shape (c,)."""
+    names = {camera.name for camera in others}
+    return np.array([camera.name in names for camera in cameras], dtype=bool)
+
+
 def _boxes_of(stage: Stage, target: Target, name: str) -> list[SoughtBox]:
     return [box for box in target.boxes if object_of(str(target.atom), box, stage.X_WO) == name]
 
@@ -143,13 +192,19 @@ def _loss(stage: Stage, name: str, interval: Stretch) -> LostPart:
     return LostPart(t, held, free)
 
 
-def _path(stage: Stage, name: str, t: Array) -> Array:
-    """Where the centre of an object is at instants of the motion, shape (n, 3) [m]; after its end as at its end."""
+def _positions(stage: Stage, t: Array) -> tuple[Array, Indices]:
+    """The joints at instants of a motion, shape (n, joints), and the number of the primitive at each, (n,)."""
     motion = stage.motion
     ends = [primitive.end for primitive in motion.primitives[:-1]]
     clipped = np.minimum(t, motion.time)
     number = np.searchsorted(ends, clipped)
-    q = np.concatenate([motion.positions(int(i), clipped[number == i]) for i in np.unique(number)])
+    return np.concatenate([motion.positions(int(i), clipped[number == i]) for i in np.unique(number)]), number
+
+
+def _path(stage: Stage, name: str, t: Array) -> Array:
+    """Where the centre of an object is at instants of the motion, shape (n, 3) [m]; after its end as at its end."""
+    motion = stage.motion
+    q, number = _positions(stage, t)
     X_WT = stage.model.link_poses(q)[stage.model.tool_frame]
     path = np.empty((len(t), 3))
     for index in np.unique(number).tolist():
@@ -161,10 +216,18 @@ def _path(stage: Stage, name: str, t: Array) -> Array:
     return path
 
 
+def _turn(stage: Stage, box: SoughtBox, t: Array) -> Array:
+    """How a box on a link is turned at instants of the motion, shape (n, 3, 3)."""
+    X_WL: Array = stage.model.link_poses(_positions(stage, t)[0])[box.frame]
+    turn: Array = np.broadcast_to(X_WL @ box.X_FB, (len(t), 4, 4))[:, :3, :3]
+    return turn
+
+
 def _floor(stage: Stage, name: str, start: Array) -> Array:
     """How low the centre of a part can fall from places (s, 3), to where it stood or is to stand; shape (s,) [m]."""
     floor = np.full(len(start), -np.inf)
-    for X_WO in (stage.X_WO[name], stage.motion.final.X_WO.get(name)):
+    begins_held = stage.motion.primitives[0].held == name
+    for X_WO in (None if begins_held else stage.X_WO[name], stage.motion.final.X_WO.get(name)):
         if X_WO is not None:
             above = np.hypot(*(start - X_WO[:3, 3])[:, :2].T) < 0.02
             floor = np.where(above, np.maximum(floor, X_WO[2, 3]), floor)
@@ -180,17 +243,60 @@ def _eyes(cameras: Sequence[Camera]) -> tuple[Array, Array]:
     )
 
 
-def _apart(loss: LostPart, size: Array, eyes: Array, focal: Array) -> Array:
+def _apart(held: HeldPart, eyes: Array, focal: Array) -> Array:
     """By how much a part is further from where the tool would show it than it must be, shape (c, s, f) [m]."""
-    ray = loss.held - eyes[:, None, None]
-    distance = np.linalg.norm(ray, axis=3)
-    gap = loss.held - loss.free
-    along = (ray * gap).sum(axis=3) / distance
-    across = np.sqrt(np.maximum((gap**2).sum(axis=2) - along**2, 0.0))
-    faces = size * np.roll(size, 1)
-    least = APART_PIXELS * distance / focal[:, None, None] + APART_SHARE * np.sqrt(0.5 * faces.sum())
-    margin: Array = across - least
+    across, distance, _ = _beside(held.loss.held, held.loss.free, eyes)
+    least = APART_PIXELS * distance / focal[:, None, None] + APART_SHARE * held.spread
+    margin: Array = np.linalg.norm(across, axis=3) - least
     return margin
+
+
+def _clear(held: HeldPart, eyes: Array) -> Array:
+    """By how much a part is seen beside where the tool would show it, covering none of that, shape (c, s, f) [m]."""
+    across, distance, nearer = _beside(held.loss.held, held.loss.free, eyes)
+    length = _length(across, held.loss.held - eyes[:, None, None], held.R_WB[:, None], held.size)
+    scale = distance / (distance - nearer)
+    margin: Array = np.linalg.norm(across, axis=3) * scale - 0.5 * (1.0 + scale) * length
+    return margin
+
+
+def _at_place(held: HeldPart, stage: Stage, box: SoughtBox, eyes: Array) -> Array:
+    """By how much a part is nearer to where a place would show it than it must be to fill it, shape (c, s, f) [m]."""
+    X_WB = stage.resting[box.frame][0] @ box.X_FB
+    place = np.broadcast_to(X_WB[:3, 3], held.loss.free.shape)
+    across, *_ = _beside(place, held.loss.free, eyes)
+    length = _length(across, place - eyes[:, None, None], X_WB[:3, :3], held.size)
+    margin: Array = INSIDE_SHARE * length - np.linalg.norm(across, axis=3)
+    return margin
+
+
+def _beside(expected: Array, free: Array, eyes: Array) -> tuple[Array, Array, Array]:
+    """How far a part is from where it is expected, as cameras see it.
+
+    Returns it across the line of sight, shape (c, s, f, 3) [m], the distance of where it is expected, and by how much
+    it is nearer than that, both of shape (c, s, f) [m].
+    """
+    ray = expected - eyes[:, None, None]
+    distance = np.linalg.norm(ray, axis=3)
+    gap = free - expected
+    nearer = -(ray * gap).sum(axis=3) / distance
+    across: Array = gap + (nearer / distance)[..., None] * ray
+    return across, distance, nearer
+
+
+def _length(across: Array, ray: Array, R_WB: Array, size: Array) -> Array:
+    """How long the silhouette of a box is along a direction, through its middle and seen along a ray, (c, s, f) [m].
+
+    The most r for which r * direction + k * ray is in the box for some k; at a corner of these bounds two faces meet.
+    """
+    gone = np.linalg.norm(across, axis=3, keepdims=True)
+    way = np.where(gone > 1e-9, across / np.maximum(gone, 1e-9), 0.0)[..., None, :] @ R_WB
+    u, v = way[..., 0, :], (ray[..., None, :] @ R_WB)[..., 0, :]
+    v = v / np.linalg.norm(v, axis=3, keepdims=True)
+    other_u, other_v, other_size = (np.roll(part, 1, axis=-1) for part in (u, v, size))
+    turn = np.abs(u * other_v - v * other_u)
+    longest: Array = ((size * np.abs(other_v) + other_size * np.abs(v)) / np.maximum(turn, 1e-9)).min(axis=3)
+    return np.minimum(longest, np.linalg.norm(size))
 
 
 def _in_place(loss: LostPart, X_WB: Array, half: Array, eyes: Array) -> Array:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.knowledge.camera.judging import EMPTY, FULL, LEAST_SHARE, MOST_SHARE, SHIFT_PIXELS, SHIFT_SHARE
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.truth import Truth
@@ -23,20 +24,9 @@ from sqrp_cli.runtime.perception.expected_view import Crop, ExpectedView, extent
 from sqrp_cli.runtime.perception.projected import ProjectedObject
 from sqrp_cli.runtime.perception.vision import blobs, color_mask, dilated, direction, middle
 
-LEAST_SHARE, MOST_SHARE = 0.35, 0.5
-"""Share of the silhouette of a coloured object that must be judged, at least and at most; in between, what its
-detector requires to be visible. Of an object that nothing hides, a good part may still look like neither it nor the
-background: at its edges, and where it meets the robot."""
-
 BORDER = 1.8
 """Pixels along the edge of what hides an object that are not judged though they are visible: the robot's silhouette is
 taken to be a pixel wider than it is, and pixels at its edge show both."""
-
-FULL, EMPTY = 0.6, 0.1
-"""A box is filled if it shows at least this share of the colour that its object would show, empty if at most this."""
-
-SHIFT_PIXELS, SHIFT_SHARE = 2.0, 0.05
-"""How far the patch of an object may lie from where the tool would show it: pixels, plus a share of its size there."""
 
 LEAST_PIXELS = 4.0
 """Least square root of the area of a silhouette that can be judged [pixels]."""

@@ -1,0 +1,101 @@
+"""When images show that a part is lost, against the detector on painted images, one displacement after the other."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sqrp_cli.geometry import Array, rpy_to_matrix
+from sqrp_cli.knowledge.camera.projection import Projection
+from sqrp_cli.knowledge.frames import FrameName
+from sqrp_cli.knowledge.skill.target_box import TargetBox
+from sqrp_cli.logic.truth import Truth
+from sqrp_cli.programming.coverage import parting
+from sqrp_cli.runtime.perception.background import Background
+from sqrp_cli.runtime.perception.color_detector import ColorDetector
+from sqrp_cli.runtime.perception.expected_view import ExpectedView
+from sqrp_cli.runtime.perception.projected import PosedCamera, ProjectedObject, ProjectedParts
+from sqrp_cli.runtime.perception.vision import filled
+from sqrp_cli.runtime.surface import Surface
+from tests.runtime.cell.scenes import camera, thing
+
+EYES = [camera("low", (4.9, 0.1, 0.45), (4.0, 0.0, 0.2)), camera("high", (4.2, 0.4, 0.9), (4.0, 0.0, 0.2))]
+SIZES = [(0.02, 0.02, 0.06), (0.05, 0.03, 0.04)]
+HELD = np.array([4.0, 0.0, 0.2])
+STEPS = 24
+"""Displacements along each way."""
+WAYS = [(0.0, 0.0, -1.0), (0.3, 0.5, -0.8), (0.0, 1.0, 0.0)]
+
+
+class Painted:
+    """What one camera shows of a green box wherever it is, before grey."""
+
+    def __init__(self, eye: Any, size: tuple[float, float, float]) -> None:
+        self.size, self.eye = size, eye
+        self.object = thing("part", (4.0, 0.0, 0.02), size, color="green")
+        self.posed = PosedCamera(Projection.of(eye), eye.X_FC)
+        self._surface = [Surface.of(part) for part in self.object.parts]
+
+    def projected(self, X_WO: Array) -> ProjectedObject:
+        box = self.posed.outline(X_WO, self.size)
+        assert box is not None
+        return ProjectedObject.of(box, self.posed.silhouette(self._surface, {p.parent: X_WO for p in self._surface}))
+
+    def shows_not_held(self, boxes: list[TargetBox], X_WO: Array) -> bool:
+        """Whether the detector says that the part is not in the first of some boxes, when it is at a pose."""
+        plain = np.full((*self.posed.shape, 3), 128, dtype=np.uint8)
+        image = plain.copy()
+        image[filled(self.posed.shape, (0, 0), [self.projected(X_WO).box.corners])] = (0, 200, 0)
+        nothing = np.zeros(self.posed.shape, dtype=bool)
+        view: Any = SimpleNamespace(
+            image=image, camera=self.eye, posed_camera=self.posed, robot=ProjectedParts(()),
+            believed=SimpleNamespace(holding=True, X_WO={}), pose=lambda box: box.X_FB,
+            cell=SimpleNamespace(objects={}, detectors={"color": SimpleNamespace(min_visible=0.5)}),
+            is_at_tool=lambda box: box.name == "tool", projected=lambda _, X: self.projected(X),
+        )  # fmt: skip
+        view.crop = lambda polygon, margin: ExpectedView.crop(view, polygon, margin)
+        background = Background(plain, nothing, nothing, nothing, moving=False)
+        found, _ = ColorDetector(view, background, self.object).detect(boxes)
+        return found[0].evidence is Truth.FALSE
+
+
+def turned(at: Array) -> Array:
+    X_WO = np.eye(4)
+    X_WO[:3, :3], X_WO[:3, 3] = rpy_to_matrix((0.2, 0.1, 0.7)), at
+    return X_WO
+
+
+def box_at(name: str, X_WB: Array, size: tuple[float, float, float]) -> TargetBox:
+    frame = FrameName("world")
+    return TargetBox(name=name, detector="color", frame=frame, size=size, X_FB=X_WB, normal=None, encloses=())
+
+
+@pytest.mark.parametrize("eye", EYES, ids=lambda eye: eye.name)
+@pytest.mark.parametrize("size", SIZES)
+def test_from_when_on_a_part_counts_as_seen_lost_the_detector_says_so(eye: Any, size: tuple[float, ...]) -> None:
+    painted, between, late = Painted(eye, size), 0, []  # type: ignore[arg-type]
+    X_WH = turned(HELD)
+    for way in np.array(WAYS) / np.linalg.norm(WAYS, axis=1)[:, None]:
+        far = 2.2 * np.linalg.norm(size)
+        free = HELD + np.linspace(0.0, far, STEPS)[:, None] * way
+        X_WR = turned(HELD + 0.4 * max(size) * way)
+        tool, rest = box_at("tool", X_WH, size), box_at("rest", X_WR, size)  # type: ignore[arg-type]
+        loss = parting.LostPart(np.zeros(1), np.broadcast_to(HELD, (1, STEPS, 3)), free[None])
+        held = parting.HeldPart(loss, X_WH[None, :3, :3], np.array(size))
+        eyes, focal = parting._eyes([eye])
+        stage: Any = SimpleNamespace(resting={rest.frame: np.eye(4)[None]})
+        clear = parting._clear(held, eyes)[0, 0] >= 0
+        apart = parting._apart(held, eyes, focal)[0, 0] >= 0
+        there = parting._at_place(held, stage, rest, eyes)[0, 0] >= 0  # type: ignore[arg-type]
+        poses = [turned(at) for at in free]
+        alone = np.array([painted.shows_not_held([tool], X) for X in poses])
+        beside = np.array([painted.shows_not_held([tool, rest], X) for X in poses])
+        assert clear.any() and alone[clear].all()  # noqa: PT018
+        assert (apart & there).any() and beside[clear | (apart & there)].all()  # noqa: PT018
+        between += int((apart & ~alone).sum())
+        late.append((alone.argmax() - clear.argmax()) / STEPS)
+    assert between, "apart is not enough: in between the detector calls it neither held nor gone"
+    assert min(late) >= -0.2, "the bound is close to what the detector really needs"
