@@ -100,6 +100,7 @@ def check_choice(task: Task, choice: str) -> None:
     if choice.isdecimal():
         if not 1 <= int(choice) <= len(names):
             message = f"there is no place {choice} in a ranking of {len(names)} candidate{'s' * (len(names) != 1)}"
+            message += f"; expected 1 to {len(names)}, or the name of one"
             raise InputError(Problem("unknown-candidate", message))
     else:
         message = f"there is no candidate `{choice}`; {expected_names(choice, names)}"

@@ -33,4 +33,4 @@ def _who(candidates: list[Candidate]) -> str:
         return candidates[0].name
     objects = list(dict.fromkeys(" ".join(candidate.binding.values()) for candidate in candidates))
     named = ", ".join(objects[:NAMED]) + (f" and {len(objects) - NAMED} more" if len(objects) > NAMED else "")
-    return named if len(candidates) == len(objects) else f"{named}, {len(candidates)} ways"
+    return named if len(candidates) == len(objects) else f"{named}, {len(candidates)} candidates"
