@@ -207,10 +207,8 @@ def stale(program: Program, path: Path, workspace: Workspace) -> Problem | None:
 
 def _again(program: Program, path: Path) -> str:
     """The commands that make a program again."""
-    tasks, workspace = (
-        [step.own_task for step in program.steps] or ["TASK"],
-        shortest_path(workspace_path(program, path)),
-    )
+    tasks = [step.own_task for step in program.steps] or ["TASK"]
+    workspace = shortest_path(workspace_path(program, path))
     again = (f"sqrp rank {_quoted(workspace)} {_quoted(task)} --program {_quoted(path)}" for task in tasks)
     return " && ".join([f"rm {_quoted(path)}", *again])
 
