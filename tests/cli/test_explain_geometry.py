@@ -273,7 +273,7 @@ def test_the_cells_stage_every_cause(scenes):
         for document in documents:
             for sample in document["samples"]:
                 causes.update(v["cause"] for _, box in boxes_of(document, sample) for v in box["cameras"].values())
-    assert set(causes) == {None, "hidden", *LIMITS}
+    assert set(causes) == {None, "hidden", "same_colour", *LIMITS}
 
 
 def test_occluders_are_links_objects_or_opaque_parts_and_so_is_what_a_box_encloses(scene):

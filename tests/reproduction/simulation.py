@@ -131,7 +131,7 @@ def _seeing_at_home(cell: Cell, name: str, like: Study) -> frozenset[str]:
     """Cameras that see where an object stands while the robot is at home, as they have to see that of a study."""
     model, world = cell.model, cell.initial_world
     (box,) = next(target.boxes for target in like.targets if target.atom.predicate == "obj_on_table")
-    moved = replace(box, frame=FrameName(name), encloses=(name,))
+    moved = replace(box, frame=FrameName(name), encloses=(name,), seeks=name)
     objects = {thing: fixed_frame(X_WO) for thing, X_WO in world.X_WO.items()}
     states = SceneStates(1, {"world": fixed_frame(), **model.link_poses(model.home[None]), **objects})
     ((seen,),) = cell.observer.verdicts([Target(Atom("obj_on_table", (name,)), 1, (moved,))], states)
