@@ -186,3 +186,14 @@ def test_without_mounts_the_message_says_what_to_write(sqrp):
     found = sqrp("place", ROOT / "tests" / "cases" / "cell")
     assert found.code == 2
     assert "place.yaml" in found.err
+
+
+def test_a_wished_delay_is_met_by_the_delays_that_rank_says_not_by_those_of_the_search(sqrp, cell):
+    arguments = ("place", cell, "pickup g2", "--ways", "fastest", "--cameras", "2")
+    exact = sqrp(*arguments, "--json").document["delay_worst"]
+    missed = sqrp(*arguments, "--want", f"delay {exact - 0.02:.4f} s", "--json")
+    met = sqrp(*arguments, "--want", f"delay {exact + 0.02:.4f} s", "--json")
+    assert (missed.code, missed.document["met"], missed.document["late"]) == (1, False, True)
+    assert missed.document["delay_worst"] > exact - 0.02
+    assert (met.code, met.document["met"], met.document["late"]) == (0, True, False)
+    assert met.document["delay_worst"] <= exact + 0.02

@@ -15,6 +15,7 @@ from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.camera import Camera, image_of
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.knowledge.workspace.mounts import LensChoice, MountEntry, Spot
+from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study, observed
 from sqrp_cli.programming.coverage.stage import Samples
@@ -604,20 +605,30 @@ class Placer:
                 lambda: self._refined(problem, choice, cameras, studies), (cameras, studies)
             )
         cell = self.cell_with([placed.camera for placed in cameras])
+        candidates = tuple(
+            self._judged(cell, problem, choice, number, study)
+            for number, study in zip(choice.ways, studies, strict=True)
+        )
+        late = _is_late(candidates, self.question.demand.wish)
         return replace(
             found,
             cameras=cameras,
             cell=cell,
-            candidates=tuple(
-                self._judged(cell, problem, chosen.choice, number, found)
-                for number, found in zip(chosen.choice.ways, studies, strict=True)
-            ),
+            candidates=candidates,
+            met=found.met and not late,
+            late=late,
             worth=worth,
             bound=max(chosen.bound, worth.of(self.question.demand.objective)),
             fewer=self._unless_stopped(lambda: self._fewer(problem, choice), None),
             without_spare=self._unless_stopped(self._without_spare, None),
             interrupted=self._stopped,
         )
+
+
+def _is_late(candidates: Sequence[JudgedCandidate], wish: Wish | None) -> bool:
+    """Whether a fault is noticed later than wished, by the exact figures: the search has simpler ones, at samples."""
+    delays = [fault.delay_worst for one in candidates for fault in one.found.faults.values()]
+    return wish is not None and wish.delay is not None and max(delays, default=0.0) > wish.delay + 1e-9
 
 
 def _least(studies: Sequence[Study]) -> float:

@@ -139,6 +139,8 @@ class Placement:
     """Whether there are cameras, and the wish is met, if there is one."""
     why: str = ""
     """Why there is nothing to choose; empty if there is."""
+    late: bool = False
+    """Whether a fault is noticed within the wished time at the samples, but not by the exact figures."""
     too_slow: bool = False
     """Whether a candidate takes longer than is wished for in all of its ways."""
     quickest: float = 0.0

@@ -209,6 +209,8 @@ class PlaceDocument(WorkspaceDocument):
     """Whether nothing better exists, in quality, then delay, price and number."""
     proof: str
     """The same in words."""
+    late: bool
+    """Whether `want` is met at the samples, as if a lost part had parted at once, but not by the exact delays."""
     too_slow: bool
     """Whether a candidate takes longer than `want` in all of its ways."""
     quickest: float
@@ -262,6 +264,7 @@ def placed(found: Placement, patch: str, wish: Wish | None) -> PlaceDocument:
         gap=found.gap,
         proven=found.proven,
         proof=proof_in_words(found, wish),
+        late=found.late,
         too_slow=found.too_slow,
         quickest=found.quickest,
         delay_worst=max(delays, default=None),
@@ -342,6 +345,11 @@ def unmet_in_words(found: PlaceDocument, wish: Wish | None) -> str:
     """That the wish cannot be met, and what is shown instead; empty if it is met, or nothing can be chosen at all."""
     if found.met or found.reason or wish is None:
         return ""
+    if found.late and found.delay_worst is not None:
+        return (
+            f"These cameras do not reach {wish}: a fault may be seen {found.delay_worst:.2f} s after it happens. Other "
+            "cameras may do better: the search takes a lost part as parted at once."
+        )
     if found.fewest is not None:
         return f"So many cameras do not reach {wish}; {in_words(found.fewest)} do:"
     if found.too_slow:
