@@ -345,6 +345,11 @@ def unmet_in_words(found: PlaceDocument, wish: Wish | None) -> str:
     """That the wish cannot be met, and what is shown instead; empty if it is met, or nothing can be chosen at all."""
     if found.met or found.reason or wish is None:
         return ""
+    if wish.delay is not None and wish.delay < found.quickest:
+        return (
+            f"No choice of these mounts reaches {wish}: with the frame period and latency of these cameras, a fault is "
+            f"seen {found.quickest:.4g} s after it happens at the earliest. The nearest is below."
+        )
     if found.late and found.delay_worst is not None:
         return (
             f"These cameras do not reach {wish}: a fault may be seen {found.delay_worst:.2f} s after it happens. Other "
@@ -354,11 +359,6 @@ def unmet_in_words(found: PlaceDocument, wish: Wish | None) -> str:
         return f"So many cameras do not reach {wish}; {in_words(found.fewest)} do:"
     if found.too_slow:
         return f"Not every candidate can be done within {wish.time:.4g} s, whatever the cameras."
-    if wish.delay is not None and wish.delay < found.quickest:
-        return (
-            f"No choice of these mounts reaches {wish}: with the frame period and latency of these cameras, a fault is "
-            f"seen {found.quickest:.4g} s after it happens at the earliest. The nearest is below."
-        )
     return f"No choice of these mounts reaches {wish}. The nearest is below."
 
 
