@@ -77,10 +77,11 @@ def test_within_a_quarter_more_time_the_five_cubes_are_seen_for_92_percent(
 
 
 @pytest.mark.slow
-def test_without_a_limit_three_cubes_are_seen_throughout(sqrp: Callable[..., Any], tabletop: Path) -> None:
+def test_without_a_limit_three_cubes_are_seen_nearly_throughout(sqrp: Callable[..., Any], tabletop: Path) -> None:
+    """A green part before another green one is not seen, which costs g2 two points."""
     document = sqrp("rank", tabletop, GREEN, "--json").document
     found = {one["parameters"]["object"]: one for one in document["candidates"] if one["feasible"]}
-    for name, least in (("g1", 0.99), ("g2", 0.995), ("g4", 0.995)):
+    for name, least in (("g1", 0.99), ("g2", 0.98), ("g4", 0.98)):
         assert found[name]["q_eoi"] >= 0.999
         assert found[name]["q_avg"] >= least
 
