@@ -1,0 +1,144 @@
+"""Messages of ROS 1 and ROS 2, all from the type store of `rosbags`: nothing of ROS needs to be installed."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, cast
+
+import numpy as np
+
+from sqrp_cli.errors import InputError, Problem, SqrpError
+
+if TYPE_CHECKING:
+    from rosbags.interfaces.typing import FieldDesc
+    from rosbags.typesys.store import Typestore
+
+Message: TypeAlias = Any
+"""A record of a type that the store made, with the fields that its definition names; arrays of numbers are NumPy's."""
+
+Ros = Literal[1, 2]
+"""Which ROS: its types differ a little, its bytes much."""
+
+LONGEST_SEQUENCE = 1 << 26
+"""Most elements of a sequence in a message that is read: an image of 64 million bytes."""
+
+_CONTROL = {
+    "JointTolerance": "string name\nfloat64 position\nfloat64 velocity\nfloat64 acceleration",
+    "FollowJointTrajectoryGoal": "trajectory_msgs/JointTrajectory trajectory\nJointTolerance[] path_tolerance\n"
+    "JointTolerance[] goal_tolerance\nduration goal_time_tolerance",
+    "FollowJointTrajectoryResult": "int32 error_code\nint32 SUCCESSFUL = 0\nint32 INVALID_GOAL = -1\n"
+    "int32 INVALID_JOINTS = -2\nint32 OLD_HEADER_TIMESTAMP = -3\nint32 PATH_TOLERANCE_VIOLATED = -4\n"
+    "int32 GOAL_TOLERANCE_VIOLATED = -5\nstring error_string",
+    "FollowJointTrajectoryFeedback": "Header header\nstring[] joint_names\n"
+    "trajectory_msgs/JointTrajectoryPoint desired\ntrajectory_msgs/JointTrajectoryPoint actual\n"
+    "trajectory_msgs/JointTrajectoryPoint error",
+    "FollowJointTrajectoryActionGoal": "Header header\nactionlib_msgs/GoalID goal_id\nFollowJointTrajectoryGoal goal",
+    "FollowJointTrajectoryActionResult": "Header header\nactionlib_msgs/GoalStatus status\n"
+    "FollowJointTrajectoryResult result",
+    "FollowJointTrajectoryActionFeedback": "Header header\nactionlib_msgs/GoalStatus status\n"
+    "FollowJointTrajectoryFeedback feedback",
+    "FollowJointTrajectoryAction": "FollowJointTrajectoryActionGoal action_goal\n"
+    "FollowJointTrajectoryActionResult action_result\nFollowJointTrajectoryActionFeedback action_feedback",
+}
+"""Types of control_msgs in ROS 1, which the store lacks; their MD5 sums are those of the package."""
+
+_TF = "geometry_msgs/TransformStamped[] transforms"
+"""Of tf2_msgs/TFMessage, which the store lacks in ROS 1."""
+
+
+class MessageError(SqrpError):
+    """Bytes that are no message of the type that they are said to be."""
+
+
+class MessageDefinition(NamedTuple):
+    """What a type is made of."""
+
+    text: str
+    """The definition with those of all types in it, as recordings and ROS 1 carry it."""
+    md5: str
+    """Its MD5 sum, by which ROS 1 knows it."""
+
+
+class MessageTypes:
+    """The types of one ROS, each by its full name such as `sensor_msgs/msg/JointState`."""
+
+    def __init__(self, ros: Ros) -> None:
+        """Raises InputError where rosbags is not installed."""
+        try:
+            from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+        except ImportError as error:
+            message = "messages of ROS need the package rosbags"
+            raise InputError(Problem("missing-extra", message, mend="pip install 'sqrp[ros2]'")) from error
+        self.ros: Ros = ros
+        self.store: Typestore = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
+        self.store.max_sequence_length = LONGEST_SEQUENCE
+        if ros == 1:
+            self.store.register(get_types_from_msg(_TF, "tf2_msgs/msg/TFMessage"))
+            for name, text in _CONTROL.items():
+                self.store.register(get_types_from_msg(text, f"control_msgs/msg/{name}"))
+
+    def make(self, name: str, /, **fields: Message) -> Message:
+        """A message of a type; what is not given is zero or empty."""
+        given = {field: fields.pop(field) if field in fields else self._empty(of) for field, of in self._fields(name)}
+        if fields:
+            raise TypeError(f"{name} has no field {next(iter(fields))}")
+        return self.store.types[name](**given)
+
+    def header(self, ns: int, frame: str = "") -> Message:
+        """A std_msgs/Header; ns: the stamp since the epoch of its clock [ns]."""
+        return self.make("std_msgs/msg/Header", stamp=self.time(ns), frame_id=frame)
+
+    def time(self, ns: int) -> Message:
+        """A builtin_interfaces/Time of nanoseconds."""
+        return self.make("builtin_interfaces/msg/Time", sec=ns // 1_000_000_000, nanosec=ns % 1_000_000_000)
+
+    def duration(self, ns: int) -> Message:
+        """A builtin_interfaces/Duration of nanoseconds."""
+        return self.make("builtin_interfaces/msg/Duration", sec=ns // 1_000_000_000, nanosec=ns % 1_000_000_000)
+
+    def encode(self, message: Message) -> bytes:
+        """The message as bytes: CDR (little endian, with its header) in ROS 2, the bytes of ROS 1 there."""
+        name = message.__msgtype__
+        write = self.store.serialize_ros1 if self.ros == 1 else self.store.serialize_cdr
+        return bytes(write(message, name))
+
+    def decode(self, name: str, data: bytes | memoryview) -> Message:
+        """The message of a type that bytes hold. Raises MessageError for others."""
+        read = self.store.deserialize_ros1 if self.ros == 1 else self.store.deserialize_cdr
+        try:
+            return read(data, name)
+        except Exception as error:  # the code that the store makes of a type raises whatever it stumbles over
+            raise MessageError(f"{len(data):,} bytes that are no {name}") from error
+
+    def definition(self, name: str) -> MessageDefinition:
+        """Text and MD5 sum of a type."""
+        return MessageDefinition(*self.store.generate_msgdef(name, ros_version=self.ros))
+
+    def _fields(self, name: str) -> list[tuple[str, FieldDesc]]:
+        return self.store.fielddefs[name][1]
+
+    def _empty(self, of: FieldDesc) -> Message:
+        """The value of a field that nothing is said of."""
+        from rosbags.interfaces import Nodetype
+
+        kind, about = cast("tuple[Nodetype, Any]", of)
+        if kind == Nodetype.NAME:
+            return self.make(about)
+        if kind == Nodetype.BASE:
+            return {"string": "", "bool": False, "float32": 0.0, "float64": 0.0}.get(about[0], 0)
+        (inner, what), length = about
+        count = length if kind == Nodetype.ARRAY else 0
+        if inner == Nodetype.BASE and what[0] != "string":
+            return np.zeros(count, dtype={"byte": "uint8", "octet": "uint8", "char": "uint8"}.get(what[0], what[0]))
+        return [self._empty((inner, what)) for _ in range(count)]
+
+
+@cache
+def message_types(ros: Ros) -> MessageTypes:
+    """The types of one ROS, made once. Raises InputError where rosbags is not installed."""
+    return MessageTypes(ros)
+
+
+def nanoseconds(time: Message) -> int:
+    """Nanoseconds of a Time or a Duration."""
+    return int(time.sec) * 1_000_000_000 + int(time.nanosec)

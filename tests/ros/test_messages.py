@@ -1,0 +1,72 @@
+"""Messages of ROS: whole without a word said, and the bytes that others write."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags")
+
+from rosbags.typesys import Stores, get_typestore
+
+from sqrp_cli.ros.messages import MessageError, MessageTypes, message_types, nanoseconds
+
+USED = (
+    "sensor_msgs/msg/JointState", "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage",
+    "sensor_msgs/msg/CameraInfo", "trajectory_msgs/msg/JointTrajectory", "trajectory_msgs/msg/JointTrajectoryPoint",
+    "tf2_msgs/msg/TFMessage", "rosgraph_msgs/msg/Clock", "std_msgs/msg/Bool", "std_msgs/msg/String",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("ros", [1, 2])
+@pytest.mark.parametrize("name", USED)
+def test_an_empty_message_of_each_type_survives_its_bytes(ros: int, name: str) -> None:
+    types = message_types(ros)
+    assert types.encode(types.decode(name, types.encode(types.make(name)))) == types.encode(types.make(name))
+
+
+def test_bytes_are_those_of_the_library_s_own_types() -> None:
+    types, theirs = message_types(2), get_typestore(Stores.ROS2_HUMBLE)
+    Header, Time = (theirs.types[name] for name in ("std_msgs/msg/Header", "builtin_interfaces/msg/Time"))
+    state = theirs.types["sensor_msgs/msg/JointState"](
+        Header(Time(3, 500), "base"), ["a", "bc"], np.array([1.0, -2.0]), np.zeros(0), np.zeros(0)
+    )
+    ours = types.make(
+        "sensor_msgs/msg/JointState",
+        header=types.header(3_000_000_500, "base"),
+        name=["a", "bc"],
+        position=np.array([1.0, -2.0]),
+    )
+    assert types.encode(ours) == bytes(theirs.serialize_cdr(state, state.__msgtype__))
+
+
+def test_types_of_an_action_of_ros_1_have_the_public_sums() -> None:
+    sums = {
+        "FollowJointTrajectoryAction": "bc4f9b743838566551c0390c65f1a248",
+        "FollowJointTrajectoryGoal": "69636787b6ecbde4d61d711979bc7ecb",
+        "FollowJointTrajectoryResult": "493383b18409bfb604b4e26c676401d2",
+        "FollowJointTrajectoryFeedback": "10817c60c2486ef6b33e97dcd87f4474",
+    }
+    for name, md5 in sums.items():
+        assert message_types(1).definition(f"control_msgs/msg/{name}").md5 == md5
+
+
+@pytest.mark.parametrize("ros", [1, 2])
+def test_bytes_that_are_no_such_message_are_refused(ros: int) -> None:
+    types = message_types(ros)
+    whole = types.encode(types.make("sensor_msgs/msg/Image", data=np.arange(100, dtype=np.uint8)))
+    huge = whole[:-104] + b"\xff\xff\xff\x7f" + whole[-100:]
+    for data in (b"", whole[:-40], huge, b"\x00" * 7):
+        with pytest.raises(MessageError, match="no sensor_msgs/msg/Image"):
+            types.decode("sensor_msgs/msg/Image", data)
+
+
+def test_a_field_that_the_type_lacks_is_an_error_of_ours() -> None:
+    with pytest.raises(TypeError, match="no field postition"):
+        message_types(2).make("sensor_msgs/msg/JointState", postition=[])
+
+
+def test_times_keep_their_nanoseconds() -> None:
+    types = MessageTypes(2)
+    for ns in (0, 1_700_000_000_123_456_789, -1, -2_500_000_000):
+        assert nanoseconds(types.duration(ns)) == ns
