@@ -30,7 +30,7 @@ DIGITS = 6
 _UNSEEN = ("Cc", "Cf", "Co", "Cs", "Zl", "Zp")
 """Unicode categories of invisible characters that change a line."""
 
-SCRIPTS = (
+PARTS = (
     "data",
     "motion",
     "table",
@@ -42,9 +42,9 @@ SCRIPTS = (
     "sight",
     "scene",
     "mounts",
-    "main",
+    "page",
 )
-"""The page's own scripts, each after those that it needs."""
+"""The scripts that all pages share, the live one too, each after those that it needs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,9 +133,16 @@ def write_page(content: PageContent, path: Path) -> None:
 
 def page(content: PageContent) -> str:
     """The text of the page."""
-    library = viewer_library()
-    code = "'use strict';\n(() => {\n" + "\n".join(_asset(f"{name}.js") for name in SCRIPTS) + "})();\n"
-    overview = {
+    data = {"overview": packed(overview(content))}
+    data |= {f"model-{index}": scene.model for index, scene in enumerate(content.scenes)}
+    details = enumerate(entry.detail for entry in content.entries)
+    data |= {f"detail-{index}": detail for index, detail in details if detail is not None}
+    return assembled(content.title, asset("main.js"), data=data)
+
+
+def overview(content: PageContent) -> dict[str, Any]:
+    """What a page shows before any motion is decoded."""
+    return {
         "title": content.title,
         "summary": content.summary,
         "heading": content.heading,
@@ -145,20 +152,28 @@ def page(content: PageContent) -> str:
         "of_images": content.of_images,
         "placement": content.placement,
     }
-    data = {"overview": packed(overview)}
-    data |= {f"model-{index}": scene.model for index, scene in enumerate(content.scenes)}
-    details = enumerate(entry.detail for entry in content.entries)
-    data |= {f"detail-{index}": detail for index, detail in details if detail is not None}
-    carriers = "\n".join(f'<script type="text/plain" id="{name}">{text}</script>' for name, text in data.items())
+
+
+def assembled(
+    title: str, start: str, *, data: Mapping[str, str], style: str = "", further: str = "", policy: str = ""
+) -> str:
+    """The text of a page.
+
+    start: the script that begins to show it. data: packed documents by the id of their element. style, further: rules
+    and elements beyond those that all pages share. policy: what the page may do beyond running its own scripts.
+    """
+    library = viewer_library()
+    code = "'use strict';\n(() => {\n" + "\n".join([*(asset(f"{name}.js") for name in PARTS), start]) + "})();\n"
     parts = {
-        "TITLE": html.escape(visible(content.title)),
-        "POLICY": f"default-src 'none'; style-src 'unsafe-inline'; script-src {_digest(library)} {_digest(code)}",
-        "STYLE": _asset("style.css"),
-        "DATA": carriers,
+        "TITLE": html.escape(visible(title)),
+        "POLICY": f"default-src 'none'; style-src 'unsafe-inline'; script-src {_digest(library)} {_digest(code)}{policy}",
+        "STYLE": asset("style.css") + style,
+        "FURTHER": further,
+        "DATA": "\n".join(f'<script type="text/plain" id="{name}">{text}</script>' for name, text in data.items()),
         "LIBRARY": f"<script>{library}</script>",
         "CODE": f"<script>{code}</script>",
     }
-    text = _asset("page.html")
+    text = asset("page.html")
     for name, part in parts.items():
         before, _, after = text.partition(f"<!--{name}-->")
         text = before + part + after
@@ -212,5 +227,6 @@ def _digest(script: str) -> str:
     return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
 
 
-def _asset(name: str) -> str:
+def asset(name: str) -> str:
+    """A script, style or template of the pages."""
     return resources.files("sqrp_cli.report.pages").joinpath("browser", name).read_text(encoding="utf-8")
