@@ -164,9 +164,10 @@ def assembled(
     """
     library = viewer_library()
     code = "'use strict';\n(() => {\n" + "\n".join([*(asset(f"{name}.js") for name in PARTS), start]) + "})();\n"
+    scripts = f"{_digest(library)} {_digest(code)}"
     parts = {
         "TITLE": html.escape(visible(title)),
-        "POLICY": f"default-src 'none'; style-src 'unsafe-inline'; script-src {_digest(library)} {_digest(code)}{policy}",
+        "POLICY": f"default-src 'none'; style-src 'unsafe-inline'; script-src {scripts}{policy}",
         "STYLE": asset("style.css") + style,
         "FURTHER": further,
         "DATA": "\n".join(f'<script type="text/plain" id="{name}">{text}</script>' for name, text in data.items()),
