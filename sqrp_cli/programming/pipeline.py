@@ -12,6 +12,7 @@ from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study, WaysFound, study
 from sqrp_cli.programming.coverage.certificate import certify
+from sqrp_cli.programming.coverage.expected import expected_quality
 from sqrp_cli.programming.coverage.robustness import Calibration, under_calibration_errors
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.verdict import verdict, verdicts
@@ -99,7 +100,12 @@ class Assignment:
     def _assessment(self, candidate: Candidate, found: BestWay, verdict: str) -> Assessment:
         study = found.study
         assessment = replace(
-            found.assessment, verdict=verdict, candidate=candidate, best_way=study.candidate, ways=found.ways
+            found.assessment,
+            verdict=verdict,
+            candidate=candidate,
+            best_way=study.candidate,
+            ways=found.ways,
+            q_expected=expected_quality(self.cell, study),
         )
         if self.calibration is not None:
             recalibrated = under_calibration_errors(self.cell, study, self.sampling, self.calibration)
@@ -128,7 +134,10 @@ class Assignment:
         if isinstance(found, Infeasible):
             raise ValueError(f"{known.candidate.name} was feasible a moment ago")
         assessment = found.assessment(verdict(self.cell, found))
-        assessment = replace(assessment, candidate=known.candidate, best_way=known.best_way, ways=known.ways)
+        expected = expected_quality(self.cell, found)
+        assessment = replace(
+            assessment, candidate=known.candidate, best_way=known.best_way, ways=known.ways, q_expected=expected
+        )
         return Explained(replace(ranked, assessment=assessment), found)
 
     def explain_whole(self, ranked: Ranked) -> ExplainedWhole:

@@ -94,6 +94,7 @@ def assessment_of_all(candidate: Candidate, done: Sequence[Assessment]) -> Asses
         time=sum(times),
         q_avg=mean_quality([(one.q_avg, one.t_total) for one in done]),
         q_eoi=mean_quality([(one.q_eoi, one.t_eoi) for one in done]),
+        q_expected=mean_quality([(one.q_expected, one.t_total) for one in done]),
         t_total=sum(one.t_total or 0.0 for one in done),
         t_eoi=sum(one.t_eoi or 0.0 for one in done),
         faults={

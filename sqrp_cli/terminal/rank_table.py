@@ -127,6 +127,10 @@ _FIGURES = (
 """The columns that every ranking has, after place and parameters."""
 
 
+_EXPECTED = _Figure("expected\n[%]", lambda found: Share(found.q_expected))
+"""The column that is there if a detector says how likely it sees."""
+
+
 _WAY = _Figure("way", way_of)
 """The column that is there if a candidate can be done in several ways."""
 
@@ -145,6 +149,8 @@ def _print_feasible(feasible: Sequence[Ranked], shown: Sequence[Ranked]) -> None
     """The table of those that are shown, and how many are not."""
     differing = differing_parameters([ranked.assessment.candidate for ranked in feasible])
     figures = [*_FIGURES, *_fault_figures(feasible[0].assessment)]
+    if any(ranked.assessment.q_expected is not None for ranked in feasible):
+        figures.insert(2, _EXPECTED)
     if any(ranked.assessment.has_choice for ranked in feasible):
         figures = [_WAY, *figures]
     ends = [Column(figure.title, right=figure is not _WAY, shrink=figure is _WAY) for figure in figures]

@@ -69,6 +69,7 @@ class Sensing(Stored):
     far: Annotated[Size, Field(description="Farthest depth at which the camera sees.")] = 10.0
     rate: Annotated[Frequency, Field(description="Images per second.")]
     latency: Annotated[Time, Field(description="From exposure to the image being available.")] = 0.0
+    exposure: Annotated[Time, Field(description="How long the shutter is open; what moves meanwhile is blurred.")] = 0.0
 
     @property
     def response(self) -> float:

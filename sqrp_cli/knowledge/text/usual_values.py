@@ -90,6 +90,7 @@ WORKSPACE = (
     Usual("cameras.*.far", 0.05, 200.0, units.LENGTH, "cameras see neither that near only nor so far"),
     Usual("cameras.*.rate", 0.1, 2000.0, units.FREQUENCY, "cameras are neither slower nor faster"),
     Usual("cameras.*.latency", 0.0, 2.0, units.TIME, "images are at hand before that"),
+    Usual("cameras.*.exposure", 0.0, 0.2, units.TIME, "shutters are open for milliseconds"),
     Usual("objects.*{fixed}.size.*", 1e-4, 50.0, units.LENGTH, "fixtures are not larger"),
     Usual("objects.*.size.*", 1e-4, 5.0, units.LENGTH, "what an arm moves is not larger"),
     Usual("objects.*.pose.depth", 0.0, 1.0, units.LENGTH, "fingers are not longer"),

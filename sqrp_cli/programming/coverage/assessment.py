@@ -89,6 +89,8 @@ class Assessment(Figures):
     """Why it is infeasible, most useful first."""
     error: float | None = None
     """Bound on the error of Q from bisection, in 0..1."""
+    q_expected: float | None = None
+    """How likely images show all that must be seen, mean over T, in 0..1; None without detectors that have curves."""
     largest_gap: float | None = None
     """Between samples, see `Timeline.largest_gap` [s]."""
     ways_around: tuple[str, ...] = ()

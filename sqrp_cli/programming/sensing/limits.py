@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,15 @@ class LimitVerdicts:
 
     [m] for ranges and distances, [pixels] for image and size, [rad] for the incidence.
     """
+
+
+class Aspects(NamedTuple):
+    """How c cameras face n boxes."""
+
+    distance: Array
+    """To the centre of each box, shape (c, n) [m]."""
+    incidence: Array
+    """Angle between its normal and the direction to the camera, 0 for a box without one, shape (c, n) [rad]."""
 
 
 def check_limits(
@@ -74,12 +84,7 @@ def check_limits(
     )
     outside = beyond.max(axis=0)
 
-    center = corners_C.mean(axis=1)
-    distance = np.sqrt((center * center).sum(axis=0))
-    incidence = np.zeros_like(distance)
-    if normal_C.any():
-        cosine = -(normal_C * center).sum(axis=0) / np.maximum(distance, 1e-12)
-        incidence = np.where(normal_C.any(axis=0), np.arccos(np.clip(cosine, -1.0, 1.0)), 0.0)
+    distance, incidence = aspects(corners_C, normal_C)
 
     # Each condition is true within the limit, so NaN counts as outside.
     limits = [
@@ -98,6 +103,17 @@ def check_limits(
         cause[~within], figure[~within] = code, missed[~within]
     side = np.where(cause == Cause.OUT_OF_IMAGE, beyond.argmax(axis=0), -1).astype(np.int8)
     return LimitVerdicts(cause=cause, side=side, figure=figure)
+
+
+def aspects(corners_C: Array, normal_C: Array) -> Aspects:
+    """How cameras face boxes; corners_C, normal_C: as `check_limits` wants them."""
+    center = corners_C.mean(axis=1)
+    distance = np.sqrt((center * center).sum(axis=0))
+    incidence = np.zeros_like(distance)
+    if normal_C.any():
+        cosine = -(normal_C * center).sum(axis=0) / np.maximum(distance, 1e-12)
+        incidence = np.where(normal_C.any(axis=0), np.arccos(np.clip(cosine, -1.0, 1.0)), 0.0)
+    return Aspects(distance, incidence)
 
 
 def bend(projections: Sequence[Projection], plane: Array) -> Mask:

@@ -41,6 +41,8 @@ class CandidatePlace(Record):
 class StepFigures(Figures):
     """The figures of one step of a candidate of several."""
 
+    q_expected: float | None = field(default=None, metadata=LEFT_OUT)
+    """How likely images show all that must be seen, mean over T; left out where no detector has a curve."""
     task: str
     """The skill and its objects."""
     parameters: Mapping[str, float | str]
@@ -69,6 +71,8 @@ class CandidateFigures(Figures, CandidatePlace):
     """Where it is blind, why, and what would help."""
     ways: WaysFound | None
     """The ways in which it can be done; its own figures are those of the first."""
+    q_expected: float | None = field(default=None, metadata=LEFT_OUT)
+    """How likely images show all that must be seen, mean over T; left out where no detector has a curve."""
     steps: tuple[StepFigures, ...] | None = field(default=None, metadata=LEFT_OUT)
     """Of a task of several steps: the figures of each. Names of parameters and faults begin with the step's number."""
 

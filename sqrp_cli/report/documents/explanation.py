@@ -11,6 +11,7 @@ import numpy as np
 from sqrp_cli.geometry import Array, box_corners, transform
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.programming.coverage.blind_spans import by_name
+from sqrp_cli.programming.coverage.expected import Expectation, expectation
 from sqrp_cli.programming.coverage.in_the_way import HiddenView, HiddenViews, hidden_views, in_the_way, to_move
 from sqrp_cli.programming.coverage.quality import Qualities
 from sqrp_cli.programming.coverage.robustness import without_each_camera
@@ -160,6 +161,24 @@ class HidingPart(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class BoxSight(Record):
+    """What the curve of a detector says of a box in an image, and what from."""
+
+    probability: float
+    """That the detector sees it, in 0..1; 0 where it fails a limit that the curve does not replace."""
+    pixels: float | None
+    """Its size in the image: square root of its area [pixels]; null where the probability is 0 by such a limit."""
+    incidence: float | None
+    """Angle between its normal and the direction to the camera [rad]; 0 without a normal."""
+    distance: float | None
+    """From the camera to its centre [m]."""
+    visible: float | None
+    """Share of its silhouette that nothing hides, in 0..1."""
+    blur: float | None
+    """How far its centre moves in the image while the shutter is open [pixels]."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class BoxVerdict(Verdict):
     """Whether a camera covers a box."""
 
@@ -167,6 +186,8 @@ class BoxVerdict(Verdict):
     """Visible share of the box's silhouette; null if an earlier limit failed."""
     hidden_by: list[HidingPart] | None = field(default=None, metadata=LEFT_OUT)
     """Of a hidden box: what every part hides, the largest share first. The shares add up to 1 - `visible`."""
+    sight: BoxSight | None = field(default=None, metadata=LEFT_OUT)
+    """How likely its detector sees it; left out where the detector has no curve."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,6 +238,8 @@ class LiteralCoverage(Record):
     """In the order of `targets[LITERAL].boxes`."""
     cameras: Mapping[str, Verdict]
     """The verdict of each camera on all boxes, by its name: that on the first box it does not cover."""
+    expected: float | None = field(default=None, metadata=LEFT_OUT)
+    """How likely images show it; left out where no detector has a curve."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -235,6 +258,8 @@ class Sample(Record):
     """Null where no formula requires anything."""
     literals: Mapping[str, LiteralCoverage]
     """What formulas require to be seen at this instant, by literal."""
+    expected: float | None = field(default=None, metadata=LEFT_OUT)
+    """How likely images show all of them; left out where none is required, or no detector has a curve."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -387,10 +412,12 @@ def _samples(cell: Cell, study: Study, views: HiddenViews) -> list[Sample]:
     timeline, samples = study.timeline, study.timeline.samples
     states, q, held = study.stage.states(samples), study.stage.positions(samples), study.stage.held(samples)
     objects = [name for name in cell.workspace.objects if name in states.X_WF]
-    observation = timeline.observation
+    observation, expected = timeline.observation, expectation(cell, study)
     column = {target.atom: index for index, target in enumerate(study.targets)}
     seen = [
-        _coverage(cell, _Seen(index, target, boxes, observation.covered[:, index].tolist()), states.X_WF, views)
+        _coverage(
+            cell, _Seen(index, target, boxes, observation.covered[:, index].tolist(), expected), states.X_WF, views
+        )
         for index, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True))
     ]
     return [
@@ -404,6 +431,7 @@ def _samples(cell: Cell, study: Study, views: HiddenViews) -> list[Sample]:
                 str(literal): seen[column[literal.atom]][row]
                 for literal in timeline.pieces[int(samples.piece[row])].literals
             },
+            expected=_known(expected.states[row]) if expected is not None else None,
         )
         for row in range(len(samples))
     ]
@@ -419,6 +447,18 @@ class _Seen(NamedTuple):
     """Of its boxes."""
     covered: Sequence[bool]
     """Per sample."""
+    expected: Expectation | None
+    """In a cell with curves."""
+
+    def sight(self, view: HiddenView) -> BoxSight | None:
+        """What the curve of a box's detector says of a camera's image."""
+        if self.expected is None:
+            return None
+        found, at = self.expected.boxes[view.column][view.box], (view.row, view.camera)
+        if found.sights is None:
+            return None
+        values = {name: _known(values[at]) for name, values in found.sights._asdict().items()}
+        return BoxSight(probability=float(found.probability[at]), **values)
 
 
 def _coverage(cell: Cell, seen: _Seen, X_WF: Mapping[str, Array], views: HiddenViews) -> list[LiteralCoverage]:
@@ -429,7 +469,7 @@ def _coverage(cell: Cell, seen: _Seen, X_WF: Mapping[str, Array], views: HiddenV
     for row in range(len(seen.covered)):
         verdicts = [
             {
-                name: _verdict(cell, boxes, HiddenView(seen.column, number, row, index), views)
+                name: _verdict(cell, boxes, HiddenView(seen.column, number, row, index), views, seen)
                 for index, name in enumerate(names)
             }
             for number, boxes in enumerate(seen.matrix)
@@ -442,12 +482,13 @@ def _coverage(cell: Cell, seen: _Seen, X_WF: Mapping[str, Array], views: HiddenV
                     for points, cameras in zip(corners, verdicts, strict=True)
                 ],
                 cameras={name: _first_failure(target, [cameras[name] for cameras in verdicts]) for name in names},
+                expected=None if seen.expected is None else float(seen.expected.targets[row, seen.column]),
             )
         )
     return found
 
 
-def _verdict(cell: Cell, boxes: BoxVerdicts, view: HiddenView, views: HiddenViews) -> BoxVerdict:
+def _verdict(cell: Cell, boxes: BoxVerdicts, view: HiddenView, views: HiddenViews, seen: _Seen) -> BoxVerdict:
     row, camera = view.row, view.camera
     cause, visible = Cause(int(boxes.cause[row, camera])), float(boxes.visible[row, camera])
     return BoxVerdict(
@@ -456,6 +497,7 @@ def _verdict(cell: Cell, boxes: BoxVerdicts, view: HiddenView, views: HiddenView
         by=by_name(cell, cause, int(boxes.by[row, camera])),
         visible=None if np.isnan(visible) else visible,
         hidden_by=HidingPart.of(views[view]) if view in views else None,
+        sight=seen.sight(view),
     )
 
 
@@ -465,6 +507,10 @@ def _first_failure(target: Target, verdicts: Sequence[BoxVerdict]) -> Verdict:
         return Verdict(covered=True, cause=None, by=None)
     box = target.boxes[number].name if len(verdicts) > 1 else None
     return Verdict(covered=False, cause=verdicts[number].cause, by=verdicts[number].by, box=box)
+
+
+def _known(value: float) -> float | None:
+    return None if np.isnan(value) else float(value)
 
 
 def _at(X: Array, row: int) -> Array:

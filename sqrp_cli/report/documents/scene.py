@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from sqrp_cli.knowledge.camera.camera import DistortionModel
+from sqrp_cli.knowledge.camera.curve import Curve
 from sqrp_cli.knowledge.camera.detector import DetectorKind
 from sqrp_cli.knowledge.robot.robot import Fingers, Marker
 from sqrp_cli.knowledge.text.entries import completed
@@ -145,6 +146,8 @@ class CameraScene(Record):
     """Images per second [Hz]."""
     latency: float
     """From exposure to the image being available [s]."""
+    exposure: float | None = field(default=None, metadata=LEFT_OUT)
+    """How long the shutter is open [s]; left out where nothing is said."""
     lens_file: str | None = field(default=None, metadata=LEFT_OUT)
     """Format of the calibration file, and the camera's name in it; left out if the workspace states the image."""
     pose_file: str | None = field(default=None, metadata=LEFT_OUT)
@@ -165,6 +168,7 @@ class CameraScene(Record):
             frame=frame,
             pose=X_FC.tolist(),
             far=_finite(seen_by.far),
+            exposure=seen_by.exposure or None,
         )
 
 
@@ -182,6 +186,8 @@ class DetectorScene(Record):
     """Least size of a box in the image: square root of its area [pixels]."""
     min_visible: float
     """Least share of a box that must be seen, in 0..1."""
+    curve: Curve | None = field(default=None, metadata=LEFT_OUT)
+    """How likely it sees a box, by how a camera sees it."""
 
     @classmethod
     def of(cls, found: detector.Detector) -> DetectorScene:
