@@ -16,7 +16,7 @@ from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.platform.memory import keep_all_so_far
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Sequence
+    from collections.abc import Callable, Collection, Iterable, Sequence
 
     from sqrp_cli.api.answer import Answer, AnyDocument
     from sqrp_cli.api.arguments import WaysOption
@@ -70,6 +70,15 @@ MaxTime = Annotated[
 After = Annotated[
     Path | None,
     typer.Option("--after", metavar="PROGRAM", help="Start from the world that this program leaves behind."),
+]
+Choose = Annotated[
+    str | None,
+    typer.Option(
+        "--choose",
+        metavar="best|N|NAME",
+        autocompletion=completion.candidates,
+        help="Which candidate: best, its place in the ranking, or its name; best by default.",
+    ),
 ]
 Report = Annotated[
     Path | None,
@@ -130,20 +139,36 @@ Patch = Annotated[
 ]
 
 
-def check_patch(path: Path, mark: str, whose: str) -> None:
-    """Raises InputError for a file that cannot be written, or that exists and does not begin with a mark.
+class Patches(NamedTuple):
+    """The patches that a command writes."""
 
-    whose: the patches that do, for the message.
-    """
-    from sqrp_cli.platform.files import check_writable
+    mark: str
+    """How they begin; `patch` and `git apply` skip it. Only files that begin so are overwritten."""
+    whose: str
+    """As messages call them."""
 
-    check_writable(path)
+    def check(self, path: Path) -> None:
+        """Raises InputError for a file that cannot be written, or that exists and is no such patch."""
+        from sqrp_cli.platform.files import check_writable
+
+        check_writable(path)
+        check_own(path, self.mark, f"patch {self.whose}", "choose another name: --patch FILE")
+
+    def write(self, path: Path, patch: str) -> None:
+        """Write one."""
+        from sqrp_cli.platform.files import write_atomically
+
+        write_atomically(path, f"{self.mark}\n{patch}")
+
+
+def check_own(path: Path, mark: str, what: str, mend: str = "choose another name") -> None:
+    """Raises InputError for a file that exists and does not begin with a mark, so that it is no `what` of ours."""
     if path.is_file():
         with path.open("rb") as file:
             own = file.read(len(mark)) == mark.encode()
         if not own:
-            message = f"this file is there already and is no patch {whose}; it was left as it is"
-            raise InputError(Problem("would-overwrite", message, Place(path), mend="choose another name: --patch FILE"))
+            message = f"this file is there already and is no {what}; it was left as it is"
+            raise InputError(Problem("would-overwrite", message, Place(path), mend=mend))
 
 
 def open_with_warnings(path: Path, seed: int = 0) -> OpenCell:
@@ -153,6 +178,31 @@ def open_with_warnings(path: Path, seed: int = 0) -> OpenCell:
     cell = OpenCell.read(path, seed)
     keep_all_so_far()
     _print_warnings(cell)
+    return cell
+
+
+def open_to_write(
+    workspace: Path,
+    seed: int,
+    read: Iterable[Path | None],
+    *,
+    report: Path | None,
+    patch: Path | None = None,
+    patches: Patches | None = None,
+) -> OpenCell:
+    """As `open_with_warnings`; raises InputError, before anything is computed, for files that cannot be written, too.
+
+    read: other files that the command reads. report, patch: the files that it writes. patches: what the patch is.
+    """
+    from sqrp_cli.platform.files import check_distinct, check_not_read
+
+    check_distinct({"--patch": patch, "--report": report})
+    if patch is not None and patches is not None:
+        patches.check(patch)
+    if report is not None:
+        check_report(report)
+    cell = open_with_warnings(workspace, seed)
+    check_not_read([patch, report], [*read, *(file.path for file in cell.workspace.files.values())])
     return cell
 
 
@@ -300,12 +350,15 @@ def read_ways(text: str, known: Sequence[str] = ("best", "all", "fastest")) -> W
     return WaysRead(next((way for way in WAYS if way == text), "best"), text == "all")
 
 
-def page_is_written(file: Path, write: Callable[[Path], None]) -> bool:
-    """Write a page, and say where it is; returns False if Ctrl-C came first."""
-    from sqrp_cli.terminal.console import note
+def page_is_written(file: Path, write: Callable[..., None], arguments: Sequence[str], jobs: int) -> bool:
+    """Write a page, and say where it is; returns False if Ctrl-C came first.
+
+    write: takes the file; arguments: of the command, which the page shows; jobs: processes to use at most.
+    """
+    from sqrp_cli.terminal.console import note, progress
 
     try:
-        write(file)
+        write(file, arguments=arguments, jobs=jobs, progress=progress)
     except KeyboardInterrupt:
         note(f"interrupted before {file} was written")
         return False

@@ -7,21 +7,8 @@ from typing import Annotated
 
 import typer
 
-from sqrp_cli.cli.options import (
-    DEFAULT_ALLOWANCE,
-    Allow,
-    Cluster,
-    Jobs,
-    Json,
-    Out,
-    SampleCount,
-    SampleStep,
-    Seed,
-    Tolerance,
-    job_count,
-    note_late,
-    read_sampling,
-)
+from sqrp_cli.cli import options as option
+from sqrp_cli.cli.options import job_count, note_late, read_sampling
 from sqrp_cli.errors import ExitCode, InputError
 
 NAME = "diff"
@@ -30,15 +17,15 @@ NAME = "diff"
 def command(
     before: Annotated[Path, typer.Argument(metavar="A", help="A workspace as it was.")],
     after: Annotated[Path, typer.Argument(metavar="B", help="The workspace as it is now.")],
-    allow: Allow = DEFAULT_ALLOWANCE,
-    out: Out = None,
-    cluster: Cluster = None,
-    seed: Seed = 0,
-    samples: SampleCount = None,
-    dt: SampleStep = None,
-    tolerance: Tolerance = None,
-    jobs: Jobs = None,
-    as_json: Json = False,
+    allow: option.Allow = option.DEFAULT_ALLOWANCE,
+    out: option.Out = None,
+    cluster: option.Cluster = None,
+    seed: option.Seed = 0,
+    samples: option.SampleCount = None,
+    dt: option.SampleStep = None,
+    tolerance: option.Tolerance = None,
+    jobs: option.Jobs = None,
+    as_json: option.Json = False,
 ) -> ExitCode:
     """Compare two versions of a workspace.
 

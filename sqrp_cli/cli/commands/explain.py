@@ -9,24 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sqrp_cli.cli import completion
+from sqrp_cli.cli import options as option
 from sqrp_cli.cli.command import Command
-from sqrp_cli.cli.options import (
-    After,
-    Images,
-    Jobs,
-    Json,
-    MaxTime,
-    SampleCount,
-    SampleStep,
-    Seed,
-    Tolerance,
-    WorkspacePath,
-    check_max_time,
-    job_count,
-    open_with_warnings,
-    read_sampling,
-    read_ways,
-)
+from sqrp_cli.cli.options import answer, job_count
 from sqrp_cli.errors import ExitCode, InputError, Problem, nearest
 
 if TYPE_CHECKING:
@@ -59,15 +44,6 @@ def _with_ways(words: Sequence[str]) -> Iterator[str]:
             yield "all"
 
 
-Choice = Annotated[
-    str | None,
-    typer.Option(
-        "--choose",
-        metavar="best|N|NAME",
-        autocompletion=completion.candidates,
-        help="Which candidate to explain; the first-ranked by default.",
-    ),
-]
 StepNumber = Annotated[
     int | None,
     typer.Option(
@@ -92,21 +68,21 @@ ShownWays = Annotated[
 
 
 def command(
-    workspace: WorkspacePath,
+    workspace: option.WorkspacePath,
     task: MaybeTask = None,
-    choose: Choice = None,
+    choose: option.Choose = None,
     step: StepNumber = None,
     all_candidates: AllCandidates = False,
     ways: ShownWays = "best",
-    max_time: MaxTime = None,
-    samples: SampleCount = None,
-    dt: SampleStep = None,
-    tolerance: Tolerance = None,
-    after: After = None,
-    images: Images = None,
-    jobs: Jobs = None,
-    seed: Seed = 0,
-    as_json: Json = False,
+    max_time: option.MaxTime = None,
+    samples: option.SampleCount = None,
+    dt: option.SampleStep = None,
+    tolerance: option.Tolerance = None,
+    after: option.After = None,
+    images: option.Images = None,
+    jobs: option.Jobs = None,
+    seed: option.Seed = 0,
+    as_json: option.Json = False,
 ) -> ExitCode:
     """Explain how well the cameras see a way of doing a task.
 
@@ -117,12 +93,12 @@ def command(
     from sqrp_cli.terminal.console import print_problems, progress, say_raw
 
     _check_options(choose, images, all_candidates=all_candidates)
-    wanted, all_ways = read_ways(ways)
-    sampling = read_sampling(samples, dt, tolerance)
-    check_max_time(max_time)
+    wanted, all_ways = option.read_ways(ways)
+    sampling = option.read_sampling(samples, dt, tolerance)
+    option.check_max_time(max_time)
     if task is None:
         return _explain_program(workspace, step, seed, as_json=as_json)
-    cell = open_with_warnings(workspace, seed)
+    cell = option.open_with_warnings(workspace, seed)
     choice = None if all_candidates else "best" if choose is None else choose
     explanation = cell.explain(
         task,
@@ -150,7 +126,6 @@ def _explain_program(file: Path, step: int | None, seed: int, *, as_json: bool) 
     """Explain a step of a program, which stands where a workspace would."""
     from sqrp_cli.api.program import open_program
     from sqrp_cli.knowledge.text.input_file import missing_file
-    from sqrp_cli.terminal.console import say_raw
 
     if not file.exists():
         raise InputError(missing_file(file))
@@ -158,10 +133,7 @@ def _explain_program(file: Path, step: int | None, seed: int, *, as_json: bool) 
         message = f"{file} is no program, so a task is missing"
         raise InputError(Problem("no-program", message, mend=f"sqrp explain {file} TASK"))
     explanation = open_program(file, seed=seed).explain(step)
-    if as_json:
-        say_raw(explanation.to_json())
-    else:
-        explanation.show()
+    answer(explanation, as_json=as_json)
     return ExitCode.OK
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sqrp_cli.cli.options import Json
+from sqrp_cli.cli.options import Json, check_own
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem, nearest
 
 if TYPE_CHECKING:
@@ -140,19 +140,13 @@ def _export(program: Program, workspace: Workspace, file: Path, target: Path, ra
         raise _refused(f"--export is `{target}`; expected a name that ends in .csv, or in .yaml for ROS")
     if not program.steps:
         raise InputError(Problem("no-steps", "this program has no steps, so there is nothing to export", Place(file)))
-    if target.suffix.lower() != ".csv" and target.is_file() and not _begins_with(target, YAML_MARK):
-        message = "this file is there already and is no exported trajectory; it was left as it is"
-        raise InputError(Problem("would-overwrite", message, Place(target), mend="choose another name"))
+    if target.suffix.lower() != ".csv":
+        check_own(target, YAML_MARK, "exported trajectory")
     check_not_read([target], [file, *(one.path for one in workspace.files.values())])
     arm = [joint for joint in program.joints if joint in workspace.robot.home]
     joints = program.joints if target.suffix.lower() == ".csv" else arm
     write_atomically(target, FORMATS[target.suffix.lower()](program, joints, rate))
     return f"{target} has a point every {1 / rate:g} s and at both ends of each primitive action"
-
-
-def _begins_with(path: Path, mark: str) -> bool:
-    with path.open("rb") as file:
-        return file.read(len(mark)) == mark.encode()
 
 
 def _read_rate(rate: str | None) -> float:

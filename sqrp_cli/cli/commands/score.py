@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from sqrp_cli.cli import options as option
-from sqrp_cli.cli.options import answer, check_patch, job_count, note_late, read_sampling
+from sqrp_cli.cli.options import Patches, answer, job_count, note_late, read_sampling
 from sqrp_cli.errors import ExitCode, InputError, Problem
 from sqrp_cli.platform.files import check_distinct, check_writable
 
@@ -23,8 +23,7 @@ if TYPE_CHECKING:
 
 NAME = "score"
 
-MARK = "# The best variant that `sqrp score --vary` found"
-"""How the patch begins; `patch` and `git apply` skip it. Only files that begin so are overwritten."""
+PATCHES = Patches("# The best variant that `sqrp score --vary` found", "that --vary wrote")
 
 
 @dataclass(frozen=True)
@@ -201,7 +200,6 @@ def _vary(
     """Score variants, print them and write the best as a patch. wanted: its file; None: NAME-best.patch."""
     from sqrp_cli.api.scores import nothing_scored, why_not_scored
     from sqrp_cli.checks.formulas import intervals_outside
-    from sqrp_cli.platform.files import write_atomically
     from sqrp_cli.report.documents.document import as_text
     from sqrp_cli.report.documents.scores import VaryDocument
     from sqrp_cli.scoring.cells import find_workspaces, short_names
@@ -220,7 +218,7 @@ def _vary(
         raise InputError(Problem("bad-option", f"--vary is about one workspace, found {names}"))
     name = short_names(files)[files[0]]
     patch = wanted or Path(f"{name}-best.patch")
-    check_patch(patch, MARK, "that --vary wrote")
+    PATCHES.check(patch)
     with progress("Reading variants", len(values) + 1) as advance:
         document, read = read_variants(files[0], values, advance)
     with open_computer(means) as computer:
@@ -237,7 +235,7 @@ def _vary(
     if nothing_scored(*each):
         raise InputError(*why_not_scored(*each))
     if found.patch:
-        write_atomically(patch, f"{MARK}\n{found.patch}")
+        PATCHES.write(patch, found.patch)
     if as_json:
         say_raw(as_text(VaryDocument.of(found, name, str(patch) if found.patch else None)))
     else:

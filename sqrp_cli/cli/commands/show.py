@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sqrp_cli.cli.options import Json, WorkspacePath
+from sqrp_cli.cli.options import Json, WorkspacePath, answer
 from sqrp_cli.errors import ExitCode
 
 NAME = "show"
@@ -15,12 +15,9 @@ def command(workspace: WorkspacePath, as_json: Json = False) -> ExitCode:
     """
     from sqrp_cli.api.cell import OpenCell
     from sqrp_cli.checks.cell_warnings import cell_warnings
-    from sqrp_cli.terminal.console import print_problems, say_raw
+    from sqrp_cli.terminal.console import print_problems
 
     scene = OpenCell.read(workspace).scene()
     print_problems(cell_warnings(scene.cell))
-    if as_json:
-        say_raw(scene.to_json())
-    else:
-        scene.show()
+    answer(scene, as_json=as_json)
     return ExitCode.OK
