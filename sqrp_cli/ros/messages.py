@@ -79,7 +79,7 @@ class MessageTypes:
 
     def make(self, name: str, /, **fields: Message) -> Message:
         """A message of a type; what is not given is zero or empty."""
-        given = {field: fields.pop(field) if field in fields else self._empty(of) for field, of in self._fields(name)}
+        given = {field: fields.pop(field) if field in fields else self._empty(of) for field, of in self.fields(name)}
         if fields:
             raise TypeError(f"{name} has no field {next(iter(fields))}")
         return self.store.types[name](**given)
@@ -114,7 +114,8 @@ class MessageTypes:
         """Text and MD5 sum of a type."""
         return MessageDefinition(*self.store.generate_msgdef(name, ros_version=self.ros))
 
-    def _fields(self, name: str) -> list[tuple[str, FieldDesc]]:
+    def fields(self, name: str) -> list[tuple[str, FieldDesc]]:
+        """Name and kind of each field of a type, in order, as the store describes them."""
         return self.store.fielddefs[name][1]
 
     def _empty(self, of: FieldDesc) -> Message:

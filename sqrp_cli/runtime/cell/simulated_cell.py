@@ -44,9 +44,10 @@ class SimulatedCell:
         """Simulated time [s]."""
         return self._physics.t
 
-    def advance(self, t: float, reference: ArmReference) -> None:
-        """Let time pass until t [s] while the controller follows the reference as far as torque limits allow."""
+    def advance(self, t: float, reference: ArmReference) -> float:
+        """Let time pass until t [s], and return it, while the controller follows the reference within its torques."""
         self._physics.advance(t, reference)
+        return t
 
     def grasp(self) -> None:
         """Switch suction on, or close the fingers with a force: what is there is held, if anything is.
@@ -77,9 +78,12 @@ class SimulatedCell:
         images = self._renderers.images(cameras, self._physics.positions, self.t)
         return {name: CameraImage(name, self.t, image) for name, image in zip(cameras, images, strict=True)}
 
-    def measured_joints(self) -> Mapping[str, float]:
-        """Position of every movable joint of robot and tool as its encoder says [rad or m]."""
+    def measured_joints(self, t: float | None = None) -> Mapping[str, float]:  # noqa: ARG002 - it knows no other time
+        """Position of every movable joint of robot and tool as its encoder says now [rad or m]."""
         return self._physics.joints()
+
+    def trouble(self) -> None:
+        """A simulated robot follows its motion until it is stopped."""
 
     def truth(self) -> CellState:
         """The present ground truth."""

@@ -51,6 +51,10 @@ class DetectorPool:
         """Have an image looked at, with what was believed when it was taken."""
         self._of_camera[image.camera].send(_ImageTask(image, believed))
 
+    def is_ready(self, camera: str) -> bool:
+        """Whether `collect` would answer at once. Raises PerceptionError if the process has crashed."""
+        return self._of_camera[camera].is_ready(camera)
+
     def collect(self, camera: str) -> Detection:
         """What the oldest image of a camera that has not been collected shows.
 
@@ -88,6 +92,11 @@ class _Worker:
         while self._process.answered():  # else both ends could wait for the other to read
             self._take()
         self._process.send(message)
+
+    def is_ready(self, camera: str) -> bool:
+        while not self._ready[camera] and self._process.answered():
+            self._take()
+        return bool(self._ready[camera])
 
     def receive(self, camera: str) -> Detection:
         waiting = self._ready[camera]

@@ -7,6 +7,7 @@ is complete when no image taken by then is under way.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
@@ -98,8 +99,12 @@ class EvidenceBuffer:
         ]
 
     def take(self, exposure: Exposure) -> None:
-        """Images are under way, taken later than all before."""
-        self._exposures.append(exposure)
+        """Images are under way; with others of the very same time they are one exposure."""
+        index = bisect_left(self._exposures, exposure.t, key=lambda one: one.t)
+        if index < len(self._exposures) and self._exposures[index].t == exposure.t:
+            self._exposures[index].detections.update(exposure.detections)
+        else:
+            self._exposures.insert(index, exposure)
 
     def add(self, detection: Detection) -> Exposure | None:
         """An image has arrived. Returns the exposure that it belongs to, None if that was dropped."""
@@ -109,16 +114,16 @@ class EvidenceBuffer:
                 return exposure
         return None
 
-    def fused(self, targets: Mapping[str, ProgramTarget]) -> list[Evidence]:
+    def fused(self, targets: Mapping[str, ProgramTarget], settled: float = float("inf")) -> list[Evidence]:
         """The evidence of each exposure that was not complete before, up to the last of which an image has arrived.
 
-        targets: by atom.
+        targets: by atom. settled: before when no image is under way that nobody knows of [s].
         """
         count = max((index + 1 for index, one in enumerate(self._exposures) if one.has_arrivals), default=0)
         found = []
         complete = True
         for index, exposure in enumerate(self._exposures[:count]):
-            complete = complete and None not in exposure.detections.values()
+            complete = complete and exposure.t < settled and None not in exposure.detections.values()
             if exposure.t > self._completed:
                 counting = self._counting(index)
                 atoms = {atom: fuse(atom, target, counting) for atom, target in targets.items()}

@@ -7,6 +7,7 @@ dead process.
 from __future__ import annotations
 
 import heapq
+from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -46,27 +47,15 @@ class _Stream:
         return self.newest + self.camera.latency + OVERDUE_PERIODS / self.camera.rate
 
 
-class ImageStreams:
-    """The images of all cameras of a cell, on the cell's clock [s]."""
+class Streams:
+    """The images of all cameras of a cell, on the cell's clock [s]: what is the same of simulated and real ones."""
 
     def __init__(self, cameras: Mapping[str, Camera], detectors: DetectorPool) -> None:
         """detectors: the processes that look at the images."""
         self.cameras = cameras
-        self._streams = {name: _Stream(camera) for name, camera in cameras.items()}
         self._detectors = detectors
-        self._arrivals: list[tuple[float, float, str]] = []
         self.seconds = 0.0
         self.images = 0
-
-    @property
-    def next_exposure(self) -> float:
-        """When the next image is taken [s]."""
-        return min(stream.next_exposure for stream in self._streams.values())
-
-    @property
-    def next_arrival(self) -> float:
-        """When the next image is available [s]; infinite if none is under way."""
-        return self._arrivals[0][0] if self._arrivals else float("inf")
 
     @property
     def period(self) -> float:
@@ -78,16 +67,91 @@ class ImageStreams:
         """From an exposure to the image being available, for the slowest camera [s]."""
         return max(camera.latency for camera in self.cameras.values())
 
+    @property
+    def settled(self) -> float:
+        """Before when no image is under way that nobody knows of [s]."""
+        return float("inf")
+
+    @property
+    @abstractmethod
+    def next_exposure(self) -> float:
+        """When the next image is taken [s]."""
+
+    @property
+    @abstractmethod
+    def next_arrival(self) -> float:
+        """When the next image is available [s]; infinite if none is known to be under way."""
+
+    @property
+    @abstractmethod
+    def next_check(self) -> float:
+        """When a stream fails next if no image comes [s]."""
+
+    @abstractmethod
+    def has_arrival_from(self, end: float) -> bool:
+        """Whether an image that was taken by a time is still under way."""
+
+    @abstractmethod
+    def expose(self, t: float, take: Expose, believed: Callable[[float], BelievedState]) -> list[CameraImage]:
+        """Take the images that are due at time t; returns them. believed: at a time [s].
+
+        Raises MonitoringLost if a process that looks at them has ended.
+        """
+
+    @abstractmethod
+    def collect(self, t: float) -> list[Detection]:
+        """What the images show that have arrived by time t, in the order of their exposure.
+
+        Raises MonitoringLost if a process that looks at them has ended, or an image is the very one before it.
+        """
+
+    @abstractmethod
+    def failure(self, t: float) -> MonitoringLost | None:
+        """The streams that have failed by time t, and how; None while all is well."""
+
     def watch(self, sought: DetectionTargets) -> None:
         """Look for these targets in all images that come from now on.
 
         Raises MonitoringLost if a process that looks at them has ended.
         """
-        with _lost_if_crashed():
+        with lost_if_crashed():
             self._detectors.watch(sought)
 
+    def resume(self, t: float) -> None:
+        """Nobody has looked at images until time t [s]: they count from then on."""
+
+    def _collected(self, detections: list[Detection]) -> list[Detection]:
+        """Detections in the order of their exposure. Raises MonitoringLost for an image that is the one before it."""
+        self.seconds += sum(detection.seconds for detection in detections)
+        detections.sort(key=lambda detection: (detection.t, detection.camera))
+        frozen = [detection.camera for detection in detections if detection.frozen]
+        if frozen:
+            how = "is frozen: it delivers" if len(frozen) == 1 else "are frozen: each delivers"
+            raise MonitoringLost(f"{listed(frozen)} {how} the same image again", "frozen", frozen)
+        return detections
+
+
+class ImageStreams(Streams):
+    """The images of simulated cameras: taken when they are due, and late as each camera is."""
+
+    def __init__(self, cameras: Mapping[str, Camera], detectors: DetectorPool) -> None:
+        """As `Streams`."""
+        super().__init__(cameras, detectors)
+        self._streams = {name: _Stream(camera) for name, camera in cameras.items()}
+        self._arrivals: list[tuple[float, float, str]] = []
+
+    @property
+    def next_exposure(self) -> float:
+        """As `Streams` says."""
+        return min(stream.next_exposure for stream in self._streams.values())
+
+    @property
+    def next_arrival(self) -> float:
+        """As `Streams` says."""
+        return self._arrivals[0][0] if self._arrivals else float("inf")
+
     def has_arrival_from(self, end: float) -> bool:
-        """Whether an image that was taken by a time is still under way."""
+        """As `Streams` says."""
         return any(exposed <= end + 1e-9 for _, exposed, _ in self._arrivals)
 
     def crash(self, camera: str) -> None:
@@ -106,15 +170,12 @@ class ImageStreams:
         """Images come later by a delay [s]."""
         self._streams[camera].delay = delay
 
-    def expose(self, t: float, take: Expose, believed: BelievedState) -> list[CameraImage]:
-        """Take the images that are due at time t; returns them as they will arrive.
-
-        Raises MonitoringLost if a process that looks at them has ended.
-        """
+    def expose(self, t: float, take: Expose, believed: Callable[[float], BelievedState]) -> list[CameraImage]:
+        """As `Streams` says: images as they will arrive."""
         due = [stream for stream in self._streams.values() if stream.next_exposure <= t + 1e-9]
         for stream in due:
             stream.exposures += 1
-        frames = take([stream.camera.name for stream in due if not stream.lost])
+        then, frames = believed(t), take([stream.camera.name for stream in due if not stream.lost])
         sent = []
         for stream in due:
             if stream.lost:
@@ -124,8 +185,8 @@ class ImageStreams:
                 stream.frozen = stream.frozen or stream.last or frame
                 frame = CameraImage(frame.camera, frame.t, stream.frozen.image)
             stream.last = frame
-            with _lost_if_crashed():
-                self._detectors.submit(frame, believed)
+            with lost_if_crashed():
+                self._detectors.submit(frame, then)
             arrival = t + stream.camera.latency + stream.delay
             heapq.heappush(self._arrivals, (arrival, frame.t, frame.camera))
             sent.append(frame)
@@ -133,27 +194,18 @@ class ImageStreams:
         return sent
 
     def collect(self, t: float) -> list[Detection]:
-        """What the images show that have arrived by time t, in the order of their exposure.
-
-        Raises MonitoringLost if a process that looks at them has ended, or an image is the very one before it.
-        """
+        """As `Streams` says."""
         detections = []
         while self._arrivals and self._arrivals[0][0] <= t + 1e-9:
             _, exposed, camera = heapq.heappop(self._arrivals)
-            with _lost_if_crashed():
+            with lost_if_crashed():
                 detection = self._detectors.collect(camera)
             self._streams[camera].newest = exposed
-            self.seconds += detection.seconds
             detections.append(detection)
-        detections.sort(key=lambda detection: (detection.t, detection.camera))
-        frozen = [detection.camera for detection in detections if detection.frozen]
-        if frozen:
-            how = "is frozen: it delivers" if len(frozen) == 1 else "are frozen: each delivers"
-            raise MonitoringLost(f"{listed(frozen)} {how} the same image again", "frozen", frozen)
-        return detections
+        return self._collected(detections)
 
     def failure(self, t: float) -> MonitoringLost | None:
-        """The streams that have failed by time t, and how; None while all is well.
+        """As `Streams` says.
 
         If some are lost and others late at the same time, the reason names the lost ones.
         """
@@ -172,7 +224,7 @@ class ImageStreams:
 
     @property
     def next_check(self) -> float:
-        """When a stream fails next if no image comes [s]."""
+        """As `Streams` says."""
         return min(stream.fails_at for stream in self._streams.values()) + 1e-6
 
     def _is_under_way(self, camera: str) -> bool:
@@ -180,7 +232,8 @@ class ImageStreams:
 
 
 @contextmanager
-def _lost_if_crashed() -> Iterator[None]:
+def lost_if_crashed() -> Iterator[None]:
+    """A process that looks at images and has ended is a reason to stop: raises MonitoringLost."""
     try:
         yield
     except PerceptionError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -61,6 +62,22 @@ class ArmMotion:
         self._ends: list[float] = []
         self._offsets: list[Array] = []
         self._halts: dict[int, float] = {}
+        self.revision = 0
+        """As `StoppableReference` says."""
+
+    @property
+    def rests_at(self) -> float:
+        """As `StoppableReference` says."""
+        if not self._primitives:
+            return -float("inf")
+        return self._stops[-1].stands if self._stops else self._start + self._ends[-1]
+
+    def stopped(self, t: float) -> ArmMotion:
+        """As `StoppableReference` says."""
+        other = copy(self)
+        other._stops = list(self._stops)
+        other.stop(t, protective=True)
+        return other
 
     def play(self, primitives: Sequence[ProgramPrimitive], t: float) -> None:
         """Follow primitives from time t [s] on; what a guarded move left over is kept, as within a step."""
@@ -71,6 +88,7 @@ class ArmMotion:
         self._halts = {}
         self._offsets = [left]
         self._set_offsets(0)
+        self.revision += 1
 
     def force_limit(self, t: float) -> float | None:
         """What counts as contact at time t [s], in N; None unless a guarded move looks for it."""
@@ -88,6 +106,7 @@ class ArmMotion:
         index = self._index(tau)
         self._halts[index] = tau - self._primitives[index].start
         self._set_offsets(index)
+        self.revision += 1
 
     def _within(self, index: int, t: float) -> bool:
         tau = self.step_time(t)
@@ -155,6 +174,7 @@ class ArmMotion:
             stop = self._planned_stop(t, protective=protective)
             if stop not in self._stops:
                 self._stops.append(stop)
+                self.revision += 1
         return max(t, self._stops[-1].stands)
 
     def standing_time(self, tau: float) -> float:
@@ -164,6 +184,7 @@ class ArmMotion:
     def place(self, joints: Mapping[str, float]) -> None:
         """Want some joints elsewhere at once and until the next step, such as fingers, which their motors hold back."""
         self._placed.update({self.joints.index(name): q for name, q in joints.items() if name in self.joints})
+        self.revision += 1
 
     def keep(self, joints: Collection[str], t: float) -> None:
         """Want some joints to stay where they are wanted at time t [s], until the next step."""

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Protocol
 
 import numpy as np
 
 from sqrp_cli.knowledge.robot.robot import Fingers, Robot
 from sqrp_cli.program.record import Program
-from sqrp_cli.runtime.cell.interface import ArmReference
-from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
+from sqrp_cli.runtime.cell.interface import Cell, StoppableReference
 from sqrp_cli.runtime.run.arm_motion import ArmMotion
+
+MOST_COMMANDS = 20
+"""Most commands to the tool that are remembered."""
 
 
 class PassingTime(Protocol):
     """A cell in which time passes."""
 
-    def advance(self, t: float, reference: ArmReference) -> None:
-        """Let time pass until t [s] while the arm follows the reference."""
+    def advance(self, t: float, reference: StoppableReference) -> float:
+        """Let time pass until t [s] while the arm follows the reference; returns the time then [s]."""
 
 
 class CommandedRobot:
@@ -25,7 +28,7 @@ class CommandedRobot:
 
     def __init__(
         self,
-        cell: SimulatedCell,
+        cell: Cell,
         motion: ArmMotion,
         fingers: Fingers | None,
         passing_time: PassingTime | None = None,
@@ -35,12 +38,12 @@ class CommandedRobot:
         """fingers: of a gripper; the motion moves their joints. passing_time: lets time pass instead of the cell."""
         self.cell, self.motion, self.fingers = cell, motion, fingers
         self._time = passing_time or cell
-        self.holding = holding
-        """Whether the tool was commanded to hold."""
+        self._now = 0.0
+        self._commands = deque([(-float("inf"), holding)], MOST_COMMANDS)
 
     @classmethod
     def at_the_start(
-        cls, program: Program, robot: Robot, cell: SimulatedCell, passing_time: PassingTime | None
+        cls, program: Program, robot: Robot, cell: Cell, passing_time: PassingTime | None
     ) -> CommandedRobot:
         """The robot standing where a program begins."""
         before, joints = program.steps[0].before, program.joints
@@ -48,9 +51,23 @@ class CommandedRobot:
         motion = ArmMotion(joints, [robot.limits[n] for n in joints], [robot.stop_limits[n] for n in joints], q)
         return cls(cell, motion, robot.fingers, passing_time, holding=before.held is not None)
 
-    def advance(self, t: float) -> None:
-        """Let time pass until t [s] while the arm follows its motion."""
-        self._time.advance(t, self.motion)
+    def advance(self, t: float) -> float:
+        """Let time pass until t [s] while the arm follows its motion; returns the time then [s]."""
+        self._now = self._time.advance(t, self.motion)
+        return self._now
+
+    @property
+    def holding(self) -> bool:
+        """Whether the tool was commanded to hold."""
+        return self._commands[-1][1]
+
+    @holding.setter
+    def holding(self, holding: bool) -> None:
+        self._commands.append((self._now, holding))
+
+    def held_at(self, t: float) -> bool:
+        """Whether the tool was commanded to hold at a time that is not long ago [s]."""
+        return next((held for since, held in reversed(self._commands) if since <= t + 1e-9), self._commands[0][1])
 
     def grasp(self) -> None:
         """Hold what is there."""

@@ -2,19 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from itertools import groupby
+from typing import NamedTuple
 
 import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
+from sqrp_cli.runtime.cell.interface import Cell
 from sqrp_cli.runtime.monitor.attempt import Attempt
 from sqrp_cli.runtime.perception.detections import BelievedState, Detection
 from sqrp_cli.runtime.perception.evidence_buffer import Evidence, EvidenceBuffer, Exposure, FusedTruth
-from sqrp_cli.runtime.perception.image_stream import ImageStreams
+from sqrp_cli.runtime.perception.image_stream import Streams
 from sqrp_cli.runtime.record.events import EventPublisher, EvidenceSeen, ShownAtom
 from sqrp_cli.runtime.record.film import ImageRecorder
+
+
+class Moment(NamedTuple):
+    """What a run knows of a time."""
+
+    tau: float | None
+    """Of the step's motion [s], None before it."""
+    truths: Mapping[str, bool]
+    """The true values of all atoms; in a real cell, the planned ones."""
+    holding: bool
+    """Whether the tool was commanded to hold."""
 
 
 class EvidenceCollector:
@@ -22,8 +36,8 @@ class EvidenceCollector:
 
     def __init__(
         self,
-        cell: SimulatedCell,
-        streams: ImageStreams,
+        cell: Cell,
+        streams: Streams,
         publisher: EventPublisher,
         recorder: ImageRecorder | None = None,
     ) -> None:
@@ -66,22 +80,27 @@ class EvidenceCollector:
         self._published: dict[float, Mapping[str, FusedTruth]] = {}
         self._places: dict[str, list[Array]] = {}
 
-    def expose(self, t: float, tau: float | None, truths: Mapping[str, bool], *, holding: bool) -> None:
-        """Take the images that are due at time t [s].
+    def expose(self, t: float, moment_at: Callable[[float], Moment]) -> None:
+        """Take the images that are due at time t [s]. moment_at: what the run knows of a time [s].
 
-        tau: of the step [s]. truths: of all atoms then. holding: whether the tool is commanded to hold.
         Raises MonitoringLost if a process that looks at them has ended.
         """
         attempt = self._watched()
-        believed = BelievedState(dict(self._cell.measured_joints()), holding, attempt.beliefs(tau))
+        moment_at = cache(moment_at)
+
+        def believed(at: float) -> BelievedState:
+            moment = moment_at(at)
+            return BelievedState(dict(self._cell.measured_joints(at)), moment.holding, attempt.beliefs(moment.tau))
+
         with self._publisher.timed("images"):
             images = self.streams.expose(t, self._cell.frames, believed)
-        if images:
-            self._buffer.take(Exposure(images[0].t, tau, truths, dict.fromkeys(image.camera for image in images)))
-        for image in images:
-            if self._recorder is not None:
-                planned = tau if attempt.undisturbed else None
-                self._recorder.add(image, self._number, planned, self._publisher.doing)
+        for at, together in groupby(images, lambda image: image.t):
+            moment, taken = moment_at(at), list(together)
+            self._buffer.take(Exposure(at, moment.tau, moment.truths, dict.fromkeys(image.camera for image in taken)))
+            for image in taken:
+                if self._recorder is not None:
+                    planned = moment.tau if attempt.undisturbed else None
+                    self._recorder.add(image, self._number, planned, self._publisher.doing)
 
     def collect(self, t: float) -> list[Detection]:
         """The images that have arrived by time t [s], looked at. Raises MonitoringLost if some are not."""
@@ -95,7 +114,7 @@ class EvidenceCollector:
         attempt = self._watched()
         for detection in detections:
             self._note(detection, attempt)
-        found = self._buffer.fused(attempt.step.targets) if detections else []
+        found = self._buffer.fused(attempt.step.targets, self.streams.settled) if detections else []
         for evidence in found:
             self._publish(evidence, attempt, now)
             if evidence.complete:

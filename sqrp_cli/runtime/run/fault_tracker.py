@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.program.record import Step
@@ -10,7 +10,7 @@ from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 from sqrp_cli.runtime.monitor.attempt import Attempt
 from sqrp_cli.runtime.monitor.prediction_check import predicted_delay
 from sqrp_cli.runtime.monitor.step_monitor import Alarm
-from sqrp_cli.runtime.perception.image_stream import ImageStreams
+from sqrp_cli.runtime.perception.image_stream import ImageStreams, Streams
 from sqrp_cli.runtime.record.events import EventPublisher, FaultHappened, FaultInjected, FaultSeen
 from sqrp_cli.runtime.record.report import FaultRecord, MonitoringLost
 from sqrp_cli.runtime.run.injected_fault import InjectedFault
@@ -22,11 +22,38 @@ TRUTH_SPACING = 0.002
 """Period of checking the ground truth, once a fault was injected [s]."""
 
 
+MakeHappen = Callable[[InjectedFault], None]
+"""Lets a fault happen."""
+
+
+def in_simulation(cell: SimulatedCell, streams: ImageStreams) -> MakeHappen:
+    """Lets faults happen to a simulated cell and the images of its cameras."""
+
+    def make_happen(fault: InjectedFault) -> None:
+        camera = fault.camera or ""
+        match fault.kind:
+            case "slip":
+                cell.slip()
+            case "miss-pick":
+                cell.miss_next_grasp()
+            case "camera-loss":
+                streams.lose(camera)
+            case "frozen":
+                streams.freeze(camera)
+            case "latency":
+                streams.delay(camera, fault.delay)
+            case "perception-crash":
+                streams.crash(camera)
+
+    return make_happen
+
+
 class FaultTracker:
     """The faults of a run."""
 
-    def __init__(self, cell: SimulatedCell, streams: ImageStreams, publisher: EventPublisher) -> None:
-        self._cell, self._streams, self._publisher = cell, streams, publisher
+    def __init__(self, make_happen: MakeHappen, streams: Streams, publisher: EventPublisher) -> None:
+        """make_happen: lets a fault happen to the cell."""
+        self._make_happen, self._streams, self._publisher = make_happen, streams, publisher
         self.records: list[FaultRecord] = []
         """Of all, in the order in which they were injected or seen."""
         self._open: list[FaultRecord] = []
@@ -34,20 +61,7 @@ class FaultTracker:
 
     def inject(self, fault: InjectedFault, t: float, attempt: Attempt) -> None:
         """Inject a fault."""
-        camera = fault.camera or ""
-        match fault.kind:
-            case "slip":
-                self._cell.slip()
-            case "miss-pick":
-                self._cell.miss_next_grasp()
-            case "camera-loss":
-                self._streams.lose(camera)
-            case "frozen":
-                self._streams.freeze(camera)
-            case "latency":
-                self._streams.delay(camera, fault.delay)
-            case "perception-crash":
-                self._streams.crash(camera)
+        self._make_happen(fault)
         record = FaultRecord(_name(fault, attempt), injected=t, camera=fault.camera)
         self.records.append(record)
         if fault.kind in PHYSICAL:

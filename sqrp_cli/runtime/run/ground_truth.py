@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from sqrp_cli.geometry import Array, matrix_to_quaternion
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.program.record import Step
-from sqrp_cli.runtime.cell.interface import ArmReference
+from sqrp_cli.runtime.cell.interface import StoppableReference
 from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 from sqrp_cli.runtime.monitor.attempt import Attempt
 from sqrp_cli.runtime.monitor.nominal_step import Situation, holds
@@ -25,13 +26,28 @@ DIGITS = 5
 """Decimals of positions [m or rad] and of quaternions: 10 micrometres, and as much at a distance of 1 m."""
 
 
+class Truths(Protocol):
+    """What knows the true values of atoms, for checks."""
+
+    def atoms(self, attempt: Attempt, tau: float | None) -> dict[str, bool]:
+        """The value of each atom that an attempt monitors, at a time of its motion [s], None before it."""
+
+
+class PlannedTruth:
+    """In a real cell, whose state nobody knows: the values of atoms as planned."""
+
+    def atoms(self, attempt: Attempt, tau: float | None) -> dict[str, bool]:
+        """As `Truths` says."""
+        return {atom: attempt.nominal.holds(atom, tau or 0.0) for atom in attempt.step.targets}
+
+
 class GroundTruth:
     """Values of atoms by the state of the simulation."""
 
     def __init__(self, cell: SimulatedCell, robot: RobotBody) -> None:
         self._cell, self._robot = cell, robot
 
-    def atoms(self, attempt: Attempt) -> dict[str, bool]:
+    def atoms(self, attempt: Attempt, tau: float | None) -> dict[str, bool]:  # noqa: ARG002 - the truth is that of now
         """The present value of each atom that an attempt monitors."""
         truth = self._cell.truth()
         is_open = self._robot.closure(truth.joints) <= OPEN_SHARE
@@ -53,13 +69,13 @@ class StateRecorder:
         self._number = 0
         self._last: WholeState | None = None
 
-    def advance(self, t: float, reference: ArmReference) -> None:
+    def advance(self, t: float, reference: StoppableReference) -> float:
         """Let time pass until t [s] as the cell does, publishing the state of each time that is due until then."""
         while (due := self._number / RATE) <= t + 1e-9:
             self._cell.advance(due, reference)
             self._publish(due)
             self._number += 1
-        self._cell.advance(t, reference)
+        return self._cell.advance(t, reference)
 
     def finish(self) -> None:
         """Publish the state at the end."""

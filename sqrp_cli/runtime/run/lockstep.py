@@ -11,12 +11,15 @@ from sqrp_cli.runtime.monitor.attempt import Attempt
 from sqrp_cli.runtime.perception.evidence_buffer import Evidence
 from sqrp_cli.runtime.record.events import ContactFelt, EventPublisher, Stopping
 from sqrp_cli.runtime.run.commanded_robot import CommandedRobot
-from sqrp_cli.runtime.run.evidence_collector import EvidenceCollector
+from sqrp_cli.runtime.run.evidence_collector import EvidenceCollector, Moment
 from sqrp_cli.runtime.run.fault_tracker import TRUTH_SPACING, FaultTracker
-from sqrp_cli.runtime.run.ground_truth import GroundTruth
+from sqrp_cli.runtime.run.ground_truth import Truths
 
 FEELING = 0.004
 """Time between looks at the force of a guarded move [s]."""
+
+SAME_INSTANT = 0.0015
+"""Times that are closer are one [s]: the simulation steps by 2 ms, and takes images at the nearest step."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,7 @@ class Lockstep:
         robot: CommandedRobot,
         collector: EvidenceCollector,
         faults: FaultTracker,
-        truth: GroundTruth,
+        truth: Truths,
         publisher: EventPublisher,
     ) -> None:
         self.robot, self.collector, self.faults, self.publisher = robot, collector, faults, publisher
@@ -60,11 +63,23 @@ class Lockstep:
         """Do nothing of some kinds any more."""
         self._due = [due for due in self._due if due.kind not in kinds]
 
-    def tau(self) -> float | None:
-        """The time of the step's motion [s], None before it."""
+    def tau(self, t: float | None = None) -> float | None:
+        """The time of the step's motion at time t or now [s], None before it."""
         if self.attempt is None or self.attempt.start is None:
             return None
-        return self.robot.motion.step_time(self.now)
+        return self.robot.motion.step_time(self.now if t is None else t)
+
+    def _moment(self, t: float) -> Moment:
+        """What is known of the time of an image [s]; the clock of a simulation steps from time to time."""
+        assert self.attempt is not None  # noqa: S101 - images are looked at in attempts alone
+        at = self.now if abs(t - self.now) < SAME_INSTANT else t
+        tau = self.tau(at)
+        return Moment(tau, self._truth.atoms(self.attempt, tau), self.robot.held_at(at))
+
+    def catch_up(self) -> None:
+        """In a real cell time has passed while nobody looked, such as for planning: go on from now."""
+        self.now = self.robot.advance(self.now)
+        self.collector.streams.resume(self.now)
 
     def pass_time(self, end: float = float("inf")) -> list[Evidence]:
         """Let time pass until the next event, at most until `end` [s].
@@ -74,17 +89,16 @@ class Lockstep:
         """
         self.now = self._next(end)
         with self.publisher.timed("physics"):
-            self.robot.advance(self.now)
+            self.now = self.robot.advance(self.now)
         self._feel()
         if self.faults.is_pending and self.attempt is not None:
-            self.faults.look(self.now, self.tau(), self.attempt, self._truth.atoms(self.attempt))
+            self.faults.look(self.now, self.tau(), self.attempt, self._truth.atoms(self.attempt, self.tau()))
         arrived = self.collector.collect(self.now)
         while self._due and self._due[0].t <= self.now + 1e-9:
             self._due.pop(0).do()
         if self.collector.streams.next_exposure <= self.now + 1e-9 and self.attempt is not None:
-            truths = self._truth.atoms(self.attempt)
-            self.collector.expose(self.now, self.tau(), truths, holding=self.robot.holding)
-        if (failure := self.collector.streams.failure(self.now)) is not None:
+            self.collector.expose(self.now, self._moment)
+        if (failure := self.robot.cell.trouble() or self.collector.streams.failure(self.now)) is not None:
             raise failure
         return self.collector.take_notice(arrived, self.now)
 
@@ -107,7 +121,7 @@ class Lockstep:
         """Bring the arm to rest along its path as fast as it may, whatever becomes of cameras and perception."""
         self._command_stop(reason)
         self.now = max(self.now, self.robot.motion.stop(self.now, protective=True))
-        self.robot.advance(self.now)
+        self.now = self.robot.advance(self.now)
         self.standing_since = self.now
 
     def _command_stop(self, reason: str) -> None:

@@ -8,21 +8,22 @@ from functools import partial
 
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Program, ProgramPrimitive, Replanner, Step
+from sqrp_cli.runtime.cell.interface import Cell
 from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 from sqrp_cli.runtime.monitor.attempt import Attempt
 from sqrp_cli.runtime.monitor.nominal_step import NominalStep
 from sqrp_cli.runtime.monitor.prediction_check import PredictionCheck
 from sqrp_cli.runtime.monitor.step_monitor import PATIENCE, Alarm, StepMonitor
 from sqrp_cli.runtime.perception.detector_pool import DetectorPool
-from sqrp_cli.runtime.perception.image_stream import ImageStreams
+from sqrp_cli.runtime.perception.image_stream import ImageStreams, Streams
 from sqrp_cli.runtime.record.events import EventPublisher, Listener, Retrying, RunEnded, StepBegan
 from sqrp_cli.runtime.record.film import ImageRecorder
 from sqrp_cli.runtime.record.report import MonitoringLost, RunReport, StepRecord, Stopped
 from sqrp_cli.runtime.robot_body import RobotBody
 from sqrp_cli.runtime.run.commanded_robot import CommandedRobot
 from sqrp_cli.runtime.run.evidence_collector import EvidenceCollector
-from sqrp_cli.runtime.run.fault_tracker import FaultTracker
-from sqrp_cli.runtime.run.ground_truth import GroundTruth, StateRecorder, asked_boxes
+from sqrp_cli.runtime.run.fault_tracker import FaultTracker, MakeHappen, in_simulation
+from sqrp_cli.runtime.run.ground_truth import GroundTruth, StateRecorder, Truths, asked_boxes
 from sqrp_cli.runtime.run.injected_fault import InjectedFault
 from sqrp_cli.runtime.run.lockstep import Due, Lockstep
 from sqrp_cli.runtime.run.retry_planner import RetryPlanner
@@ -34,8 +35,18 @@ class Workcell:
 
     workspace: Workspace
     body: RobotBody
-    cell: SimulatedCell
-    detectors: DetectorPool
+    cell: Cell
+    streams: Streams
+    truth: Truths
+    make_happen: MakeHappen
+    witness: SimulatedCell | None = None
+    """Where the true poses are to be had."""
+
+    @classmethod
+    def simulated(cls, workspace: Workspace, body: RobotBody, cell: SimulatedCell, detectors: DetectorPool) -> Workcell:
+        """A simulated cell, whose images are looked at in other processes."""
+        streams = ImageStreams(workspace.cameras, detectors)
+        return cls(workspace, body, cell, streams, GroundTruth(cell, body), in_simulation(cell, streams), cell)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +76,13 @@ class Run:
         self._program, self._body, self._cell, self._faults = program, workcell.body, workcell.cell, list(faults)
         cell, workspace = workcell.cell, workcell.workspace
         self._publisher = EventPublisher(recording.listeners)
-        self._states = StateRecorder(cell, self._publisher) if recording.states else None
+        witness = workcell.witness if recording.states else None
+        self._states = None if witness is None else StateRecorder(witness, self._publisher)
         self._robot = CommandedRobot.at_the_start(program, workspace.robot, cell, self._states)
-        self._streams = ImageStreams(workspace.cameras, workcell.detectors)
+        self._streams = workcell.streams
         self._collector = EvidenceCollector(cell, self._streams, self._publisher, recording.images)
-        self._tracker = FaultTracker(cell, self._streams, self._publisher)
-        truth = GroundTruth(cell, workcell.body)
-        self._lockstep = Lockstep(self._robot, self._collector, self._tracker, truth, self._publisher)
+        self._tracker = FaultTracker(workcell.make_happen, self._streams, self._publisher)
+        self._lockstep = Lockstep(self._robot, self._collector, self._tracker, workcell.truth, self._publisher)
         self._retry_planner = RetryPlanner(self._lockstep, replanner)
         self._report = RunReport()
 
@@ -115,6 +126,7 @@ class Run:
         check = PredictionCheck(index, nominal, list(self._streams.cameras))
         attempt = Attempt(step, nominal, StepMonitor(nominal, self._streams.period), check, undisturbed=first)
         lockstep.attempt = attempt
+        lockstep.catch_up()
         self._collector.watch(attempt, number, lockstep.now)
         self._publisher.publish(_step_began(step, number, lockstep.now))
         try:

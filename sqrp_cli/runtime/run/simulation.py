@@ -30,14 +30,16 @@ class Simulation:
         """One run. Raises InputError where the simulator cannot be used."""
         robot = RobotBody.load(self.workspace.robot)
         with self._detectors(robot) as detectors, self.cell() as cell:
-            return self._run(Workcell(self.workspace, robot, cell, detectors), faults, recording or Recording())
+            return self._run(
+                Workcell.simulated(self.workspace, robot, cell, detectors), faults, recording or Recording()
+            )
 
     def run_in(self, cell: SimulatedCell, faults: Sequence[InjectedFault] = ()) -> RunReport:
         """One run, as `run` but in a cell that `cell` made, which saves the time to make it."""
         robot = RobotBody.load(self.workspace.robot)
         cell.reset(self.program.steps[0].before)
         with self._detectors(robot) as detectors:
-            return self._run(Workcell(self.workspace, robot, cell, detectors), faults, Recording())
+            return self._run(Workcell.simulated(self.workspace, robot, cell, detectors), faults, Recording())
 
     def _detectors(self, robot: RobotBody) -> DetectorPool:
         return DetectorPool(CellModel.of(self.workspace, robot))

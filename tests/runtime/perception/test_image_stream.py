@@ -49,7 +49,9 @@ def failure(found: ImageStreams, until: float, at: float = -1.0, fail=lambda _: 
             at = np.inf
         found.collect(t)
         if found.next_exposure <= t + 1e-9:
-            found.expose(t, lambda names, t=t: {name: CameraImage(name, t, np.zeros(1)) for name in names}, None)
+            found.expose(
+                t, lambda names, t=t: {name: CameraImage(name, t, np.zeros(1)) for name in names}, lambda _: None
+            )
         if (how := found.failure(t)) is not None:
             assert how.cameras == ["cam"]
             return t, f"{how.fault}: {how}"
@@ -91,7 +93,9 @@ def test_cameras_that_are_lost_at_the_same_time_are_told_together_and_before_lat
     while (how := found.failure(t)) is None:
         found.collect(t)
         if found.next_exposure <= t + 1e-9:
-            found.expose(t, lambda names, t=t: {name: CameraImage(name, t, np.zeros(1)) for name in names}, None)
+            found.expose(
+                t, lambda names, t=t: {name: CameraImage(name, t, np.zeros(1)) for name in names}, lambda _: None
+            )
         if t > 1.0:
             found.lose("cam1")
             found.delay("cam2", 0.4)

@@ -19,7 +19,7 @@ from sqrp_cli.runtime.monitor.step_monitor import PATIENCE, Alarm, StepMonitor
 from sqrp_cli.runtime.perception.detections import BoxDetection, Detection
 from sqrp_cli.runtime.perception.image_stream import ImageStreams
 from sqrp_cli.runtime.record.events import EventPublisher, EvidenceSeen
-from sqrp_cli.runtime.run.evidence_collector import EvidenceCollector
+from sqrp_cli.runtime.run.evidence_collector import EvidenceCollector, Moment
 from tests.runtime.steps import FixedNominalStep, formula, step
 
 TOTAL, START = 2.0, 0.5
@@ -39,7 +39,7 @@ class Looker:
         self._waiting: dict[str, list[float]] = {}
         self.t = 0.0
 
-    def measured_joints(self) -> Mapping[str, float]:
+    def measured_joints(self, _t: float) -> Mapping[str, float]:
         return {}
 
     def frames(self, names: list[str]) -> Mapping[str, CameraImage]:
@@ -81,7 +81,7 @@ def watched(cameras, vote: Vote, needed: int = 1, formulas=(SLIP,), seen=None, e
         arrived = collector.collect(now)
         if eyes.next_exposure <= now + 1e-9:
             looker.t = now
-            collector.expose(now, min(now, TOTAL), {"held": True}, holding=True)
+            collector.expose(now, lambda t: Moment(min(t, TOTAL), {"held": True}, holding=True))
         for alarm in attempt.alarms(collector.take_notice(arrived, now)):
             yield now, alarm
 

@@ -1,0 +1,232 @@
+"""ROS 2 on the wire without ROS: topics by Cyclone DDS, with the names and types that ROS 2 gives them.
+
+The only module that uses `cyclonedds`. It learns each type from the message store, for discovery; the bytes of messages
+are the store's own.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Sequence
+from typing import Any, cast
+from xml.sax.saxutils import quoteattr
+
+from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.ros.messages import Message, MessageTypes, message_types
+from sqrp_cli.ros.transport import Inbox, Send, Topic
+
+MOST_DOMAIN = 232
+"""The highest number of a domain that its ports allow."""
+
+_PEERS = 40
+"""Most participants on this computer, where multicast is off."""
+
+_TAKEN = 64
+"""Most messages that are taken from a reader at a time."""
+
+
+class DdsTransport:
+    """Topics of a domain of ROS 2."""
+
+    def __init__(self, domain: int, network: str | None = None) -> None:
+        """network: the address or the name of the network interface to use alone; by default as CYCLONEDDS_URI says.
+
+        Raises InputError where cyclonedds is not installed or cannot use the network.
+        """
+        try:
+            from cyclonedds.core import DDSException, GuardCondition, WaitSet
+            from cyclonedds.domain import Domain, DomainParticipant
+        except ImportError as error:
+            message = "ROS 2 on the wire needs the packages cyclonedds and rosbags"
+            raise InputError(Problem("missing-extra", message, mend="pip install 'sqrp[ros2]'")) from error
+        self.types: MessageTypes = message_types(2)
+        try:
+            if network is not None:
+                self._domain = _made_once(Domain, domain, _configuration(network))
+            self._participant = DomainParticipant(domain)
+        except DDSException as error:
+            message = f"cannot use domain {domain} of DDS on {network or 'the network'}: {error}"
+            raise InputError(Problem("no-network", message)) from error
+        self._waitset = WaitSet(self._participant)
+        self._wake = GuardCondition(self._participant)
+        self._waitset.attach(self._wake)
+        self._readers: list[tuple[Any, Inbox]] = []
+        self._writers: dict[str, Any] = {}
+        self._heard = threading.Event()
+        self._publications: Any = None
+        self._endpoints: dict[Any, Any] = {}
+        self._ended = False
+        self._thread = threading.Thread(target=self._receive, name="dds", daemon=True)
+        self._thread.start()
+
+    def publish(self, topic: Topic) -> Send:
+        """As `Transport` says."""
+        from cyclonedds.pub import DataWriter
+
+        entity = self._topic(topic)
+        writer = DataWriter(self._participant, entity, qos=_qos(topic))
+        self._writers[topic.name] = writer
+        carrier = entity.data_type
+
+        def send(message: Message) -> None:
+            sample = carrier()
+            sample.data = self.types.encode(message)
+            writer.write(sample)
+
+        return send
+
+    def subscribe(self, topic: Topic) -> Inbox:
+        """As `Transport` says."""
+        from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState
+        from cyclonedds.sub import DataReader
+
+        reader = DataReader(self._participant, self._topic(topic), qos=_qos(topic))
+        inbox = Inbox(topic, self.types, self._heard.set)
+        self._readers.append((reader, inbox))
+        self._waitset.attach(ReadCondition(reader, ViewState.Any | InstanceState.Any | SampleState.NotRead))
+        self._wake.set(True)
+        return inbox
+
+    def readers(self, topic: Topic) -> int:
+        """As `Transport` says."""
+        return int(self._writers[topic.name].get_publication_matched_status().current_count)
+
+    def senders(self, topic: Topic) -> Sequence[str]:
+        """As `Transport` says."""
+        from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
+
+        if self._publications is None:
+            self._publications = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)
+            time.sleep(0.05)
+        for found in self._publications.take(1000):
+            if found.sample_info.valid_data:
+                self._endpoints[str(found.key)] = found
+            else:
+                self._endpoints.pop(str(found.key), None)
+        names = [one.type_name for one in self._endpoints.values() if one.topic_name == _wire_name(topic.name)]
+        return [name.replace("::dds_::", "::").removesuffix("_").replace("::", "/") for name in names]
+
+    def wait(self, seconds: float) -> None:
+        """As `Transport` says."""
+        self._heard.wait(seconds)
+        self._heard.clear()
+
+    def close(self) -> None:
+        """As `Transport` says."""
+        self._ended = True
+        self._wake.set(True)
+        self._thread.join(2.0)
+        self._participant.__del__()
+
+    def _topic(self, topic: Topic) -> Any:  # noqa: ANN401 # of a library whose types depend on what was made
+        from cyclonedds.topic import Topic as DdsTopic
+
+        return DdsTopic(self._participant, _wire_name(topic.name), _carrier(topic.type, self.types), qos=_qos(topic))
+
+    def _receive(self) -> None:
+        """Bring what comes to the inboxes, until the end."""
+        while not self._ended:
+            self._waitset.wait(timeout=500_000_000)
+            self._wake.set(False)
+            for reader, inbox in tuple(self._readers):
+                for sample in reader.take(_TAKEN):
+                    data = getattr(sample, "data", None)
+                    if data is not None:  # else it says that a sender has gone
+                        inbox.put(data)
+
+
+_DOMAINS: dict[int, Any] = {}
+
+
+def _made_once(make: Any, domain: int, configuration: str) -> Any:  # noqa: ANN401 # of a library
+    """A process sets up each domain once."""
+    if domain not in _DOMAINS:
+        _DOMAINS[domain] = make(domain, configuration)
+    return _DOMAINS[domain]
+
+
+def _configuration(network: str) -> str:
+    """Cyclone's configuration for one network interface; without multicast where that is this computer's own."""
+    address = network[:1].isdigit() or ":" in network
+    interface = f"<NetworkInterface {'address' if address else 'name'}={quoteattr(network)}/>"
+    alone = network in ("lo", "::1") or network.startswith("127.")
+    general = f"<Interfaces>{interface}</Interfaces>" + ("<AllowMulticast>false</AllowMulticast>" if alone else "")
+    discovery = (
+        f"<MaxAutoParticipantIndex>{_PEERS}</MaxAutoParticipantIndex><ParticipantIndex>auto</ParticipantIndex>"
+        '<Peers><Peer address="127.0.0.1"/></Peers>'
+        if alone
+        else ""
+    )
+    return (
+        f"<CycloneDDS><Domain><General>{general}</General><Discovery>{discovery}</Discovery>"
+        "<Internal><SocketReceiveBufferSize min='default'/></Internal></Domain></CycloneDDS>"
+    )
+
+
+def _wire_name(topic: str) -> str:
+    """The name that ROS 2 gives a topic in DDS."""
+    return "rt/" + topic.lstrip("/")
+
+
+def _qos(topic: Topic) -> Any:  # noqa: ANN401 # of a library that is imported late
+    from cyclonedds.core import Policy, Qos
+    from cyclonedds.util import duration
+
+    return Qos(
+        Policy.Reliability.Reliable(duration(milliseconds=100)) if topic.reliable else Policy.Reliability.BestEffort,
+        Policy.History.KeepLast(topic.depth),
+        Policy.Durability.TransientLocal if topic.latched else Policy.Durability.Volatile,
+        Policy.DataRepresentation(use_cdrv0_representation=True),
+    )
+
+
+_STRUCTS: dict[str, Any] = {}
+_CARRIERS: dict[str, Any] = {}
+
+
+def _carrier(name: str, types: MessageTypes) -> Any:  # noqa: ANN401 # a class made at run time
+    """The class of a type for DDS, whose messages are bytes: the library only learns from it what they are."""
+    if name not in _CARRIERS:
+        made = _struct(name, types, own=True)
+        made.serialize = lambda self, **_: self.data
+        made.deserialize = classmethod(_carrying)
+        made.deserialize_key = classmethod(lambda *_, **__: None)
+        made.__init__ = lambda _self: None
+        _CARRIERS[name] = made
+    return _CARRIERS[name]
+
+
+def _carrying(carrier: Any, /, data: bytes, **_: object) -> Any:  # noqa: ANN401 # as above
+    sample = carrier()
+    sample.data = bytes(data)
+    return sample
+
+
+def _struct(name: str, types: MessageTypes, *, own: bool = False) -> Any:  # noqa: ANN401 # a class made at run time
+    """The class of a type for DDS, field by field from the message store."""
+    from cyclonedds.idl import make_idl_struct
+
+    if own or name not in _STRUCTS:
+        package, _, short = name.split("/")
+        fields = {field: _field(of, types) for field, of in types.fields(name)}
+        made = make_idl_struct(f"{short}_", f"{package}.msg.dds_.{short}_", fields, dataclassify=False)
+        if own:
+            return made
+        _STRUCTS[name] = made
+    return _STRUCTS[name]
+
+
+def _field(of: object, types: MessageTypes) -> Any:  # noqa: ANN401 # a type of the library
+    import cyclonedds.idl.types
+    from rosbags.interfaces import Nodetype
+
+    idl: Any = cyclonedds.idl.types
+
+    kind, about = cast("tuple[Nodetype, Any]", of)
+    if kind == Nodetype.NAME:
+        return _struct(about, types)
+    if kind == Nodetype.BASE:
+        return {"bool": bool, "string": str}.get(about[0]) or getattr(idl, about[0])
+    inner, length = about
+    return idl.array[_field(inner, types), length] if kind == Nodetype.ARRAY else idl.sequence[_field(inner, types)]
