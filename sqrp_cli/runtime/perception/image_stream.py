@@ -117,8 +117,9 @@ class Streams:
         with lost_if_crashed():
             self._detectors.watch(sought)
 
-    def resume(self, t: float) -> None:
-        """Nobody has looked at images until time t [s]: they count from then on."""
+    def resume(self, t: float) -> float:
+        """Go on after nobody has looked at images since time t [s]; returns from when on they count, which is now."""
+        return t
 
     def _collected(self, detections: list[Detection]) -> list[Detection]:
         """Detections in the order of their exposure. Raises MonitoringLost for an image that is the one before it."""

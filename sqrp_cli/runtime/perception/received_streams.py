@@ -55,9 +55,10 @@ class _Stream:
 class ReceivedStreams(Streams):
     """The images of real cameras."""
 
-    def __init__(self, cameras: Mapping[str, Camera], detectors: DetectorPool) -> None:
-        """As `Streams`."""
+    def __init__(self, cameras: Mapping[str, Camera], detectors: DetectorPool, clock: Callable[[], float]) -> None:
+        """clock: of the cell [s]."""
         super().__init__(cameras, detectors)
+        self._clock = clock
         self._streams = {name: _Stream(camera) for name, camera in cameras.items()}
         self._looked = 0.0
 
@@ -85,10 +86,12 @@ class ReceivedStreams(Streams):
         """As `Streams` says."""
         return self.settled <= end
 
-    def resume(self, t: float) -> None:
+    def resume(self, t: float) -> float:
         """As `Streams` says."""
+        now = max(t, self._clock())
         for stream in self._streams.values():
-            stream.came, stream.newest, stream.seen = t, max(stream.newest, t), max(stream.seen, t)
+            stream.came, stream.newest, stream.seen = now, max(stream.newest, now), max(stream.seen, now)
+        return now
 
     def expose(self, t: float, take: Expose, believed: Callable[[float], BelievedState]) -> list[CameraImage]:
         """As `Streams` says: the images that have come."""

@@ -78,8 +78,7 @@ class Lockstep:
 
     def catch_up(self) -> None:
         """In a real cell time has passed while nobody looked, such as for planning: go on from now."""
-        self.now = self.robot.advance(self.now)
-        self.collector.streams.resume(self.now)
+        self.now = self.collector.streams.resume(self.now)
 
     def pass_time(self, end: float = float("inf")) -> list[Evidence]:
         """Let time pass until the next event, at most until `end` [s].
