@@ -88,6 +88,8 @@ class ProgramPrimitive(Entry):
 
     name: str
     """As in the skill."""
+    does: str | None = None
+    """What it does, in a word or two; None in programs of earlier versions."""
     action: str
     """The kind of action, such as `JointMove` or `Grasp`."""
     start: Seconds
@@ -102,9 +104,9 @@ class ProgramPrimitive(Entry):
     """Of a move that ends at contact; left out of the file for all others."""
 
     @model_serializer(mode="wrap")
-    def _without_no_guard(self, write: SerializerFunctionWrapHandler) -> dict[str, object]:
+    def _without_what_is_none(self, write: SerializerFunctionWrapHandler) -> dict[str, object]:
         written: dict[str, object] = write(self)
-        return {key: value for key, value in written.items() if key != "guard" or value is not None}
+        return {key: value for key, value in written.items() if key not in ("does", "guard") or value is not None}
 
 
 class ProgramResponse(Entry):

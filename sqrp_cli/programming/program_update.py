@@ -101,6 +101,7 @@ def make_step(task: str, study: Study, assessment: Assessment, cameras: tuple[st
         primitives=tuple(
             ProgramPrimitive(
                 name=timed.name,
+                does=action.words,
                 action=type(action).__name__,
                 start=timed.start,
                 end=timed.end,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
-from sqrp_cli.programming.ranking import Criterion, Ranked
+from sqrp_cli.programming.ranking import Criterion, Ranked, criterion_figure
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.words import choice_in_words
 
@@ -37,6 +37,15 @@ KIND_WORDS: Mapping[Kind, str] = {
 }
 """What kinds of changes are called."""
 
+_SHOWN: dict[Criterion, tuple[str, float, str]] = {
+    "q_eoi": ("Q_eoi", 100.0, "{:.1f} %"),
+    "q_avg": ("Q_avg", 100.0, "{:.1f} %"),
+    "time": ("a time of", 1.0, "{:.1f} s"),
+    "delay": ("a mean delay of", 1.0, "{:.2f} s"),
+    "expected_time": ("all done at", 1.0, "{:.1f} s"),
+}
+"""Name, scale and format of each criterion's figure."""
+
 LEAST_GAIN = 0.001
 """Share of what is hidden below which a move of what hides it is not worth a sentence."""
 
@@ -56,6 +65,40 @@ def summary(ranking: Sequence[Ranked], by: Criterion) -> str:
     feasible = sum(ranked.rank is not None for ranked in ranking)
     order = f", {_CRITERION_WORDS[by]}" if feasible > 1 else ""
     return f"{feasible} of {len(ranking)} candidates can be done{order}"
+
+
+def why_first(feasible: Sequence[Ranked], by: Criterion) -> str:
+    """One sentence about why the first is first."""
+    first = feasible[0].assessment
+    name = first.candidate.name
+    if len(feasible) == 1:
+        return f"{name} can be done: {_strengths(first)}."
+    second = feasible[1].assessment
+    margin = _margin(first, second, by)
+    return f"{name} is best: {_strengths(first)}; {margin}."
+
+
+def _strengths(assessment: Assessment) -> str:
+    parts = []
+    if assessment.q_eoi is not None:
+        parts.append(f"the cameras see {100 * assessment.q_eoi:.1f} % of the events of interest")
+    if assessment.q_avg is not None:
+        parts.append(f"{100 * assessment.q_avg:.1f} % of all that must be seen")
+    seen = " and ".join(parts) or "nothing has to be seen"
+    return f"{seen} in {assessment.time:.1f} s"
+
+
+def _margin(first: Assessment, second: Assessment, by: Criterion) -> str:
+    """The first compared with the second, by the criterion or by what broke the tie."""
+    rival = second.candidate.name
+    for criterion in (by, "q_avg", "time"):
+        own, other = criterion_figure(first, criterion), criterion_figure(second, criterion)
+        if own is None or other is None:
+            continue
+        label, scale, pattern = _SHOWN[criterion]
+        if pattern.format(scale * own) != pattern.format(scale * other):
+            return f"next comes {rival} with {label} {pattern.format(scale * other)}"
+    return f"{rival} is as good"
 
 
 def differing_parameters(candidates: Sequence[Candidate]) -> list[str]:

@@ -11,23 +11,14 @@ from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.robustness import DRAWS
 from sqrp_cli.programming.coverage.verdict import NOTHING_MISSING
 from sqrp_cli.programming.pipeline import Assignment
-from sqrp_cli.programming.ranking import Criterion, Ranked, criterion_figure, winners
+from sqrp_cli.programming.ranking import Criterion, Ranked, winners
 from sqrp_cli.programming.task import in_words
 from sqrp_cli.report.documents.candidates import percentiles
-from sqrp_cli.report.sentences import accuracy, differing_parameters, summary, way_of
+from sqrp_cli.report.sentences import accuracy, differing_parameters, summary, way_of, why_first
 from sqrp_cli.terminal.certificate_table import print_certificate
 from sqrp_cli.terminal.console import Cell, Column, Share, Styled, fits, joined, plain, print_table, say
 from sqrp_cli.terminal.infeasible import print_infeasible
 from sqrp_cli.terminal.ways_table import blind_ends, faster_ways, print_ways
-
-_SHOWN: dict[Criterion, tuple[str, float, str]] = {
-    "q_eoi": ("Q_eoi", 100.0, "{:.1f} %"),
-    "q_avg": ("Q_avg", 100.0, "{:.1f} %"),
-    "time": ("a time of", 1.0, "{:.1f} s"),
-    "delay": ("a mean delay of", 1.0, "{:.2f} s"),
-    "expected_time": ("all done at", 1.0, "{:.1f} s"),
-}
-"""Name, scale and format of each criterion's figure."""
 
 MOST_ROWS = 20
 """A ranking of more candidates shows only some, unless all are asked for."""
@@ -65,7 +56,7 @@ def print_ranking(
     print_infeasible((found.candidate, found.reasons[0]) for found in blocked)
     if feasible:
         say()
-        say(_praise(feasible, by))
+        say(why_first(feasible, by))
         if len(feasible) > 1:
             last = feasible[-1].assessment
             name, all_seen = last.candidate.name, last.verdict == NOTHING_MISSING
@@ -202,37 +193,3 @@ def _worst(assessment: Assessment, delay: Literal["delay_mean", "delay_worst"]) 
     faults = assessment.faults.values()
     style = "red" if any(fault.unseen > 0 for fault in faults) else ""
     return plain(f"{max(getattr(fault, delay) for fault in faults):.2f}", style)
-
-
-def _praise(feasible: Sequence[Ranked], by: Criterion) -> str:
-    """One sentence about why the first is first."""
-    first = feasible[0].assessment
-    name = first.candidate.name
-    if len(feasible) == 1:
-        return f"{name} can be done: {_strengths(first)}."
-    second = feasible[1].assessment
-    margin = _margin(first, second, by)
-    return f"{name} is best: {_strengths(first)}; {margin}."
-
-
-def _strengths(assessment: Assessment) -> str:
-    parts = []
-    if assessment.q_eoi is not None:
-        parts.append(f"the cameras see {100 * assessment.q_eoi:.1f} % of the events of interest")
-    if assessment.q_avg is not None:
-        parts.append(f"{100 * assessment.q_avg:.1f} % of all that must be seen")
-    seen = " and ".join(parts) or "nothing has to be seen"
-    return f"{seen} in {assessment.time:.1f} s"
-
-
-def _margin(first: Assessment, second: Assessment, by: Criterion) -> str:
-    """The first compared with the second, by the criterion or by what broke the tie."""
-    rival = second.candidate.name
-    for criterion in (by, "q_avg", "time"):
-        own, other = criterion_figure(first, criterion), criterion_figure(second, criterion)
-        if own is None or other is None:
-            continue
-        label, scale, pattern = _SHOWN[criterion]
-        if pattern.format(scale * own) != pattern.format(scale * other):
-            return f"next comes {rival} with {label} {pattern.format(scale * other)}"
-    return f"{rival} is as good"

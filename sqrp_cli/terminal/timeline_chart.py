@@ -254,12 +254,13 @@ class _Chart:
         return self._signs(timeline.covered, timeline.monitored, missed)
 
     def primitives_row(self) -> str:
-        """The name of each primitive at its beginning, as far as there is room before the next."""
-        primitives = self._study.motion.primitives
+        """The name of each primitive at its beginning, with what it does where there is room before the next."""
+        primitives, stated = self._study.motion.primitives, self._study.candidate.skill.primitives
         starts = [round(primitive.start * self._scale) for primitive in primitives]
         row = [" "] * len(self._row)
-        for primitive, start, end in zip(primitives, starts, [*starts[1:], len(row)], strict=True):
-            name = f"|{primitive.name}"[: max(end - start, 0)]
+        for primitive, start, end in zip(stated, starts, [*starts[1:], len(row)], strict=True):
+            told, room = f"|{primitive.name} {primitive.words}", max(end - start, 0)
+            name = told if len(told) < room else f"|{primitive.name}"[:room]
             row[start : start + len(name)] = name
         return "".join(row)
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple, get_args
+from typing import Annotated, ClassVar, Literal, NamedTuple, get_args
 
-from pydantic import Field, Tag, model_validator
+from pydantic import Field, StringConstraints, Tag, model_validator
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
@@ -182,13 +182,26 @@ def origins(waypoint: Waypoint) -> dict[str, KeyPath]:
     return {str(part.value): part.path for part in found if part.value != HOME}
 
 
-PrimitiveName = Annotated[Name, Field(description="What formulas call it, as in `a1.start`.")]
+class Primitive(Entry):
+    """What all primitive actions have in common."""
+
+    name: Name = Field(description="What formulas call it, as in `a1.start`.")
+    does: Annotated[str, StringConstraints(min_length=1, max_length=40)] | None = Field(
+        default=None, description="What it does, in a word or two for people, such as `lift`; by default its kind."
+    )
+    _kind: ClassVar[str]
+    """What actions of its kind do."""
+
+    @property
+    def words(self) -> str:
+        """What it does, in a word or two."""
+        return self.does or self._kind.format(self)
 
 
-class JointMove(Entry):
+class JointMove(Primitive):
     """All joints move together to a waypoint."""
 
-    name: PrimitiveName
+    _kind = "to {0.to}"
     to: Annotated[Name, Names("waypoint", home=True)] = Field(
         alias="joint_move", description="The waypoint to go to; `home` is the robot's home configuration."
     )
@@ -209,10 +222,9 @@ class JointMove(Entry):
     )
 
 
-class ToolMove(Entry):
+class ToolMove(Primitive):
     """What moves of the tool along a curve have in common."""
 
-    name: PrimitiveName
     speed: settings.Speed = Field(description="Speed of the tool, such as 5 cm/s.")
     acceleration: settings.Acceleration = Field(default=0.5, description="Acceleration of the tool [m/s^2].")
     jerk: settings.Jerk = Field(default=5.0, description="Jerk of the tool [m/s^3].")
@@ -233,6 +245,7 @@ WaypointName = Annotated[Name, Names("waypoint")]
 class StraightMove(ToolMove):
     """The tool moves to a waypoint on a straight line, or through several, with a stop at each."""
 
+    _kind = "straight"
     to: Annotated[
         Annotated[Annotated[list[WaypointName], Field(min_length=1, max_length=100)], Tag("<list>")]
         | Annotated[WaypointName, Tag("<else>")],
@@ -260,6 +273,7 @@ class StraightMove(ToolMove):
 class ArcMove(ToolMove):
     """The tool moves on an arc of a circle; it turns evenly from its present orientation to that at the end."""
 
+    _kind = "arc"
     to: Annotated[list[WaypointName], Field(min_length=2, max_length=2)] = Field(
         alias="arc", description="The waypoint through which it goes, and the one where it ends."
     )
@@ -268,6 +282,7 @@ class ArcMove(ToolMove):
 class HelixMove(ToolMove):
     """The tool moves about the z axis of a waypoint and along it: a screw, or a circle."""
 
+    _kind = "helix"
     axis: WaypointName = Field(alias="helix", description="The waypoint whose z axis it goes about.")
     turn: settings.Turns = Field(description="By how much, right-handed; also several turns.")
     advance: settings.Offset = Field(default=0.0, description="How far it goes along that axis meanwhile.")
@@ -276,36 +291,36 @@ class HelixMove(ToolMove):
     )
 
 
-class FingerMove(Entry):
+class FingerMove(Primitive):
     """The fingers move to a width between them, and the tool stands still; not while it holds something."""
 
-    name: PrimitiveName
+    _kind = "fingers"
     width: settings.Distance = Field(alias="fingers", description="Clear width between them.")
     duration: settings.Duration = Field(default=0.5, description="How long that takes at least.")
 
 
-class Grasp(Entry):
+class Grasp(Primitive):
     """The tool takes hold of an object, at the end of `duration`."""
 
-    name: PrimitiveName
+    _kind = "grasp"
     object: ParameterName = Field(alias="grasp", description="The skill parameter that names the object.")
     duration: settings.Duration = Field(description="How long that takes.")
 
 
-class Release(Entry):
+class Release(Primitive):
     """The tool lets go of what it holds, at the end of the duration."""
 
-    name: PrimitiveName
+    _kind = "let go"
     duration: settings.Duration = Field(alias="release", description="The duration.")
     width: settings.Distance | None = Field(
         default=None, description="Clear width to which fingers open; by default as far as they do."
     )
 
 
-class Wait(Entry):
+class Wait(Primitive):
     """The robot stands still."""
 
-    name: PrimitiveName
+    _kind = "wait"
     duration: settings.Duration = Field(alias="wait", description="The duration.")
 
 

@@ -39,6 +39,8 @@ class Span(Record):
     """From the start of the motion [s]."""
     end: float
     """From the start of the motion [s]."""
+    does: str | None = field(default=None, metadata=LEFT_OUT)
+    """What it does, in a word or two."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -338,7 +340,10 @@ class CandidateStudy(CandidateFigures):
         return cls(
             **vars(CandidateFigures.of(ranked)),
             sampling=SamplingDone.of(sampling, [ranked.assessment]),
-            primitives=[Span(name=p.name, start=p.start, end=p.end) for p in study.motion.primitives],
+            primitives=[
+                Span(name=timed.name, start=timed.start, end=timed.end, does=stated.words)
+                for timed, stated in zip(study.motion.primitives, study.candidate.skill.primitives, strict=True)
+            ],
             formulas=[Formula.of(formula) for formula in study.formulas],
             cameras={camera.name: completed(CameraTiming, camera) for camera in cell.observer.cameras},
             without_camera=without_each_camera(cell, study),

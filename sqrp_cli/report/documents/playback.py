@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
+from typing import Literal
 
 from sqrp_cli.programming.coverage.quality import Qualities, falls_short
 from sqrp_cli.programming.whole_assessment import mean_quality, worst_seen
@@ -124,7 +125,8 @@ class _Shift:
 
     def span(self, span: Span) -> Span:
         """A primitive action of the step."""
-        return Span(name=self.prefix + span.name, start=self.start + span.start, end=self.start + span.end)
+        name = self.prefix + span.name
+        return replace(span, name=name, start=self.start + span.start, end=self.start + span.end)
 
     def formula(self, formula: Formula) -> Formula:
         """A formula of the step."""
@@ -212,6 +214,8 @@ class Mark(Record):
     """When it begins [s]."""
     end: float
     """When it ends [s]."""
+    kind: Literal["unnoticed", "handled"]
+    """Whether the fault is not seen yet, or the robot responds to it."""
     text: str
     """What is so meanwhile."""
 

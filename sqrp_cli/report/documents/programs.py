@@ -23,6 +23,8 @@ class ListedPrimitive(Record):
 
     name: str
     """As in the skill."""
+    does: str
+    """What it does, in a word or two."""
     action: str
     """What kind of action it is, such as `joint_move` or `grasp`."""
     start: float
@@ -77,6 +79,7 @@ class ListedStep(Record):
             primitives=[
                 ListedPrimitive(
                     name=primitive.name,
+                    does=primitive.does or primitive.name,
                     action=action_name(primitive),
                     start=start + primitive.start,
                     end=start + primitive.end,

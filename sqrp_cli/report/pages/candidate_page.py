@@ -14,6 +14,7 @@ from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.pipeline import Assignment, ExplainedWhole
 from sqrp_cli.programming.ranking import Criterion, Ranked
+from sqrp_cli.programming.task import in_words
 from sqrp_cli.report.documents.candidates import CandidateFigures
 from sqrp_cli.report.documents.document import Pose, Record
 from sqrp_cli.report.documents.explanation import CandidateStudy
@@ -22,7 +23,7 @@ from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.libraries import simplified
 from sqrp_cli.report.pages.page import CellScene, PageContent, PageRow, packed, write_page
 from sqrp_cli.report.pages.paint import Color, css, solid_colors
-from sqrp_cli.report.sentences import accuracy, differing_parameters, summary, way_of
+from sqrp_cli.report.sentences import accuracy, differing_parameters, summary, way_of, why_first
 from sqrp_cli.shapes import Triangles
 from sqrp_cli.version import __version__
 
@@ -61,7 +62,8 @@ def write_ranking(
     if feasible := [ranked for ranked in ranking if ranked.rank is not None]:
         about.append(("accuracy", accuracy(assignment.sampling, feasible)))
     title = f"{task} in {workspace.name}"
-    write_page(PageContent(title, f"{summary(ranking, by)}.", "Candidates", about, entries, [cell_scene(cell)]), path)
+    said = f"{summary(ranking, by)}. {why_first(feasible, by) if feasible else ''}".strip()
+    write_page(PageContent(title, said, "Candidates", about, entries, [cell_scene(cell)]), path)
 
 
 def write_scores(
@@ -93,7 +95,7 @@ def write_scores(
     passed = (
         f"{findings.count('passed')} of {len(findings.results)} tasks passed; of each, the best candidate is shown."
     )
-    write_page(PageContent("Scores", passed, "Tasks", about, entries, scenes), path)
+    write_page(PageContent("Scores", passed, "Tasks", about, entries, scenes, compared=False), path)
 
 
 def _scored(scored: ScoredCell, scores: Sequence[TaskScore], means: Means) -> tuple[CellScene | None, list[PageRow]]:
@@ -111,7 +113,8 @@ def _candidate(ranked: Ranked, differing: Sequence[str], detail: str | None, *, 
     """The row of a candidate. choice: whether some can be done in several ways."""
     assessment = ranked.assessment
     mark = "infeasible" if ranked.rank is None else f"{ranked.rank}"
-    labels = {name: assessment.candidate.all_parameters[name] for name in differing}
+    words = in_words(assessment.candidate.skill, assessment.candidate.all_parameters)
+    labels = {name: words[name] for name in differing}
     if choice:
         labels["way"] = way_of(assessment) if assessment.feasible else ""
     return PageRow(

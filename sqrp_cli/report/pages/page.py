@@ -15,7 +15,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.report.documents.candidates import CandidateFigures
@@ -32,6 +32,7 @@ _UNSEEN = ("Cc", "Cf", "Co", "Cs", "Zl", "Zp")
 
 PARTS = (
     "data",
+    "words",
     "motion",
     "table",
     "plot",
@@ -47,6 +48,16 @@ PARTS = (
 """The scripts that all pages share, the live one too, each after those that it needs."""
 
 
+class FigureShown(NamedTuple):
+    """A figure of a row."""
+
+    name: str
+    value: str
+    """With its unit."""
+    means: str = ""
+    """The word in the page's list of words that says what it is, if there is one."""
+
+
 @dataclass(frozen=True, eq=False)
 class PageRow:
     """A row of the page's table, with what is shown when it is selected.
@@ -54,18 +65,18 @@ class PageRow:
     name: of the whole. mark: the row's beginning, such as a rank; labels: what sets it apart from the others, by title.
     candidate: its document in `rank --json`, None where there is none. reasons: what is wrong. scene: index of its
     cell. detail: its `packed` `playback`; None without a motion.
-    figures: shown instead of the candidate's figures, as pairs of a term and its value. retried: names of the
+    figures: shown before the candidate's. retried: names of the
     candidate's faults after which the robot tries again; only these have a time for it.
     """
 
     name: str
     mark: str
-    labels: Mapping[str, float | str]
+    labels: Mapping[str, str]
     candidate: CandidateFigures | None
     reasons: Sequence[str]
     scene: int | None
     detail: str | None
-    figures: Sequence[tuple[str, str]] = ()
+    figures: Sequence[FigureShown] = ()
     retried: Collection[str] = ()
 
 
@@ -113,7 +124,8 @@ class PageContent:
 
     heading: of the table. about: what was computed, as pairs of a term and its value, such as version and command.
     of_images: whether the details are what images showed, not what is predicted. placement: mounts and the cameras on
-    them, if it is about these.
+    them, if it is about these. compared: whether the rows are answers to one question. opens_at: the time [s] that is
+    shown first.
     """
 
     title: str
@@ -124,6 +136,8 @@ class PageContent:
     scenes: Sequence[CellScene]
     of_images: bool = False
     placement: PlacementShown | None = None
+    compared: bool = True
+    opens_at: float = 0.0
 
 
 def write_page(content: PageContent, path: Path) -> None:
@@ -151,6 +165,8 @@ def overview(content: PageContent) -> dict[str, Any]:
         "scenes": [scene.scene for scene in content.scenes],
         "of_images": content.of_images,
         "placement": content.placement,
+        "compared": content.compared,
+        "opens_at": content.opens_at,
     }
 
 

@@ -114,7 +114,7 @@ def _infeasible(found: Placement) -> Iterator[PageRow]:
         )
 
 
-def _labels(found: Placement, task: str, name: str) -> dict[str, float | str]:
+def _labels(found: Placement, task: str, name: str) -> dict[str, str]:
     several = len(found.question.tasks) > 1
     return {"candidate": name, **({"task": task} if several else {})}
 

@@ -22,7 +22,7 @@ from sqrp_cli.report.documents.playback import (
     ShownMoment,
 )
 from sqrp_cli.report.pages.candidate_page import cell_scene, origin
-from sqrp_cli.report.pages.page import PageContent, PageRow, packed, write_page
+from sqrp_cli.report.pages.page import FigureShown, PageContent, PageRow, packed, write_page
 from sqrp_cli.report.sentences import short_times
 from sqrp_cli.runtime.record.events import (
     AskedBox,
@@ -48,6 +48,8 @@ WITNESSED = (
     " the cameras, say what the images taken at that time showed."
 )
 """What is shown in three dimensions, in words."""
+
+_TRUE = "predictions that came true"
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +78,7 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
     entry = PageRow(
         name=", ".join(names),
         mark=report.outcome,
-        labels={"steps": len(names)},
+        labels={"steps": ", ".join(names)},
         candidate=None,
         reasons=[] if report.reason is None else [short_times(report.reason)],
         scene=0 if scenes else None,
@@ -85,23 +87,51 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
         else None,
         figures=list(_figures(report)),
     )
-    title = f"A run in {cell.name}"
-    summary = f"{', '.join(names)}: {report.outcome} at {report.time:.2f} s."
+    title = f"{', '.join(names)} in {cell.name}: {report.outcome}"
     about = [*origin(arguments), ("workspace", cell.name), ("digest", cell.digest)]
-    write_page(PageContent(title, summary, "Steps", about, [entry], scenes, of_images=True), path)
+    events_of_note = [t for fault in report.faults if (t := _first_time(fault)) is not None]
+    opens_at = min(events_of_note, default=0.0 if report.outcome == "done" else report.time)
+    content = PageContent(title, story(report), "Steps", about, [entry], scenes, of_images=True, opens_at=opens_at)
+    write_page(content, path)
 
 
-def _figures(report: RunReport) -> Iterator[tuple[str, str]]:
-    """What is told of a run in figures, as pairs of a term and its value."""
-    yield "simulated time", f"{report.time:.2f} s"
-    yield "images", f"{report.images}"
-    if report.total.precision is not None:
-        yield "predicted to see, and did", f"{100 * report.total.precision:.1f} %"
+def story(report: RunReport) -> str:
+    """What happened, in one sentence."""
+    told = [_told(report, fault) for fault in report.faults]
+    retries = sum(step.attempts - 1 for step in report.steps)
+    told += [] if not retries else ["tried again" if retries == 1 else f"tried again {retries} times"]
+    told.append(f"{report.outcome} at {report.time:.2f} s")
+    sentence = ", ".join(told if report.faults else ["no fault", *told])
+    return f"{sentence[0].upper()}{sentence[1:]}."
+
+
+def _told(report: RunReport, fault: FaultRecord) -> str:
+    """When a fault was, and when it was seen."""
+    label = report.label_of(fault)
+    if fault.happened is not None:
+        seen = "never seen" if fault.delay is None else f"seen after {fault.delay:.2f} s"
+        return f"{label} at {fault.happened:.2f} s, {seen}"
+    if fault.detected is not None:
+        return f"{label} seen at {fault.detected:.2f} s"
+    return f"{label} injected, but it never came true"
+
+
+def _first_time(fault: FaultRecord) -> float | None:
+    """When a fault happened or, if it is not known, was seen or injected [s]."""
+    return next((t for t in (fault.happened, fault.detected, fault.injected) if t is not None), None)
+
+
+def _figures(report: RunReport) -> Iterator[FigureShown]:
+    """What is told of a run in figures."""
     for fault in report.faults:
         if fault.delay is not None:
-            yield f"{report.label_of(fault)}: seen after", f"{fault.delay:.2f} s"
+            yield FigureShown(f"{report.label_of(fault)} seen after", f"{fault.delay:.2f} s", "seen after")
         if fault.delay is not None and fault.predicted_delay is not None:
-            yield "predicted: within", f"{fault.predicted_delay:.2f} s"
+            yield FigureShown("predicted: within", f"{fault.predicted_delay:.2f} s", "predicted")
+    if report.total.precision is not None:
+        yield FigureShown(_TRUE, f"{100 * report.total.precision:.1f} %", _TRUE)
+    yield FigureShown("images", f"{report.images}")
+    yield FigureShown("simulated time", f"{report.time:.2f} s")
 
 
 def _detail(cell: RunCell, report: RunReport, events: Sequence[Event], track: Track | None, why_flat: str) -> PlayedRun:
@@ -137,20 +167,20 @@ def _samples(cameras: Sequence[str], events: Sequence[Event], end: float) -> lis
 
 def _doings(events: Sequence[Event], end: float) -> list[Span]:
     """The primitives, and in words what the robot does between them."""
-    starts: list[tuple[float, str]] = []
+    starts: list[tuple[float, str, str | None]] = []
     for event in events:
         match event:
-            case PrimitiveBegan(t=t, name=name):
-                starts.append((t, name))
+            case PrimitiveBegan(t=t, name=name, does=does):
+                starts.append((t, name, does))
             case StepBegan(t=t):
-                starts.append((t, "looks"))
+                starts.append((t, "looks", None))
             case MovingOn(t=t):
-                starts.append((t, "moves on to look"))
+                starts.append((t, "moves on to look", None))
             case Stopping(t=t):
-                starts.append((t, "stops"))
-    ends = [*(t for t, _ in starts), end][1:]
+                starts.append((t, "stops", None))
+    ends = [*(t for t, _, _ in starts), end][1:]
     spans = zip(starts, ends, strict=True)
-    return [Span(name=name, start=start, end=until) for (start, name), until in spans if until > start]
+    return [Span(name=name, does=does, start=start, end=to) for (start, name, does), to in spans if to > start]
 
 
 def _targets(events: Sequence[Event], end: float) -> dict[str, dict[str, list[Mapping[str, object]]]]:
@@ -213,10 +243,14 @@ def _spans(report: RunReport, fault: FaultRecord) -> list[Mark]:
     spans = []
     if fault.happened is not None:
         seen = end if fault.detected is None else fault.detected
-        spans.append(Mark(start=fault.happened, end=seen, text=f"{label} has happened and is not seen"))
+        spans.append(
+            Mark(kind="unnoticed", start=fault.happened, end=seen, text=f"{label} has happened and is not seen")
+        )
     if fault.detected is not None:
         acted = end if fault.acted is None else fault.acted
-        spans.append(Mark(start=fault.detected, end=acted, text=f"{label} is seen, the robot stops and looks"))
+        spans.append(
+            Mark(kind="handled", start=fault.detected, end=acted, text=f"{label} is seen, the robot stops and looks")
+        )
     return spans
 
 

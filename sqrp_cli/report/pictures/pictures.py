@@ -96,7 +96,7 @@ def write_pictures(cell: Cell, study: Study, folder: Path) -> int:
             _write(folder / f"{_file_name(name)}.png", captioned(made))
             pictures.append(made)
         if pictures:
-            sheet.append((f"blind from {interval}; seen at {interval.t:.1f} s", pictures))
+            sheet.append((f"blind from {interval}; pictures of {interval.t:.1f} s", pictures))
     if sheet:
         _write(folder / SHEET, contact_sheet(f"{study.candidate.name} in {cell.workspace.name}", sheet))
     return len(sheet)

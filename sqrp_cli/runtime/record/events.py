@@ -150,6 +150,8 @@ class PrimitiveBegan(_Event):
     event: Literal["primitive"] = "primitive"
     name: str
     """As in the skill."""
+    does: str | None = None
+    """What it does, in a word or two; None in logs of earlier versions."""
 
 
 class ShownAtom(_LogRecord):
@@ -370,10 +372,10 @@ class EventPublisher:
         for listener in self._listeners:
             listener(event)
 
-    def begin(self, t: float, primitive: str) -> None:
+    def begin(self, t: float, primitive: str, does: str | None = None) -> None:
         """Publish that a primitive action begins."""
         self.doing = primitive
-        self.publish(PrimitiveBegan(t=t, name=primitive))
+        self.publish(PrimitiveBegan(t=t, name=primitive, does=does))
 
     @contextmanager
     def timed(self, what: str) -> Iterator[None]:

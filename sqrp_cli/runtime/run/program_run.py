@@ -208,14 +208,14 @@ class Run:
         elif primitive.action == "Release":
             schedule(Due(begin if robot.fingers is not None else end, "tool", robot.release))
             schedule(Due(end, "tool", robot.released))
-        schedule(Due(begin, "primitive", partial(self._begin, primitive.name)))
+        schedule(Due(begin, "primitive", partial(self._begin, primitive)))
 
     def _grasp(self, attempt: Attempt) -> None:
         self._robot.grasp()
         attempt.undisturbed &= not self._tracker.is_open
 
-    def _begin(self, primitive: str) -> None:
-        self._publisher.begin(self._lockstep.now, primitive)
+    def _begin(self, primitive: ProgramPrimitive) -> None:
+        self._publisher.begin(self._lockstep.now, primitive.name, primitive.does)
 
     def _inject(self, fault: InjectedFault) -> None:
         if self._lockstep.attempt is not None:

@@ -79,7 +79,7 @@ function showPlacement({ by, cameras, keep, mounts }, look) {
       named(`${place.join(', ')}${frame === 'world' ? '' : ` on ${frame}`}`),
       percent(alone),
       `−${(100 * loss).toFixed(1)} points`,
-      ...(priced ? [shownValue(price)] : []),
+      ...(priced ? [String(+price.toPrecision(4))] : []),
     ];
     return make('tr', {}, ...cells.map((cell, i) => make('td', number(i), cell)));
   };

@@ -1,25 +1,17 @@
 // The page: one candidate and one time are chosen; table, plot, timeline, list and scene all show them.
 
-// Words of the legend where one entry stands for several kinds, or kinds share their words.
-const LEGEND = {
-  too_far: 'too far or near',
-  oblique: 'too flat an angle, or too small',
-  nothing: 'no image of this camera shows it',
-};
-
 class Page {
   constructor(overview) {
     this.overview = overview;
     this.entries = overview.entries;
     this.details = new Map();
     this.cell = null;
-    this.time = 0;
+    this.time = overview.opens_at;
     this.head();
     const select = (i) => this.select(i);
     this.table = new EntryTable(this.entries, select, overview.placement !== null);
-    this.plot = new ParetoPlot(this.entries, select);
+    this.plot = new ParetoPlot(this.entries, select, overview.compared);
     this.controls();
-    this.legend();
   }
 
   head() {
@@ -30,6 +22,7 @@ class Page {
       byId('about').append(make('dt', {}, named(term)), make('dd', {}, named(value)));
     const compared = this.entries.some((e) => e.candidate || e.reasons.length);
     document.querySelector('.overview').hidden = this.overview.of_images || !compared;
+    document.body.classList.toggle('ran', this.overview.of_images);
     const some = (test) => this.entries.some((e) => e.candidate && test(e.candidate));
     byId('pareto-only').parentElement.hidden = !some((c) => c.pareto);
     byId('feasible-only').parentElement.hidden = !some((c) => !c.feasible);
@@ -72,18 +65,14 @@ class Page {
 
   controls() {
     const slider = byId('time');
-    slider.addEventListener('input', () => {
-      this.pause();
-      this.seek(slider.valueAsNumber);
-    });
+    slider.addEventListener('input', () => this.go(slider.valueAsNumber));
     slider.addEventListener('keydown', (event) => {
       const step = { ArrowLeft: -0.1, ArrowDown: -0.1, ArrowRight: 0.1, ArrowUp: 0.1, PageUp: 1, PageDown: -1 }[
         event.key
       ];
       if (!step) return;
       event.preventDefault();
-      this.pause();
-      this.seek(this.time + step);
+      this.go(this.time + step);
     });
     byId('play').addEventListener('click', () => (this.playing ? this.pause() : this.play()));
     for (const id of ['show-boxes', 'show-lines', 'show-frusta', 'show-mounts'])
@@ -100,17 +89,6 @@ class Page {
     const dark = matchMedia('(prefers-color-scheme: dark)');
     dark.addEventListener('change', () => this.dress(dark.matches ? 'dark' : 'light'));
     this.dress(dark.matches ? 'dark' : 'light');
-  }
-
-  legend() {
-    const predicted = ['covered', 'hidden', 'same_colour', 'out_of_image', 'too_far', 'oblique'];
-    const ofImages = ['shown_true', 'shown_false', 'unseen', 'nothing'];
-    const shown = (this.overview.of_images ? ofImages : predicted).map((kind) => {
-      const [style, sign] = KINDS[kind],
-        words = LEGEND[kind] ?? KINDS[kind][2];
-      return make('span', {}, make('i', { class: `spot ${style}` }), `${words}${sign ? ` (${sign})` : ''}`);
-    });
-    byId('legend').append(...shown, make('span', {}, 'empty: no formula asks'));
   }
 
   dress(theme) {
@@ -148,13 +126,12 @@ class Page {
     this.figures(entry);
     this.steps(this.motion.detail.played ?? []);
     this.moments(this.motion.detail);
-    this.timeline = new Timeline(this.motion, Object.keys(this.motion.detail.cameras), (t) => {
-      this.pause();
-      this.seek(t);
-    });
+    const { cameras } = this.motion.detail;
+    this.timeline = new Timeline(this.motion, Object.keys(cameras), (t) => this.go(t), (name) => this.look(name));
     byId('time').max = this.motion.time;
     this.scene?.load(this.motion);
     this.seek(Math.min(this.time, this.motion.time));
+    byId('words').replaceChildren(...glossary());
   }
 
   // The motion of an entry, decoded once.
@@ -176,22 +153,26 @@ class Page {
     }
   }
 
+  // The figures of an entry, and those of each fault, the worst first.
   figures({ candidate, figures, retried }) {
-    const rows = [...figures];
+    const rows = figures.map(([name, value, meaning]) => [meaning ? term(meaning, named(name)) : named(name), value]);
+    const faults = byWorst(candidate?.faults ?? {});
     if (candidate) {
-      const { q_eoi: qEoi, q_avg: qAvg, time, faults } = candidate;
-      rows.push(['Q_eoi', percent(qEoi)], ['Q_avg', percent(qAvg)], ['time', seconds(time)]);
-      for (const [name, fault] of Object.entries(faults))
-        rows.push(
-          [`${name}: noticed after`, seconds(fault.delay_mean)],
-          ['at worst', seconds(fault.delay_worst)],
-          ['longest blind stretch', seconds(fault.blind_longest)],
-          ...(retried.includes(name) ? [['done after one retry', seconds(fault.expected_time, 1)]] : []),
-        );
+      const { q_eoi: qEoi, q_avg: qAvg, time } = candidate;
+      rows.push([term('Q_eoi'), percent(qEoi)], [term('Q_avg'), percent(qAvg)], [term('time'), seconds(time)]);
     }
-    byId('figures').replaceChildren(
-      ...rows.map(([term, value]) => make('div', {}, make('dt', {}, named(term)), make('dd', {}, value))),
-    );
+    byId('figures').replaceChildren(...rows.map(([name, value]) => make('div', {}, make('dt', {}, name), make('dd', {}, value))));
+    const again = faults.some(([name]) => retried.includes(name));
+    const heads = [term('fault'), term('seen', 'seen after'), term('at worst'), term('longest blind stretch')];
+    if (again) heads.push(term('all done', 'done after one retry'));
+    const cells = ([name, fault]) => [
+      named(name),
+      ...[fault.delay_mean, fault.delay_worst, fault.blind_longest].map((t) => seconds(t)),
+      ...(again ? [retried.includes(name) ? seconds(fault.expected_time, 1) : '–'] : []),
+    ];
+    const row = (kind, texts) => make('tr', {}, ...texts.map((text, i) => make(kind, { class: i ? 'number' : null }, text)));
+    byId('faults').hidden = !faults.length;
+    byId('faults').replaceChildren(row('th', heads), ...faults.map((fault) => row('td', cells(fault))));
   }
 
   // The steps of a task of several, each with its figures, and which of them is seen worst.
@@ -200,10 +181,7 @@ class Page {
     if (played.length) byId('verdict').replaceChildren();
     document.querySelector('.steps').replaceChildren(
       ...played.map(({ name, start, end, q_eoi: qEoi, q_avg: qAvg, verdict, seen_worst: worst }) => {
-        const go = () => {
-          this.pause();
-          this.seek(start);
-        };
+        const go = () => this.go(start);
         return make(
           'li',
           { class: worst ? 'worst' : null },
@@ -219,23 +197,17 @@ class Page {
   // Times of a run to go to, and what is shown of it.
   moments({ moments = [], note = '' }) {
     byId('note').replaceChildren(...(note ? [named(note)] : []));
-    byId('moments').replaceChildren(
-      ...moments.map(({ t, text }) =>
-        make(
-          'button',
-          {
-            type: 'button',
-            onclick: () => {
-              this.pause();
-              this.seek(t);
-            },
-          },
-          make('b', {}, seconds(t)),
-          ' ',
-          named(text),
-        ),
-      ),
-    );
+    this.moment = moments.map(({ t, text }) => [
+      t,
+      make('button', { type: 'button', onclick: () => this.go(t) }, make('b', {}, seconds(t)), ' ', named(text)),
+    ]);
+    byId('moments').replaceChildren(...this.moment.map(([, button]) => button));
+  }
+
+  // Stop there.
+  go(t) {
+    this.pause();
+    this.seek(t);
   }
 
   seek(t) {
@@ -244,11 +216,10 @@ class Page {
     const text = seconds(this.time),
       primitive = this.motion.detail.primitives.filter((p) => p.start <= this.time + 1e-9).pop();
     byId('time').value = this.time;
-    byId('time').setAttribute('aria-valuetext', `${text}, ${primitive?.name ?? ''}`);
+    byId('time').setAttribute('aria-valuetext', `${text}, ${primitive ? doing(primitive) : ''}`);
     byId('clock').textContent = text;
-    byId('now-time').textContent = `${text}, ${primitive?.name ?? ''}`;
-    this.timeline.show(this.time);
-    this.now(this.motion.at(this.time));
+    this.timeline.show(this.time, this.motion.at(this.time));
+    this.moment.forEach(([at, button]) => button.setAttribute('aria-pressed', String(Math.abs(at - this.time) < 1e-6)));
     if (!this.scene || this.entries[this.selected].scene === null) return;
     this.scene.seek(this.time);
     const tool = this.scene.toolPosition().map((x) => x.toFixed(3));
@@ -257,46 +228,6 @@ class Page {
     const eye = this.scene.through ? `as ${this.scene.through} sees it` : 'from outside';
     const state = sentence(this.motion.at(this.time));
     byId('view').setAttribute('aria-label', `The cell at ${text}, ${eye}. ${state}`);
-  }
-
-  // What every camera sees now, in words.
-  now(sample) {
-    const required = this.motion.atoms.map((atom) => [atom, found(sample, atom)]).filter(([, state]) => state);
-    const literals = required.map(([atom, state]) =>
-      make(
-        'section',
-        {},
-        make(
-          'h4',
-          {},
-          make('i', { class: `spot ${KINDS[stateOf(state)][0]}` }),
-          named(atom),
-          make('span', { class: 'faint' }, KINDS[stateOf(state)][2]),
-        ),
-        make(
-          'ul',
-          {},
-          ...truthLine(state),
-          ...Object.entries(state.cameras).map(([camera, verdict]) =>
-            make(
-              'li',
-              {},
-              make('i', { class: `spot ${KINDS[kindOf(verdict)][0]}` }),
-              make(
-                'button',
-                { type: 'button', 'aria-label': `Look through ${camera}`, onclick: () => this.look(camera) },
-                named(camera),
-              ),
-              make('span', {}, named(because(verdict))),
-              ...sharesOf(state, camera).map((text) => make('span', { class: 'faint shares' }, named(text))),
-            ),
-          ),
-        ),
-      ),
-    );
-    byId('now').replaceChildren(
-      ...(literals.length ? literals : [make('p', { class: 'faint' }, nothing(this.motion))]),
-    );
   }
 
   look(name) {
@@ -333,17 +264,6 @@ class Page {
     byId('play').setAttribute('aria-label', 'Play');
   }
 }
-
-// The true value, if it is known from a simulation.
-function truthLine(state) {
-  const kind = truthOf(state);
-  if (kind === null) return [];
-  const parts = [make('i', { class: `spot ${KINDS[kind][0]}` }), make('em', {}, 'in truth'), KINDS[kind][2]];
-  return [make('li', {}, ...parts)];
-}
-
-const nothing = ({ ofImages }) =>
-  ofImages ? 'No image shows anything that a formula requires now.' : 'No formula requires anything now.';
 
 function sentence(sample) {
   const parts = Object.entries(sample.literals).map(([literal, state]) =>

@@ -13,28 +13,34 @@ function niceStep(span, count) {
   return power * [1, 2, 5, 10].find((factor) => factor * power >= raw);
 }
 
+// A star of five points, as a path.
+function star(x, y, size) {
+  const tip = (i) => [(i % 2 ? 0.45 : 1) * size, (i * Math.PI) / 5];
+  const at = ([r, turn]) => `${x + r * Math.sin(turn)} ${y - r * Math.cos(turn)}`;
+  return `M${Array.from({ length: 10 }, (_, i) => at(tip(i))).join('L')}Z`;
+}
+
 class ParetoPlot {
-  constructor(entries, select) {
+  // compared: whether the entries are answers to one question.
+  constructor(entries, select, compared) {
     const candidates = entries.map((e) => e.candidate),
       names = entries.map((e) => e.name);
     const feasible = entries.map((e, i) => i).filter((i) => candidates[i]?.feasible);
     const metric = feasible.some((i) => candidates[i].q_eoi !== null) ? 'q_eoi' : 'q_avg';
     const label = metric === 'q_eoi' ? 'Q_eoi' : 'Q_avg';
     this.dots = new Map();
-    if (!feasible.length) {
-      byId('plot').append(make('p', { class: 'faint' }, 'No candidate can be done.'));
-      return;
-    }
+    byId('against-time').hidden = !compared || feasible.length < 2;
+    if (byId('against-time').hidden) return;
     const times = feasible.map((i) => candidates[i].time);
     const [low, high] = [Math.min(...times), Math.max(...times)],
       pad = 0.08 * (high - low || high || 1);
-    const box = { left: 52, right: 462, top: 14, bottom: 258 };
+    const box = { left: 46, right: 388, top: 14, bottom: 196 };
     const x = (t) => box.left + ((t - low + pad) / (high - low + 2 * pad)) * (box.right - box.left);
     const y = (q) => box.bottom - q * (box.bottom - box.top);
     const chart = svg('svg', {
-      viewBox: '0 0 480 300',
+      viewBox: '0 0 400 236',
       role: 'group',
-      'aria-label': `${label} against time, a dot per candidate; arrow keys move, Enter chooses; ★: Pareto-optimal`,
+      'aria-label': `${label} against time, a dot per candidate, a star if Pareto-optimal; arrow keys move, Enter chooses`,
     });
     for (let q = 0; q <= 1; q += 0.25) {
       chart.append(
@@ -78,11 +84,10 @@ class ParetoPlot {
       const c = candidates[i],
         [cx, cy] = [x(c.time), y(c[metric] ?? 0)];
       const text = `${names[i]}: ${label} ${percent(c[metric])}, time ${seconds(c.time)}, ${placeOf(entries[i])}`;
-      const dot = svg('circle', {
+      const size = crowded ? 5 : 7;
+      const dot = svg(c.pareto ? 'path' : 'circle', {
         class: c.pareto ? 'dot pareto' : 'dot',
-        cx,
-        cy,
-        r: crowded ? 5 : 7,
+        ...(c.pareto ? { d: star(cx, cy, 1.4 * size) } : { cx, cy, r: size }),
         tabindex: '-1',
         role: 'button',
         'aria-label': text,
@@ -93,9 +98,11 @@ class ParetoPlot {
       attachTip(dot, () => text);
       chart.append(dot);
       this.dots.set(i, dot);
-      if (!crowded || c.pareto) this.name(chart, `${names[i]}${c.pareto ? ' ★' : ''}`, cx, cy, taken, box);
+      if (!crowded || c.pareto) this.name(chart, names[i], cx, cy, taken, box);
     }
-    byId('plot').append(chart);
+    const words = `Up: more is seen. Left: faster. ${front.length ? '★: ' : ''}`;
+    const optimal = front.length ? [term('Pareto-optimal'), '.'] : [];
+    byId('plot').append(chart, make('p', { class: 'faint' }, words, ...optimal));
     this.byTime = [...feasible].sort((a, b) => candidates[a].time - candidates[b].time);
     this.dots.get(this.byTime[0]).setAttribute('tabindex', '0');
   }
@@ -127,7 +134,7 @@ class ParetoPlot {
     const free = places.find(
       ([left, top]) =>
         left > box.left &&
-        left + width < 478 &&
+        left + width < 398 &&
         top > -2 &&
         taken.every(([x, y, w, h]) => left + width < x || x + w < left || top + 15 < y || y + h < top),
     );
@@ -140,28 +147,4 @@ class ParetoPlot {
     this.dots.forEach((dot, i) => dot.setAttribute('aria-pressed', String(i === selected)));
     if (this.dots.has(selected)) this.reach(this.dots.get(selected));
   }
-}
-
-// A tip that follows pointer and keyboard focus. text: what it says at a place of the window; nothing: there is none.
-function attachTip(element, text) {
-  const tip = byId('tip');
-  const show = (x, y) => {
-    const words = text(x, y);
-    tip.textContent = `\u2068${words}\u2069`;
-    tip.hidden = !words;
-    const size = tip.getBoundingClientRect();
-    tip.style.left = `${Math.max(4, Math.min(x + 12, innerWidth - size.width - 8))}px`;
-    tip.style.top = `${y + size.height + 24 > innerHeight ? y - size.height - 10 : y + 16}px`;
-  };
-  element.addEventListener('pointermove', (event) => show(event.clientX, event.clientY));
-  element.addEventListener('pointerleave', () => {
-    tip.hidden = true;
-  });
-  element.addEventListener('focus', () => {
-    const place = element.getBoundingClientRect();
-    show(place.left + place.width / 2, place.bottom - 10);
-  });
-  element.addEventListener('blur', () => {
-    tip.hidden = true;
-  });
 }

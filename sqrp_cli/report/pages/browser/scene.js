@@ -125,12 +125,13 @@ class Scene3D {
     const [right, up, back] = [0, 1, 2].map((column) =>
       new THREE.Vector3().setFromMatrixColumn(this.eye.matrixWorld, column),
     );
-    const slope = 0.82 * Math.tan((this.eye.fov * Math.PI) / 360);
+    const slope = 0.9 * Math.tan((this.eye.fov * Math.PI) / 360),
+      aspect = this.host.clientWidth / this.host.clientHeight || 1.6;
     this.orbit.distance = Math.max(
       0.3,
       ...points.map((point) => {
         const from = point.clone().sub(this.orbit.target);
-        return from.dot(back) + Math.max(Math.abs(from.dot(right)) / (1.6 * slope), Math.abs(from.dot(up)) / slope);
+        return from.dot(back) + Math.max(Math.abs(from.dot(right)) / (aspect * slope), Math.abs(from.dot(up)) / slope);
       }),
     );
     this.orbit.update();
@@ -194,7 +195,7 @@ class Scene3D {
   colour() {
     const kinds = ['covered', 'hidden', 'out', 'range', 'angle', 'nothing'];
     const shades = Object.fromEntries(kinds.map((kind) => [kind, linear(colour(kind))]));
-    shades.missed = shades.hidden;
+    shades.missed = shades.same = shades.hidden;
     const culprits = new Set(this.sights.flatMap((sight) => sight.show(this.sample, this.through, shades)));
     for (const { name, mesh, tint } of this.solids)
       mesh.material.color = culprits.has(name) ? shades.hidden : linear(tint);

@@ -39,7 +39,7 @@ class Sight {
       const verdict = verdicts[camera.name];
       mesh.material.color = shades[KINDS[kindOf(verdict)][0]];
       mesh.material.opacity = verdict.covered ? 0.9 : 0.42;
-      stretch(mesh, camera.position(), center);
+      stretch(mesh, camera.position(), center, verdict.covered ? 1 : 0.45);
       if (['hidden', 'same_colour'].includes(verdict.cause) && [null, camera.name].includes(through)) culprits.push(verdict.by);
     }
     return culprits;
@@ -60,10 +60,10 @@ class Sight {
   }
 }
 
-// Lay a cylinder of length 1 along y from one point to another.
-function stretch(mesh, from, to) {
+// Lay a cylinder of length 1 along y from one point to another, as thick as `thick` of its own.
+function stretch(mesh, from, to, thick) {
   const way = to.clone().sub(from);
   mesh.position.copy(from).addScaledVector(way, 0.5);
-  mesh.scale.set(1, way.length(), 1);
+  mesh.scale.set(thick, way.length(), thick);
   mesh.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), way.normalize());
 }

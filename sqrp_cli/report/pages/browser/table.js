@@ -1,65 +1,91 @@
 // The table: sorted by a click on a title, filtered by words.
 
+// Faults by name, the one first that may be seen latest.
+const byWorst = (faults) => Object.entries(faults).sort(([, a], [, b]) => (b.delay_worst ?? -1) - (a.delay_worst ?? -1));
+
+const MOST_LABELS = 4; // that have a column each; those of more share one
+
 class EntryTable {
   // lanes: whether a column shows when each entry is covered, once its motion is there.
   constructor(entries, select, lanes) {
     this.entries = entries;
     this.lanes = entries.map(() => make('div', { class: 'lane brief' }));
     this.sorting = { column: 0, descending: false };
-    const labels = Object.keys(entries[0].labels);
-    const figures = (e) => e.candidate ?? { faults: {} };
-    const faults = [...new Set(entries.flatMap((e) => Object.keys(figures(e).faults)))];
-    const done = (e, fault) => (e.retried.includes(fault) ? figures(e).faults[fault]?.expected_time : undefined);
-    const timed = (title, value, digits) => ({
-      title,
-      value,
-      cell: (e) => this.figure(value(e), digits),
-      number: true,
-    });
-    const quality = (title, value) => ({ title, value, cell: (e) => this.quality(value(e)), most: true });
-    const marked = entries.some((e) => e.mark);
-    const status = [
-      {
-        title: entries.some((e) => /^\d+$/.test(e.mark)) ? '#' : '',
-        value: (e) => (/^\d+$/.test(e.mark) ? Number(e.mark) : e.candidate && !e.candidate.feasible ? null : e.mark),
-        cell: (e) => this.mark(e),
-      },
-    ];
-    this.columns = [
-      ...(marked ? status : []),
-      ...labels.map((title, place) => ({
-        title,
-        value: (e) => e.labels[title],
-        number: typeof entries[0].labels[title] !== 'string',
-        cell: (e, i) =>
-          place ? named(shownValue(e.labels[title])) : this.button(i, shownValue(e.labels[title]), select),
-      })),
-      quality('Q_eoi', (e) => figures(e).q_eoi),
-      quality('Q_avg', (e) => figures(e).q_avg),
-      timed('time [s]', (e) => figures(e).time),
-      ...(lanes ? [{ title: 'covered over time', value: (e) => figures(e).q_avg, cell: (e, i) => this.lanes[i] }] : []),
-      ...faults.flatMap((fault) => [
-        timed(`${fault} seen [s]`, (e) => figures(e).faults[fault]?.delay_mean),
-        timed('at worst', (e) => figures(e).faults[fault]?.delay_worst),
-        ...(entries.some((e) => done(e, fault) !== undefined) ? [timed('all done', (e) => done(e, fault), 1)] : []),
-      ]),
-    ];
-    this.telling = Number(marked) + labels.length;
+    const marked = entries.some((e) => e.mark) ? [this.places()] : [];
+    const told = [...marked, ...this.labels(select)];
+    this.telling = told.length;
+    this.columns = [...told, ...this.figures(lanes), ...this.faults()];
     this.rows = entries.map((e, i) => make('tr', { onclick: () => select(i) }, ...this.cells(e, i)));
-    this.heads = this.columns.map((column, i) =>
-      make(
-        'th',
-        { scope: 'col', class: column.number ? 'number' : null },
-        make(
-          'button',
-          { type: 'button', onclick: () => this.sort(i) },
-          column.title ? named(column.title) : make('span', { class: 'unseen' }, 'status'),
-        ),
-      ),
-    );
+    this.heads = this.columns.map((column, i) => this.head(column, i));
     byId('ranking').tHead.append(make('tr', {}, ...this.heads));
     for (const id of ['filter', 'pareto-only', 'feasible-only']) byId(id).addEventListener('input', () => this.show());
     this.show();
+  }
+
+  // Rank or status.
+  places() {
+    const ranked = ({ mark }) => /^\d+$/.test(mark);
+    return {
+      title: this.entries.some(ranked) ? '#' : '',
+      value: (e) => (ranked(e) ? Number(e.mark) : e.candidate && !e.candidate.feasible ? null : e.mark),
+      cell: (e) => this.mark(e),
+    };
+  }
+
+  // What sets the entries apart: a column each, the first one with the button that chooses.
+  labels(select) {
+    const [first, ...others] = Object.keys(this.entries[0].labels);
+    const text = (names) => (e) => names.map((name) => `${others.length < MOST_LABELS ? '' : `${name} `}${e.labels[name]}`).join(', ');
+    const column = (title, read) => {
+      const counted = this.entries.every((e) => /^-?[\d.]+( \w+)?$/.test(read(e)));
+      return { title, value: (e) => (counted ? parseFloat(read(e)) : read(e)), number: counted, cell: (e) => named(read(e)) };
+    };
+    const rest = others.length < MOST_LABELS ? others.map((name) => column(name, text([name]))) : [column('with', text(others))];
+    const name = column(first, (e) => e.labels[first]);
+    return [{ ...name, number: false, cell: (e, i) => this.button(i, e.labels[first], select) }, ...rest];
+  }
+
+  figures(lanes) {
+    const quality = (title) => {
+      const value = (e) => e.candidate?.[title.toLowerCase()];
+      return { title, value, cell: (e) => this.quality(value(e)), most: true, means: title };
+    };
+    const covered = { title: 'covered over time', value: (e) => e.candidate?.q_avg, cell: (e, i) => this.lanes[i] };
+    return [quality('Q_eoi'), quality('Q_avg'), this.timed('time [s]', (e) => e.candidate?.time, 'time'), ...(lanes ? [covered] : [])];
+  }
+
+  // The worst of the faults: with many, too wide a table would hide it.
+  faults() {
+    const of = (e) => byWorst(e.candidate?.faults ?? {});
+    const names = [...new Set(this.entries.flatMap((e) => of(e).map(([name]) => name)))];
+    if (!names.length) return [];
+    const most = (e, key) => Math.max(...of(e).map(([, fault]) => fault[key] ?? -1));
+    const longest = (key) => (e) => (of(e).some(([, fault]) => !absent(fault[key])) ? most(e, key) : null);
+    const done = (e) => {
+      const times = of(e).filter(([name]) => e.retried.includes(name)).map(([, fault]) => fault.expected_time);
+      return times.length ? Math.max(...times) : null;
+    };
+    const only = names.length === 1;
+    const worst = this.timed('at worst', longest('delay_worst'), 'at worst');
+    const who = { title: 'worst fault', value: (e) => of(e)[0]?.[0] ?? null, cell: (e) => named(of(e)[0]?.[0] ?? '–'), means: 'fault' };
+    return [
+      ...(only ? [] : [who]),
+      this.timed(only ? `${names[0]} seen [s]` : 'seen [s]', longest('delay_mean'), 'seen'),
+      worst,
+      ...(this.entries.some((e) => done(e) !== null) ? [this.timed('all done', done, 'all done', 1)] : []),
+    ];
+  }
+
+  timed(title, value, means, digits) {
+    return { title, value, cell: (e) => figure(value(e), digits), number: true, means };
+  }
+
+  head(column, i) {
+    if (column.means) explained.add(column.means);
+    const text = column.title ? named(column.title) : make('span', { class: 'unseen' }, 'status');
+    const button = make('button', { type: 'button', onclick: () => this.sort(i) }, text);
+    attachTip(button, () => TERMS[column.means ?? column.title] ?? '');
+    return make('th', { scope: 'col', class: column.number ? 'number' : null }, button);
   }
 
   cells(e, i) {
@@ -89,12 +115,11 @@ class EntryTable {
   }
 
   mark(e) {
-    const star = make(
-      'span',
-      { class: 'star', title: 'Pareto-optimal', role: 'img', 'aria-label': ' Pareto-optimal' },
-      ' ★',
-    );
-    return make('span', { class: `mark ${e.mark}` }, e.mark, e.candidate?.pareto ? star : '');
+    if (e.candidate?.pareto) explained.add('Pareto-optimal');
+    const star = () => make('span', { class: 'star', role: 'img', 'aria-label': ' Pareto-optimal' }, ' ★');
+    const cell = make('span', { class: `mark ${e.mark}` }, e.mark, e.candidate?.pareto ? star() : '');
+    if (e.candidate?.pareto) attachTip(cell, () => `★ Pareto-optimal: ${TERMS['Pareto-optimal']}`);
+    return cell;
   }
 
   button(i, text, select) {
@@ -106,15 +131,11 @@ class EntryTable {
   }
 
   quality(share) {
-    if (share === null || share === undefined) return '–';
+    if (absent(share)) return '–';
     const level = share >= 0.9 ? '' : share >= 0.5 ? 'middling' : 'poor';
     const filled = make('b', { class: level });
     filled.style.width = `${100 * share}%`;
     return make('span', { class: 'quality' }, make('i', { 'aria-hidden': 'true' }, filled), percent(share));
-  }
-
-  figure(value, digits = 2) {
-    return value === null || value === undefined ? '–' : value.toFixed(digits);
   }
 
   sort(column) {
@@ -127,35 +148,31 @@ class EntryTable {
   show() {
     const { column, descending } = this.sorting,
       value = this.columns[column].value;
-    const missing = (v) => v === null || v === undefined;
     const compare = (a, b) => {
       const [x, y] = [value(this.entries[a]), value(this.entries[b])];
-      if (missing(x) || missing(y)) return missing(x) - missing(y) || a - b;
+      if (absent(x) || absent(y)) return absent(x) - absent(y) || a - b;
       const order = typeof x === 'string' ? x.localeCompare(y, undefined, { numeric: true }) : x - y;
       return (descending ? -order : order) || a - b;
     };
     const words = byId('filter').value.toLowerCase().split(/\s+/).filter(Boolean);
-    const chosen = this.entries
-      .map((e, i) => i)
-      .filter((i) => {
-        const { name, mark, labels, candidate } = this.entries[i],
-          values = { ...labels, ...candidate?.parameters };
-        const text = [name, mark, ...Object.entries(values).map(([key, value]) => `${key}=${value}`)]
-          .join(' ')
-          .toLowerCase();
-        return (
-          words.every((word) => text.includes(word)) &&
-          (candidate?.pareto || !byId('pareto-only').checked) &&
-          (candidate?.feasible || !byId('feasible-only').checked)
-        );
-      })
-      .sort(compare);
-    byId('ranking').tBodies[0].replaceChildren(...chosen.map((i) => this.rows[i]));
+    const chosen = this.entries.map((e, i) => i).filter((i) => this.fits(this.entries[i], words));
+    byId('ranking').tBodies[0].replaceChildren(...chosen.sort(compare).map((i) => this.rows[i]));
     byId('shown').textContent = chosen.length < this.entries.length ? `${chosen.length} of ${this.entries.length}` : '';
     this.heads.forEach((head, i) => {
       if (i === column) head.setAttribute('aria-sort', descending ? 'descending' : 'ascending');
       else head.removeAttribute('aria-sort');
     });
+  }
+
+  // Whether an entry has all words, and is of the kinds that are asked for.
+  fits({ name, mark, labels, candidate }, words) {
+    const values = [...Object.entries(labels), ...Object.entries(candidate?.parameters ?? {})];
+    const text = [name, mark, ...values.map(([key, value]) => `${key}=${value}`)].join(' ').toLowerCase();
+    return (
+      words.every((word) => text.includes(word)) &&
+      (candidate?.pareto || !byId('pareto-only').checked) &&
+      (candidate?.feasible || !byId('feasible-only').checked)
+    );
   }
 
   choose(selected) {

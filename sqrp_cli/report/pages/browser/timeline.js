@@ -1,68 +1,23 @@
-// Coverage over time: a row per literal and camera, a coloured run per cause. One stop of the tab key; arrows move.
+// Coverage over time: a row per literal and camera, a run per cause, and beside it how it is now. One stop of the tab
+// key; arrows move.
 
 class Timeline {
-  constructor(motion, cameras, seek) {
-    this.motion = motion;
-    this.seek = seek;
-    const detail = motion.detail,
-      rows = [];
-    if (detail.played?.length)
-      rows.push(
-        this.row(
-          'step',
-          'axis',
-          detail.played.map((step) =>
-            this.span('primitive', step, step.name, `${step.name}: ${seconds(step.start)} to ${seconds(step.end)}`),
-          ),
-          '',
-        ),
-      );
-    rows.push(
-      this.row(
-        '',
-        'axis',
-        detail.primitives.map((p) =>
-          this.span('primitive', p, p.name, `${p.name}: ${seconds(p.start)} to ${seconds(p.end)}`),
-        ),
-        '',
-      ),
-    );
-    const interest = this.stretches(detail.formulas.filter((f) => f.operator === 'eventually'));
-    if (interest.length)
-      rows.push(
-        this.row(
-          'event of interest',
-          'axis',
-          interest.map((s) =>
-            this.span('interest', s, '', `event of interest: ${seconds(s.start)} to ${seconds(s.end)}`),
-          ),
-          '',
-        ),
-      );
-    for (const { label, spans } of detail.marks ?? [])
-      rows.push(
-        this.row(
-          label,
-          'axis',
-          spans.map((span) => this.span('interest', span, '', span.text)),
-          '',
-        ),
-      );
-    rows.push(
-      this.coverage('all literals', ({ covered, kind }) => (covered === null ? null : { covered, kind })),
-    );
+  // seek: called with a time; look: called with a camera that is clicked.
+  constructor(motion, cameras, seek, look) {
+    Object.assign(this, { motion, seek, look, kinds: new Set(), saying: [] });
+    const detail = motion.detail;
+    explained.add('literal').add('covered');
+    const rows = [...this.axes(detail), this.state()];
     for (const atom of motion.atoms) {
-      rows.push(this.coverage(atom, (sample) => found(sample, atom)));
+      rows.push(this.literal(atom));
       if (motion.samples.some((sample) => truthOf(found(sample, atom) ?? {}))) rows.push(this.truth(atom));
       for (const camera of cameras) rows.push(this.camera(atom, camera));
     }
-    this.grid = make(
-      'div',
-      { role: 'grid', 'aria-label': 'Coverage over time; arrow keys move, Enter goes there', 'aria-readonly': 'true' },
-      ...rows,
-    );
+    const label = 'Coverage over time; arrow keys move, Enter goes there';
+    this.grid = make('div', { role: 'grid', 'aria-label': label, 'aria-readonly': 'true' }, ...rows);
     this.cursor = make('i', {});
     byId('timeline').replaceChildren(this.grid, make('div', { id: 'cursor' }, this.cursor));
+    byId('legend').replaceChildren(...this.legend());
     this.grid.addEventListener('keydown', (event) => this.move(event));
     this.grid.addEventListener('click', (event) => {
       const lane = event.target.closest('.lane');
@@ -74,14 +29,89 @@ class Timeline {
     if (first) first.tabIndex = 0;
   }
 
-  stretches(formulas) {
-    const merged = [];
-    for (const { start, end } of [...formulas].sort((a, b) => a.start - b.start)) {
-      const last = merged[merged.length - 1];
-      if (last && start <= last.end) last.end = Math.max(last.end, end);
-      else merged.push({ start, end });
+  // What is done when: steps, primitive actions, events of interest and faults.
+  *axes({ played = [], primitives, formulas, marks = [] }) {
+    const words = (span) => `${doing(span)}: ${seconds(span.start)} to ${seconds(span.end)}`;
+    const span = (one) => this.span('primitive', one, one.does ?? one.name, words(one));
+    if (played.length) yield this.axis('step', played, played.map(span), doing);
+    yield this.axis('robot does', primitives, primitives.map(span), doing);
+    const interest = merged(formulas.filter((formula) => formula.operator === 'eventually'));
+    if (interest.length) {
+      this.kinds.add('interest');
+      const text = (s) => `event of interest: ${seconds(s.start)} to ${seconds(s.end)}`;
+      const shown = interest.map((s) => this.span('interest', s, '', text(s)));
+      yield this.axis(term('event of interest', 'event of interest', false), interest, shown, () => 'yes');
     }
-    return merged;
+    for (const { label, spans } of marks) {
+      const shown = spans.map((one) => {
+        this.kinds.add(one.kind);
+        return this.span(`mark ${KINDS[one.kind][0]}`, one, '', one.text);
+      });
+      yield this.axis(named(label), spans, shown, ({ kind }) => KINDS[kind][2]);
+    }
+  }
+
+  axis(label, spans, shown, words) {
+    const now = (t) => spans.filter(({ start, end }) => start <= t + 1e-9 && t < end - 1e-9).pop();
+    return this.row(label, 'axis', shown, '', (sample, t) => (now(t) ? { words: words(now(t)) } : null));
+  }
+
+  // Whether all that has to be seen is seen.
+  state() {
+    const look = (sample) => (sample.covered === null ? null : this.told(stateOf(sample)));
+    const label = term('all literals', 'all literals', false);
+    return this.row(label, 'literal', this.runs('all literals', look), this.share((sample) => sample.covered), look);
+  }
+
+  literal(atom) {
+    const look = (sample) => (found(sample, atom) ? this.told(stateOf(found(sample, atom))) : null);
+    const share = this.share((sample) => found(sample, atom)?.covered ?? null);
+    return this.row(named(atom), 'literal', this.runs(atom, look), share, look);
+  }
+
+  camera(atom, camera) {
+    const verdict = (sample) => found(sample, atom)?.cameras[camera] ?? null;
+    const look = (sample) => {
+      const seen = verdict(sample);
+      return seen && { key: because(seen), kind: kindOf(seen), words: because(seen) };
+    };
+    const now = (sample) => {
+      const told = look(sample);
+      return told && { ...told, more: sharesOf(found(sample, atom), camera) };
+    };
+    const eye = { type: 'button', tabindex: '-1', 'aria-label': `Look through ${camera}`, onclick: () => this.look(camera) };
+    const share = this.share((sample) => verdict(sample)?.covered ?? null);
+    return this.row(make('button', eye, named(camera)), 'camera', this.runs(`${camera}, ${atom}`, look), share, now);
+  }
+
+  // The true values, to compare with what is seen.
+  truth(atom) {
+    const look = (sample) => {
+      const kind = truthOf(found(sample, atom) ?? {});
+      return kind && this.told(kind);
+    };
+    return this.row(term('in truth', 'in truth', false), 'camera truth', this.runs(`in truth, ${atom}`, look), '', look);
+  }
+
+  told(kind) {
+    return { key: kind, kind, words: KINDS[kind][2] };
+  }
+
+  // now: what is said of a sample and a time, {kind, words, more}, or null.
+  row(label, kind, runs, share, now) {
+    const spot = make('i', {}),
+      words = named('');
+    const cell = make('div', { class: 'now', role: 'gridcell' }, spot, words);
+    attachTip(cell, () => cell.dataset.all ?? '');
+    this.saying.push({ now, spot, words, cell });
+    return make(
+      'div',
+      { class: `row ${kind}`, role: 'row' },
+      make('div', { class: 'label', role: 'rowheader', title: label.textContent }, label),
+      make('div', { class: 'lane', role: 'presentation' }, ...runs),
+      cell,
+      make('div', { class: 'share', role: 'gridcell' }, share),
+    );
   }
 
   place(element, { start, end }) {
@@ -96,18 +126,9 @@ class Timeline {
     return element;
   }
 
-  row(label, kind, runs, share) {
-    return make(
-      'div',
-      { class: `row ${kind}`, role: 'row' },
-      make('div', { class: 'label', role: 'rowheader', title: label }, named(label)),
-      make('div', { class: 'lane', role: 'presentation' }, ...runs),
-      make('div', { class: 'share', role: 'gridcell' }, share),
-    );
-  }
-
   runs(label, look) {
     return this.motion.runs(look).map((run) => {
+      this.kinds.add(run.kind);
       const [style, sign] = KINDS[run.kind],
         wide = (run.end - run.start) / this.motion.time > 0.025;
       const text = `${label}, ${run.start.toFixed(2)} s to ${run.end.toFixed(2)} s: ${run.words}`;
@@ -121,44 +142,19 @@ class Timeline {
     });
   }
 
-  // state: what a sample says, or null where no formula requires it.
-  coverage(label, state) {
-    const look = (sample) => {
-      const literal = state(sample);
-      if (literal === null) return null;
-      const kind = stateOf(literal);
-      return { key: kind, kind, words: KINDS[kind][2] };
-    };
-    return this.row(
-      label,
-      'literal',
-      this.runs(label, look),
-      this.shareText((sample) => state(sample)?.covered ?? null),
-    );
-  }
-
-  camera(atom, camera) {
-    const verdict = (sample) => found(sample, atom)?.cameras[camera] ?? null;
-    const look = (sample) => {
-      const seen = verdict(sample);
-      return seen && { key: because(seen), kind: kindOf(seen), words: because(seen) };
-    };
-    const share = this.shareText((sample) => verdict(sample)?.covered ?? null);
-    return this.row(camera, 'camera', this.runs(`${camera}, ${atom}`, look), share);
-  }
-
-  // The true values, to compare with what is seen.
-  truth(atom) {
-    const look = (sample) => {
-      const kind = truthOf(found(sample, atom) ?? {});
-      return kind && { key: kind, kind, words: KINDS[kind][2] };
-    };
-    return this.row('in truth', 'camera truth', this.runs(`in truth, ${atom}`, look), '');
-  }
-
-  shareText(covered) {
+  share(covered) {
     const share = this.motion.share(covered);
     return share === null ? '' : percent(share);
+  }
+
+  // The kinds that the rows have, each as it looks there.
+  legend() {
+    const looks = (kind) => KINDS[kind].slice(0, 2).join();
+    const used = Object.keys(KINDS).filter((kind) => this.kinds.has(kind));
+    const shown = used.filter((kind, i) => used.findIndex((other) => looks(other) === looks(kind)) === i);
+    const swatch = (kind) => make('i', { class: `swatch ${KINDS[kind][0]}`, 'aria-hidden': 'true' }, KINDS[kind][1]);
+    const entries = shown.map((kind) => make('span', {}, swatch(kind), KINDS[kind][2]));
+    return [...entries, make('span', {}, make('i', { class: 'swatch lane' }), 'nothing has to be seen')];
   }
 
   move(event) {
@@ -192,7 +188,27 @@ class Timeline {
     next.focus();
   }
 
-  show(t) {
+  // How everything is at a time; sample: what holds then.
+  show(t, sample) {
     this.cursor.style.left = `${(100 * t) / this.motion.time}%`;
+    for (const { now, spot, words, cell } of this.saying) {
+      const told = now(sample, t),
+        text = told?.words ?? '',
+        style = told?.kind ? `spot ${KINDS[told.kind][0]}` : '';
+      if (words.textContent !== text) words.textContent = text;
+      if (spot.className !== style) spot.className = style;
+      cell.dataset.all = text + (told?.more ?? '');
+    }
   }
+}
+
+// Stretches in the order of time, those that touch as one.
+function merged(formulas) {
+  const stretches = [];
+  for (const { start, end } of [...formulas].sort((a, b) => a.start - b.start)) {
+    const last = stretches[stretches.length - 1];
+    if (last && start <= last.end) last.end = Math.max(last.end, end);
+    else stretches.push({ start, end });
+  }
+  return stretches;
 }

@@ -1,0 +1,119 @@
+// What the words and signs of the page mean, and the tip that says so under pointer and keyboard focus.
+
+const TERMS = {
+  candidate: 'One way to bind the task: which objects, and which values of the motion that a person chooses.',
+  way: 'How the robot does it: how the arm is bent, from which side, how far the tool is turned.',
+  Q_eoi: 'Share of the time of the events of interest in which the cameras see all that must be seen then.',
+  Q_avg: 'Share of all the time in which something must be seen, and the cameras see all of it.',
+  time: 'How long the motion of the robot takes.',
+  'Pareto-optimal': 'No other candidate is as good in Q_eoi, Q_avg and time, and better in one of them.',
+  literal: 'Something that is so or is not, such as hold(g2): the tool holds g2. Cameras tell it by the boxes around the thing.',
+  covered: 'Enough cameras see all boxes of the literal: inside the image, near and large enough, not hidden.',
+  'all literals': 'Whether the cameras see every literal that a formula of the skill asks for at that time.',
+  'event of interest': 'When a fault may happen that the skill looks for: the interval of its “eventually” formula.',
+  fault: 'What may go wrong, as the skill says it. The worst is the one that may be seen latest.',
+  seen: 'How long after a fault an image shows it, on average over all times at which it may happen. Of several faults: the longest.',
+  'at worst': 'The longest that it may take until an image shows the fault, whenever it happens.',
+  'longest blind stretch': 'The longest time within the event of interest in which the cameras do not see all of it.',
+  'all done': 'When the task is done if the fault happens: seen, stopped, moved back and done once more; on average.',
+  'in truth': 'What was so in the simulation. The monitors do not know it: they judge by images alone.',
+  'predictions that came true': 'Of the images that the program says show a literal, the share that did.',
+  'seen after': 'From when the fault happened until an image showed it.',
+  predicted: 'The most that the program says it takes.',
+};
+
+// A word with its definition as a tip; stops: whether the tab key stops there.
+const explained = new Set();
+function term(name, text = name, stops = true) {
+  explained.add(name);
+  const word = make('dfn', { tabindex: stops ? '0' : null }, text);
+  attachTip(word, () => TERMS[name]);
+  return word;
+}
+
+// The words that this page uses, as a list.
+function glossary() {
+  const used = Object.keys(TERMS).filter((name) => explained.has(name));
+  return used.flatMap((name) => [make('dt', {}, name), make('dd', {}, TERMS[name])]);
+}
+
+// A tip that follows pointer and keyboard focus. text: what it says at a place of the window; nothing: there is none.
+function attachTip(element, text) {
+  const tip = byId('tip');
+  const show = (x, y) => {
+    const words = text(x, y);
+    tip.textContent = `\u2068${words}\u2069`;
+    tip.hidden = !words;
+    const size = tip.getBoundingClientRect();
+    tip.style.left = `${Math.max(4, Math.min(x + 12, innerWidth - size.width - 8))}px`;
+    tip.style.top = `${y + size.height + 24 > innerHeight ? y - size.height - 10 : y + 16}px`;
+  };
+  const hide = () => {
+    tip.hidden = true;
+    element.removeAttribute('aria-describedby');
+  };
+  element.addEventListener('pointermove', (event) => show(event.clientX, event.clientY));
+  element.addEventListener('pointerleave', hide);
+  element.addEventListener('focus', () => {
+    const place = element.getBoundingClientRect();
+    show(place.left + place.width / 2, place.bottom - 10);
+    element.setAttribute('aria-describedby', 'tip');
+  });
+  element.addEventListener('blur', hide);
+  element.addEventListener('keydown', (event) => event.key === 'Escape' && hide());
+}
+
+// Kinds of verdicts, predicted or of images: style, sign within a run, words for legend and tips.
+const KINDS = {
+  covered: ['covered', '', 'covered'],
+  missed: ['missed', '–', 'not covered'],
+  hidden: ['hidden', 'h', 'hidden'],
+  same_colour: ['same', 'c', 'same colour behind'],
+  out_of_image: ['out', 'o', 'out of image'],
+  too_far: ['range', 'f', 'too far'],
+  too_near: ['range', 'n', 'too near'],
+  detector_far: ['range', 'f', 'too far for its detector'],
+  detector_near: ['range', 'n', 'too near for its detector'],
+  oblique: ['angle', 'a', 'seen at too flat an angle'],
+  too_small: ['angle', 's', 'too small'],
+  known: ['covered', '', 'images show all'],
+  unknown: ['missed', '–', 'images do not show all'],
+  shown_true: ['covered', 't', 'images show: true'],
+  shown_false: ['out', 'f', 'images show: false'],
+  unseen: ['missed', '–', 'no image shows it'],
+  nothing: ['nothing', '', 'does not show it'],
+  truly_true: ['covered', 't', 'true'],
+  truly_false: ['out', 'f', 'false'],
+  interest: ['interest', '', 'event of interest'],
+  unnoticed: ['missed', '', 'fault not seen yet'],
+  handled: ['range', '', 'fault seen, robot responds'],
+};
+
+const kindOf = (verdict) => verdict.kind ?? (verdict.covered ? 'covered' : verdict.cause || 'missed');
+
+// The kind of a literal or of a whole state.
+const stateOf = (state) => state.kind ?? (state.covered ? 'covered' : 'missed');
+
+// The kind of the true value, which only a simulation knows; null where it is unknown.
+const truthOf = ({ really }) => (typeof really === 'boolean' ? `truly_${really}` : null);
+
+function because(verdict) {
+  const reason = reasonOf(verdict);
+  return verdict.box ? `box ${verdict.box} is ${reason}` : reason;
+}
+
+function reasonOf(verdict) {
+  const words = KINDS[kindOf(verdict)][2];
+  if (verdict.cause === 'hidden') return `hidden by ${verdict.by}`;
+  if (verdict.cause === 'same_colour') return `same colour as ${verdict.by} behind it`;
+  return verdict.cause === 'out_of_image' ? `${words} (${verdict.by})` : words;
+}
+
+// How much of the box that a camera does not see is hidden, and what each part hides; nothing where it is not hidden.
+function sharesOf(state, camera) {
+  const box = (state.boxes ?? []).find((one) => one?.cameras[camera]?.covered === false);
+  const parts = box?.cameras[camera].hidden_by ?? [];
+  if (!parts.length) return '';
+  const told = parts.map(({ name, share }) => `${name} ${percent(share)}`);
+  return `; hidden ${percent(parts.reduce((sum, { share }) => sum + share, 0))}: ${told.join(', ')}`;
+}
