@@ -124,8 +124,8 @@ def test_only_of_a_fault_that_is_retried_the_page_says_when_all_is_done(browser,
         opened = Opened(browser, path)
         assert opened.complaints == []
         assert ("all done" in opened.texts("#ranking th")) is told
-        assert ("done after one retry" in opened.texts("#figures dt")) is told
-        assert "moved: noticed after" in opened.texts("#figures dt")
+        assert ("done after one retry" in opened.texts("#faults th")) is told
+        assert opened.texts("#faults td")[0] == "moved"
         opened.context.close()
 
 
@@ -246,8 +246,8 @@ def test_a_candidate_is_chosen_in_table_and_plot_by_mouse_and_by_key(opened, ran
     page = opened.page
     choices = {
         "g4": lambda: page.locator("#ranking tbody tr", has_text="g4").click(),
-        "g3": lambda: page.locator("#plot circle[aria-label^='g3:']").click(),
-        "g5": lambda: page.locator("#plot circle[aria-label^='g5:']").press("Enter"),
+        "g3": lambda: page.locator("#plot .dot[aria-label^='g3:']").click(),
+        "g5": lambda: page.locator("#plot .dot[aria-label^='g5:']").press("Enter"),
         "g1": lambda: page.locator("#ranking button", has_text="g1").press("Enter"),
     }
     for name, choose in choices.items():
@@ -255,8 +255,8 @@ def test_a_candidate_is_chosen_in_table_and_plot_by_mouse_and_by_key(opened, ran
         page.wait_for_function("name => document.querySelector('#name').textContent === name && sqrp.motion", arg=name)
         assert opened.texts("#verdict") == [by_name[name]["verdict"]]
         assert opened.texts("#ranking tr[aria-selected=true] button") == [name]
-        assert page.locator("#plot circle[aria-pressed=true]").get_attribute("aria-label").startswith(f"{name}:")
-    page.locator("#plot circle[tabindex='0']").focus()
+        assert page.locator("#plot .dot[aria-pressed=true]").get_attribute("aria-label").startswith(f"{name}:")
+    page.locator("#plot .dot[tabindex='0']").focus()
     page.keyboard.press("ArrowRight")
     page.keyboard.press(" ")
     page.wait_for_function("() => document.querySelector('#name').textContent === 'g4' && sqrp.motion")
@@ -269,7 +269,7 @@ def test_the_slider_moves_robot_and_cursor_and_words_together(shown):
     def state():
         return shown.js(
             """() => [sqrp.time, document.querySelector('#cursor i').style.left,
-                 ...['tool', 'now-time'].map((id) => document.getElementById(id).textContent)]"""
+                 ...['tool', 'clock'].map((id) => document.getElementById(id).textContent)]"""
         )
 
     before = state()
@@ -280,7 +280,8 @@ def test_the_slider_moves_robot_and_cursor_and_words_together(shown):
     assert after[0] == pytest.approx(13.5)
     assert float(after[1].rstrip("%")) / 100 == pytest.approx(13.5 / shown.js("sqrp.motion.time"))
     assert after[2] != before[2]
-    assert after[3] == "13.50 s, a4"
+    assert after[3] == "13.50 s"
+    assert shown.texts(".row.axis .now")[0] == "lift (a4)"
 
 
 def test_play_goes_on_and_stops(shown):
@@ -385,7 +386,7 @@ def test_text_stands_out_from_its_ground(opened, scheme):
     opened.page.emulate_media(color_scheme=scheme)
     opened.page.wait_for_function("scheme => document.documentElement.dataset.theme === scheme", arg=scheme)
     causes = ["covered", "hidden", "out", "range", "angle"]
-    names = ["ink", "faint", "accent", "card", "ground", "sky", "accent-soft", *causes]
+    names = ["ink", "faint", "accent", "star", "card", "ground", "sky", "accent-soft", *causes]
     look_up = (
         "names => names.map((name) => getComputedStyle(document.documentElement).getPropertyValue('--' + name).trim())"
     )
@@ -394,6 +395,8 @@ def test_text_stands_out_from_its_ground(opened, scheme):
         ("ink", "card"),
         ("faint", "card"),
         ("accent", "card"),
+        ("star", "card"),
+        *((cause, "card") for cause in causes),
         ("ink", "ground"),
         ("faint", "ground"),
         ("ink", "sky"),

@@ -95,8 +95,7 @@ function showPlacement({ by, cameras, keep, mounts }, look) {
     ['its loss', `by how much the ${by} Q falls without it`],
     ...(keep.length ? [['kept', `${keep.join(', ')}, as in the workspace`]] : []),
   ];
-  for (const [term, words] of terms)
-    byId('cameras-words').append(make('dt', {}, term), make('dd', {}, named(words)));
+  for (const [term, words] of terms) byId('cameras-words').append(make('dt', {}, term), make('dd', {}, named(words)));
   const shut = mounts.some(({ seen }) => seen === null);
   byId('mounts-words').append(
     make('span', {}, 'mean Q with one camera only, at a mount: 0 %', make('i', { class: 'ramp' }), '100 %'),

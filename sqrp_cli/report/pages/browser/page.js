@@ -127,7 +127,12 @@ class Page {
     this.steps(this.motion.detail.played ?? []);
     this.moments(this.motion.detail);
     const { cameras } = this.motion.detail;
-    this.timeline = new Timeline(this.motion, Object.keys(cameras), (t) => this.go(t), (name) => this.look(name));
+    this.timeline = new Timeline(
+      this.motion,
+      Object.keys(cameras),
+      (t) => this.go(t),
+      (name) => this.look(name),
+    );
     byId('time').max = this.motion.time;
     this.scene?.load(this.motion);
     this.seek(Math.min(this.time, this.motion.time));
@@ -161,7 +166,9 @@ class Page {
       const { q_eoi: qEoi, q_avg: qAvg, time } = candidate;
       rows.push([term('Q_eoi'), percent(qEoi)], [term('Q_avg'), percent(qAvg)], [term('time'), seconds(time)]);
     }
-    byId('figures').replaceChildren(...rows.map(([name, value]) => make('div', {}, make('dt', {}, name), make('dd', {}, value))));
+    byId('figures').replaceChildren(
+      ...rows.map(([name, value]) => make('div', {}, make('dt', {}, name), make('dd', {}, value))),
+    );
     const again = faults.some(([name]) => retried.includes(name));
     const heads = [term('fault'), term('seen', 'seen after'), term('at worst'), term('longest blind stretch')];
     if (again) heads.push(term('all done', 'done after one retry'));
@@ -170,7 +177,8 @@ class Page {
       ...[fault.delay_mean, fault.delay_worst, fault.blind_longest].map((t) => seconds(t)),
       ...(again ? [retried.includes(name) ? seconds(fault.expected_time, 1) : '–'] : []),
     ];
-    const row = (kind, texts) => make('tr', {}, ...texts.map((text, i) => make(kind, { class: i ? 'number' : null }, text)));
+    const row = (kind, texts) =>
+      make('tr', {}, ...texts.map((text, i) => make(kind, { class: i ? 'number' : null }, text)));
     byId('faults').hidden = !faults.length;
     byId('faults').replaceChildren(row('th', heads), ...faults.map((fault) => row('td', cells(fault))));
   }

@@ -125,7 +125,7 @@ class Scene3D {
     const [right, up, back] = [0, 1, 2].map((column) =>
       new THREE.Vector3().setFromMatrixColumn(this.eye.matrixWorld, column),
     );
-    const slope = 0.9 * Math.tan((this.eye.fov * Math.PI) / 360),
+    const slope = 0.84 * Math.tan((this.eye.fov * Math.PI) / 360),
       aspect = this.host.clientWidth / this.host.clientHeight || 1.6;
     this.orbit.distance = Math.max(
       0.3,

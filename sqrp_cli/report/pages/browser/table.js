@@ -1,7 +1,8 @@
 // The table: sorted by a click on a title, filtered by words.
 
 // Faults by name, the one first that may be seen latest.
-const byWorst = (faults) => Object.entries(faults).sort(([, a], [, b]) => (b.delay_worst ?? -1) - (a.delay_worst ?? -1));
+const byWorst = (faults) =>
+  Object.entries(faults).sort(([, a], [, b]) => (b.delay_worst ?? -1) - (a.delay_worst ?? -1));
 
 const MOST_LABELS = 4; // that have a column each; those of more share one
 
@@ -24,10 +25,12 @@ class EntryTable {
 
   // Rank or status.
   places() {
-    const ranked = ({ mark }) => /^\d+$/.test(mark);
+    const ranked = ({ mark }) => /^#?\d+$/.test(mark);
+    const some = this.entries.some(ranked);
+    const place = (e) => (ranked(e) ? Number(e.mark.replace('#', '')) : e.mark === '' ? 0 : null);
     return {
-      title: this.entries.some(ranked) ? '#' : '',
-      value: (e) => (ranked(e) ? Number(e.mark) : e.candidate && !e.candidate.feasible ? null : e.mark),
+      title: some ? '#' : '',
+      value: (e) => (e.candidate?.feasible === false ? null : some ? place(e) : e.mark),
       cell: (e) => this.mark(e),
     };
   }
@@ -35,12 +38,19 @@ class EntryTable {
   // What sets the entries apart: a column each, the first one with the button that chooses.
   labels(select) {
     const [first, ...others] = Object.keys(this.entries[0].labels);
-    const text = (names) => (e) => names.map((name) => `${others.length < MOST_LABELS ? '' : `${name} `}${e.labels[name]}`).join(', ');
+    const text = (names) => (e) =>
+      names.map((name) => `${others.length < MOST_LABELS ? '' : `${name} `}${e.labels[name]}`).join(', ');
     const column = (title, read) => {
       const counted = this.entries.every((e) => /^-?[\d.]+( \w+)?$/.test(read(e)));
-      return { title, value: (e) => (counted ? parseFloat(read(e)) : read(e)), number: counted, cell: (e) => named(read(e)) };
+      return {
+        title,
+        value: (e) => (counted ? parseFloat(read(e)) : read(e)),
+        number: counted,
+        cell: (e) => named(read(e)),
+      };
     };
-    const rest = others.length < MOST_LABELS ? others.map((name) => column(name, text([name]))) : [column('with', text(others))];
+    const rest =
+      others.length < MOST_LABELS ? others.map((name) => column(name, text([name]))) : [column('with', text(others))];
     const name = column(first, (e) => e.labels[first]);
     return [{ ...name, number: false, cell: (e, i) => this.button(i, e.labels[first], select) }, ...rest];
   }
@@ -51,7 +61,12 @@ class EntryTable {
       return { title, value, cell: (e) => this.quality(value(e)), most: true, means: title };
     };
     const covered = { title: 'covered over time', value: (e) => e.candidate?.q_avg, cell: (e, i) => this.lanes[i] };
-    return [quality('Q_eoi'), quality('Q_avg'), this.timed('time [s]', (e) => e.candidate?.time, 'time'), ...(lanes ? [covered] : [])];
+    return [
+      quality('Q_eoi'),
+      quality('Q_avg'),
+      this.timed('time [s]', (e) => e.candidate?.time, 'time'),
+      ...(lanes ? [covered] : []),
+    ];
   }
 
   // The worst of the faults: with many, too wide a table would hide it.
@@ -62,12 +77,19 @@ class EntryTable {
     const most = (e, key) => Math.max(...of(e).map(([, fault]) => fault[key] ?? -1));
     const longest = (key) => (e) => (of(e).some(([, fault]) => !absent(fault[key])) ? most(e, key) : null);
     const done = (e) => {
-      const times = of(e).filter(([name]) => e.retried.includes(name)).map(([, fault]) => fault.expected_time);
+      const times = of(e)
+        .filter(([name]) => e.retried.includes(name))
+        .map(([, fault]) => fault.expected_time);
       return times.length ? Math.max(...times) : null;
     };
     const only = names.length === 1;
     const worst = this.timed('at worst', longest('delay_worst'), 'at worst');
-    const who = { title: 'worst fault', value: (e) => of(e)[0]?.[0] ?? null, cell: (e) => named(of(e)[0]?.[0] ?? '–'), means: 'fault' };
+    const who = {
+      title: 'worst fault',
+      value: (e) => of(e)[0]?.[0] ?? null,
+      cell: (e) => named(of(e)[0]?.[0] ?? '–'),
+      means: 'fault',
+    };
     return [
       ...(only ? [] : [who]),
       this.timed(only ? `${names[0]} seen [s]` : 'seen [s]', longest('delay_mean'), 'seen'),

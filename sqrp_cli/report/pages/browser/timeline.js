@@ -60,7 +60,13 @@ class Timeline {
   state() {
     const look = (sample) => (sample.covered === null ? null : this.told(stateOf(sample)));
     const label = term('all literals', 'all literals', false);
-    return this.row(label, 'literal', this.runs('all literals', look), this.share((sample) => sample.covered), look);
+    return this.row(
+      label,
+      'literal',
+      this.runs('all literals', look),
+      this.share((sample) => sample.covered),
+      look,
+    );
   }
 
   literal(atom) {
@@ -79,7 +85,12 @@ class Timeline {
       const told = look(sample);
       return told && { ...told, more: sharesOf(found(sample, atom), camera) };
     };
-    const eye = { type: 'button', tabindex: '-1', 'aria-label': `Look through ${camera}`, onclick: () => this.look(camera) };
+    const eye = {
+      type: 'button',
+      tabindex: '-1',
+      'aria-label': `Look through ${camera}`,
+      onclick: () => this.look(camera),
+    };
     const share = this.share((sample) => verdict(sample)?.covered ?? null);
     return this.row(make('button', eye, named(camera)), 'camera', this.runs(`${camera}, ${atom}`, look), share, now);
   }
@@ -90,7 +101,13 @@ class Timeline {
       const kind = truthOf(found(sample, atom) ?? {});
       return kind && this.told(kind);
     };
-    return this.row(term('in truth', 'in truth', false), 'camera truth', this.runs(`in truth, ${atom}`, look), '', look);
+    return this.row(
+      term('in truth', 'in truth', false),
+      'camera truth',
+      this.runs(`in truth, ${atom}`, look),
+      '',
+      look,
+    );
   }
 
   told(kind) {

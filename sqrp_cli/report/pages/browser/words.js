@@ -7,7 +7,8 @@ const TERMS = {
   Q_avg: 'Share of all the time in which something must be seen, and the cameras see all of it.',
   time: 'How long the motion of the robot takes.',
   'Pareto-optimal': 'No other candidate is as good in Q_eoi, Q_avg and time, and better in one of them.',
-  literal: 'Something that is so or is not, such as hold(g2): the tool holds g2. Cameras tell it by the boxes around the thing.',
+  literal:
+    'Something that is so or is not, such as hold(g2): the tool holds g2. Cameras tell it by the boxes around the thing.',
   covered: 'Enough cameras see all boxes of the literal: inside the image, near and large enough, not hidden.',
   'all literals': 'Whether the cameras see every literal that a formula of the skill asks for at that time.',
   'event of interest': 'When a fault may happen that the skill looks for: the interval of its “eventually” formula.',
