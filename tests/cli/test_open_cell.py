@@ -39,15 +39,17 @@ def test_a_ranking_is_the_table_and_the_document_of_rank(sqrp, cell):
 
 
 def test_an_explanation_is_that_of_explain(sqrp, cell):
-    explanation = cell.explain("pickup green", "g1")
-    shown, _, advise = printed(sqrp, "explain", TABLETOP, "pickup green", "--choose", "g1").partition("\n\nHow much ")
+    command = ("explain", TABLETOP, "pickup green", "--choose", "g1", "--ways", "fastest")
+    explanation = cell.explain("pickup green", "g1", ways="fastest")
+    shown, _, advise = printed(sqrp, *command).partition("\n\nHow much ")
     assert str(explanation) == shown
     assert f"\nsqrp advise {TABLETOP} " in advise
-    assert explanation.to_json() == printed(sqrp, "explain", TABLETOP, "pickup green", "--choose", "g1", "--json")
+    assert explanation.to_json() == printed(sqrp, *command, "--json")
 
 
 def test_all_candidates_can_be_compared(sqrp, cell):
-    assert str(cell.explain("pickup green", None)) == printed(sqrp, "explain", TABLETOP, "pickup green", "--all")
+    command = ("explain", TABLETOP, "pickup green", "--all", "--ways", "fastest")
+    assert str(cell.explain("pickup green", None, ways="fastest")) == printed(sqrp, *command)
 
 
 @pytest.mark.parametrize("task", [(), ("pickup green",)], ids=["workspace", "task"])
@@ -159,9 +161,10 @@ def test_a_new_cell_is_that_of_init_and_can_be_opened(sqrp, tmp_path):
 
 
 def test_a_ranking_writes_the_program_that_rank_writes(sqrp, cell, tmp_path):
-    ranking = cell.rank("pickup green")
+    ranking = cell.rank("pickup green", ways="fastest")
     ranking.write(tmp_path / "one.yaml", "g5")
-    sqrp("rank", TABLETOP, "pickup green", "--choose", "g5", "--program", tmp_path / "two.yaml")
+    command = ("rank", TABLETOP, "pickup green", "--ways", "fastest", "--choose", "g5")
+    sqrp(*command, "--program", tmp_path / "two.yaml")
     assert (tmp_path / "one.yaml").read_text() == (tmp_path / "two.yaml").read_text()
     with pytest.raises(InputError, match=r"g6 is infeasible .*, so .*three.yaml was not written"):
         ranking.write(tmp_path / "three.yaml", "g6")

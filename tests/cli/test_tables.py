@@ -22,8 +22,8 @@ from sqrp_cli.programming import pipeline
 from sqrp_cli.terminal import console, progress_lines
 
 OUTPUTS = [
-    ("rank", "{tabletop}", "pickup green"),
-    ("explain", "{tabletop}", "pickup green"),
+    ("rank", "{tabletop}", "pickup green", "--ways", "fastest"),
+    ("explain", "{tabletop}", "pickup green", "--ways", "fastest"),
     ("show", "{tabletop}"),
     ("rank", "{watch}", "watch cube"),
     ("explain", "{watch}", "watch cube", "--all"),
