@@ -105,19 +105,18 @@ def test_everything_is_the_same_bytes_whatever_order_sets_have(sqrp, held_by_two
     made = tmp_path / "random"
     assert sqrp("init", made, "--random", "--seed", 4, "--objects", 4, "--cameras", 3).code == 0
     asked += [made, "pickup"]
-    command = [sys.executable, "-m", "tests.cli.all_output", *map(str, asked)]
+    program = [sys.executable, "-m", "tests.cli.all_output", *map(str, asked)]
     said = [
         json.loads(
             subprocess.run(
-                command, cwd=ROOT, env=os.environ | {"PYTHONHASHSEED": seed}, capture_output=True, check=True
+                program, cwd=ROOT, env=os.environ | {"PYTHONHASHSEED": seed}, capture_output=True, check=True
             ).stdout
         )
         for seed in ("0", "1", "2")
     ]
     assert len(said[0]) == 18
-    held, *_ = json.loads(said[0][f"explain {held_by_two_facts} pickup blue --all --json --samples 4 --jobs 1 --ways fastest"][1])[
-        "candidates"
-    ]
+    command = f"explain {held_by_two_facts} pickup blue --all --json --samples 4 --jobs 1 --ways fastest"
+    held, *_ = json.loads(said[0][command][1])["candidates"]
     assert held
     for name, found in said[0].items():
         assert found[0] < 3, (name, found)
