@@ -205,7 +205,6 @@ class OpenProgram:
             cell=RunCell(workspace.name, list(workspace.cameras), workspace.digest, workspace),
             report=report,
             events=events,
-            period=_period(workspace),
             never_happened=tuple(fault.text for fault in _never_happened(injected, events)),
             inputs=self.files,
             outputs=outputs,
@@ -303,7 +302,9 @@ class LoggedRun:
             was, now = (", ".join(f"{skill} of {time:.2f} s" for skill, _, time in one) for one in (ran, steps))
             name, now = opened.path, now or "empty"
             message = f"this log is not of a run of {name} as it is now: that was {was}; now it is {now}"
-            raise InputError(Problem("other-program", message, self._top, mend=f"sqrp run --replay {self.log}"))
+            raise InputError(
+                Problem("other-program", message, Place(self.log, 1), mend=f"sqrp run --replay {self.log}")
+            )
         return replace(self, program=opened)
 
     def replay(self, *listeners: Callable[[Event], None]) -> SimulatedRun:
@@ -322,12 +323,8 @@ class LoggedRun:
         if report is None:
             message = "this log has no report at its end: the run was interrupted"
             raise InputError(Problem("no-log", message, Place(self.log)))
-        predicted = any(fault.predicted_delay is not None for fault in report.faults)
-        doubts = (self._no_rates(),) if predicted and self._period is None else ()
         inputs = [self.log, *([] if self.program is None else self.program.files)]
-        return SimulatedRun(
-            cell=self.cell, report=report, events=kept, period=self._period, problems=doubts, inputs=inputs
-        )
+        return SimulatedRun(cell=self.cell, report=report, events=kept, inputs=inputs)
 
     @property
     def cell(self) -> RunCell:
@@ -344,28 +341,6 @@ class LoggedRun:
         elif header.digest not in (workspace.digest, workspace.file_digest):
             why_flat = "the workspace of this program is not as it was in the run"
         return RunCell(header.workspace, header.cameras, header.digest, None if why_flat else workspace, why_flat)
-
-    def _no_rates(self) -> Problem:
-        """A warning if neither the log nor a workspace has the cameras' frame rates."""
-        message = (
-            "this log does not say how often its cameras took images, so faults seen later than predicted are not"
-            " pointed out"
-        )
-        name_it = f"name the program that was run: sqrp run PROGRAM --replay {self.log}"
-        mend = name_it if self.program is None else None
-        return Problem("no-rates", message, self._top, severity="warning", mend=mend)
-
-    @property
-    def _top(self) -> Place:
-        return Place(self.log, 1)
-
-    @property
-    def _period(self) -> float | None:
-        """Between images of the slowest camera [s]; None if neither the log nor the workspace says."""
-        if self.header.rates:
-            return 1.0 / min(self.header.rates.values())
-        workspace = self.cell.workspace
-        return None if workspace is None else _period(workspace)
 
 
 class LazyReplanner:

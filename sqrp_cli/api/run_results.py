@@ -13,7 +13,6 @@ from sqrp_cli.api.arguments import RunOutputs, check_texts, checked_path
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from sqrp_cli.errors import Problem
     from sqrp_cli.program.record import Program
     from sqrp_cli.report.documents.runs import AuditDocument, RunDocument, SweepDocument
     from sqrp_cli.report.pages.run_page import RunCell
@@ -31,12 +30,8 @@ class SimulatedRun(Answer["RunDocument"]):
     report: RunReport
     events: Sequence[Event]
     """What happened, in order."""
-    period: float | None
-    """Between images of the slowest camera [s]; None if the log does not say."""
     never_happened: tuple[str, ...] = ()
     """Faults that never happened."""
-    problems: tuple[Problem, ...] = ()
-    """Warnings about data that the log lacks."""
     inputs: Sequence[Path] = ()
     """The files that it was read from, over which no page is written."""
     outputs: RunOutputs = field(default_factory=RunOutputs)
@@ -65,7 +60,7 @@ class SimulatedRun(Answer["RunDocument"]):
         """Print what `sqrp run` prints."""
         from sqrp_cli.terminal.run_view import print_run
 
-        print_run(self.cell.name, self.report, self.period)
+        print_run(self.cell.name, self.report)
 
     def write_page(self, path: str | Path, arguments: Sequence[str] = ()) -> None:
         """Write a page that plays the run; arguments: of the command that it names.

@@ -107,6 +107,7 @@ def assessment_of_all(candidate: Candidate, done: Sequence[Assessment]) -> Asses
         largest_gap=max((one.largest_gap for one in done if one.largest_gap is not None), default=None),
         ways_around=tuple(f"{n}.{text}" for n, one in enumerate(done, 1) for text in one.ways_around),
         verdict=_verdict(done),
+        why_late=max(done, key=lambda one: one.delay_worst or 0.0).why_late,
         recalibrated=_recalibrated(done),
         certificate=_certificate(done),
         best_way=whole_candidate(candidate.skill, [one.way for one in done]),

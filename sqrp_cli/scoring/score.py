@@ -11,7 +11,7 @@ from sqrp_cli.knowledge.workspace.workspace import ExpectedTask
 from sqrp_cli.programming.candidate import THEN
 from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.quality import falls_short
-from sqrp_cli.programming.coverage.verdict import HELP
+from sqrp_cli.programming.coverage.verdict import HELP, NOTHING_MISSING
 from sqrp_cli.programming.ranking import Ranked, rank
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.scoring.cells import ScoredCell, ScoredTask
@@ -140,8 +140,8 @@ def _shortcomings(best: Assessment, expected: ExpectedTask) -> Iterator[str]:
     if expected.max_delay is not None and delay is not None and delay > expected.max_delay:
         fault = max(best.faults, key=lambda fault: best.faults[fault].delay_worst)
         most = f"expected at most {expected.max_delay:g} s"
-        blind = best.faults[fault].blind_longest
-        why = lost if blind else "so long take a frame and the latency of the camera that sees it"
+        hidden = best.faults[fault].blind_longest and lost != NOTHING_MISSING
+        why = lost if hidden else best.why_late
         yield f"the fault {fault} of {name} may be noticed only after {delay:.2f} s, {most}: {why}"
     if expected.winner is not None and expected.winner not in best.candidate.binding.values():
         yield f"{name} is best, expected one with {expected.winner}"

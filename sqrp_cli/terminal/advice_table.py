@@ -10,9 +10,9 @@ from sqrp_cli.report.documents.advice import (
     AdviceFound,
     AdvisedFigures,
     KindOutcome,
-    NearestChange,
     costs,
     held_ways,
+    nearest_in_words,
 )
 from sqrp_cli.report.sentences import KIND_WORDS, shown_size
 from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table, say, say_command
@@ -75,7 +75,7 @@ def _conclude_without(found: AdviceDocument) -> None:
     """What comes nearest, and what has to be done before, where nothing was found."""
     nothing = "Nothing that was searched so far" if found.interrupted else "Nothing"
     if found.nearest is not None:
-        say(f"{nothing} meets the wish. To {found.nearest.words} comes nearest: {'; '.join(found.nearest.missing)}.")
+        say(f"{nothing} meets the wish. {nearest_in_words(found.nearest)}.")
     elif found.first:
         say(f"No change helps: {found.first}.")
         say_command("These steps as a program:", "sqrp check WORKSPACE TASK --program FILE")
@@ -97,12 +97,10 @@ def _percent(quality: float | None) -> str:
 def _print_nearest(outcome: KindOutcome) -> None:
     nearest = outcome.nearest
     if nearest is not None:
-        say(plain(f"      nearest: {nearest.words}, then {_missing(nearest)}", "dim"), indent=6)
-
-
-def _missing(nearest: NearestChange) -> str:
-    limit = f" ({nearest.limit})" if nearest.limit else ""
-    return "; ".join(nearest.missing) + limit
+        then = f"nearest: {nearest.words}, then {'; '.join(nearest.missing)}"
+        near = then if nearest.nearer else "nothing comes nearer"
+        limit = f" ({nearest.limit})" if nearest.limit else ""
+        say(plain(f"      {near}{limit}", "dim"), indent=6)
 
 
 def _figures(found: AdvisedFigures) -> str:

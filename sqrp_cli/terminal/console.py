@@ -7,6 +7,7 @@ others wrote.
 from __future__ import annotations
 
 import io
+import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -42,6 +43,12 @@ LONGEST_TITLE = 9
 
 LEAST_FOLDED = 16
 """Least width of a column with folded text [cells]."""
+
+_BEFORE_UNIT = re.compile(r"(?<=[0-9]) (?=(?:s|ms|%|m|mm|cm|deg|px|Hz|points?)(?![A-Za-z]))")
+"""A space between a number and its unit, where no line is folded."""
+
+_KEPT = "\ue000"
+"""Stands for that space meanwhile, as no text has it."""
 
 SEVERITY_STYLES = {"error": "bold red", "warning": "yellow"}
 """Styles of errors and warnings."""
@@ -237,7 +244,10 @@ def say(text: Styled = "", style: str | None = None, *, indent: int = 0) -> None
     """A paragraph of results, folded at the terminal's width. indent: of all lines but the first, if there is room."""
     console = output()
     indent = min(indent, console.width - LEAST_WIDTH)
-    for number, line in enumerate(_text(text, style or "").wrap(console, console.width - indent)):
+    whole = _text(text, style or "")
+    whole.plain = _BEFORE_UNIT.sub(_KEPT, whole.plain)
+    for number, line in enumerate(whole.wrap(console, console.width - indent)):
+        line.plain = line.plain.replace(_KEPT, " ")
         line.rstrip()
         _put(console, Text.assemble(" " * indent if number else "", line))
 

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import os
 import shlex
+from collections.abc import Collection
 from pathlib import Path
 
 from sqrp_cli.knowledge.workspace.load import shortest_path, workspace_name
 from sqrp_cli.program.file import workspace_path
 from sqrp_cli.program.joint_trajectory import tool_commands
-from sqrp_cli.program.record import Program, Step, Totals
+from sqrp_cli.program.record import FaultMetrics, Program, Totals
 from sqrp_cli.terminal.console import Cell, Column, Share, Styled, joined, plain, print_table, say, say_command
+
+_NEVER = 1e-6
+"""Shares of times up to this are rounded from none."""
 
 
 def print_program(program: Program, file: Path) -> None:
@@ -40,26 +44,33 @@ def _print_steps(program: Program, totals: Totals) -> None:
     rows: list[list[Cell]] = []
     start = 0.0
     for number, step in enumerate(program.steps, 1):
-        figures = [Share(step.q_eoi), Share(step.q_avg), _worst(step)]
+        figures = [Share(step.q_eoi), Share(step.q_avg), _slowest(step.faults.values())]
         rows.append([str(number), step.short_task, f"{start:.2f}", f"{step.time:.2f}", *figures])
         start += step.time
-    worst = "-" if totals.worst is None else f"{totals.worst.seconds:.2f}"
-    rows.append(["", "in all", "", f"{totals.time:.2f}", Share(totals.q_eoi), Share(totals.q_avg), worst])
+    faults = [fault for step in program.steps for fault in step.faults.values()]
+    rows.append(["", "in all", "", f"{totals.time:.2f}", Share(totals.q_eoi), Share(totals.q_avg), _slowest(faults)])
     print_table(columns, rows)
     say()
+    for number, step in enumerate(program.steps, 1):
+        for fault, found in step.faults.items():
+            if found.unseen > _NEVER:
+                share = f"{100 * found.unseen:.3g} % of the times at which it may happen"
+                say(f"No alarm tells of {fault} in step {number}, {step.short_task}, at {share}: no image shows it.")
     if totals.worst is not None:
-        worst_step = program.steps[totals.worst.step - 1]
-        say(
-            f"At worst {totals.worst.fault} in step {totals.worst.step}, {worst_step.short_task}, is noticed after "
-            f"{totals.worst.seconds:.2f} s. Q in all is weighted with the time of the steps."
-        )
+        worst, worst_step = totals.worst, program.steps[totals.worst.step - 1]
+        slowest = f"At worst {worst.fault} in step {worst.step}, {worst_step.short_task}, is noticed after "
+        noticed = worst_step.faults[worst.fault].unseen <= _NEVER
+        alarm = f"{slowest}{worst.seconds:.2f} s. " if noticed else ""
+        say(f"{alarm}Q in all is weighted with the time of the steps.")
 
 
-def _worst(step: Step) -> Styled:
-    if not step.faults:
+def _slowest(faults: Collection[FaultMetrics]) -> Styled:
+    """The longest time until an alarm; none where no image may show a fault."""
+    if not faults:
         return plain("-", "dim")
-    unseen = any(fault.unseen > 0 for fault in step.faults.values())
-    return plain(f"{max(fault.delay_worst for fault in step.faults.values()):.2f}", "red" if unseen else "")
+    if any(fault.unseen > _NEVER for fault in faults):
+        return plain("none", "red")
+    return f"{max(fault.delay_worst for fault in faults):.2f}"
 
 
 def _print_tool(program: Program) -> None:

@@ -26,7 +26,7 @@ from sqrp_cli.runtime.record.events import (
     Stopping,
     listed,
 )
-from sqrp_cli.runtime.record.report import Confusion, Disagreement, FaultRecord, Prediction, RunReport, tolerance
+from sqrp_cli.runtime.record.report import Confusion, Disagreement, FaultRecord, Prediction, RunReport, excess
 from sqrp_cli.terminal.console import Column, Show, joined, live, plain, print_table, say
 
 if TYPE_CHECKING:
@@ -135,11 +135,8 @@ def _in_words(event: Event) -> str | None:
     return None
 
 
-def print_run(workspace: str, report: RunReport, period: float | None = None) -> None:
-    """The outcome of a run: what was done, the faults, and whether predictions came true.
-
-    period: between images of the slowest camera [s], None if that is not known.
-    """
+def print_run(workspace: str, report: RunReport) -> None:
+    """The outcome of a run: what was done, the faults, and whether predictions came true."""
     what = "; ".join(step.label for step in report.steps)
     tries = sum(step.attempts - 1 for step in report.steps)
     after = f" after {tries} {'retry' if tries == 1 else 'retries'}" if tries else ""
@@ -148,11 +145,14 @@ def print_run(workspace: str, report: RunReport, period: float | None = None) ->
     else:
         say(joined([f"{what} in {workspace}: ", ("stopped", "bold red"), f" at {report.time:.2f} s"]))
         say(f"The robot stopped because {short_times(report.reason or '')}.")
-    _print_unseen(report)
+    missed = [fault for fault in report.faults if fault.happened is not None and fault.detected is None]
+    for fault in missed:
+        say(f"No image showed {fault.name}, which happened at {_seconds(fault.happened)} s.", "yellow")
+    _print_unseen(report, told=bool(missed))
     if report.faults:
         say()
         _print_faults(report)
-        _print_late(report.faults, period)
+        _print_late(report.faults)
     say()
     _print_prediction(report.prediction, report.total)
     _print_disagreements(report.disagreements, len(report.prediction))
@@ -163,16 +163,17 @@ def print_run(workspace: str, report: RunReport, period: float | None = None) ->
     say("; ".join(part for part in (conflicts, tracking) if part).capitalize() + ".")
 
 
-def _print_unseen(report: RunReport) -> None:
-    """The literals that no camera saw at the end of finished steps, so that a fault may be unnoticed."""
+def _print_unseen(report: RunReport, *, told: bool) -> None:
+    """The literals that no camera saw at the end of finished steps, so that a fault may be unnoticed.
+
+    told: whether that of one is told already.
+    """
     for number, step in enumerate(report.steps, 1):
         if step.end is not None and step.unseen:
             end = "the motion" if len(report.steps) == 1 else f"step {number}"
             atoms = listed([f"{atom} ({_last(t)})" for atom, t in step.unseen.items()])
-            say(
-                f"At the end of {end} no image shows {atoms}: a fault after that would not be noticed by then.",
-                "yellow",
-            )
+            then = "" if told else ": a fault after that would not be noticed by then"
+            say(f"At the end of {end} no image shows {atoms}{then}.", "yellow")
 
 
 def _last(t: float | None) -> str:
@@ -200,17 +201,11 @@ def _print_faults(report: RunReport) -> None:
             )
 
 
-def _print_late(faults: Sequence[FaultRecord], period: float | None) -> None:
-    """The faults that were seen later than predicted, and a possible reason."""
+def _print_late(faults: Sequence[FaultRecord]) -> None:
+    """The faults that were seen later than predicted at worst."""
     for fault in faults:
-        if fault.delay is None or fault.predicted_delay is None or period is None:
-            continue
-        late = fault.delay - fault.predicted_delay
-        if late > tolerance(period) + 1e-9:
-            say(
-                f"The images showed {fault.name} {late:.2f} s later than predicted: before tool and object have parted "
-                "by some 2 pixels, as at the very start of a lift, no image can show that they part."
-            )
+        if late := excess(fault):
+            say(f"The images showed {fault.name} {late:.3f} s later than predicted at worst.", "yellow")
 
 
 def _print_prediction(prediction: Sequence[Prediction], total: Confusion) -> None:
@@ -312,14 +307,13 @@ def print_sweep(
 
 def _print_comparison(summary: SweepSummary) -> None:
     """How predicted and measured delays of a sweep compare, in sentences."""
-    within = f"within {1000 * summary.tolerance:.0f} ms (a frame period and the time to look at an image)"
+    sooner = f"{summary.sooner} sooner by more than {1000 * summary.tolerance:.0f} ms"
     say(
         f"{summary.seen} of {summary.predictable} slips that the prediction says can be seen were seen: "
-        f"{summary.as_predicted} as predicted, {within}, {summary.sooner} sooner and {summary.later} later."
+        f"{summary.as_predicted} as predicted, {sooner}, {summary.later} later than predicted at worst."
     )
-    if summary.lateness:
-        sooner, worse = max(0.0, -min(summary.lateness)), max(0.0, max(summary.lateness))
-        say(f"They were seen at most {sooner:.2f} s sooner and {worse:.2f} s later than predicted.")
+    if summary.excesses:
+        say(f"These exceed what was predicted by up to {max(summary.excesses):.3f} s.", "yellow")
     if summary.delays:
         done = f"; done after {sum(summary.ends) / len(summary.ends):.1f} s on average" if summary.ends else ""
         mean = sum(summary.delays) / len(summary.delays)

@@ -732,3 +732,16 @@ def test_the_place_of_an_object_that_a_program_moved_is_not_written_as_its_place
     refused = sqrp("advise", tower, "stack blue red", *options, "--apply", 1)
     assert (refused.code, "has moved `red`" in refused.err) == (2, True)
     assert (tower / "workspace.yaml").read_bytes() == before
+
+
+def test_what_comes_no_nearer_than_it_is_is_not_called_the_nearest(sqrp):
+    """A wall stands before it, whatever the one camera looks at."""
+    command = ("advise", ROOT / "tests" / "cases" / "watch", "watch behind", "--kinds", "aim")
+    outcome = sqrp(*command)
+    assert outcome.code == 1
+    assert "Nothing that was tried comes nearer" in outcome.out
+    assert "comes nearest" not in outcome.out
+    assert "behind wall" in " ".join(outcome.out.split())
+    document = sqrp(*command, "--json").document
+    assert not document["nearest"]["nearer"]
+    assert document["nearest"]["q_eoi"] == document["before"]["q_eoi"] == 0.0

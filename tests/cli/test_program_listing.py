@@ -178,3 +178,13 @@ def test_a_program_that_could_not_be_read_again_is_not_written(sqrp, watch, prog
     assert "3 steps" in outcome.err
     assert f"--after {program}" in outcome.err
     assert program.read_bytes() == before
+
+
+def test_no_alarm_is_promised_of_a_fault_that_no_image_shows(sqrp, watch, tmp_path):
+    path = tmp_path / "program.yaml"
+    assert sqrp("rank", watch, "watch behind", "--program", path).code == 0
+    shown = " ".join(sqrp("program", path).out.split())
+    assert "No alarm tells of moved in step 1, watch behind, at 100 % of the times at which it may happen" in shown
+    assert "is noticed after" not in shown
+    assert " none " in shown
+    assert sqrp("program", path, "--json").document["total"]["delay_worst"] == 2.0

@@ -13,7 +13,7 @@ import yaml
 
 from sqrp_cli.runtime.record.report import FaultRecord, RunReport, StepRecord
 
-LATE = "later than predicted: before tool and object have parted"
+LATE = "The images showed slip 0.020 s later than predicted at worst."
 
 
 def log_of(path: Path, delay: float, rates: dict[str, float] | None) -> Path:
@@ -29,23 +29,13 @@ def log_of(path: Path, delay: float, rates: dict[str, float] | None) -> Path:
     return path
 
 
-@pytest.mark.parametrize(("delay", "late"), [(0.30, False), (0.50, True)])
-def test_a_log_alone_tells_what_was_seen_late_by_the_rate_of_the_slowest_camera(
+@pytest.mark.parametrize(("delay", "late"), [(0.15, False), (0.152, False), (0.17, True)])
+def test_a_log_alone_tells_what_was_seen_later_than_predicted(
     sqrp: Callable[..., Any], tmp_path: Path, delay: float, late: bool
 ) -> None:
-    shown = sqrp("run", "--replay", log_of(tmp_path / "log", delay, {"fast": 30.0, "slow": 5.0}))
+    shown = sqrp("run", "--replay", log_of(tmp_path / "log", delay, None))
     assert (shown.code, shown.err) == (3, "")
     assert (LATE in " ".join(shown.out.split())) is late
-
-
-def test_a_log_without_rates_says_what_is_not_known(sqrp: Callable[..., Any], tmp_path: Path) -> None:
-    log = log_of(tmp_path / "log", 0.5, None)
-    shown = sqrp("run", "--replay", log)
-    assert shown.code == 3
-    assert LATE not in " ".join(shown.out.split())
-    assert shown.err.startswith(f"warning: {log}:1: this log does not say how often its cameras took images")
-    assert f"to mend it: name the program that was run: sqrp run PROGRAM --replay {log}\n" in shown.err
-    assert sqrp("run", "--replay", log, "--json").err == ""
 
 
 def test_rates_that_are_none_are_told_with_the_line(sqrp: Callable[..., Any], tmp_path: Path) -> None:

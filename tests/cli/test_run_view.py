@@ -40,20 +40,25 @@ def test_why_a_run_stopped_is_said_with_short_times(capsys: pytest.CaptureFixtur
     assert FORMULA in str(found.reason)
 
 
-@pytest.mark.parametrize(("delay", "late"), [(0.08, None), (0.26, None), (0.43, "0.28"), (0.28, "0.13")])
-def test_a_fault_that_is_seen_later_than_a_sweep_tolerates_is_said_to_be(
+@pytest.mark.parametrize(("delay", "late"), [(0.08, None), (0.152, None), (0.17, "0.020"), (0.43, "0.280")])
+def test_a_fault_that_is_seen_later_than_predicted_at_worst_is_said_to_be(
     capsys: pytest.CaptureFixture[str], delay: float, late: str | None
 ) -> None:
-    print_run("cell", report(delay, 0.15), 0.1)
+    print_run("cell", report(delay, 0.15))
     shown = " ".join(capsys.readouterr().out.split())
     assert ("later than predicted" in shown) == (late is not None)
-    assert late is None or f"The images showed slip {late} s later than predicted: before tool and object" in shown
+    assert late is None or f"The images showed slip {late} s later than predicted at worst." in shown
 
 
-def test_nothing_is_late_by_the_same_figures_where_images_come_more_rarely(capsys: pytest.CaptureFixture[str]) -> None:
-    print_run("cell", report(0.43, 0.15), 0.5)
-    print_run("cell", report(0.43, 0.15))
-    assert "later than predicted" not in capsys.readouterr().out
+def test_a_fault_that_no_image_shows_is_not_left_untold_where_the_run_is_done(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    step = StepRecord("pickup", {}, "pickup g", 0.0, 9.0, unseen={"hold(g)": 4.1})
+    print_run("cell", RunReport("done", None, 9.6, [step], [FaultRecord("slip", 5.0, 5.01)]))
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "No image showed slip, which happened at 5.01 s." in shown
+    assert "At the end of the motion no image shows hold(g) (last at 4.10 s)." in shown
+    assert "would not be noticed" not in shown
 
 
 def test_faults_of_cameras_name_them(capsys: pytest.CaptureFixture[str]) -> None:

@@ -390,3 +390,19 @@ def test_where_nothing_is_seen_no_camera_is_called_spare(sqrp, watch):
     said = " ".join(sqrp("explain", watch, "watch behind").out.split())
     assert "No camera sees what it has to, so that none is missed if it fails." in said
     assert "No single camera is needed" not in said
+
+
+@pytest.mark.parametrize("width", range(20, 34))
+def test_a_number_is_not_parted_from_its_unit(monkeypatch, width):
+    out = io.StringIO()
+    monkeypatch.setattr(console, "output", lambda: Console(file=out, width=width, color_system=None))
+    console.say("then delay is 0.74 s, not 0.5 s (cam1 is 30 deg too oblique, 20 percent)")
+    lines = out.getvalue().splitlines()
+    assert not [line for line in lines if re.match(r"(s|deg)\b", line)]
+    assert " ".join(lines) == "then delay is 0.74 s, not 0.5 s (cam1 is 30 deg too oblique, 20 percent)"
+
+
+def test_another_approach_is_not_advised_where_there_is_one_way_only(sqrp, watch):
+    shown = " ".join(sqrp("explain", watch, "watch behind").out.split())
+    assert "move eye to where wall is not in its way." in shown
+    assert "another approach" not in shown

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask
 from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.coverage.assessment import Assessment
+from sqrp_cli.programming.coverage.verdict import NOTHING_MISSING
 from sqrp_cli.scoring.score import shortcomings
 
 EXPECTED = ExpectedTask(task="pickup", max_delay=0.1)
@@ -18,7 +19,7 @@ def assessed(*, blind: float) -> Assessment:
     slip = FaultMetrics(0.15 + blind / 2, 0.15 + blind, blind, 0.0, 20.0)
     verdict = "cam1 cannot see hold(g1) behind forearm_link."
     without = Assessment.infeasible(candidate, (), verdict)
-    return replace(without, feasible=True, time=9.0, faults={"slip": slip})
+    return replace(without, feasible=True, time=9.0, faults={"slip": slip}, why_late="tool and part have to part")
 
 
 def test_a_delay_is_explained_by_what_hides_the_fault():
@@ -26,9 +27,15 @@ def test_a_delay_is_explained_by_what_hides_the_fault():
     assert "only after 2.15 s, expected at most 0.1 s: cam1 cannot see hold(g1)" in sentence
 
 
-def test_a_delay_without_blind_time_is_explained_by_the_camera():
+def test_a_delay_without_blind_time_is_explained_by_what_takes_so_long():
     (sentence,) = shortcomings(assessed(blind=0.0), EXPECTED, "")
-    assert "only after 0.15 s, expected at most 0.1 s: so long take a frame and the latency" in sentence
+    assert "only after 0.15 s, expected at most 0.1 s: tool and part have to part" in sentence
+
+
+def test_a_delay_of_what_is_covered_all_the_time_is_not_explained_by_a_verdict_that_says_so():
+    found = replace(assessed(blind=2.0), verdict=NOTHING_MISSING)
+    (sentence,) = shortcomings(found, EXPECTED, "")
+    assert "only after 2.15 s, expected at most 0.1 s: tool and part have to part" in sentence
 
 
 def test_a_quality_that_is_whole_but_for_rounding_is_whole():

@@ -58,7 +58,7 @@ def sweep_lines(done: Sequence[Done], names: Sequence[str], period: float) -> It
             summary.seen == summary.predictable,
         )
         yield Line(
-            f"{name}: seen within {within} of the prediction",
+            f"{name}: seen as predicted, at most {within} sooner",
             f">= {100 * AS_PREDICTED:.0f} %",
             f"{100 * share:.0f} %, {summary.sooner} sooner, {summary.later} later "
             f"({min(summary.lateness):+.2f} to {max(summary.lateness):+.2f} s)",

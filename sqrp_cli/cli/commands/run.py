@@ -172,16 +172,14 @@ def _sweep(opened: OpenProgram, slip: str, count: int | None, *, as_json: bool) 
 
 def _show(run: SimulatedRun, page: Path | None, arguments: Sequence[str], *, as_json: bool) -> ExitCode:
     """Write the page, if one is wanted, and print how a run went. arguments: of the command."""
-    from sqrp_cli.terminal.console import note, print_problems
+    from sqrp_cli.terminal.console import note
     from sqrp_cli.terminal.run_view import wall_time
 
     if page is not None:
         run.write_page(page, arguments)
         note(f"open {page} in a browser")
-    if not as_json:
-        print_problems(run.problems)
-        if run.report.wall:
-            note(wall_time(run.report))
+    if not as_json and run.report.wall:
+        note(wall_time(run.report))
     for fault in run.never_happened:
         note(f"--fault {fault} never happened: the run ended before, at {run.report.time:.2f} s")
     answer(run, as_json=as_json)

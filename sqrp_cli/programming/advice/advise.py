@@ -87,7 +87,10 @@ class Adviser:
         if why_not:
             return Miss(kind=kind, why=why_not, tried=False)
         found = self._found(kind)
-        return found if isinstance(found, Miss) else self._advice(found)
+        if not isinstance(found, Miss):
+            return self._advice(found)
+        start = self.before if kind in MOTION else assessed(self.way, self._study)
+        return replace(found, nearer=self.question.wish.is_nearer(found.found, start))
 
     def _found(self, kind: Kind) -> Sequence[Found] | Miss:
         match kind:

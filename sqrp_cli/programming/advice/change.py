@@ -183,3 +183,5 @@ class Miss:
     """The candidate with that."""
     limit: str = ""
     """Which limit then stands in the way, in a sentence."""
+    nearer: bool = False
+    """Whether that comes nearer to the wish than what it starts from."""

@@ -92,5 +92,4 @@ class Question:
             return f"its motion takes that long, {longest.end - longest.start:.1f} s of it {longest.name}"
         worst = worst_seen([step.assessment("") for step in found.steps])
         said = reasons_of_step(found.candidate, worst + 1, [verdict(cell, found.steps[worst])])[0]
-        slow = "so long take a frame and the latency of the camera that sees it"
-        return slow if said.endswith(NOTHING_MISSING) else said.split(HELP)[0]
+        return found.assessment.why_late if said.endswith(NOTHING_MISSING) else said.split(HELP)[0]

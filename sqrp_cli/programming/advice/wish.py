@@ -20,6 +20,9 @@ NAMES = (*QUALITIES, *TIMES)
 SHOWN = {"q_eoi": "Q_eoi", "q_avg": "Q_avg", "time": "time", "delay": "delay"}
 """What texts call them."""
 
+_NOTICED = 1e-3
+"""Differences up to this, of qualities and shares of times, are none."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Wish:
@@ -74,6 +77,10 @@ class Wish:
         for name, most in self._stated(TIMES):
             missing += max(0.0, (figure(found, name) or 0.0) / most - 1.0)
         return missing
+
+    def is_nearer(self, found: Assessment | None, start: Assessment) -> bool:
+        """Whether a candidate misses it by less than another one, by more than figures are rounded."""
+        return self.shortfall(found) < self.shortfall(start) - _NOTICED
 
     def _stated(self, names: tuple[str, ...]) -> Iterator[tuple[str, float]]:
         yield from ((name, value) for name in names if (value := getattr(self, name)) is not None)

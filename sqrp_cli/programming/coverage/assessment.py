@@ -12,7 +12,7 @@ from sqrp_cli.logic.literal import Literal
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.certificate import Certificate
 from sqrp_cli.programming.coverage.fault_sights import all_fault_windows, fault_onsets
-from sqrp_cli.programming.coverage.faults import fault_metrics
+from sqrp_cli.programming.coverage.faults import fault_metrics, why_late
 from sqrp_cli.programming.coverage.quality import NO_FIGURES, Figures, Qualities, figures_of
 from sqrp_cli.programming.coverage.sampling import MAX_SAMPLES, Sampling, sample_count
 from sqrp_cli.programming.coverage.stage import Stage
@@ -107,6 +107,8 @@ class Assessment(Figures):
     """The ways in which it can be done; None where its motion was not asked for."""
     best_way: Candidate | None = None
     """The way behind the figures, if the candidate leaves something free."""
+    why_late: str = ""
+    """What takes so long until the fault with the longest delay is noticed, in a few words; empty without faults."""
     steps: tuple[Assessment, ...] = ()
     """Of a task of several steps: those of the steps that were looked at."""
 
@@ -199,6 +201,7 @@ class Study(Rehearsal):
             fault: fault_metrics(windows, self.onsets[fault], self.recovery, time)
             for fault, windows in self.windows.items()
         }
+        latest = max(faults, key=lambda fault: faults[fault].delay_worst, default=None)
         return Assessment(
             candidate=self.candidate,
             feasible=True,
@@ -208,6 +211,7 @@ class Study(Rehearsal):
             ways_around=self.motion.ways_around,
             outside=formulas_outside(self.candidate, self.motion),
             verdict=verdict,
+            why_late="" if latest is None else why_late(faults[latest], self.windows[latest], self.onsets[latest]),
         )
 
 

@@ -12,6 +12,9 @@ from sqrp_cli.logic.image_time import Onset, Window, delays
 from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.motion.stop_and_return import Recovery
 
+_PROMPT = 1e-3
+"""Times and shares up to this explain no delay [s, 1]."""
+
 
 def fault_metrics(windows: Sequence[Window], onsets: Sequence[Onset], recovery: Recovery, total: float) -> FaultMetrics:
     """The metrics of a fault that may happen at any time of its intervals, on a motion of duration `total` [s].
@@ -34,6 +37,20 @@ def fault_metrics(windows: Sequence[Window], onsets: Sequence[Onset], recovery: 
         unseen=mean(part.unseen for part in parts),
         expected_time=mean(part.expected_time for part in parts),
     )
+
+
+def why_late(fault: FaultMetrics, windows: Sequence[Window], onsets: Sequence[Onset]) -> str:
+    """What takes so long until a fault is noticed, at worst; see `fault_metrics`."""
+    if not windows:
+        return "no image shows it"
+    if fault.blind_longest > _PROMPT:
+        return f"no image shows it for up to {fault.blind_longest:.2f} s"
+    if fault.unseen > _PROMPT:
+        return "of what happens last, no image tells before the end"
+    parting = max(float((onset.shown - onset.x).max()) for onset in onsets)
+    if parting > _PROMPT:
+        return f"tool and part have to part for up to {parting:.2f} s before an image shows it"
+    return "so long take a frame and the latency of the camera that sees it"
 
 
 def interval_metrics(windows: Sequence[Window], onset: Onset, recovery: Recovery, total: float) -> FaultMetrics:

@@ -57,7 +57,7 @@ _ADVICE = {
 }
 
 _OTHER_WAY = ", or try another approach"
-"""What is left out where all ways were tried already."""
+"""What is left out where all ways were tried already, and where a skill goes nowhere in more ways than one."""
 
 
 @dataclass(frozen=True)
@@ -168,8 +168,10 @@ def _sentences(study: Study, stretch: BlindStretch | None) -> str:
 def _on_coverage(study: Study, stretch: BlindStretch | None) -> str:
     if stretch is None:
         return NOTHING_MISSING
-    advice = stretch.advice.removesuffix(_OTHER_WAY) if study.candidate.branch else stretch.advice
-    return f"{stretch}{HELP}{advice}."
+    skill = study.candidate.skill
+    stated = any(not parameter.implicit for parameter in skill.motion_parameters)
+    tried = study.candidate.branch or not (skill.waypoints or stated)
+    return f"{stretch}{HELP}{stretch.advice.removesuffix(_OTHER_WAY) if tried else stretch.advice}."
 
 
 def _longest_loss(study: Study) -> Indices | None:

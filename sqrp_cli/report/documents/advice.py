@@ -218,6 +218,8 @@ class NearestChange(ChangeFound):
     """What is missing, in a few words each."""
     limit: str
     """Which limit stands in the way."""
+    nearer: bool
+    """Whether it comes nearer to the wish than what it starts from; false where nothing that was tried does."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -244,7 +246,14 @@ def nearest_of(miss: Miss, wish: Wish) -> NearestChange | None:
     if miss.nearest is None or miss.found is None:
         return None
     found = ChangeFound.of_change(miss.nearest, miss.found)
-    return completed(NearestChange, found, missing=wish.missed(miss.found), limit=miss.limit)
+    return completed(NearestChange, found, missing=wish.missed(miss.found), limit=miss.limit, nearer=miss.nearer)
+
+
+def nearest_in_words(nearest: NearestChange) -> str:
+    """What comes nearest where nothing meets the wish, in a sentence without its full stop."""
+    if not nearest.nearer:
+        return "Nothing that was tried comes nearer, either"
+    return f"To {nearest.words} comes nearest: {'; '.join(nearest.missing)}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -137,17 +137,17 @@ class SweepDocument(WorkspaceDocument):
     step: int
     """Number of the step that was swept."""
     tolerance: float
-    """How far a delay may be from its prediction [s]."""
+    """A delay that is shorter than its prediction by more counts as sooner [s]."""
     predictable: int
     """Runs in which the fault came true and was predicted to be seen."""
     seen: int
     """Runs among them in which it was seen."""
     as_predicted: int
-    """Runs among those in which it was seen within `tolerance` of the prediction."""
+    """Runs among those in which it was seen within the longest delay predicted, by `tolerance` sooner at most."""
     sooner: int
     """Runs in which it was seen sooner than that."""
     later: int
-    """Runs in which it was seen later than that."""
+    """Runs in which it was seen later than predicted at worst, by more than a step of the physics (2 ms)."""
     runs: list[SweptRun]
     """In the order of `x`."""
 

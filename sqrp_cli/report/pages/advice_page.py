@@ -12,7 +12,7 @@ from sqrp_cli.programming.advice.effects import is_fastest
 from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.ranking import Ranked
-from sqrp_cli.report.documents.advice import costs, held_ways
+from sqrp_cli.report.documents.advice import costs, held_ways, nearest_in_words
 from sqrp_cli.report.documents.candidates import CandidateFigures
 from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.candidate_page import cell_scene, origin, playback
@@ -80,7 +80,7 @@ def _summary(shown: AdviceShown) -> str:
         met = "that is met already"
     elif not document.advice:
         nearest = document.nearest
-        near = "" if nearest is None else f"; to {nearest.words} comes nearest: {'; '.join(nearest.missing)}"
+        near = "" if nearest is None else f". {nearest_in_words(nearest)}"
         met = f"nothing that was tried meets it{near}"
     else:
         count = len(document.advice)

@@ -12,9 +12,16 @@ PROCESSING = 0.02
 """Time to process an image [s]: measured, 15 ms for one of 640x480 pixels."""
 
 
-def tolerance(period: float) -> float:
-    """How far a delay may be from its prediction [s]; period: between images of the slowest camera [s]."""
-    return period + PROCESSING
+TRUTH_SPACING = 0.002
+"""When a fault has come true is known to this: a step of the physics [s]."""
+
+
+def excess(fault: FaultRecord) -> float:
+    """By how much a delay exceeds the longest that is predicted for it [s]; 0 where it does not, or none is known."""
+    if fault.delay is None or fault.predicted_delay is None:
+        return 0.0
+    late = fault.delay - fault.predicted_delay
+    return late if late > TRUTH_SPACING + 1e-9 else 0.0
 
 
 class Stopped(Exception):  # noqa: N818

@@ -18,9 +18,6 @@ from sqrp_cli.runtime.run.injected_fault import InjectedFault
 PHYSICAL = ("slip", "miss-pick")
 """Faults of the step; the others are faults of cameras."""
 
-TRUTH_SPACING = 0.002
-"""Period of checking the ground truth, once a fault was injected [s]."""
-
 
 MakeHappen = Callable[[InjectedFault], None]
 """Lets a fault happen."""

@@ -10,9 +10,10 @@ from typing import Literal
 from sqrp_cli.runtime.monitor.attempt import Attempt
 from sqrp_cli.runtime.perception.evidence_buffer import Evidence
 from sqrp_cli.runtime.record.events import ContactFelt, EventPublisher, Stopping
+from sqrp_cli.runtime.record.report import TRUTH_SPACING
 from sqrp_cli.runtime.run.commanded_robot import CommandedRobot
 from sqrp_cli.runtime.run.evidence_collector import EvidenceCollector, Moment
-from sqrp_cli.runtime.run.fault_tracker import TRUTH_SPACING, FaultTracker
+from sqrp_cli.runtime.run.fault_tracker import FaultTracker
 from sqrp_cli.runtime.run.ground_truth import Truths
 
 FEELING = 0.004

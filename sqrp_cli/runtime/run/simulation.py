@@ -11,7 +11,7 @@ from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 from sqrp_cli.runtime.perception.detections import CellModel
 from sqrp_cli.runtime.perception.detector_pool import DetectorPool
 from sqrp_cli.runtime.record.events import VERSION, ProgramStep, RunBegan
-from sqrp_cli.runtime.record.report import FaultRecord, RunReport, tolerance
+from sqrp_cli.runtime.record.report import PROCESSING, FaultRecord, RunReport, excess
 from sqrp_cli.runtime.robot_body import RobotBody
 from sqrp_cli.runtime.run.injected_fault import InjectedFault
 from sqrp_cli.runtime.run.program_run import Recording, Run, Workcell
@@ -65,15 +65,17 @@ class SweepRun:
 class SweepSummary:
     """How the delays of a sweep compare with their predictions.
 
-    A delay is as predicted if it is within `tolerance` [s] of the prediction: one frame period plus what it takes to
-    look at an image.
+    What is predicted is the longest delay, whatever the phase of the cameras.
     """
 
     tolerance: float
+    """A delay that is shorter by more counts as sooner: a frame period plus what it takes to look at an image [s]."""
     predictable: int
     """Runs in which the fault came true and is predicted to be seen."""
     lateness: tuple[float, ...]
     """Of each of those that were seen, measured delay minus predicted [s]."""
+    excesses: tuple[float, ...]
+    """By how much delays exceeded what was predicted, of those that did [s]."""
     delays: tuple[float, ...]
     """Measured, of the same [s]."""
     ends: tuple[float, ...]
@@ -87,9 +89,10 @@ class SweepSummary:
         pairs = [(fault.delay, fault.predicted_delay) for fault in able]
         seen = [(delay, predicted) for delay, predicted in pairs if delay is not None and predicted is not None]
         return cls(
-            tolerance(period),
+            period + PROCESSING,
             len(able),
             tuple(delay - predicted for delay, predicted in seen),
+            tuple(late for late in map(excess, able) if late),
             tuple(delay for delay, _ in seen),
             tuple(fault.recovered for fault in faults if fault.recovered is not None),
         )
@@ -101,7 +104,7 @@ class SweepSummary:
 
     @property
     def as_predicted(self) -> int:
-        """How many of those were seen as predicted."""
+        """How many of those were seen within the longest delay, and hardly sooner."""
         return self.seen - self.sooner - self.later
 
     @property
@@ -111,8 +114,8 @@ class SweepSummary:
 
     @property
     def later(self) -> int:
-        """How many were seen later than predicted."""
-        return sum(late > self.tolerance + 1e-9 for late in self.lateness)
+        """How many were seen later than predicted at worst."""
+        return len(self.excesses)
 
 
 def sweep(

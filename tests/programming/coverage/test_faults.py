@@ -21,7 +21,7 @@ from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study
 from sqrp_cli.programming.coverage.fault_sights import Clock, FaultWatch, fault_windows
-from sqrp_cli.programming.coverage.faults import fault_metrics, interval_metrics
+from sqrp_cli.programming.coverage.faults import fault_metrics, interval_metrics, why_late
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.motion.stop_and_return import Recovery, stop
 from sqrp_cli.programming.motion.timing import MotionLimits
@@ -207,3 +207,21 @@ def test_a_fault_in_two_intervals_is_averaged_over_both_and_not_over_the_time_be
     assert both.expected_time == pytest.approx(0.25 * parts[0].expected_time + 0.75 * parts[1].expected_time)
     assert both.delay_worst == max(part.delay_worst for part in parts)
     assert both.blind_longest == pytest.approx(1.5)
+
+
+LATE = Onset(np.array([1.0, 3.0]), np.array([1.4, 3.0]))
+
+
+@pytest.mark.parametrize(
+    ("windows", "onset", "why"),
+    [
+        ([Window(0.0, 4.0, 0.1, 0.05)], Onset.at_once(1.0, 3.0), "so long take a frame and the latency"),
+        ([Window(0.0, 4.0, 0.1, 0.05)], LATE, "tool and part have to part for up to 0.40 s"),
+        ([Window(0.0, 1.5, 0.1, 0.05), Window(2.2, 4.0, 0.1, 0.05)], LATE, "no image shows it for up to 0.70 s"),
+        ([Window(0.0, 3.0, 0.1, 0.05)], LATE, "of what happens last, no image tells"),
+        ([], LATE, "no image shows it"),
+    ],
+)
+def test_what_makes_the_longest_delay_long(windows: list[Window], onset: Onset, why: str) -> None:
+    found = fault_metrics(windows, [onset], recovery(0, 4.0), 4.0)
+    assert why_late(found, windows, [onset]).startswith(why)
