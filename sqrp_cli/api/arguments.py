@@ -38,6 +38,7 @@ class RunOutputs:
     """Files and folders that a run writes; None: not wanted."""
 
     film: Path | None = None
+    """A film, or a recording for ROS tools, by its suffix."""
     log: Path | None = None
     frames: Path | None = None
     """A folder."""
@@ -66,10 +67,20 @@ class RunOutputs:
         check_not_read([self.film, self.log, self.page], inputs)
 
 
+def is_recording(path: Path | None) -> bool:
+    """Whether a film's name is that of a recording for ROS tools."""
+    from sqrp_cli.ros.bag import SUFFIXES
+
+    return path is not None and path.suffix.lower() in SUFFIXES
+
+
 def _check_film(path: Path, name: str) -> None:
-    """Raises InputError for a name that OpenCV cannot write an MP4 film to."""
+    """Raises InputError for a name that neither a recording nor an MP4 film of OpenCV can have."""
+    if is_recording(path):
+        return
     if path.suffix.lower() != ".mp4":
-        raise InputError(Problem("bad-option", f"{name} is `{path}`; expected a name that ends in .mp4"))
+        expected = "expected a name that ends in .mp4 (film), .mcap (recording) or .bag (recording of ROS 1)"
+        raise InputError(Problem("bad-option", f"{name} is `{path}`; {expected}"))
     if str(path) != str(path).encode(errors="ignore").decode():
         message = f"{name} is `{path}`, which is not UTF-8 text; films are written by a library that needs it"
         raise InputError(Problem("bad-option", message))

@@ -16,6 +16,7 @@ from sqrp_cli.api.arguments import (
     check_text,
     check_texts,
     checked_path,
+    is_recording,
     optional_path,
     refused,
 )
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from sqrp_cli.program.record import Program, Step
     from sqrp_cli.programming.program_update import StepReplanner
     from sqrp_cli.report.pages.run_page import RunCell
+    from sqrp_cli.runtime.record.bag_recorder import BagRecorder
     from sqrp_cli.runtime.record.events import Event, Listener, RunBegan
     from sqrp_cli.runtime.record.film import ImageRecorder
     from sqrp_cli.runtime.run.injected_fault import InjectedFault
@@ -190,7 +192,8 @@ class OpenProgram:
             check_writable(path)
         events: list[Event] = []
         with ExitStack() as closing:  # closes the others even if one fails to close
-            gallery = _gallery(workspace, outputs.film, outputs.frames)
+            recorder = _recorder(workspace, outputs.film, closing)
+            gallery = _gallery(workspace, None if recorder else outputs.film, outputs.frames, recorder)
             if gallery is not None:
                 closing.callback(gallery.close)
             writer = None
@@ -198,7 +201,9 @@ class OpenProgram:
                 writer = LogWriter(outputs.log, header(self.program, workspace, self.seed, injected))
                 closing.callback(writer.close)
             heard = [*(() if writer is None else (writer,)), *listeners, events.append]
-            report = simulation.run(injected, Recording(heard, gallery, states=witnessed or writer is not None))
+            heard += [] if recorder is None else [recorder]
+            states = witnessed or writer is not None or recorder is not None
+            report = simulation.run(injected, Recording(heard, gallery, states=states))
             if writer is not None:
                 writer.finish(report)
         return SimulatedRun(
@@ -379,13 +384,29 @@ def _never_happened(faults: Sequence[InjectedFault], events: Sequence[Event]) ->
     return late
 
 
-def _gallery(workspace: Workspace, film: Path | None, frames: Path | None) -> ImageRecorder | None:
-    """Writers of the images of a run, as a film or one by one."""
-    if film is None and frames is None:
+def _recorder(workspace: Workspace, path: Path | None, closing: ExitStack) -> BagRecorder | None:
+    """The writer of a run for ROS tools, if the name is that of a recording; it leaves nothing behind if all fails."""
+    if path is None or not is_recording(path):
+        return None
+    from sqrp_cli.ros.bag import BagWriter
+    from sqrp_cli.runtime.record.bag_recorder import BagRecorder
+    from sqrp_cli.runtime.robot_body import RobotBody
+
+    body, writer = RobotBody.load(workspace.robot), BagWriter(path)
+    closing.callback(writer.discard)
+    return BagRecorder(writer, workspace, body)
+
+
+def _gallery(
+    workspace: Workspace, film: Path | None, frames: Path | None, recorder: BagRecorder | None
+) -> ImageRecorder | None:
+    """Writers of the images of a run, as a film, one by one, and in a recording."""
+    if film is None and frames is None and recorder is None:
         return None
     from sqrp_cli.runtime.record.film import Film, ImageRecorder
     from sqrp_cli.runtime.record.frame_folder import FrameFolder
 
     rate = max(camera.rate for camera in workspace.cameras.values())
     folder = FrameFolder(frames) if frames is not None else None
-    return ImageRecorder(folder, Film(film, list(workspace.cameras), rate) if film is not None else None)
+    reel = Film(film, list(workspace.cameras), rate) if film is not None else None
+    return ImageRecorder(folder, reel, recorder)

@@ -41,7 +41,13 @@ def command(
     n: Annotated[int | None, typer.Option("--n", metavar="N", min=1, help="Runs of a sweep; 20 by default.")] = None,
     seed: Seed = 0,
     record: Annotated[
-        Path | None, typer.Option("--record", metavar="FILE.mp4", help="Film all cameras, with what is seen drawn in.")
+        Path | None,
+        typer.Option(
+            "--record",
+            metavar="FILE",
+            help="*.mp4: film all cameras, with what is seen drawn in. *.mcap, or *.bag for ROS 1: images, joints, "
+            "frames, boxes and verdicts, as Foxglove and RViz show them and `sqrp audit` reads them.",
+        ),
     ] = None,
     log: Annotated[
         Path | None, typer.Option("--log", metavar="FILE", help="Write what happens, one JSON document per line.")

@@ -15,7 +15,7 @@ from typing import Literal
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import Array, pose, read_only
-from sqrp_cli.knowledge.camera.bag_transforms import is_bag, read_bag
+from sqrp_cli.knowledge.camera.bag_transforms import read_bag
 from sqrp_cli.knowledge.camera.static_transforms import (
     StaticTransform,
     TransformEntry,
@@ -29,6 +29,7 @@ from sqrp_cli.knowledge.text.input_file import decoded, read_input
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.text.validation import validate
 from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, parse_yaml
+from sqrp_cli.ros.bag import is_bag
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,6 @@ import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, inverse, pose, read_only
-from sqrp_cli.knowledge.camera.bag_transforms import METADATA
 from sqrp_cli.knowledge.camera.calibration import check_image, doubtful_projection, read_calibration
 from sqrp_cli.knowledge.camera.camera import Camera, CameraEntry
 from sqrp_cli.knowledge.camera.hand_eye import HandEye, read_hand_eye
@@ -35,6 +34,7 @@ from sqrp_cli.knowledge.text.usual_values import CALIBRATION, HAND_EYE, unusual_
 from sqrp_cli.knowledge.workspace.workspace import WorkspaceFile
 from sqrp_cli.logic.domain import Domain
 from sqrp_cli.logic.literal import Atom
+from sqrp_cli.ros.bag import METADATA
 from sqrp_cli.shapes import Box, Mesh, Part
 
 R_BODY_OPTICAL = ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))

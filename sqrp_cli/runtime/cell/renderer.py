@@ -35,6 +35,22 @@ _BAND = 1_000_000
 """Pixels whose distortion is undone at once."""
 
 
+@dataclass(frozen=True, eq=False)
+class Solids:
+    """What a camera has before it in each pixel of a picture without distortion."""
+
+    X_WC: Array
+    """Pose of the camera, (4, 4)."""
+    body: NDArray[np.int64]
+    """MuJoCo's number of the body, 0 for the floor and what belongs to none, shape (height, width)."""
+    z: Array
+    """Depth along the optical axis [m], shape (height, width)."""
+    x: Array
+    """Where the columns are in the plane z = 1, shape (width,)."""
+    y: Array
+    """Where the rows are in the plane z = 1, shape (height,)."""
+
+
 class Renderer:
     """Draws what cameras see of a model at given joint positions; owns an OpenGL context until it is closed."""
 
@@ -75,7 +91,36 @@ class Renderer:
     def image(self, name: str, t: float) -> NDArray[np.uint8]:
         """The image that a camera takes at time t [s], shape (height, width, 3)."""
         camera, optics = self._cameras[name], self._optics[name]
-        X_WC = self._camera_pose(camera)
+        picture, area = self._rendered(self._camera_pose(camera), optics)
+        mujoco.mjr_readPixels(picture, None, area, self._context)
+        return self._with_noise(optics.image(cv2.flip(picture, 0)), camera, t)
+
+    def solids(self, name: str) -> Solids:
+        """What a camera has before it, pixel by pixel of the picture without distortion."""
+        optics = self._optics[name]
+        X_WC = self._camera_pose(self._cameras[name])
+        for flag in (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR):
+            self._scene.flags[flag] = 1
+        try:
+            picture, area = self._rendered(X_WC, optics)
+        finally:
+            for flag in (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR):
+                self._scene.flags[flag] = 0
+        buffer = np.empty((optics.height, optics.width), dtype=np.float32)
+        mujoco.mjr_readPixels(picture, buffer, area, self._context)
+        numbers = cv2.flip(picture, 0).astype(np.int64) @ np.array([1, 1 << 8, 1 << 16])
+        bodies = np.zeros(self._scene.ngeom + 1, dtype=np.int64)
+        for geom in self._scene.geoms[: self._scene.ngeom]:
+            if geom.segid >= 0 and geom.objtype == mujoco.mjtObj.mjOBJ_GEOM:
+                bodies[geom.segid + 1] = self._model.geom_bodyid[geom.objid]
+        z = NEAR / (1.0 - cv2.flip(buffer, 0).astype(float) * (1.0 - NEAR / FAR))
+        (left, top), (right, bottom) = optics.low, optics.high
+        x = left + (np.arange(optics.width) + 0.5) / optics.width * (right - left)
+        y = top + (np.arange(optics.height) + 0.5) / optics.height * (bottom - top)
+        return Solids(X_WC, bodies[np.minimum(numbers, self._scene.ngeom)], z, x, y)
+
+    def _rendered(self, X_WC: Array, optics: Optics) -> tuple[NDArray[np.uint8], mujoco.MjrRect]:
+        """Draw what an eye sees; returns memory for the picture, and where the picture is."""
         self._leave_out_unseen(X_WC, optics)
         mujoco.mjv_updateScene(
             self._model, self._data, self._option, None, self._view, mujoco.mjtCatBit.mjCAT_ALL.value, self._scene
@@ -93,8 +138,7 @@ class Renderer:
         area = mujoco.MjrRect(0, 0, optics.width, optics.height)
         picture = np.empty((optics.height, optics.width, 3), dtype=np.uint8)
         mujoco.mjr_render(area, self._scene, self._context)
-        mujoco.mjr_readPixels(picture, None, area, self._context)
-        return self._with_noise(optics.image(cv2.flip(picture, 0)), camera, t)
+        return picture, area
 
     def close(self) -> None:
         """Give the OpenGL context back."""

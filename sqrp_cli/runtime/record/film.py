@@ -1,4 +1,4 @@
-"""Keeps the images of a run: in a folder of frames, and as a film of all cameras with what was seen in them."""
+"""Keeps the images of a run: in a folder, in a recording, and as a film of all cameras with what was seen in them."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import Array
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.runtime.image import CameraImage, ImageArray
+from sqrp_cli.runtime.record.bag_recorder import BagRecorder
 from sqrp_cli.runtime.record.frame_folder import FrameFolder
 from sqrp_cli.shown import is_utf8
 
@@ -66,16 +67,18 @@ class Film:
 
 
 class ImageRecorder:
-    """Passes the images of a run to a folder, a film, or both."""
+    """Passes the images of a run to a folder, a film and a recording."""
 
-    def __init__(self, folder: FrameFolder | None, film: Film | None) -> None:
-        self._folder, self._film = folder, film
+    def __init__(self, folder: FrameFolder | None, film: Film | None, bag: BagRecorder | None = None) -> None:
+        self._folder, self._film, self._bag = folder, film, bag
         self._waiting: dict[tuple[str, float], tuple[CameraImage, str]] = {}
 
     def add(self, frame: CameraImage, step: int, t: float | None, caption: str) -> None:
         """An image was taken at time t [s] of a step, while the robot did what the caption says."""
         if self._folder is not None:
             self._folder.add(frame, step, t)
+        if self._bag is not None:
+            self._bag.add(frame)
         if self._film is not None:
             self._waiting[frame.camera, frame.t] = (frame, caption)
 
@@ -88,7 +91,7 @@ class ImageRecorder:
     def close(self) -> None:
         """Finish all files."""
         with ExitStack() as closing:  # finish the others even if one fails
-            for sink in (self._folder, self._film):
+            for sink in (self._folder, self._film, self._bag):
                 if sink is not None:
                     closing.callback(sink.close)
 

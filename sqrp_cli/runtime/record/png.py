@@ -25,6 +25,7 @@ _PALETTE = 3
 """The type of colour whose numbers are those of a palette."""
 _PIXELS = ("IHDR", "PLTE", "IDAT", "IEND")
 _DEPTHS, _FILTERS = (1, 2, 4, 8, 16), 5
+_SAMPLED_444 = int(cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _HEADER_CHUNK = 25
 """Bytes of the first chunk: its length, its name, 13 of content, its checksum."""
@@ -47,6 +48,17 @@ class ImageSize:
 def png_of(image: ImageArray) -> bytes:
     """An image as a PNG file."""
     _, content = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    return bytes(content)
+
+
+JPEG_QUALITY = 95
+"""Of recorded images, of 100."""
+
+
+def jpeg_of(image: ImageArray) -> bytes:
+    """An image as a JPEG file with all of its colours: none of their channels is made smaller."""
+    options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, _SAMPLED_444]
+    _, content = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)
     return bytes(content)
 
 

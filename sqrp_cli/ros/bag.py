@@ -1,0 +1,215 @@
+"""Recordings: rosbag2 (a folder, `.mcap` or `.db3`) and ROS 1 (`.bag`), read and written message by message."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.platform.files import naming
+from sqrp_cli.ros.messages import Message, MessageError, Ros, message_types
+
+METADATA = "metadata.yaml"
+"""The file of a rosbag2 folder that tells what is in it."""
+
+_ROS1, _ROS2 = b"#ROSBAG V", (b"\x89MCAP", b"SQLite format 3\0")
+"""How recordings begin."""
+
+SUFFIXES = (".mcap", ".bag")
+"""Of the files that `BagWriter` writes: MCAP as ROS 2 does, and bags of ROS 1."""
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is a recording, or the metadata of one."""
+    if path.is_dir():
+        return (path / METADATA).is_file()
+    head = _head(path)
+    return head.startswith((_ROS1, *_ROS2)) or (path.name == METADATA and b"rosbag2_bagfile_information" in head)
+
+
+def _head(path: Path) -> bytes:
+    with naming(path, "this file cannot be read"), path.open("rb") as file:
+        return file.read(1000)
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a recording."""
+
+    name: str
+    type: str
+    """Such as `sensor_msgs/msg/Image`."""
+    count: int
+    """Messages on it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Packed:
+    """A message of a recording, as it was received."""
+
+    topic: str
+    type: str
+    t: int
+    """When it was received [ns]."""
+    data: bytes
+
+
+class Bag:
+    """A recording that is open for reading; a context manager. Messages are read one by one, as often as asked for."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises InputError for what is no recording, or one that cannot be read."""
+        try:
+            from rosbags import rosbag1, rosbag2
+        except ImportError as error:
+            raise _missing("reading a recording", path) from error
+        self.path = path
+        self.ros: Ros = 1 if path.is_file() and _head(path).startswith(_ROS1) else 2
+        self.types = message_types(self.ros)
+        at = path.parent if path.name == METADATA else path
+        with self._reading():
+            self._reader: Any = rosbag1.Reader(at) if self.ros == 1 else rosbag2.Reader(at)
+            self._reader.open()
+
+    @property
+    def topics(self) -> tuple[Topic, ...]:
+        """All topics, by name."""
+        found = (Topic(one.topic, one.msgtype, one.msgcount) for one in self._reader.connections)
+        return tuple(sorted(found, key=lambda topic: (topic.name, topic.type)))
+
+    def messages(self, topics: Collection[str]) -> Iterator[Packed]:
+        """The messages on some topics, in the order in which they were received. Raises InputError for damage."""
+        wanted = [one for one in self._reader.connections if one.topic in topics]
+        if not wanted:  # no connection would mean all of them
+            return
+        with self._reading():
+            for connection, t, data in self._reader.messages(wanted):
+                yield Packed(connection.topic, connection.msgtype, t, data)
+
+    def read(self, packed: Packed) -> Message:
+        """What a message says. Raises InputError for one that is not of its type."""
+        try:
+            return self.types.decode(packed.type, packed.data)
+        except (MessageError, KeyError) as error:
+            message = f"a message on `{packed.topic}` is no {packed.type}"
+            raise InputError(Problem("unreadable-file", message, Place(self.path))) from error
+
+    def close(self) -> None:
+        """Close the file."""
+        with suppress(Exception):  # of a damaged file, which was told already
+            self._reader.close()
+
+    def __enter__(self) -> Bag:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @contextmanager
+    def _reading(self) -> Iterator[None]:
+        """Turns what libraries say of a damaged recording into an InputError."""
+        try:
+            yield
+        except (InputError, GeneratorExit):
+            raise
+        except Exception as error:  # every library below has its own
+            message = f"this recording cannot be read: {_told(error)}; expected one that was closed and is whole"
+            raise InputError(Problem("unreadable-file", message, Place(self.path))) from error
+
+
+def _missing(what: str, path: Path) -> InputError:
+    message = f"{what} needs the package rosbags"
+    return InputError(Problem("missing-extra", message, Place(path), mend="pip install 'sqrp[bags]'"))
+
+
+def _told(error: Exception) -> str:
+    return str(error).splitlines()[0] if str(error) else type(error).__name__
+
+
+class BagWriter:
+    """Writes a recording, `.mcap` or `.bag`; it appears under its name when it is closed, as a whole or not at all."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises InputError without `rosbags`, and where nothing can be written."""
+        try:
+            from rosbags import rosbag1, rosbag2
+        except ImportError as error:
+            raise _missing("writing a recording", path) from error
+        self._path, self._of_topic = path, dict[str, Any]()
+        ros: Ros = 1 if path.suffix.lower() == ".bag" else 2
+        self.types = message_types(ros)
+        with naming(path):
+            self._folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}."))
+        inside = self._folder / path.stem if ros == 2 else self._folder / f"{path.stem}.bag"
+        self._file = inside / f"{path.stem}.mcap" if ros == 2 else inside
+        mcap = rosbag2.StoragePlugin.MCAP
+        self._writer: Any = (
+            rosbag1.Writer(inside) if ros == 1 else rosbag2.Writer(inside, version=8, storage_plugin=mcap)
+        )
+        with naming(path):
+            self._writer.open()
+
+    def add(self, topic: str, t: int, message: Message, *, latched: bool = False) -> None:
+        """Append a message that was received at `t` [ns]; latched: for those who listen later, too."""
+        kind = message.__msgtype__
+        with naming(self._path):
+            if topic not in self._of_topic:
+                self._of_topic[topic] = self._connection(topic, kind, latched=latched)
+            self._writer.write(self._of_topic[topic], t, self.types.encode(message))
+
+    def close(self) -> None:
+        """Finish the recording and give it its name. Raises InputError where that fails."""
+        try:
+            with naming(self._path):
+                self._writer.close()
+                self._file.replace(self._path)
+        finally:
+            self.discard()
+
+    def discard(self) -> None:
+        """Leave nothing behind."""
+        with suppress(Exception):  # it is closed already
+            self._writer.abort()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def _connection(self, topic: str, kind: str, *, latched: bool) -> Any:  # noqa: ANN401 # of rosbags
+        options: Mapping[str, object]
+        if self.types.ros == 1:
+            options = {"latching": 1} if latched else {}
+        else:
+            options = {"offered_qos_profiles": [_qos(latched=latched)]}
+        return self._writer.add_connection(topic, kind, typestore=self.types.store, **options)
+
+
+def _qos(*, latched: bool) -> object:
+    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+
+    return Qos(
+        history=QosHistory.KEEP_LAST,
+        depth=1 if latched else 10,
+        reliability=QosReliability.RELIABLE,
+        durability=QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
+        deadline=(forever := QosTime(0, 0)),
+        lifespan=forever,
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=forever,
+        avoid_ros_namespace_conventions=False,
+    )
+
+
+@contextmanager
+def written(path: Path) -> Iterator[BagWriter]:
+    """A recording to write, which appears under its name if all goes well."""
+    with ExitStack() as failing:
+        writer = BagWriter(path)
+        failing.callback(writer.discard)
+        yield writer
+        writer.close()

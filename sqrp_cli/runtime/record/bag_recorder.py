@@ -1,0 +1,281 @@
+"""Keeps a run as a recording that ROS tools show: images, joints, frames, objects, boxes and verdicts.
+
+| topic | type | what |
+|---|---|---|
+| `/joint_states` | `sensor_msgs/JointState` | every movable joint |
+| `/tf`, `/tf_static` | `tf2_msgs/TFMessage` | `world`, the links of robot and tool, the optical frames of the cameras |
+| `/robot_description` | `std_msgs/String` | robot and tool as one URDF |
+| `/CAMERA/image_raw/compressed` | `sensor_msgs/CompressedImage` | its images, as JPEG |
+| `/CAMERA/camera_info` | `sensor_msgs/CameraInfo` | its intrinsics |
+| `/objects` | `visualization_msgs/MarkerArray` | the objects of the cell where they are |
+| `/boxes` | `visualization_msgs/MarkerArray` | where images are judged: green true, blue false, red blind |
+| `/verdicts` | `diagnostic_msgs/DiagnosticArray` | the value of each literal, and what each camera shows |
+| `/rosout` | `rcl_interfaces/Log`, in ROS 1 `rosgraph_msgs/Log` | what happens, in words |
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from sqrp_cli.geometry import Array, inverse, pose, quaternion_to_matrix
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.frames import WORLD
+from sqrp_cli.knowledge.paint import COLORS
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.logic.truth import Truth
+from sqrp_cli.ros.bag import BagWriter
+from sqrp_cli.ros.messages import Message
+from sqrp_cli.ros.poses import pose_message, transform_message
+from sqrp_cli.runtime.image import CameraImage
+from sqrp_cli.runtime.record.description import robot_description
+from sqrp_cli.runtime.record.events import (
+    Event,
+    EvidenceSeen,
+    FaultSeen,
+    MovingOn,
+    Numbers7,
+    PrimitiveBegan,
+    Retrying,
+    RunEnded,
+    State,
+    StepBegan,
+    Stopping,
+)
+from sqrp_cli.runtime.record.png import jpeg_of
+from sqrp_cli.runtime.robot_body import RobotBody
+from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
+
+EPOCH = 1_000_000_000
+"""What a clock of a recording says when the run's says 0 [s]: ROS takes a time of 0 for none."""
+
+_PLAIN = (0.75, 0.74, 0.72)
+_SHOWN = {Truth.TRUE: (0.2, 0.9, 0.2), Truth.FALSE: (0.3, 0.6, 1.0), Truth.UNKNOWN: (0.95, 0.2, 0.2)}
+_LEVELS = {Truth.TRUE: 0, Truth.FALSE: 0, Truth.UNKNOWN: 1}
+"""Of `diagnostic_msgs/DiagnosticStatus`: what cannot be judged is a warning."""
+_CUBE, _SPHERE, _CYLINDER, _MESH = 1, 2, 3, 10
+"""Types of `visualization_msgs/Marker`."""
+_LOG_LEVELS = {1: (2, 4), 2: (20, 30)}
+"""Of a log message that informs, and of one that warns, by the version of ROS."""
+
+
+class BagRecorder:
+    """Writes the events and images of a run into a recording; a listener of events."""
+
+    def __init__(self, writer: BagWriter, workspace: Workspace, body: RobotBody) -> None:
+        """Writes what never changes."""
+        self._writer, self._types = writer, writer.types
+        self._workspace, self._body = workspace, body
+        self._links = {joint.child: joint.parent for urdf in workspace.robot.urdfs for joint in urdf.joints.values()}
+        moving = {link for link, mount in body.tree.mounts.items() if mount.joint >= 0}
+        self._moving = {child: parent for child, parent in self._links.items() if child in moving}
+        if workspace.robot.tool is not None:
+            self._links[workspace.robot.tool.urdf.root] = workspace.robot.tool.link
+        self._joints: dict[str, float] = {}
+        self._boxes: dict[str, list[Message]] = {}
+        description = self._types.make("std_msgs/msg/String", data=robot_description(workspace.robot))
+        self._writer.add("/robot_description", _at(0.0), description, latched=True)
+        self._add_static_frames()
+        for camera in workspace.cameras.values():
+            self._writer.add(f"/{camera.name}/camera_info", _at(0.0), self._info(camera), latched=True)
+
+    def __call__(self, event: Event) -> None:
+        """Keep an event."""
+        if isinstance(event, State):
+            self._add_state(event)
+        elif isinstance(event, StepBegan):
+            self._begin(event)
+        elif isinstance(event, EvidenceSeen):
+            self._judge(event)
+        elif (said := _said(event)) is not None:
+            self._say(event.t, said, warns=not isinstance(event, PrimitiveBegan))
+
+    def add(self, frame: CameraImage) -> None:
+        """Keep an image."""
+        header = self._types.header(_at(frame.t), _optical(frame.camera))
+        data = np.frombuffer(jpeg_of(frame.image), np.uint8)
+        message = self._types.make("sensor_msgs/msg/CompressedImage", header=header, format="jpeg", data=data)
+        self._writer.add(f"/{frame.camera}/image_raw/compressed", _at(frame.t), message)
+
+    def close(self) -> None:
+        """Finish the recording."""
+        self._writer.close()
+
+    def _add_static_frames(self) -> None:
+        robot, rest = self._workspace.robot, self._body.link_poses({})
+        frames = [(WORLD, robot.urdf.root, robot.X_WB)]
+        for child, parent in self._links.items():
+            if child not in self._moving:
+                frames.append((parent, child, inverse(rest[parent]) @ rest[child]))
+        frames += [(one.frame, _optical(one.name), one.X_FC) for one in self._workspace.cameras.values()]
+        self._add_frames("/tf_static", 0.0, frames, latched=True)
+
+    def _add_frames(self, topic: str, t: float, frames: list[tuple[str, str, Array]], *, latched: bool = False) -> None:
+        transforms = [transform_message(self._types, _at(t), *frame) for frame in frames]
+        self._writer.add(
+            topic, _at(t), self._types.make("tf2_msgs/msg/TFMessage", transforms=transforms), latched=latched
+        )
+
+    def _add_state(self, state: State) -> None:
+        names = getattr(state, "joints", list(self._joints))
+        if state.q:
+            self._joints = dict(zip(names, state.q, strict=True))
+        position = np.array(list(self._joints.values()))
+        header = self._types.header(_at(state.t))
+        message = self._types.make(
+            "sensor_msgs/msg/JointState", header=header, name=list(self._joints), position=position
+        )
+        self._writer.add("/joint_states", _at(state.t), message)
+        X_WL = self._body.link_poses(self._joints)
+        moved = [(parent, child, inverse(X_WL[parent]) @ X_WL[child]) for child, parent in self._moving.items()]
+        self._add_frames("/tf", state.t, moved)
+        if state.objects:
+            self._add_objects(state.t, state.objects)
+
+    def _add_objects(self, t: float, poses: Mapping[str, Numbers7]) -> None:
+        markers = []
+        for name, (x, y, z, *quaternion) in poses.items():
+            obj, X_WO = self._workspace.objects[name], pose(quaternion_to_matrix(quaternion), (x, y, z))
+            color = COLORS.get((obj.color or "").lower(), _PLAIN)
+            for number, part in enumerate(obj.parts):
+                markers.append(self._marker(t, (name, number), WORLD, X_WO @ part.X_PG, part.shape, color))
+        self._add_markers("/objects", t, markers)
+
+    def _begin(self, event: StepBegan) -> None:
+        wiped = self._types.make("visualization_msgs/msg/Marker", action=3)
+        self._boxes = {}
+        for atom, boxes in event.boxes.items():
+            for number, box in enumerate(boxes):
+                shape, color = Box((box.size[0], box.size[1], box.size[2])), _SHOWN[Truth.UNKNOWN]
+                marker = self._marker(event.t, (atom, number), box.frame, np.array(box.pose), shape, color, alpha=0.35)
+                marker.frame_locked = True
+                self._boxes.setdefault(atom, []).append(marker)
+        self._add_markers("/boxes", event.t, [wiped, *(one for found in self._boxes.values() for one in found)])
+        self._say(event.t, f"step {event.number}: {event.skill}")
+
+    def _judge(self, event: EvidenceSeen) -> None:
+        status = []
+        for atom, shown in event.literals.items():
+            values = {"asked": str(shown.asked), "predicted": str(shown.predicted)}
+            values |= {camera: value.word for camera, value in shown.cameras.items()}
+            pairs = [self._types.make("diagnostic_msgs/msg/KeyValue", key=k, value=v) for k, v in values.items()]
+            status.append(
+                self._types.make(
+                    "diagnostic_msgs/msg/DiagnosticStatus",
+                    level=_LEVELS[shown.value] if shown.asked else 0,
+                    name=atom,
+                    message=shown.value.word,
+                    values=pairs,
+                )
+            )
+            for marker in self._boxes.get(atom, ()):
+                marker.header = self._types.header(_at(event.t), marker.header.frame_id)
+                marker.color = self._color(_SHOWN[shown.value], 0.35)
+        header = self._types.header(_at(event.exposed))
+        verdicts = self._types.make("diagnostic_msgs/msg/DiagnosticArray", header=header, status=status)
+        self._writer.add("/verdicts", _at(event.t), verdicts)
+        self._add_markers("/boxes", event.t, [one for atom in event.literals for one in self._boxes.get(atom, ())])
+
+    def _say(self, t: float, text: str, *, warns: bool = False) -> None:
+        make, level = self._types.make, _LOG_LEVELS[self._types.ros][warns]
+        if self._types.ros == 2:
+            stamp = self._types.time(_at(t))
+            message = make("rcl_interfaces/msg/Log", stamp=stamp, level=level, name="sqrp", msg=text)
+        else:
+            message = make(
+                "rosgraph_msgs/msg/Log", header=self._types.header(_at(t)), level=level, name="sqrp", msg=text
+            )
+        self._writer.add("/rosout", _at(t), message)
+
+    def _add_markers(self, topic: str, t: float, markers: list[Message]) -> None:
+        if markers:
+            self._writer.add(topic, _at(t), self._types.make("visualization_msgs/msg/MarkerArray", markers=markers))
+
+    def _marker(
+        self,
+        t: float,
+        name: tuple[str, int],
+        frame: str,
+        X: Array,
+        shape: Shape,
+        color: tuple[float, float, float],
+        *,
+        alpha: float = 1.0,
+    ) -> Message:
+        kind, size, mesh = _drawn(shape)
+        scale = dict(zip("xyz", map(float, size), strict=True))
+        return self._types.make(
+            "visualization_msgs/msg/Marker",
+            header=self._types.header(_at(t), frame),
+            ns=name[0],
+            id=name[1],
+            type=kind,
+            pose=pose_message(self._types, X),
+            scale=self._types.make("geometry_msgs/msg/Vector3", **scale),
+            color=self._color(color, alpha),
+            mesh_resource=mesh,
+        )
+
+    def _color(self, rgb: tuple[float, float, float], alpha: float) -> Message:
+        r, g, b = rgb
+        return self._types.make("std_msgs/msg/ColorRGBA", r=r, g=g, b=b, a=alpha)
+
+    def _info(self, camera: Camera) -> Message:
+        numbers = {
+            "d": np.zeros(5) if camera.distortion_model == "none" else np.array(camera.distortion),
+            "k": camera.matrix.ravel(),
+            "r": np.eye(3).ravel(),
+            "p": np.column_stack([camera.matrix, np.zeros(3)]).ravel(),
+        }
+        return self._types.make(
+            "sensor_msgs/msg/CameraInfo",
+            header=self._types.header(_at(0.0), _optical(camera.name)),
+            width=camera.width,
+            height=camera.height,
+            distortion_model="plumb_bob" if camera.distortion_model == "none" else camera.distortion_model,
+            **{name.upper() if self._types.ros == 1 else name: value for name, value in numbers.items()},
+        )
+
+
+def _at(t: float) -> int:
+    """A time of the run [s] on the recording's clock [ns]."""
+    return (EPOCH * 1_000_000_000) + round(t * 1_000_000_000)
+
+
+def _optical(camera: str) -> str:
+    return f"{camera}_optical_frame"
+
+
+def _said(event: Event) -> str | None:
+    """What happens, in words; None for what other topics show."""
+    match event:
+        case PrimitiveBegan():
+            return event.name
+        case FaultSeen():
+            return f"fault: {event.name} ({event.text})" if event.text else f"fault: {event.name}"
+        case MovingOn():
+            return f"moving on to see {event.to_see}"
+        case Stopping():
+            return f"stopping: {event.reason}"
+        case Retrying():
+            return f"retry {event.attempt} of {event.of}"
+        case RunEnded():
+            return event.event if event.reason is None else f"{event.event}: {event.reason}"
+        case _:
+            return None
+
+
+def _drawn(shape: Shape) -> tuple[int, tuple[float, float, float], str]:
+    """Type of a marker, its scale [m] and its mesh."""
+    match shape:
+        case Box(size):
+            return _CUBE, size, ""
+        case Sphere(radius):
+            return _SPHERE, (2 * radius,) * 3, ""
+        case Cylinder(radius, length):
+            return _CYLINDER, (2 * radius, 2 * radius, length), ""
+        case Capsule(radius, length):  # markers have none
+            return _CYLINDER, (2 * radius, 2 * radius, length + 2 * radius), ""
+        case Mesh(path, scale):
+            return _MESH, scale, path.resolve().as_uri()
