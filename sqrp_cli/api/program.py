@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,7 +21,7 @@ from sqrp_cli.api.arguments import (
     refused,
 )
 from sqrp_cli.api.cell import OpenCell, silent
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, Problem, expected_names
 
 if TYPE_CHECKING:
     from sqrp_cli.api.results import Explanation
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from sqrp_cli.program.record import Program, Step
     from sqrp_cli.programming.program_update import StepReplanner
     from sqrp_cli.report.pages.run_page import RunCell
+    from sqrp_cli.runtime.audit.footage import Footage
     from sqrp_cli.runtime.record.bag_recorder import BagRecorder
     from sqrp_cli.runtime.record.events import Event, Listener, RunBegan
     from sqrp_cli.runtime.record.film import ImageRecorder
@@ -247,26 +248,47 @@ class OpenProgram:
         summary = SweepSummary.of(runs, _period(self.workspace))
         return SlipSweep(self.program, self.workspace.name, slip, place.number, runs, summary)
 
-    def audit(self, folder: str | Path, threshold: float = DEFAULT_THRESHOLD, *, progress: Progress = silent) -> Audit:
-        """Compare recorded camera frames with what the program predicts.
+    def audit(
+        self,
+        recording: str | Path,
+        threshold: float = DEFAULT_THRESHOLD,
+        *,
+        topics: Mapping[str, str] | None = None,
+        progress: Progress = silent,
+    ) -> Audit:
+        """Compare a recording with what the program predicts.
 
-        folder: PNG files and `frames.csv`, as `run(frames=...)` keeps them. threshold: least share of predicted
-        detections that must have come true, in 0..1.
+        recording: MCAP, a rosbag2 folder or a bag of ROS 1, with images and joint states; or a folder with PNG files
+        and `frames.csv`, as `run(frames=...)` keeps them. threshold: least share of predicted detections that must have
+        come true, in 0..1. topics: of the images of cameras whose name their topic does not have.
         """
         from sqrp_cli.api.run_results import Audit
         from sqrp_cli.runtime.cell.requirements import check_packages
 
         check_packages()
-        from sqrp_cli.runtime.monitor.frame_audit import audit
-        from sqrp_cli.runtime.record.frame_folder import read_frames
+        from sqrp_cli.runtime.audit.frame_audit import audit
 
-        folder = checked_path(folder, "folder")
+        path = checked_path(recording, "recording")
         check_share(threshold, "threshold")
         check_progress(progress)
-        total = sum(1 for _ in read_frames(folder, list(self.workspace.cameras), len(self.program.steps)))
-        with progress(f"Looking at {folder}", total) as advance:
-            report = audit(self.program, self.workspace, folder, lambda: advance(1))
+        footage = self._footage(path, topics or {})
+        with progress(f"Looking at {path}", len(footage.frames)) as advance:
+            report = audit(self.program, self.workspace, footage, {}, lambda: advance(1))
         return Audit(self.program, self.workspace.name, report, threshold)
+
+    def _footage(self, path: Path, topics: Mapping[str, str]) -> Footage:
+        """A recording, of whatever kind. Raises InputError for what is none."""
+        from sqrp_cli.ros.bag import is_bag
+        from sqrp_cli.runtime.audit.bag_footage import BagFootage
+        from sqrp_cli.runtime.audit.footage import FolderFootage
+
+        unknown = [name for name in topics if name not in self.workspace.cameras]
+        if unknown:
+            message = f"there is no camera {unknown[0]}; {expected_names(unknown[0], list(self.workspace.cameras))}"
+            raise InputError(Problem("unknown-camera", message))
+        if path.exists() and is_bag(path):
+            return BagFootage(self.program, self.workspace, path, topics)
+        return FolderFootage(self.program, self.workspace, path)
 
     def _simulation(self) -> Simulation:
         from sqrp_cli.runtime.cell.requirements import check_simulator

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from sqrp_cli.program.record import Program
     from sqrp_cli.report.documents.runs import AuditDocument, RunDocument, SweepDocument
     from sqrp_cli.report.pages.run_page import RunCell
-    from sqrp_cli.runtime.monitor.frame_audit import AuditReport
+    from sqrp_cli.runtime.audit.frame_audit import AuditReport
     from sqrp_cli.runtime.record.events import Event
     from sqrp_cli.runtime.record.report import RunReport
     from sqrp_cli.runtime.run.simulation import SweepRun, SweepSummary

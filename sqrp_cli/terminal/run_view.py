@@ -30,7 +30,7 @@ from sqrp_cli.runtime.record.report import Confusion, Disagreement, FaultRecord,
 from sqrp_cli.terminal.console import Column, Show, joined, live, plain, print_table, say
 
 if TYPE_CHECKING:
-    from sqrp_cli.runtime.monitor.frame_audit import AuditReport
+    from sqrp_cli.runtime.audit.frame_audit import AuditReport
     from sqrp_cli.runtime.run.simulation import SweepRun, SweepSummary
 
 MOST_DISAGREEMENTS = 8

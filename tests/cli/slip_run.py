@@ -78,6 +78,7 @@ def run_with_slip(sqrp: Callable[..., Any], cell: Cell) -> SlipRun:
 
     folder = cell.folder
     outputs = ("--log", folder / "run.jsonl", "--frames", folder / "frames", "--report", folder / "page.html")
+    outputs += ("--record", folder / "run.mcap")
     with mock.patch.object(Physics, "advance", advance):
         outcome = sqrp("run", cell.program, "--sim", "--fault", "slip@a4+1", "--json", *outputs)
     return SlipRun(cell, outcome, [moments[t] for t in sorted(moments)])

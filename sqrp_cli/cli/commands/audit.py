@@ -1,4 +1,4 @@
-"""`sqrp audit`: recorded frames against what a program predicts."""
+"""`sqrp audit`: a recording against what a program predicts."""
 
 from __future__ import annotations
 
@@ -15,16 +15,28 @@ NAME = "audit"
 
 def command(
     program: Annotated[Path, typer.Argument(metavar="PROGRAM", help="A program that `sqrp rank` wrote.")],
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Frames of a run of it: PNG files and `frames.csv`.")],
+    recording: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RECORDING",
+            help="Of a run of it: MCAP, rosbag2 or a bag of ROS 1; or a folder with PNG files and `frames.csv`.",
+        ),
+    ],
     threshold: Annotated[
         float,
         typer.Option(
             "--threshold", metavar="SHARE", help="Least share of predicted detections that must have come true."
         ),
     ] = 0.97,
+    topic: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--topic", metavar="CAMERA=TOPIC", help="Images of a camera whose name is not in its topic's; repeatable."
+        ),
+    ] = None,
     as_json: Json = False,
 ) -> ExitCode:
-    """Compare recorded camera frames with what a program predicts.
+    """Compare recorded camera images with what a program predicts.
 
     Shows how often each camera showed each literal when it was predicted to.
     """
@@ -33,7 +45,20 @@ def command(
 
     if not 0.0 <= threshold <= 1.0:
         raise InputError(Problem("bad-option", f"--threshold is {threshold:g}, expected 0 to 1"))
+    topics = _topics(topic or [])
     check_packages()
-    audit = program_with_warnings(program).audit(folder, threshold, progress=progress)
+    audit = program_with_warnings(program).audit(recording, threshold, topics=topics, progress=progress)
     answer(audit, as_json=as_json)
     return ExitCode.OK if audit.passed else ExitCode.NONE_FEASIBLE
+
+
+def _topics(texts: list[str]) -> dict[str, str]:
+    """Topics by camera. Raises InputError for a text that is no pair."""
+    pairs = {}
+    for text in texts:
+        camera, equals, topic = text.partition("=")
+        if not (camera and equals and topic):
+            message = f"--topic is `{text}`, expected CAMERA=TOPIC such as cam1=/left/image_raw/compressed"
+            raise InputError(Problem("bad-option", message))
+        pairs[camera] = topic
+    return pairs

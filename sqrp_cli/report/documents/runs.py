@@ -10,7 +10,7 @@ from sqrp_cli.report.documents.document import Record, WorkspaceDocument
 from sqrp_cli.runtime.record.report import Confusion, Disagreement, FaultRecord, RunReport, StepRecord
 
 if TYPE_CHECKING:
-    from sqrp_cli.runtime.monitor.frame_audit import AuditReport
+    from sqrp_cli.runtime.audit.frame_audit import AuditReport
     from sqrp_cli.runtime.run.simulation import SweepRun, SweepSummary
 
 Counts = Mapping[str, Mapping[str, Confusion]]

@@ -1,31 +1,32 @@
-"""The prediction check on recorded frames of a real cell."""
+"""The prediction check on recorded images of a real cell."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Program, Step
-from sqrp_cli.runtime.image import CameraImage, check_recorded
+from sqrp_cli.runtime.audit.footage import Footage, Frame
 from sqrp_cli.runtime.monitor.nominal_step import NominalStep, values_when_open
 from sqrp_cli.runtime.monitor.prediction_check import PredictionCheck
 from sqrp_cli.runtime.monitor.step_monitor import StepMonitor
 from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, Detection, DetectionTargets
 from sqrp_cli.runtime.perception.detector_pool import DetectorPool, PerceptionError
-from sqrp_cli.runtime.record.frame_folder import FrameEntry, read_frames
-from sqrp_cli.runtime.record.png import ImageSize, bare_png, decoded, png_damage, read_png
 from sqrp_cli.runtime.record.report import Confusion, Disagreement, Prediction
 from sqrp_cli.runtime.robot_body import RobotBody
+
+AHEAD = 8
+"""Images that are looked at while others are read."""
 
 
 @dataclass(frozen=True)
 class AuditReport:
-    """What recorded frames say about a program's predictions."""
+    """What recorded images say about a program's predictions."""
 
     prediction: tuple[Prediction, ...]
     disagreements: tuple[Disagreement, ...]
@@ -42,17 +43,22 @@ class AuditReport:
         return sum((c for step in self.prediction for cameras in step.values() for c in cameras.values()), Confusion())
 
 
-def audit(program: Program, workspace: Workspace, folder: Path, image_done: Callable[[], None]) -> AuditReport:
-    """Compare a folder of frames (see `recording`) with a program.
+def audit(
+    program: Program,
+    workspace: Workspace,
+    footage: Footage,
+    offsets: Mapping[str, float],
+    image_done: Callable[[], None],
+) -> AuditReport:
+    """Compare a recording with a program.
 
-    Assumes that at each frame's time the robot is where the program wants it, and everything goes as planned. Raises
-    InputError for a folder or an image that cannot be used.
+    offsets: by how much the clock of each camera is ahead of the robot's [s]; 0 for others. Assumes that the robot is
+    where the recording says, and that everything goes as planned while it is where the program wants it. Raises
+    InputError for an image that cannot be used.
     """
-    entries = list(read_frames(folder, list(workspace.cameras), len(program.steps)))
-    check_recorded(workspace, {entry.camera for entry in entries})
     robot = RobotBody.load(workspace.robot)
     checks = []
-    compared = skipped = repeated = 0
+    compared = repeated = 0
     with DetectorPool(CellModel.of(workspace, robot)) as pool:
         for index, step in enumerate(program.steps):
             nominal = NominalStep(step, program.joints, robot)
@@ -60,49 +66,71 @@ def audit(program: Program, workspace: Workspace, folder: Path, image_done: Call
             check = PredictionCheck(index, nominal, list(workspace.cameras))
             checks.append(check)
             pool.watch(DetectionTargets(dict(step.targets), step.before.X_WO, values_when_open(step)))
-            for entry in (entry for entry in entries if entry.step == index + 1):
+            frames = _frames_of(footage, index, step, offsets)
+            for frame, detection in _detected(
+                pool, footage, frames, _Postures(step, footage.starts[index], nominal, footage)
+            ):
                 image_done()
-                if entry.t is None or not 0.0 <= entry.t <= step.time:
-                    skipped += 1
-                    continue
-                posture = _posture(step, program.joints, nominal, entry.t)
-                detection = _detected(pool, entry, workspace, posture)
+                t = frames[frame]
                 repeated += detection.frozen
                 compared += 1
-                truths = {atom: nominal.holds(atom, entry.t) for atom in step.targets}
-                check.add(detection, entry.t, monitor.monitored(entry.t), truths)
+                truths = {atom: nominal.holds(atom, t) for atom in step.targets}
+                check.add(detection, t, monitor.monitored(t), truths)
     return AuditReport(
         tuple(check.counts for check in checks),
         tuple(found for check in checks for found in check.disagreements),
         compared,
-        skipped,
+        len(footage.frames) + footage.unplanned - compared,
         repeated,
     )
 
 
-def _frame(entry: FrameEntry, workspace: Workspace) -> CameraImage:
-    camera = workspace.cameras[entry.camera]
-    content = read_png(entry.file, ImageSize(camera.width, camera.height), camera.name)
-    damage = png_damage(content)
-    image = None if damage else decoded(bare_png(content))
-    if image is None:
-        message = f"this is no PNG file, or a damaged one: {damage or 'it cannot be decoded'}"
-        raise InputError(Problem("unreadable", message, Place(entry.file)))
-    return CameraImage(entry.camera, entry.t or 0.0, image)
+def _frames_of(footage: Footage, index: int, step: Step, offsets: Mapping[str, float]) -> dict[Frame, float]:
+    """The images that were taken while a step went as planned, each with the time of the step [s]."""
+    frames = list(footage.frames)
+    t = np.array([frame.t - offsets.get(frame.camera, 0.0) for frame in frames])
+    tau = t - footage.starts[index]
+    # Times of files are rounded: the last image of a step may be some nanoseconds late.
+    inside = (tau >= -1e-6) & (tau <= step.time + 1e-6)
+    inside[inside] &= footage.as_planned(t[inside])
+    return {frames[i]: float(np.clip(tau[i], 0.0, step.time)) for i in np.flatnonzero(inside)}
 
 
-def _detected(pool: DetectorPool, entry: FrameEntry, workspace: Workspace, posture: BelievedState) -> Detection:
-    """What a recorded frame shows. Raises InputError where it cannot be looked at."""
+@dataclass(frozen=True, eq=False)
+class _Postures:
+    """Where the robot was, what it was commanded to hold, and where objects are, at times of a step."""
+
+    step: Step
+    start: float
+    """Of the step, by the robot's clock [s]."""
+    nominal: NominalStep
+    footage: Footage
+
+    def at(self, t: float) -> BelievedState:
+        """At time t [s] of the step."""
+        primitive = next((p for p in self.step.primitives if t <= p.end), self.step.primitives[-1])
+        joints = {name: float(q[0]) for name, q in self.footage.joints(np.array([self.start + t])).items()}
+        holding = primitive.held is not None or primitive.action == "Grasp"
+        return BelievedState(joints, holding, self.nominal.object_poses(t))
+
+
+def _detected(
+    pool: DetectorPool, footage: Footage, frames: Mapping[Frame, float], postures: _Postures
+) -> Iterator[tuple[Frame, Detection]]:
+    """What images show, in their order. Raises InputError where one cannot be looked at."""
+    waiting: deque[Frame] = deque()
+
+    def collect() -> tuple[Frame, Detection]:
+        frame = waiting.popleft()
+        return frame, pool.collect(frame.camera)
+
     try:
-        pool.submit(_frame(entry, workspace), posture)
-        return pool.collect(entry.camera)
+        for frame, image in footage.images(list(frames)):
+            pool.submit(image, postures.at(frames[frame]))
+            waiting.append(frame)
+            if len(waiting) > AHEAD:
+                yield collect()
+        while waiting:
+            yield collect()
     except PerceptionError as error:
-        raise InputError(Problem("perception", str(error), Place(entry.file))) from error
-
-
-def _posture(step: Step, joints: tuple[str, ...], nominal: NominalStep, t: float) -> BelievedState:
-    """Where the robot is by the program, what it was commanded to hold, and where objects are."""
-    primitive = next((p for p in step.primitives if t <= p.end), step.primitives[-1])
-    q = primitive.trajectory.positions(np.array([t - primitive.start]))[0]
-    holding = primitive.held is not None or primitive.action == "Grasp"
-    return BelievedState(dict(zip(joints, q.tolist(), strict=True)), holding, nominal.object_poses(t))
+        raise InputError(Problem("perception", str(error), Place(footage.path))) from error

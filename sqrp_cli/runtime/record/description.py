@@ -5,6 +5,7 @@ from __future__ import annotations
 from xml.etree import ElementTree as Xml
 
 from sqrp_cli.geometry import Array, matrix_to_rpy
+from sqrp_cli.knowledge.frames import WORLD, WORLD_LINK
 from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.knowledge.robot.urdf import UrdfModel
 from sqrp_cli.shapes import Box
@@ -30,6 +31,11 @@ def _described(urdf: UrdfModel) -> Xml.Element:
         name = mesh.get("filename", "")
         if "://" not in name:
             mesh.set("filename", (urdf.path.parent / name).resolve().as_uri())
+    # A link of the name `world` is not where the cell's frame of that name is.
+    for element in root.iter():
+        for key in ("name", "link"):
+            if element.tag in ("link", "parent", "child") and element.get(key) == WORLD:
+                element.set(key, WORLD_LINK)
     return root
 
 

@@ -159,16 +159,24 @@ def _inflated(data: bytes, most: int) -> bytes:
         raise _DamagedError(f"its image data (`IDAT`) cannot be unpacked: {error}") from error
 
 
-def _stated_size(path: Path, content: bytes) -> ImageSize:
-    """The size that the first chunk of a PNG says."""
-    if not content.startswith(_SIGNATURE):
-        mend = "convert it to PNG"
-        raise InputError(Problem("unreadable", "this image is no PNG file", Place(path), mend=mend))
+def png_size(content: bytes) -> ImageSize | None:
+    """The size that the first chunk of a PNG says; None for a damaged one."""
     chunk = content[len(_SIGNATURE) : len(_SIGNATURE) + _HEADER_CHUNK]
     whole = len(chunk) == _HEADER_CHUNK and chunk[:8] == b"\0\0\0\x0dIHDR"
     if not whole or zlib.crc32(chunk[4:21]) != int.from_bytes(chunk[21:], "big"):
+        return None
+    return ImageSize(int.from_bytes(chunk[8:12], "big"), int.from_bytes(chunk[12:16], "big"))
+
+
+def _stated_size(path: Path, content: bytes) -> ImageSize:
+    """The size that a PNG file says."""
+    if not content.startswith(_SIGNATURE):
+        mend = "convert it to PNG"
+        raise InputError(Problem("unreadable", "this image is no PNG file", Place(path), mend=mend))
+    found = png_size(content)
+    if found is None:
         raise InputError(Problem("unreadable", "this PNG file is damaged in its header", Place(path)))
     if b"acTL" in content[: content.find(b"IDAT")]:
         mend = "write each of its images into a file of its own"
         raise InputError(Problem("unreadable", "this PNG file is animated, expected one image", Place(path), mend=mend))
-    return ImageSize(int.from_bytes(chunk[8:12], "big"), int.from_bytes(chunk[12:16], "big"))
+    return found

@@ -1,0 +1,1 @@
+"""What a recording of a real cell says about a program: its motion, its clocks, its cameras and its predictions."""

@@ -1,0 +1,162 @@
+"""A recording of ROS: images of cameras and joint states, as they were recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.program.record import Program
+from sqrp_cli.ros.bag import Bag, Packed, Topic
+from sqrp_cli.ros.messages import Message, nanoseconds
+from sqrp_cli.runtime.audit.footage import Frame, planned_joints
+from sqrp_cli.runtime.audit.motion import JointTracks, found_steps
+from sqrp_cli.runtime.image import CameraImage, check_recorded
+from sqrp_cli.runtime.record.packed_image import image_of
+
+IMAGES = ("sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image")
+"""Types of images; the first one is taken where a camera has both."""
+
+JOINTS = "sensor_msgs/msg/JointState"
+
+STRAYS = 0.02
+"""A robot that is farther than this [rad or m] from where the program wants it does not do as planned."""
+
+MOST_STATES = 10_000_000
+"""Most joint states that are read: those of five hours at 500 Hz."""
+
+MOST_FRAMES = 10_000_000
+"""Most images that are looked at."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Index:
+    """What a recording holds, without the images themselves."""
+
+    frames: list[Frame]
+    tracks: JointTracks
+
+
+class BagFootage:
+    """A recording whose joint states show the program's motion."""
+
+    unplanned = 0
+
+    def __init__(self, program: Program, workspace: Workspace, path: Path, topics: Mapping[str, str]) -> None:
+        """topics: of cameras whose name their topic does not have.
+
+        Raises InputError for a recording that cannot be read, that lacks images or joints, or in which the robot never
+        moves as in the program.
+        """
+        self.path, self._program, self._workspace = path, program, workspace
+        with Bag(path) as bag:
+            self._topics = _image_topics(bag, workspace, topics)
+            index = _indexed(bag, self._topics)
+        check_recorded(workspace, set(self._topics.values()))
+        self.frames: Sequence[Frame] = index.frames
+        self._tracks = index.tracks
+        arm = [name for name in program.joints if name in workspace.robot.home]
+        self.starts: Sequence[float] = found_steps(program, arm, self._tracks, path)
+        self._arm = arm
+
+    def joints(self, t: Array) -> Mapping[str, Array]:
+        """As recorded; those of a gripper that nobody recorded are as the program wants them."""
+        planned = self._planned(t)
+        return {**planned, **{name: self._tracks.position(name, t) for name in self._tracks.names}}
+
+    def as_planned(self, t: Array) -> Mask:
+        """Whether every joint of the arm is near where the program wants it."""
+        planned, near = self._planned(t), self._tracks.covers(self._arm, t)
+        for name in self._arm:
+            near &= np.abs(self._tracks.position(name, t) - planned[name]) <= STRAYS
+        return near
+
+    def images(self, frames: Sequence[Frame]) -> Iterator[tuple[Frame, CameraImage]]:
+        """The images of some frames, in the order of the recording."""
+        wanted = {frame.number: frame for frame in frames}
+        if not wanted:
+            return
+        last = max(wanted)
+        with Bag(self.path) as bag:
+            for number, packed in enumerate(bag.messages(self._topics)):
+                if number in wanted:
+                    frame = wanted[number]
+                    yield frame, self._image(bag.read(packed), packed, frame)
+                if number == last:
+                    return
+
+    def _image(self, message: Message, packed: Packed, frame: Frame) -> CameraImage:
+        camera: Camera = self._workspace.cameras[frame.camera]
+        where = f"{packed.topic} at {frame.t:.3f} s"
+        return CameraImage(frame.camera, frame.t, image_of(message, camera, Place(self.path), where))
+
+    def _planned(self, t: Array) -> dict[str, Array]:
+        q = np.empty((len(t), len(self._program.joints)))
+        of = np.clip(np.searchsorted(self.starts, t, side="right") - 1, 0, len(self.starts) - 1)
+        for index, step in enumerate(self._program.steps):
+            rows = of == index
+            if rows.any():
+                q[rows] = planned_joints(step, np.clip(t[rows] - self.starts[index], 0.0, step.time))
+        return dict(zip(self._program.joints, q.T, strict=True))
+
+
+def _image_topics(bag: Bag, workspace: Workspace, given: Mapping[str, str]) -> dict[str, str]:
+    """The camera of each topic with images that is looked at. Raises InputError where there is none."""
+    topics = [topic for topic in bag.topics if topic.type in IMAGES and topic.count]
+    found: dict[str, str] = {}
+    for camera in workspace.cameras:
+        own = [one for one in topics if _is_of(one, camera, given)]
+        if not own and camera in given:
+            message = f"there are no images on `{given[camera]}`; {expected_names(given[camera], _names(topics))}"
+            raise InputError(Problem("no-images", message, Place(bag.path)))
+        if own:
+            found[min(own, key=lambda topic: (IMAGES.index(topic.type), topic.name)).name] = camera
+    if not found:
+        cameras = ", ".join(workspace.cameras)
+        there = f"it has images on {', '.join(_names(topics))}" if topics else "it has no images at all"
+        message = f"this recording has no images of {cameras}: {there}"
+        mend = "sqrp audit PROGRAM RECORDING --topic CAMERA=TOPIC" if topics else None
+        raise InputError(Problem("no-images", message, Place(bag.path), mend=mend))
+    return found
+
+
+def _is_of(topic: Topic, camera: str, given: Mapping[str, str]) -> bool:
+    return topic.name == given[camera] if camera in given else camera in topic.name.split("/")
+
+
+def _names(topics: Sequence[Topic]) -> list[str]:
+    return sorted({topic.name for topic in topics})
+
+
+def _indexed(bag: Bag, topics: Mapping[str, str]) -> _Index:
+    """When each image was taken, and all joint states."""
+    frames = [
+        Frame(topics[packed.topic], _stamp(bag.read(packed), packed), number)
+        for number, packed in _at_most(bag, topics, MOST_FRAMES, "images")
+    ]
+    names = {topic.name for topic in bag.topics if topic.type == JOINTS}
+    tracks = JointTracks()
+    for _, packed in _at_most(bag, names, MOST_STATES, "joint states"):
+        message = bag.read(packed)
+        tracks.add(packed.topic, _stamp(message, packed), message.name, message.position)
+    frames.sort(key=lambda frame: (frame.t, frame.camera))
+    return _Index(frames, tracks.sorted())
+
+
+def _at_most(bag: Bag, topics: Mapping[str, str] | set[str], most: int, what: str) -> Iterator[tuple[int, Packed]]:
+    for number, packed in enumerate(bag.messages(topics)):
+        if number >= most:
+            message = f"this recording has more than {most:,} {what}; cut it to the run of the program"
+            raise InputError(Problem("too-large", message, Place(bag.path)))
+        yield number, packed
+
+
+def _stamp(message: Message, packed: Packed) -> float:
+    """The time in a message [s], or that of its arrival where it has none."""
+    return (nanoseconds(message.header.stamp) or packed.t) * 1e-9

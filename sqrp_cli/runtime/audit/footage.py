@@ -1,0 +1,114 @@
+"""What an audit needs of a recording: images with their times, and where the robot was.
+
+There are two clocks to keep apart: that of the robot, on which the joints are known, and that of each camera.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.program.record import Program, Step
+from sqrp_cli.runtime.image import CameraImage, check_recorded
+from sqrp_cli.runtime.record.frame_folder import FrameEntry, read_frames
+from sqrp_cli.runtime.record.png import ImageSize, bare_png, decoded, png_damage, read_png
+
+
+@dataclass(frozen=True)
+class Frame:
+    """An image of a recording."""
+
+    camera: str
+    t: float
+    """When it was taken, by its camera's clock [s]."""
+    number: int
+    """Its place in the recording."""
+
+
+class Footage(Protocol):
+    """A recording of a program's run."""
+
+    path: Path
+    frames: Sequence[Frame]
+    """All images with a time, in order."""
+    unplanned: int
+    """Images without a time: the step did not go as planned."""
+    starts: Sequence[float]
+    """When the motion of each step of the program began, by the robot's clock [s]."""
+
+    def joints(self, t: Array) -> Mapping[str, Array]:
+        """Positions of joints at times t (m,) of the robot's clock [s]: (m,) each [rad or m]."""
+
+    def as_planned(self, t: Array) -> Mask:
+        """Whether the robot was where the program wants it, at times t (m,) of its clock [s]."""
+
+    def images(self, frames: Sequence[Frame]) -> Iterator[tuple[Frame, CameraImage]]:
+        """The images of some frames, in their order. Raises InputError for one that cannot be used."""
+
+
+def planned_joints(step: Step, t: Array) -> Array:
+    """Positions of the program's n joints at times t (m,) of a step [s], shape (m, n)."""
+    ends = [primitive.end for primitive in step.primitives[:-1]]
+    of = np.searchsorted(ends, t)
+    q = [p.trajectory.positions(np.atleast_1d(t)[of == i] - p.start) for i, p in enumerate(step.primitives)]
+    found = np.empty((len(t), q[0].shape[1]))
+    for index, positions in enumerate(q):
+        found[of == index] = positions
+    return found
+
+
+_APART = 1000.0
+"""Time between the steps of a folder of frames, whose times are those of the step [s]."""
+
+
+class FolderFootage:
+    """A folder of frames, whose times are those of the program: the robot is taken to be where the program wants it."""
+
+    def __init__(self, program: Program, workspace: Workspace, folder: Path) -> None:
+        """Raises InputError for a folder that cannot be used."""
+        self.path, self._program, self._workspace = folder, program, workspace
+        self._entries = list(read_frames(folder, list(workspace.cameras), len(program.steps)))
+        check_recorded(workspace, {entry.camera for entry in self._entries})
+        longest = max((step.time for step in program.steps), default=0.0)
+        self.starts: Sequence[float] = [index * (longest + _APART) for index in range(len(program.steps))]
+        usable = [(number, entry) for number, entry in enumerate(self._entries) if entry.t is not None]
+        self.frames: Sequence[Frame] = [
+            Frame(entry.camera, self.starts[entry.step - 1] + (entry.t or 0.0), number) for number, entry in usable
+        ]
+        self.unplanned = len(self._entries) - len(usable)
+
+    def joints(self, t: Array) -> Mapping[str, Array]:
+        """By the program."""
+        q = np.empty((len(t), len(self._program.joints)))
+        of = np.clip(np.searchsorted(self.starts, np.asarray(t) + _APART / 2) - 1, 0, len(self.starts) - 1)
+        for index, step in enumerate(self._program.steps):
+            rows = of == index
+            if rows.any():
+                q[rows] = planned_joints(step, np.clip(t[rows] - self.starts[index], 0.0, step.time))
+        return dict(zip(self._program.joints, q.T, strict=True))
+
+    def as_planned(self, t: Array) -> Mask:
+        """It is taken to be."""
+        return np.ones(len(t), dtype=bool)
+
+    def images(self, frames: Sequence[Frame]) -> Iterator[tuple[Frame, CameraImage]]:
+        """The images of some frames, in their order. Raises InputError for one that cannot be used."""
+        for frame in frames:
+            yield frame, self._image(self._entries[frame.number], frame.t)
+
+    def _image(self, entry: FrameEntry, t: float) -> CameraImage:
+        camera = self._workspace.cameras[entry.camera]
+        content = read_png(entry.file, ImageSize(camera.width, camera.height), camera.name)
+        damage = png_damage(content)
+        image = None if damage else decoded(bare_png(content))
+        if image is None:
+            message = f"this is no PNG file, or a damaged one: {damage or 'it cannot be decoded'}"
+            raise InputError(Problem("unreadable", message, Place(entry.file)))
+        return CameraImage(entry.camera, t, image)

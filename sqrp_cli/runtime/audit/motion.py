@@ -1,0 +1,162 @@
+"""Finds a program's motion in recorded joint states."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.program.record import Program, Step
+from sqrp_cli.runtime.audit.footage import planned_joints
+
+SPACING = 0.02
+"""Between the starts of a step that are tried [s]."""
+
+POINTS = 64
+"""Points of a step's motion that are compared."""
+
+NEAR = 0.03
+"""A joint this close to where the program wants it follows the program [rad or m]."""
+
+LEAST_SHARE = 0.2
+"""Least share of a step's motion that must be there: it may have been stopped on the way."""
+
+GAP = 0.5
+"""Between joint states farther apart than this [s] the joints are not known."""
+
+_ONE_RUN = 2.0
+"""Starts that fit as well as the first one, and are not later than this after it [s], are of the same run."""
+
+_BLOCK = 4096
+"""Starts that are tried at once."""
+
+
+@dataclass
+class JointTracks:
+    """Where joints were, as recorded: positions over times of the robot's clock, by topic and name."""
+
+    _points: dict[str, dict[str, tuple[list[float], list[float]]]] = field(default_factory=dict)
+    _tracks: dict[str, tuple[Array, Array]] = field(default_factory=dict)
+
+    def add(self, topic: str, t: float, names: Sequence[str], positions: Sequence[float]) -> None:
+        """A joint state of time t [s]; positions that are missing or not finite are left out."""
+        tracks = self._points.setdefault(topic, {})
+        for name, position in zip(names, positions, strict=False):
+            if np.isfinite(position):
+                times, values = tracks.setdefault(name, ([], []))
+                times.append(t)
+                values.append(float(position))
+
+    def sorted(self) -> JointTracks:
+        """Ready to be asked: of a joint on several topics, that with the most states."""
+        for tracks in self._points.values():
+            for name, (times, values) in tracks.items():
+                if len(times) > len(self._tracks.get(name, ((), ()))[0]):
+                    order, first = np.unique(np.array(times), return_index=True)
+                    self._tracks[name] = (order, np.array(values)[first])
+        self._points = {}
+        return self
+
+    @property
+    def names(self) -> list[str]:
+        """The joints."""
+        return list(self._tracks)
+
+    def position(self, name: str, t: Array) -> Array:
+        """Of a joint at times t (m,) [s]; between two states linear."""
+        times, values = self._tracks[name]
+        found: Array = np.interp(t, times, values)
+        return found
+
+    def covers(self, names: Collection[str], t: Array) -> Mask:
+        """Whether all of some joints are known at times t (m,) [s]."""
+        known = np.ones(len(t), dtype=bool)
+        for name in names:
+            times, _ = self._tracks[name]
+            after = np.clip(np.searchsorted(times, t), 1, len(times) - 1) if len(times) > 1 else np.zeros(len(t), int)
+            known &= (t >= times[0]) & (t <= times[-1]) & (times[after] - times[after - 1] <= GAP)
+        return known
+
+    def span(self, names: Collection[str]) -> tuple[float, float]:
+        """From when to when all of some joints are known [s]."""
+        tracks = [self._tracks[name][0] for name in names]
+        return max(float(t[0]) for t in tracks), min(float(t[-1]) for t in tracks)
+
+
+def found_steps(program: Program, arm: Sequence[str], tracks: JointTracks, path: Path) -> list[float]:
+    """When the motion of each step began, by the robot's clock [s]; arm: the joints to go by.
+
+    Raises InputError where a joint was not recorded, or a step is not in the recording.
+    """
+    missing = [name for name in arm if name not in tracks.names]
+    if missing:
+        there = ", ".join(sorted(tracks.names)[:12]) or "none"
+        message = f"the joint states of this recording lack {', '.join(missing)}; they have {there}"
+        raise InputError(Problem("no-joints", message, Place(path)))
+    columns = [program.joints.index(name) for name in arm]
+    earliest, latest = tracks.span(arm)
+    starts: list[float] = []
+    for number, step in enumerate(program.steps, 1):
+        fit = _best_start(step, columns, arm, tracks, (earliest, latest))
+        if fit.share < LEAST_SHARE:
+            message = (
+                f"the motion of step {number}, {step.short_task}, is not in the joint states of this recording: where"
+                f" they are nearest to it, at {fit.start - tracks.span(arm)[0]:.2f} s, {fit.share:.0%} of it fits"
+            )
+            raise InputError(Problem("other-motion", message, Place(path)))
+        starts.append(fit.start)
+        earliest = fit.start + 0.5 * step.time
+    return starts
+
+
+@dataclass(frozen=True)
+class _Fit:
+    start: float
+    """[s]"""
+    share: float
+    """Of the step's motion that is there."""
+
+
+def _best_start(
+    step: Step, columns: Sequence[int], arm: Sequence[str], tracks: JointTracks, span: tuple[float, float]
+) -> _Fit:
+    """The first start of a step from which on most of its motion is there."""
+    tau = np.linspace(0.0, step.time, POINTS)
+    planned = planned_joints(step, tau)[:, columns]
+    starts = np.arange(span[0] - SPACING, max(span[1] - LEAST_SHARE * step.time, span[0]) + SPACING, SPACING)
+    costs, shares = np.empty(len(starts)), np.empty(len(starts))
+    for first in range(0, len(starts), _BLOCK):
+        t = starts[first : first + _BLOCK, None] + tau
+        errors = np.max([np.abs(tracks.position(n, t) - planned[:, i]) for i, n in enumerate(arm)], axis=0)
+        errors = np.where((t < span[0] - SPACING) | (t > span[1] + SPACING), np.inf, errors)
+        costs[first : first + _BLOCK] = np.minimum(errors, NEAR).mean(axis=1)
+        shares[first : first + _BLOCK] = (errors < NEAR).mean(axis=1)
+    good = np.flatnonzero(shares >= max(LEAST_SHARE, shares.max() - 0.05))
+    if not len(good):
+        return _Fit(float(starts[np.argmax(shares)]), float(shares.max(initial=0.0)))
+    # Of several runs the first one.
+    run = good[starts[good] <= starts[good[0]] + _ONE_RUN]
+    best = int(run[np.argmin(costs[run])])
+    return _Fit(_refined(float(starts[best]), step, columns, arm, tracks), float(shares[best]))
+
+
+def _refined(start: float, step: Step, columns: Sequence[int], arm: Sequence[str], tracks: JointTracks) -> float:
+    """The start at which the recorded motion fits best, by least squares over what follows the program."""
+    tau = np.arange(0.0, step.time, SPACING / 2)
+    planned, h = planned_joints(step, tau)[:, columns], SPACING / 2
+    for _ in range(10):
+        before, after = (np.column_stack([tracks.position(n, start + tau + d) for n in arm]) for d in (-h, h))
+        slope, error = (after - before) / (2 * h), (after + before) / 2 - planned
+        kept = np.abs(error).max(axis=1) < NEAR
+        weight = float((slope[kept] ** 2).sum())
+        if weight < 1e-9:  # it stands
+            return start
+        change = -float((slope[kept] * error[kept]).sum()) / weight
+        start += float(np.clip(change, -SPACING, SPACING))
+        if abs(change) < 1e-6:
+            break
+    return start

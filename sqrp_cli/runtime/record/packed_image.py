@@ -1,0 +1,96 @@
+"""Images in messages of ROS, packed or pixel by pixel, checked before they are decoded."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.ros.messages import Message
+from sqrp_cli.runtime.image import ImageArray
+from sqrp_cli.runtime.record.png import ImageSize, bare_png, decoded, png_damage, png_size
+
+_JPEG, _JPEG_END = b"\xff\xd8\xff", b"\xff\xd9"
+
+_CONVERSIONS = {
+    "rgb8": None,
+    "bgr8": cv2.COLOR_BGR2RGB,
+    "rgba8": cv2.COLOR_RGBA2RGB,
+    "bgra8": cv2.COLOR_BGRA2RGB,
+    "mono8": cv2.COLOR_GRAY2RGB,
+    "8UC1": cv2.COLOR_GRAY2RGB,
+    "8UC3": cv2.COLOR_BGR2RGB,
+    "bayer_rggb8": cv2.COLOR_BayerRGGB2RGB,
+    "bayer_bggr8": cv2.COLOR_BayerBGGR2RGB,
+    "bayer_gbrg8": cv2.COLOR_BayerGBRG2RGB,
+    "bayer_grbg8": cv2.COLOR_BayerGRBG2RGB,
+}
+"""How each encoding of `sensor_msgs/Image` becomes red, green and blue."""
+
+_CHANNELS = {"rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4}
+"""Bytes of a pixel; of other encodings one."""
+
+
+def image_of(message: Message, camera: Camera, place: Place, where: str) -> ImageArray:
+    """The image of a `sensor_msgs/CompressedImage` or `Image`.
+
+    place, where: the file, and the message in it. Raises InputError for one that is damaged, has another size than the
+    camera, or is packed in a way that is not read.
+    """
+    expected = ImageSize(camera.width, camera.height)
+    if hasattr(message, "encoding"):
+        return _unpacked(message, expected, place, where)
+    content = bytes(message.data)
+    found = png_size(content) if content.startswith(b"\x89PNG") else _jpeg_size(content)
+    if found is None:
+        what = f"as `{message.format}`" if message.format else "in a way that is not said"
+        raise _refused("unreadable", f"the image of {where}, packed {what}, is no whole JPEG or PNG", place)
+    _check_size(found, expected, place, where)
+    is_png = content.startswith(b"\x89PNG")
+    damage = png_damage(content) if is_png else None
+    image = None if damage else decoded(bare_png(content) if is_png else content)
+    if image is None or image.shape[:2] != (camera.height, camera.width):
+        raise _refused("unreadable", f"the image of {where} is damaged: {damage or 'it cannot be decoded'}", place)
+    return image
+
+
+def _unpacked(message: Message, expected: ImageSize, place: Place, where: str) -> ImageArray:
+    encoding = message.encoding
+    if encoding not in _CONVERSIONS:
+        known = ", ".join(_CONVERSIONS)
+        raise _refused("unreadable", f"the image of {where} has the encoding `{encoding}`; read are {known}", place)
+    found, channels = ImageSize(message.width, message.height), _CHANNELS.get(encoding, 1)
+    _check_size(found, expected, place, where)
+    row = found.width * channels
+    if message.step < row or len(message.data) < message.step * found.height:
+        raise _refused("unreadable", f"the image of {where} has fewer bytes than its {found} pixels need", place)
+    rows = np.asarray(message.data, np.uint8)[: message.step * found.height].reshape(found.height, message.step)
+    pixels = np.ascontiguousarray(rows[:, :row]).reshape(found.height, found.width, -1).squeeze()
+    conversion = _CONVERSIONS[encoding]
+    image: ImageArray = pixels if conversion is None else cv2.cvtColor(pixels, conversion)
+    return image
+
+
+def _jpeg_size(content: bytes) -> ImageSize | None:
+    """The size in the frame header of a JPEG; None for what is no JPEG, or one that is cut off."""
+    at = 2
+    if not content.startswith(_JPEG) or _JPEG_END not in content[-1024:]:
+        return None
+    while at + 9 <= len(content) and content[at] == 0xFF:
+        kind = content[at + 1]
+        if 0xC0 <= kind <= 0xCF and kind not in (0xC4, 0xC8, 0xCC):
+            return ImageSize(
+                int.from_bytes(content[at + 7 : at + 9], "big"), int.from_bytes(content[at + 5 : at + 7], "big")
+            )
+        at += 2 + int.from_bytes(content[at + 2 : at + 4], "big")
+    return None
+
+
+def _check_size(found: ImageSize, expected: ImageSize, place: Place, where: str) -> None:
+    if found != expected:
+        raise _refused("wrong-size", f"the image of {where} is {found}, the workspace says {expected}", place)
+
+
+def _refused(code: str, message: str, place: Place) -> InputError:
+    return InputError(Problem(code, message, place))
