@@ -23,21 +23,27 @@ def test_a_recording_has_every_image_and_the_joints(slip_run: SlipRun) -> None:
         ends = [one.t * 1e-9 for one in bag.messages(["/joint_states"])]
     assert sum(count for name, count in counts.items() if name.endswith("compressed")) == images
     assert counts["/joint_states"] == counts["/tf"] >= 25 * slip_run.outcome.document["time"]
-    assert ends[-1] - ends[0] == pytest.approx(slip_run.outcome.document["time"], abs=1e-6)
+    assert ends[-1] - ends[0] == pytest.approx(slip_run.outcome.document["time"], abs=2e-3)
 
 
 def test_an_audit_finds_in_it_what_it_finds_in_the_frames(
     sqrp: Callable[..., Any], slip_run: SlipRun, audited: Any
 ) -> None:
     frames = sqrp("audit", slip_run.cell.program, slip_run.cell.folder / "frames", "--json").document
-    assert audited.code == 0, audited.err
-    assert audited.document["images"] == frames["images"]
-    assert audited.document["skipped"] == frames["skipped"]
+    assert audited.document["skipped"] > 0  # those of the retry
     for step, other in zip(audited.document["prediction"], frames["prediction"], strict=True):
         for literal, cameras in step.items():
             for camera, counts in cameras.items():
-                differ = {key: abs(counts[key] - other[literal][camera][key]) for key in counts}
-                assert max(differ.values()) <= 2, (literal, camera)  # an image at the edge of sight, packed as JPEG
+                kept = other[literal][camera]
+                assert abs(counts["tp"] - kept["tp"]) <= 1, (literal, camera)  # packed as JPEG
+                assert counts["fn"] == kept["fn"], (literal, camera)
+
+
+def test_a_slip_shows_as_predictions_that_did_not_come_true(audited: Any) -> None:
+    # Frames tell when the plan was given up; of a recording it is known only when the robot left the path.
+    assert audited.code == 1
+    wrong = [one["atom"] for one in audited.document["disagreements"]]
+    assert {"hold(g2)", "obj_on_table(g2)"} <= set(wrong)
 
 
 def test_topics_with_other_names_are_named(sqrp: Callable[..., Any], slip_run: SlipRun) -> None:

@@ -34,8 +34,8 @@ def test_a_recording_that_is_cut_off_is_told_in_one_message(whole: Path, tmp_pat
     end = int(kept * len(content)) if isinstance(kept, float) else kept
     path = tmp_path / whole.name
     path.write_bytes(content[:end])
-    with pytest.raises(InputError) as caught, Bag(path) as bag:
-        list(bag.messages(["/said"]))
+    with pytest.raises(InputError) as caught:
+        read(path)
     (problem,) = caught.value.problems
     assert (problem.code, problem.place.file) == ("unreadable-file", path)
 
@@ -47,12 +47,12 @@ def test_bytes_that_are_damaged_are_told_or_give_other_messages(whole: Path, tmp
         damaged = bytearray(content)
         damaged[at : at + 8] = b"\xff" * 8
         path.write_bytes(damaged)
+        refused = None
         try:
-            with Bag(path) as bag:
-                for one in bag.messages(["/said"]):
-                    bag.read(one)
+            read(path)
         except InputError as error:
-            assert error.problems[0].place.file == path
+            refused = error
+        assert refused is None or refused.problems[0].place.file == path
 
 
 def test_what_is_no_message_of_its_type_is_told(tmp_path: Path) -> None:
@@ -61,6 +61,12 @@ def test_what_is_no_message_of_its_type_is_told(tmp_path: Path) -> None:
     writer.add("/said", 1, message_types(2).make("std_msgs/msg/String", data="x"))
     writer._writer.write(writer._of_topic["/said"], 2, b"\0\1\0\0\xff\xff\xff\x7f")
     writer.close()
-    with pytest.raises(InputError, match=r"a message on `/said` is no std_msgs/msg/String"), Bag(path) as bag:
+    with pytest.raises(InputError, match=r"a message on `/said` is no std_msgs/msg/String"):
+        read(path)
+
+
+def read(path: Path) -> None:
+    """Read all that was said."""
+    with Bag(path) as bag:
         for one in bag.messages(["/said"]):
             bag.read(one)

@@ -12,11 +12,11 @@ from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.workspace.workspace import Workspace
-from sqrp_cli.program.record import Program
+from sqrp_cli.program.record import Program, Step
 from sqrp_cli.ros.bag import Bag, Packed, Topic
 from sqrp_cli.ros.messages import Message, nanoseconds
 from sqrp_cli.runtime.audit.footage import Frame, planned_joints
-from sqrp_cli.runtime.audit.motion import JointTracks, found_steps
+from sqrp_cli.runtime.audit.motion import SPACING, JointTracks, found_steps
 from sqrp_cli.runtime.image import CameraImage, check_recorded
 from sqrp_cli.runtime.record.packed_image import image_of
 
@@ -25,8 +25,8 @@ IMAGES = ("sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image")
 
 JOINTS = "sensor_msgs/msg/JointState"
 
-STRAYS = 0.02
-"""A robot that is farther than this [rad or m] from where the program wants it does not do as planned."""
+STRAYS = 0.05
+"""A robot that is farther than this [rad or m] from where the program wants it does not do as planned any more."""
 
 MOST_STATES = 10_000_000
 """Most joint states that are read: those of five hours at 500 Hz."""
@@ -63,7 +63,7 @@ class BagFootage:
         self._tracks = index.tracks
         arm = [name for name in program.joints if name in workspace.robot.home]
         self.starts: Sequence[float] = found_steps(program, arm, self._tracks, path)
-        self._arm = arm
+        self._until = [start + self._followed(arm, start, step) for start, step in self._steps()]
 
     def joints(self, t: Array) -> Mapping[str, Array]:
         """As recorded; those of a gripper that nobody recorded are as the program wants them."""
@@ -71,11 +71,11 @@ class BagFootage:
         return {**planned, **{name: self._tracks.position(name, t) for name in self._tracks.names}}
 
     def as_planned(self, t: Array) -> Mask:
-        """Whether every joint of the arm is near where the program wants it."""
-        planned, near = self._planned(t), self._tracks.covers(self._arm, t)
-        for name in self._arm:
-            near &= np.abs(self._tracks.position(name, t) - planned[name]) <= STRAYS
-        return near
+        """Whether every joint of the arm has been near where the program wants it since the step began."""
+        planned = np.zeros(len(t), dtype=bool)
+        for start, until in zip(self.starts, self._until, strict=True):
+            planned |= (t >= start - 1e-6) & (t <= until + 1e-6)
+        return planned
 
     def images(self, frames: Sequence[Frame]) -> Iterator[tuple[Frame, CameraImage]]:
         """The images of some frames, in the order of the recording."""
@@ -96,13 +96,26 @@ class BagFootage:
         where = f"{packed.topic} at {frame.t:.3f} s"
         return CameraImage(frame.camera, frame.t, image_of(message, camera, Place(self.path), where))
 
+    def _steps(self) -> Iterator[tuple[float, Step]]:
+        return zip(self.starts, self._program.steps, strict=True)
+
+    def _followed(self, arm: Sequence[str], start: float, step: Step) -> float:
+        """How long the robot did as planned from the start of a step on [s]."""
+        tau = np.append(np.arange(0.0, step.time, SPACING), step.time)
+        planned = dict(zip(self._program.joints, planned_joints(step, tau).T, strict=True))
+        near = self._tracks.covers(arm, start + tau)
+        for name in arm:
+            near &= np.abs(self._tracks.position(name, start + tau) - planned[name]) <= STRAYS
+        strayed = np.flatnonzero(~near)
+        return float(tau[-1] if not len(strayed) else tau[max(strayed[0] - 1, 0)])
+
     def _planned(self, t: Array) -> dict[str, Array]:
         q = np.empty((len(t), len(self._program.joints)))
         of = np.clip(np.searchsorted(self.starts, t, side="right") - 1, 0, len(self.starts) - 1)
-        for index, step in enumerate(self._program.steps):
+        for index, (start, step) in enumerate(self._steps()):
             rows = of == index
             if rows.any():
-                q[rows] = planned_joints(step, np.clip(t[rows] - self.starts[index], 0.0, step.time))
+                q[rows] = planned_joints(step, np.clip(t[rows] - start, 0.0, step.time))
         return dict(zip(self._program.joints, q.T, strict=True))
 
 

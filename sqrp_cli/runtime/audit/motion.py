@@ -23,9 +23,9 @@ NEAR = 0.03
 """A joint this close to where the program wants it follows the program [rad or m]."""
 
 LEAST_SHARE = 0.2
-"""Least share of a step's motion that must be there: it may have been stopped on the way."""
+"""Least share of a step's motion that must be there, from its beginning on: it may have been stopped on the way."""
 
-GAP = 0.5
+GAP = 0.2
 """Between joint states farther apart than this [s] the joints are not known."""
 
 _ONE_RUN = 2.0
@@ -78,7 +78,7 @@ class JointTracks:
         for name in names:
             times, _ = self._tracks[name]
             after = np.clip(np.searchsorted(times, t), 1, len(times) - 1) if len(times) > 1 else np.zeros(len(t), int)
-            known &= (t >= times[0]) & (t <= times[-1]) & (times[after] - times[after - 1] <= GAP)
+            known &= (t >= times[0] - GAP) & (t <= times[-1] + GAP) & (times[after] - times[after - 1] <= GAP)
         return known
 
     def span(self, names: Collection[str]) -> tuple[float, float]:
@@ -118,13 +118,16 @@ class _Fit:
     start: float
     """[s]"""
     share: float
-    """Of the step's motion that is there."""
+    """Of the step's motion that is there, from its beginning on."""
 
 
 def _best_start(
     step: Step, columns: Sequence[int], arm: Sequence[str], tracks: JointTracks, span: tuple[float, float]
 ) -> _Fit:
-    """The first start of a step from which on most of its motion is there."""
+    """The first start of a step from which on the robot follows it for the longest time.
+
+    So a retry after a fault is not taken for it, which follows other ways to where it begins.
+    """
     tau = np.linspace(0.0, step.time, POINTS)
     planned = planned_joints(step, tau)[:, columns]
     starts = np.arange(span[0] - SPACING, max(span[1] - LEAST_SHARE * step.time, span[0]) + SPACING, SPACING)
@@ -134,7 +137,7 @@ def _best_start(
         errors = np.max([np.abs(tracks.position(n, t) - planned[:, i]) for i, n in enumerate(arm)], axis=0)
         errors = np.where((t < span[0] - SPACING) | (t > span[1] + SPACING), np.inf, errors)
         costs[first : first + _BLOCK] = np.minimum(errors, NEAR).mean(axis=1)
-        shares[first : first + _BLOCK] = (errors < NEAR).mean(axis=1)
+        shares[first : first + _BLOCK] = np.logical_and.accumulate(errors < NEAR, axis=1).mean(axis=1)
     good = np.flatnonzero(shares >= max(LEAST_SHARE, shares.max() - 0.05))
     if not len(good):
         return _Fit(float(starts[np.argmax(shares)]), float(shares.max(initial=0.0)))

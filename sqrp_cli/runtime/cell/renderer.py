@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -39,8 +39,6 @@ _BAND = 1_000_000
 class Solids:
     """What a camera has before it in each pixel of a picture without distortion."""
 
-    X_WC: Array
-    """Pose of the camera, (4, 4)."""
     body: NDArray[np.int64]
     """MuJoCo's number of the body, 0 for the floor and what belongs to none, shape (height, width)."""
     z: Array
@@ -95,10 +93,10 @@ class Renderer:
         mujoco.mjr_readPixels(picture, None, area, self._context)
         return self._with_noise(optics.image(cv2.flip(picture, 0)), camera, t)
 
-    def solids(self, name: str) -> Solids:
-        """What a camera has before it, pixel by pixel of the picture without distortion."""
+    def solids(self, name: str, X_FC: Array) -> Solids:
+        """What a camera at a pose X_FC (4, 4) has before it, pixel by pixel of the picture without distortion."""
         optics = self._optics[name]
-        X_WC = self._camera_pose(self._cameras[name])
+        X_WC = self._camera_pose(replace(self._cameras[name], X_FC=X_FC))
         for flag in (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR):
             self._scene.flags[flag] = 1
         try:
@@ -117,7 +115,7 @@ class Renderer:
         (left, top), (right, bottom) = optics.low, optics.high
         x = left + (np.arange(optics.width) + 0.5) / optics.width * (right - left)
         y = top + (np.arange(optics.height) + 0.5) / optics.height * (bottom - top)
-        return Solids(X_WC, bodies[np.minimum(numbers, self._scene.ngeom)], z, x, y)
+        return Solids(bodies[np.minimum(numbers, self._scene.ngeom)], z, x, y)
 
     def _rendered(self, X_WC: Array, optics: Optics) -> tuple[NDArray[np.uint8], mujoco.MjrRect]:
         """Draw what an eye sees; returns memory for the picture, and where the picture is."""
