@@ -88,6 +88,7 @@ class InputError(SqrpError):
     """The input cannot be used; carries the problems that were found, most important first."""
 
     def __init__(self, *problems: Problem) -> None:
+        problems = tuple(dict.fromkeys(problems))  # several entries may name one file
         if len(problems) > MOST_PROBLEMS:
             more = Problem("more-problems", f"{len(problems) - MOST_PROBLEMS:,} more problems are not listed")
             problems = (*problems[:MOST_PROBLEMS], more)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from sqrp_cli.errors import InputError, Problem
+from pathlib import Path
+
+from sqrp_cli.errors import InputError, Place, Problem
 
 
 def test_a_message_quotes_no_more_than_the_beginning_of_a_long_name() -> None:
@@ -30,3 +32,10 @@ def test_of_thousands_of_problems_the_first_are_reported_and_how_many_more_there
     assert listed[:20] == tuple(problems[:20])
     assert [problem.message for problem in listed[20:]] == ["59,980 more problems are not listed"]
     assert InputError(*problems[:20]).problems == tuple(problems[:20])
+
+
+def test_one_problem_of_a_file_that_two_entries_name_is_told_once() -> None:
+    first, again, other = (
+        Problem("image-size", "the image is too small", Place(Path("camera.yaml"), line)) for line in (3, 3, 4)
+    )
+    assert InputError(first, again, other).problems == (first, other)

@@ -8,9 +8,10 @@ from itertools import product
 import numpy as np
 
 from sqrp_cli.checks.formulas import predicates_of
-from sqrp_cli.errors import Problem
+from sqrp_cli.errors import MOST_NAMES, Problem
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.frames import WORLD, FrameName
+from sqrp_cli.knowledge.paint import look_alike
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.skill import Grasp, Skill
 from sqrp_cli.knowledge.skill.target_box import BoxSpec
@@ -57,6 +58,30 @@ def too_small_boxes(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
                 mend = "use a larger box or marker, a nearer camera or a longer lens"
                 place = skill.place("targets", predicate, "boxes", index, "name")
                 yield Problem("too-small-for-every-camera", message, place, mend=mend)
+
+
+def parts_like_their_support(workspace: Workspace) -> Iterator[Problem]:
+    """Objects that a detector of colours looks for, and cannot tell from what they stand on."""
+    sought = {
+        item.name
+        for skill in workspace.skills.values()
+        for target in skill.targets.values()
+        for box in target.boxes
+        if workspace.detectors[box.detector].kind == "color"
+        for item in _possible_objects(workspace, skill, box)
+        if item is not None
+    }
+    alike: dict[str, list[str]] = {}
+    for item in workspace.objects.values():
+        support = workspace.objects.get(item.on or "")
+        if support is not None and item.name in sought and look_alike(item.color, support.color):
+            alike.setdefault(support.name, []).append(item.name)
+    for name, parts in alike.items():
+        on_it = ", ".join(f"`{part}`" for part in parts[:MOST_NAMES]) + " ..." * (len(parts) > MOST_NAMES)
+        message = f"detectors of colours cannot tell {on_it} from `{name}` below, which has the same colour"
+        place = workspace.places.get(f"objects.{name}.color")
+        mend = "give one of them another colour, or look for markers"
+        yield Problem("same-colour", message, place, severity="warning", mend=mend)
 
 
 def empty_boxes(workspace: Workspace, skill: Skill) -> Iterator[Problem]:

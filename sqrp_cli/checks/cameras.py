@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import atan, degrees, hypot
+from math import atan, degrees, hypot, tan
 from typing import NamedTuple
 
 import numpy as np
@@ -120,7 +120,10 @@ def _image_doubts(camera: Camera, view_is_stated: bool) -> Iterator[tuple[str, s
     view = 2 * (half if fisheye else atan(half))
     if not view_is_stated and not usual.least <= view <= usual.most:
         message = f"`fx` of {fx:g} pixels makes it see {degrees(view):.3g} deg from left to right, usual is {usual}"
-        yield message, "state `fx` in pixels, not in mm"
+        far = 0.5 * usual.least if fisheye else tan(0.5 * usual.least)
+        longest = 0.5 * camera.width / far
+        most = f"correct `fx` or the image: of {camera.width} pixels across, `fx` is at most {longest:.0f}"
+        yield message, "state `fx` in pixels, not in mm" if view > usual.most else most
 
 
 def _why_implausible(camera: Camera) -> str | None:

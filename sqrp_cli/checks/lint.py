@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from sqrp_cli.checks.boxes import empty_boxes, fault_boxes_that_move, too_few_cameras, too_small_boxes, without_target
+from sqrp_cli.checks.boxes import (
+    empty_boxes,
+    fault_boxes_that_move,
+    parts_like_their_support,
+    too_few_cameras,
+    too_small_boxes,
+    without_target,
+)
 from sqrp_cli.checks.cameras import (
     blind_cameras,
     detectors_out_of_range,
@@ -49,6 +56,7 @@ def lint(workspace: Workspace) -> tuple[Problem, ...]:
     findings += doubtful_images(workspace)
     findings += implausible_lenses(workspace)
     findings += blind_cameras(workspace)
+    findings += parts_like_their_support(workspace)
     findings += overlapping_objects(workspace)
     findings += floating_objects(workspace)
     return tuple(findings)

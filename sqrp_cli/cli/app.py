@@ -145,10 +145,26 @@ def _print_usage_error(error: Exception) -> None:
     if message.startswith("Usage:"):  # no command at all
         typer.echo(message, err=True)
         return
-    _print_error(f"error: {message}")
+    _print_error(f"error: {_number_expected(error) or message}")
     context = getattr(error, "ctx", None)
     if context is not None:
         _print_error(f"  to see what is expected: {context.command_path} --help")
+
+
+def _number_expected(error: Exception) -> str:
+    """What is wrong with the number of an option, in the words of other errors; empty for any other error."""
+    option, cause = getattr(error, "param", None), error.__cause__
+    if option is None or not hasattr(cause, "errors"):
+        return ""
+    found = cause.errors()[0]
+    kind = {"int": "a whole number", "float": "a number"}.get(found["type"].partition("_")[0])
+    least, most = getattr(option, "min", None), getattr(option, "max", None)
+    if kind is None and least is None:
+        return ""
+    kind = kind or ("a number" if isinstance(least, float) else "a whole number")
+    given = found["input"] if found["type"].startswith(("greater", "less")) else f"`{found['input']}`"
+    upto = "" if least is None else f" from {least:g} on" if most is None else f" from {least:g} to {most:,}"
+    return f"{option.opts[0]} is {given}, expected {kind}{upto}"
 
 
 def _print_error(line: str) -> None:

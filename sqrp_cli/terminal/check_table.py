@@ -14,6 +14,7 @@ from sqrp_cli.errors import Problem
 from sqrp_cli.programming.suggestion import SuggestedStep
 from sqrp_cli.terminal.console import SEVERITY_STYLES, Column, Share, plain, print_table, say, say_command, say_line
 from sqrp_cli.terminal.infeasible import print_infeasible
+from sqrp_cli.terminal.rank_table import MOST_ROWS
 
 
 def print_valid(path: str, name: str, warnings: Sequence[Problem]) -> None:
@@ -31,17 +32,31 @@ def print_candidates(
     feasible = [feasibility for feasibility in found if feasibility.feasible]
     at_once = " at once" if suggested and not feasible else ""
     say(f"{task} in {workspace}: {len(feasible)} of {len(found)} candidates can be done{at_once}\n")
+    shown: Sequence[Feasibility] = []
     if feasible:
-        rows = [(one.candidate.name, f"{one.time:.2f}" if one.time is not None else "") for one in feasible]
+        shown = _fastest_of_each(feasible)
+        rows = [(one.candidate.name, f"{one.time:.2f}" if one.time is not None else "") for one in shown]
         print_table([Column("candidate"), Column("time [s]", right=True)], rows)
+        if len(shown) < len(feasible):
+            say(f"... and {len(feasible) - len(shown)} more (--json)", "dim")
     elif suggested:
         print_suggested(suggested)
         say()
     blocked = [one for one in found if not one.feasible]
     print_infeasible((one.candidate, "; ".join(filter(None, [*one.reasons, one.suggestion.words]))) for one in blocked)
-    around = [f"{one.candidate.name}: {', '.join(one.ways_around)}" for one in found if one.ways_around]
+    around = [f"{one.candidate.name}: {', '.join(one.ways_around)}" for one in shown if one.ways_around]
     for number, line in enumerate(around):
         say(f"\n{line}" if number == 0 else line)
+
+
+def _fastest_of_each(feasible: Sequence[Feasibility]) -> Sequence[Feasibility]:
+    """All of a few candidates; of many the fastest for each choice of objects, the first of them."""
+    if len(feasible) <= MOST_ROWS:
+        return feasible
+    fastest: dict[tuple[str, ...], int] = {}
+    for place in sorted(range(len(feasible)), key=lambda place: feasible[place].time or 0.0):
+        fastest.setdefault(tuple(feasible[place].candidate.binding.values()), place)
+    return [feasible[place] for place in sorted(fastest.values())[:MOST_ROWS]]
 
 
 def print_suggested(suggested: Sequence[SuggestedStep]) -> None:

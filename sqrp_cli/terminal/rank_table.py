@@ -127,13 +127,14 @@ _WAY = _Figure("way", way_of)
 
 
 def _best_of_each(feasible: Sequence[Ranked]) -> Sequence[Ranked]:
-    """All candidates of a short ranking; of a long one the best for each choice of objects, the first of them."""
+    """All candidates of a short ranking; of a long one those that sentences name, and the best of each objects."""
     if len(feasible) <= MOST_ROWS:
         return feasible
-    best: dict[tuple[str, ...], Ranked] = {}
-    for ranked in feasible:
-        best.setdefault(tuple(ranked.assessment.candidate.binding.values()), ranked)
-    return list(best.values())[:MOST_ROWS]
+    best: dict[tuple[str, ...], int] = {}
+    for place, ranked in enumerate(feasible):
+        best.setdefault(tuple(ranked.assessment.candidate.binding.values()), place)
+    named = {0, 1, len(feasible) - 1}
+    return [feasible[place] for place in sorted(named.union(list(best.values())[:MOST_ROWS]))]
 
 
 def _print_feasible(feasible: Sequence[Ranked], shown: Sequence[Ranked]) -> None:
