@@ -154,7 +154,7 @@ def _print_usage_error(error: Exception) -> None:
 def _number_expected(error: Exception) -> str:
     """What is wrong with the number of an option, in the words of other errors; empty for any other error."""
     option, cause = getattr(error, "param", None), error.__cause__
-    if option is None or not hasattr(cause, "errors"):
+    if option is None or cause is None or not hasattr(cause, "errors"):
         return ""
     found = cause.errors()[0]
     kind = {"int": "a whole number", "float": "a number"}.get(found["type"].partition("_")[0])
