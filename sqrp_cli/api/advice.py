@@ -68,6 +68,8 @@ class TaskAdvice(Answer[AdviceDocument]):
     session: Session
     path: Path
     """Of the workspace, as it was given."""
+    content: bytes | None = None
+    """The text of the workspace file where it was not read from the disk."""
     wish: Wish
     way: Candidate
     """That changes of objects and cameras start from."""
@@ -183,7 +185,7 @@ class TaskAdvice(Answer[AdviceDocument]):
 
     @cached_property
     def _file(self) -> SourceDocument:
-        return read_workspace_document(self.session.workspace.whole_file.file)
+        return read_workspace_document(self.session.workspace.whole_file.file, self.content)
 
     def _patch(self, change: ProposedChange) -> tuple[str, str | None]:
         try:
@@ -263,6 +265,7 @@ def find_advice(
     session: Session,
     path: Path,
     *,
+    content: bytes | None = None,
     want: str | None,
     choose: str,
     kinds: Sequence[Kind] | None,
@@ -272,15 +275,23 @@ def find_advice(
 ) -> TaskAdvice:
     """The least changes that meet a wish; at Ctrl-C what was found so far.
 
-    out: folder that keeps the answer of each kind. Raises InputError for a wish or a choice that cannot be read, and
-    for a folder that cannot be used.
+    content: of the workspace file, where it is not that on the disk. out: folder that keeps the answer of each kind.
+    Raises InputError for a wish or a choice that cannot be read, and for a folder that cannot be used.
     """
     with closing(Results(out)) as results:
         check_choice(session.task, choose)
         wish = wish_of(_expected(session)) if want is None else read_wish(want)
         question = _question(session, wish, choose, kinds, jobs, progress)
         adviser, best = Adviser(question), question.best
-        found = TaskAdvice(session=session, path=path, wish=wish, way=adviser.way, before=adviser.before, answers=())
+        found = TaskAdvice(
+            session=session,
+            path=path,
+            content=content,
+            wish=wish,
+            way=adviser.way,
+            before=adviser.before,
+            answers=(),
+        )
         if found.met:
             return found
         if not best.feasible and not best.candidate.steps:

@@ -75,6 +75,8 @@ class OpenCell:
     path: Path
     workspace: Workspace
     seed: int = 0
+    content: bytes | None = None
+    """The text of the workspace file where it was not read from the disk."""
 
     def __repr__(self) -> str:
         cell = self.workspace
@@ -83,11 +85,14 @@ class OpenCell:
         )
 
     @classmethod
-    def read(cls, path: Path, seed: int = 0) -> OpenCell:
-        """A workspace, even one with problems. Raises InputError if it cannot be read at all."""
+    def read(cls, path: Path, seed: int = 0, content: bytes | None = None) -> OpenCell:
+        """A workspace, even one with problems. Raises InputError if it cannot be read at all.
+
+        content: instead of that of its file.
+        """
         from sqrp_cli.knowledge.workspace.load import load_workspace
 
-        return cls(path, load_workspace(path), seed)
+        return cls(path, load_workspace(path, content), seed, content)
 
     @cached_property
     def findings(self) -> tuple[Problem, ...]:
@@ -252,6 +257,7 @@ class OpenCell:
         return find_advice(
             session,
             self.path,
+            content=self.content,
             want=want,
             choose=choose,
             kinds=read_kinds(kinds),
@@ -309,7 +315,7 @@ class OpenCell:
         check_count(jobs, "jobs", 1)
         check_progress(progress)
         means = Means(sampling or Adaptive(), jobs, None, optional_path(out, "out"), self.seed)
-        return find_placement(self.cell, request, means=means, progress=progress)
+        return find_placement(self.cell, request, means=means, progress=progress, content=self.content)
 
     def check(
         self,

@@ -72,6 +72,8 @@ class CellPlacement(Answer[PlaceDocument]):
     wish: Wish | None
     written: bool = False
     """Whether its patch was written to a file."""
+    content: bytes | None = None
+    """The text of the workspace file where it was not read from the disk."""
 
     @property
     def met(self) -> bool:
@@ -122,7 +124,7 @@ class CellPlacement(Answer[PlaceDocument]):
 
     @cached_property
     def _file(self) -> SourceDocument:
-        return read_workspace_document(self.found.question.cell.workspace.whole_file.file)
+        return read_workspace_document(self.found.question.cell.workspace.whole_file.file, self.content)
 
 
 def find_placement(
@@ -132,11 +134,12 @@ def find_placement(
     means: Means,
     progress: Progress,
     watch: Told | None = None,
+    content: bytes | None = None,
 ) -> CellPlacement:
     """The best cameras for some tasks; at Ctrl-C the best so far, if verdicts are complete.
 
-    watch: told what is sought, the best value so far and the bound. Raises InputError for a request that cannot be
-    read, and a folder that cannot be used.
+    watch: told what is sought, the best value so far and the bound. content: of the workspace file, where it is not
+    that on the disk. Raises InputError for a request that cannot be read, and a folder that cannot be used.
     """
     check_solver()
     workspace = cell.workspace
@@ -160,7 +163,7 @@ def find_placement(
         if results.folder is not None:
             verdicts = KeptVerdicts(results, workspace, cell.seed, verdicts)
         placer = Placer(replace(question, verdicts=verdicts), progress, watch)
-        return CellPlacement(found=placer.place(), wish=wish)
+        return CellPlacement(found=placer.place(), wish=wish, content=content)
 
 
 def _floor(request: PlaceRequest, workspace: Workspace, kept: int) -> CameraFloor | None:

@@ -23,8 +23,10 @@ from sqrp_cli.cli.commands import (
     schema,
     score,
     show,
+    studio,
 )
 from sqrp_cli.cli.commands import run as run_program
+from sqrp_cli.cli.commands import set as set_values
 from sqrp_cli.cli.completion import ASKED, for_named_shell, propose
 from sqrp_cli.cli.streams import ResultsLost
 from sqrp_cli.errors import ExitCode, InputError
@@ -58,6 +60,8 @@ COMMANDS = (
     score,
     diff,
     show,
+    set_values,
+    studio,
     rules,
     schema,
     init,

@@ -114,6 +114,9 @@ class _Raised:
 class Worker(Generic[Message, Answer]):
     """A process that answers messages one after the other."""
 
+    _starts_others = False
+    """Whether it may start processes itself."""
+
     def __init__(
         self, context: Context, prepare: Callable[..., Callable[[Message], Answer]], *arguments: object
     ) -> None:
@@ -123,7 +126,9 @@ class Worker(Generic[Message, Answer]):
         """
         self._pipe, theirs = context.Pipe()
         _pipes.add(self._pipe)
-        self._process = context.Process(target=_serve, args=(theirs, prepare, arguments), daemon=True)
+        self._process = context.Process(
+            target=_serve, args=(theirs, prepare, arguments), daemon=not self._starts_others
+        )
         with _without_interrupts(), _without_main():
             try:
                 self._process.start()
@@ -131,6 +136,11 @@ class Worker(Generic[Message, Answer]):
                 message = "the process that starts the others was killed; is there enough memory?"
                 raise InputError(Problem("worker-died", message)) from error
         theirs.close()
+
+    @property
+    def pipe(self) -> Connection:
+        """Ready to read when it has answered; to wait for it among other things."""
+        return self._pipe
 
     def send(self, message: Message) -> None:
         """Send a message to answer; if the process has died, `receive` raises it.
@@ -179,6 +189,12 @@ class Worker(Generic[Message, Answer]):
         """The workers with an answer to receive; waits until there is one."""
         ready = wait([worker._pipe for worker in workers])
         return [worker for worker in workers if worker._pipe in ready]
+
+
+class Foreman(Worker[Message, Answer]):
+    """A worker with workers of its own, which end with it."""
+
+    _starts_others = True
 
 
 def _serve(pipe: Connection, prepare: Callable[..., Callable[[Any], Any]], arguments: tuple[Any, ...]) -> None:

@@ -56,6 +56,11 @@ class Cell:
             seed=seed,
         )
 
+    def seen_by(self, workspace: Workspace) -> Cell:
+        """The cell of a workspace that differs in its cameras only; motions stay the same."""
+        observer = Observer(tuple(workspace.cameras.values()), self.observer.solids)
+        return replace(self, workspace=workspace, observer=observer)
+
     @property
     def unchecked_pairs(self) -> NamePairs:
         """Pairs of links whose contact is not checked, beside neighbours."""

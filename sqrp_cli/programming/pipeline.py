@@ -20,7 +20,7 @@ from sqrp_cli.programming.program_update import world_after
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 from sqrp_cli.programming.task import Candidate
-from sqrp_cli.programming.ways.find import BestWay, WantedWay, find_ways
+from sqrp_cli.programming.ways.find import BestWay, Plans, WantedWay, find_ways
 from sqrp_cli.programming.whole_assessment import StepDone, assessment_of_all, steps_done
 
 Item = TypeVar("Item")
@@ -73,6 +73,8 @@ class Assignment:
     """How far the cameras may be off, to prove between what the qualities then lie; None to leave it out."""
     wanted: WantedWay = WantedWay()  # noqa: RUF009 - it is frozen
     """Which way of each candidate."""
+    plans: Plans | None = None
+    """The motions of candidates in this world, if they are to be kept for other cameras."""
 
     def assess(self, candidate: Candidate) -> Assessment:
         """The figures of one candidate in the wanted way, or why it is infeasible."""
@@ -89,7 +91,7 @@ class Assignment:
 
     def _assess_alone(self, candidates: Sequence[Candidate]) -> list[Assessment]:
         """As `assess_together`, of candidates of one step."""
-        found = find_ways(self.cell, candidates, self.world, self.sampling, self.wanted)
+        found = find_ways(self.cell, candidates, self.world, self.sampling, self.wanted, self.plans)
         feasible = (one.study for one in found if isinstance(one, BestWay))
         said = iter(verdicts(self.cell, list(feasible)))
         return [
@@ -119,7 +121,7 @@ class Assignment:
         """The steps of a candidate of several, each in its wanted way."""
 
         def assess(world: World, step: Candidate) -> Assessment:
-            return replace(self, world=world).assess(step)
+            return replace(self, world=world, plans=None).assess(step)
 
         return steps_done(
             self.cell, candidate, self.world, assess, (self.sampling, self.calibration, self.bounds, self.wanted)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import io
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import yaml
 
@@ -40,6 +40,65 @@ def edited(document: SourceDocument, values: Mapping[str, str]) -> bytes:
         mend = "write the value out in both places"
         raise InputError(Problem("shared-value", message, Place(document.path), mend=mend))
     return content
+
+
+def with_values(document: SourceDocument, values: Mapping[str, str]) -> bytes:
+    """The content of a document with values, lists or mappings written anew, or added to a mapping.
+
+    values: by dotted path, as YAML text in a line. Raises InputError for a path that leads nowhere, and where that
+    would change anything else.
+    """
+    leaves = {path: text for path, text in values.items() if path in document.leaves}
+    content = edited(document, leaves) if leaves else document.content
+    for path, text in values.items():
+        if path not in leaves:
+            content = _with_value(parse_yaml(document.path, content), path, text)
+    return content
+
+
+def _with_value(document: SourceDocument, path: str, text: str) -> bytes:
+    known = {dotted(keys): keys for keys in document.values}
+    if path in known:
+        keys = known[path]
+        return respelled(document, keys, str(keys[-1]), text)
+    parent, _, key = path.rpartition(".")
+    if not isinstance(_found(document.data, known.get(parent)), dict):
+        message = f"the file has no value `{path}`; {expected_names(path, known)}"
+        raise InputError(Problem("unknown-value", message, Place(document.path)))
+    return appended(document, known[parent], f"{key}: {text}")
+
+
+def _found(data: object, path: KeyPath | None) -> object:
+    for key in path or ():
+        data = data[key]  # type: ignore[index] # the path leads through mappings and lists
+    return None if path is None else data
+
+
+def changed_values(before: SourceDocument, content: bytes) -> dict[str, str] | None:
+    """What `with_values` writes to make a content of a document; None where that cannot make it."""
+    after = parse_yaml(before.path, content)
+    text = content.decode("utf-8-sig")
+    root = _root(text)
+    values = {}
+    for path in _differing(before.data, after.data, ()):
+        node = _node(root, path)
+        values[dotted(path)] = text[node.start_mark.index : _end(node)]
+    try:
+        return values if with_values(before, values) == content else None
+    except InputError:
+        return None
+
+
+def _differing(before: object, after: object, path: KeyPath) -> Iterator[KeyPath]:
+    """The shortest paths below which two documents differ, and of what the second one adds."""
+    if isinstance(before, dict) and isinstance(after, dict) and before.keys() <= after.keys():
+        for key in after:
+            yield from _differing(before[key], after[key], (*path, key)) if key in before else [(*path, key)]
+    elif isinstance(before, list) and isinstance(after, list) and len(before) == len(after):
+        for index, pair in enumerate(zip(before, after, strict=True)):
+            yield from _differing(*pair, (*path, index))
+    elif before != after or type(before) is not type(after):
+        yield path
 
 
 def _pairs(node: yaml.Node) -> list[tuple[str, yaml.Node]]:

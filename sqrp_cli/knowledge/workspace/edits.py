@@ -130,6 +130,16 @@ def with_object(document: SourceDocument, name: str, X_WO: Array) -> bytes:
     return _with_pose(document, ("objects", name, "pose"), X_WO, None, body=False)
 
 
+def with_base(document: SourceDocument, X_WB: Array) -> bytes:
+    """The file with the robot's base elsewhere."""
+    path: KeyPath = ("robot", "base")
+    if path in document.values:
+        return _with_pose(document, path, X_WB, None, body=False)
+    turned = {} if np.allclose(X_WB[:3, :3], np.eye(3), atol=_SAME) else {"rpy": matrix_to_rpy(X_WB[:3, :3])}
+    entry = {"position": _places(X_WB[:3, 3]), **{key: _rounded(angles, 9) for key, angles in turned.items()}}
+    return appended(document, path[:-1], f"base: {_flow(entry)}")
+
+
 def with_task(document: SourceDocument, task: str, thresholds: dict[str, float], instead_of: str | None) -> bytes:
     """The file with a further task, or with another text of a task that it lists, which keeps its thresholds.
 

@@ -17,7 +17,6 @@ from sqrp_cli.programming.advice.aiming import Aim
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.ranking import rank
-from sqrp_cli.programming.sensing.observer import Observer
 
 Kind = Literal["way", "path", "object", "aim", "position", "lens", "camera"]
 Unit = Literal["m", "rad", "camera", ""]
@@ -75,8 +74,7 @@ class ProposedChange:
         if self.camera is None:
             return cell
         cameras = {**cell.workspace.cameras, self.camera.name: self.camera}
-        workspace = replace(cell.workspace, cameras=cameras)
-        return replace(cell, workspace=workspace, observer=Observer(tuple(cameras.values()), cell.observer.solids))
+        return cell.seen_by(replace(cell.workspace, cameras=cameras))
 
     def in_world(self, world: World) -> World:
         """The world with it."""

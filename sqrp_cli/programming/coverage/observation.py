@@ -118,8 +118,14 @@ class Observation:
 
 def full_observation(observer: Observer, targets: Sequence[Target], states: SceneStates, required: Mask) -> Observation:
     """The verdicts of every camera on every target; required: see `Observation`."""
-    matrix = observer.verdicts(targets, states)
     responses = np.array([camera.response for camera in observer.cameras])
+    return observation_of(observer.verdicts(targets, states), responses, targets, required)
+
+
+def observation_of(
+    matrix: tuple[tuple[BoxVerdicts, ...], ...], responses: Array, targets: Sequence[Target], required: Mask
+) -> Observation:
+    """What the verdicts of every camera on every target say; responses: of the cameras, shape (c,) [s]."""
     covered, response = np.zeros(required.shape, dtype=bool), np.full(required.shape, np.nan)
     for column, (target, boxes) in enumerate(zip(targets, matrix, strict=True)):
         sees = sees_all(boxes)

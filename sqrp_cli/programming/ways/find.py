@@ -55,6 +55,9 @@ class WantedWay:
     limit: TimeLimit | None = None
     """How long it may take."""
 
+    alone: bool = False
+    """Whether the other ways that are worth naming beside it are left out."""
+
 
 def find_way(
     cell: Cell, candidate: Candidate, world: World, sampling: Sampling, wanted: WantedWay
@@ -70,12 +73,23 @@ def find_way(
 
 
 def find_ways(
-    cell: Cell, candidates: Sequence[Candidate], world: World, sampling: Sampling, wanted: WantedWay
+    cell: Cell,
+    candidates: Sequence[Candidate],
+    world: World,
+    sampling: Sampling,
+    wanted: WantedWay,
+    plans: Plans | None = None,
 ) -> list[BestWay | Infeasible]:
-    """As `find_way` of each of several candidates: faster, as those with a single way are observed together."""
+    """As `find_way` of each of several candidates: faster, as those with a single way are observed together.
+
+    plans: what is known of their motions already, and is added to.
+    """
+    plans = Plans() if plans is None else plans
     of_objects = {_objects(candidate): candidate for candidate in candidates}
     obstacles = {objects: impossible_start(cell, candidate, world) for objects, candidate in of_objects.items()}
-    allowed = [obstacles[_objects(candidate)] or _allowed(cell, candidate, world, wanted) for candidate in candidates]
+    allowed = [
+        obstacles[_objects(candidate)] or _allowed(cell, candidate, world, wanted, plans) for candidate in candidates
+    ]
     single = [ways.scenes[0] for ways in allowed if isinstance(ways, _Allowed) and len(ways.scenes) == 1]
     known = dict(zip(map(id, single), all_observed(cell, single, sampling, full=False), strict=True))
     return [
@@ -101,8 +115,8 @@ def _objects(candidate: Candidate) -> tuple[str, ...]:
     return candidate.skill.name, *candidate.binding.values()
 
 
-def _allowed(cell: Cell, candidate: Candidate, world: World, wanted: WantedWay) -> _Allowed | Infeasible:
-    planned = (_fastest if wanted.fastest else _planned)(cell, candidate, world)
+def _allowed(cell: Cell, candidate: Candidate, world: World, wanted: WantedWay, plans: Plans) -> _Allowed | Infeasible:
+    planned = plans.of(cell, candidate, world, fastest=wanted.fastest)
     scenes = planned.scenes
     longest = inf
     if wanted.limit is not None and not isinstance(scenes, Infeasible):
@@ -120,7 +134,7 @@ def _best_way(cell: Cell, ways: _Allowed, sampling: Sampling, wanted: WantedWay,
         studies = [known]
     else:
         hopeful = prospects(cell.observer, ways.scenes) if bounded else list(map(Prospect, ways.scenes))
-        studies = list(_studied(cell, hopeful, sampling, wanted.by, prune=bounded))
+        studies = list(_studied(cell, hopeful, sampling, wanted, prune=bounded))
     if ways.candidate.open_paths:
         studies = _with_seen_paths(cell, studies, ways.scenes, sampling, ways.longest, wanted.by)
     ranked = rank([study.assessment("") for study in studies], wanted.by)
@@ -214,6 +228,19 @@ class _Planned:
     scenes: Sequence[Rehearsal] | Infeasible
 
 
+class Plans:
+    """The planned ways of candidates in one world, for cells that differ in their cameras only."""
+
+    def __init__(self) -> None:
+        self._known: dict[int, tuple[Candidate, _Planned]] = {}
+
+    def of(self, cell: Cell, candidate: Candidate, world: World, *, fastest: bool) -> _Planned:
+        """The ways of a candidate, or the fastest of them; planned at the first time. World and cell: see the class."""
+        if id(candidate) not in self._known:
+            self._known[id(candidate)] = candidate, (_fastest if fastest else _planned)(cell, candidate, world)
+        return self._known[id(candidate)][1]
+
+
 def _fastest(cell: Cell, candidate: Candidate, world: World) -> _Planned:
     """The fastest way of a candidate, planned, with its first grip."""
     way = first_grip(candidate)
@@ -239,10 +266,10 @@ def _planned(cell: Cell, candidate: Candidate, world: World) -> _Planned:
 
 
 def _studied(
-    cell: Cell, hopeful: Sequence[Prospect], sampling: Sampling, by: Criterion, *, prune: bool
+    cell: Cell, hopeful: Sequence[Prospect], sampling: Sampling, wanted: WantedWay, *, prune: bool
 ) -> Iterator[Study]:
     """The exact studies of the ways that may be best, the most promising first; then of the others worth naming."""
-    found: list[Assessment] = []
+    by, found = wanted.by, list[Assessment]()
 
     def studied(prospect: Prospect) -> Study:
         study = observed(cell, prospect.scene, sampling, full=False)
@@ -252,7 +279,7 @@ def _studied(
     waiting = sorted(hopeful, key=lambda prospect: _place(prospect, by))
     while waiting and not (prune and found and min(_place(one, by) for one in found) <= _place(waiting[0], by)):
         yield studied(waiting.pop(0))
-    for prospect in sorted(waiting, key=lambda prospect: compared_time(prospect.time)):
+    for prospect in () if wanted.alone else sorted(waiting, key=lambda prospect: compared_time(prospect.time)):
         if all(map(prospect.is_worth_naming_beside, found)):
             yield studied(prospect)
 

@@ -334,9 +334,14 @@ class CandidateStudy(CandidateFigures):
     """Objects in the way, the largest `alone` first: the one to move first. Empty if only the robot is in the way."""
 
     @classmethod
-    def of_study(cls, cell: Cell, study: Study, ranked: Ranked, sampling: Sampling) -> CandidateStudy:
-        """A feasible candidate with everything computed about it."""
-        views = hidden_views(cell, study)
+    def of_study(
+        cls, cell: Cell, study: Study, ranked: Ranked, sampling: Sampling, *, brief: bool = False
+    ) -> CandidateStudy:
+        """A feasible candidate with everything computed about it.
+
+        brief: without what each part hides and the verdicts of single boxes, which take most of the time.
+        """
+        views = {} if brief else hidden_views(cell, study)
         return cls(
             **vars(CandidateFigures.of(ranked)),
             sampling=SamplingDone.of(sampling, [ranked.assessment]),
@@ -350,7 +355,7 @@ class CandidateStudy(CandidateFigures):
             recovery=RecoveryTimes(t=study.recovery.t.tolist(), duration=study.recovery.duration.tolist()),
             sights={fault: FaultSight.of(study, fault) for fault in study.windows},
             targets=_targets(study),
-            samples=_samples(cell, study, views),
+            samples=_samples(cell, study, None if brief else views),
             hidden=[
                 HiddenTarget(
                     literal=str(one.atom),
@@ -413,7 +418,7 @@ def _targets(study: Study) -> dict[str, TargetBoxes]:
     }
 
 
-def _samples(cell: Cell, study: Study, views: HiddenViews) -> list[Sample]:
+def _samples(cell: Cell, study: Study, views: HiddenViews | None) -> list[Sample]:
     timeline, samples = study.timeline, study.timeline.samples
     states, q, held = study.stage.states(samples), study.stage.positions(samples), study.stage.held(samples)
     objects = [name for name in cell.workspace.objects if name in states.X_WF]
@@ -466,15 +471,15 @@ class _Seen(NamedTuple):
         return BoxSight(probability=float(found.probability[at]), **values)
 
 
-def _coverage(cell: Cell, seen: _Seen, X_WF: Mapping[str, Array], views: HiddenViews) -> list[LiteralCoverage]:
-    """The verdicts on a target's boxes and cameras, per sample."""
+def _coverage(cell: Cell, seen: _Seen, X_WF: Mapping[str, Array], views: HiddenViews | None) -> list[LiteralCoverage]:
+    """The verdicts on a target's boxes and cameras, per sample; views: None to leave out those of boxes."""
     names, target = [camera.name for camera in cell.observer.cameras], seen.target
     corners = [transform(X_WF[box.frame] @ box.X_FB, box_corners(box.size)) for box in target.boxes]
     found = []
     for row in range(len(seen.covered)):
         verdicts = [
             {
-                name: _verdict(cell, boxes, HiddenView(seen.column, number, row, index), views, seen)
+                name: _verdict(cell, boxes, HiddenView(seen.column, number, row, index), views or {}, seen)
                 for index, name in enumerate(names)
             }
             for number, boxes in enumerate(seen.matrix)
@@ -485,6 +490,7 @@ def _coverage(cell: Cell, seen: _Seen, X_WF: Mapping[str, Array], views: HiddenV
                 boxes=[
                     BoxCoverage(corners=_at(points, row).tolist(), cameras=cameras)
                     for points, cameras in zip(corners, verdicts, strict=True)
+                    if views is not None
                 ],
                 cameras={name: _first_failure(target, [cameras[name] for cameras in verdicts]) for name in names},
                 expected=None if seen.expected is None else float(seen.expected.targets[row, seen.column]),

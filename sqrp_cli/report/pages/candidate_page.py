@@ -53,11 +53,7 @@ def write_ranking(
         for detail in in_processes(lambda ranked: _detail(assignment, ranked), ranking, min(jobs, len(ranking) // 2)):
             details.append(detail)
             advance(1)
-    differing = differing_parameters([ranked.assessment.candidate for ranked in ranking])
-    choice = any(ranked.assessment.has_choice for ranked in ranking)
-    entries = [
-        _candidate(ranked, differing, detail, choice=choice) for ranked, detail in zip(ranking, details, strict=True)
-    ]
+    entries = candidate_rows(ranking, details)
     about = [*origin(arguments), ("workspace", str(workspace.path)), ("digest", workspace.digest)]
     if feasible := [ranked for ranked in ranking if ranked.rank is not None]:
         about.append(("accuracy", accuracy(assignment.sampling, feasible)))
@@ -107,6 +103,15 @@ def _scored(scored: ScoredCell, scores: Sequence[TaskScore], means: Means) -> tu
     assignment = Assignment(cell, cell.initial_world, means.sampling)
     details = [None if score.best is None else _detail(assignment, score.best) for score in scores]
     return cell_scene(cell), [_score(score, 0, detail) for score, detail in zip(scores, details, strict=True)]
+
+
+def candidate_rows(ranking: Sequence[Ranked], details: Sequence[str | None]) -> list[PageRow]:
+    """The rows of the candidates of a task. details: of each, see `PageRow`."""
+    differing = differing_parameters([ranked.assessment.candidate for ranked in ranking])
+    choice = any(ranked.assessment.has_choice for ranked in ranking)
+    return [
+        _candidate(ranked, differing, detail, choice=choice) for ranked, detail in zip(ranking, details, strict=True)
+    ]
 
 
 def _candidate(ranked: Ranked, differing: Sequence[str], detail: str | None, *, choice: bool) -> PageRow:
@@ -163,13 +168,16 @@ def origin(arguments: Sequence[str]) -> list[tuple[str, str]]:
 
 def playback(assignment: Assignment, explained: ExplainedWhole) -> str | None:
     """What is shown of a candidate beside its figures, packed; None for an infeasible one."""
-    if not explained.steps:
-        return None
+    return packed(played(assignment, explained)) if explained.steps else None
+
+
+def played(assignment: Assignment, explained: ExplainedWhole, *, brief: bool = False) -> PlayedCandidate:
+    """What is shown of a feasible candidate beside its figures; brief: see `CandidateStudy.of_study`."""
     cell, sampling = assignment.cell, assignment.sampling
-    studies = [CandidateStudy.of_study(cell, one.study, one.ranked, sampling) for one in explained.steps]
+    studies = [CandidateStudy.of_study(cell, one.study, one.ranked, sampling, brief=brief) for one in explained.steps]
     several = len(studies) > 1
     figures = CandidateFigures.of(explained.ranked)
-    return packed(PlayedCandidate.of_steps(figures, studies) if several else PlayedCandidate.of_candidate(studies[0]))
+    return PlayedCandidate.of_steps(figures, studies) if several else PlayedCandidate.of_candidate(studies[0])
 
 
 def _detail(assignment: Assignment, ranked: Ranked) -> str | None:

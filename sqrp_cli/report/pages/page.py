@@ -161,7 +161,7 @@ def overview(content: PageContent) -> dict[str, Any]:
         "summary": content.summary,
         "heading": content.heading,
         "about": content.about,
-        "entries": [_row(entry) for entry in content.entries],
+        "entries": [row(entry) for entry in content.entries],
         "scenes": [scene.scene for scene in content.scenes],
         "of_images": content.of_images,
         "placement": content.placement,
@@ -203,19 +203,22 @@ def packed(document: object) -> str:
     return base64.b64encode(zlib.compress(text.encode(), 9)).decode()
 
 
-def tidy(value: Any) -> Any:  # noqa: ANN401 # a record, or a JSON value of any kind
-    """A record as a JSON value, with figures rounded to `DIGITS` and invisible characters spelled out."""
+def tidy(value: Any, digits: int | None = DIGITS) -> Any:  # noqa: ANN401 # a record, or a JSON value of any kind
+    """A record as a JSON value, with figures rounded and invisible characters spelled out.
+
+    digits: decimals that figures keep; None for all.
+    """
     match value:
         case bool() | int() | None:
             return value
         case float():
-            return round(value, DIGITS)
+            return value if digits is None else round(value, digits)
         case str():
             return visible(value)
         case list() | tuple():
-            return [tidy(entry) for entry in value]
+            return [tidy(entry, digits) for entry in value]
         case _:
-            return {visible(key): tidy(entry) for key, entry in plain(value).items()}
+            return {visible(key): tidy(entry, digits) for key, entry in plain(value).items()}
 
 
 def visible(text: str) -> str:
@@ -225,7 +228,8 @@ def visible(text: str) -> str:
     )
 
 
-def _row(entry: PageRow) -> dict[str, Any]:
+def row(entry: PageRow) -> dict[str, Any]:
+    """A row as the scripts of a page read it."""
     return {
         "name": entry.name,
         "mark": entry.mark,

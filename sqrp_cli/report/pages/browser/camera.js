@@ -6,20 +6,23 @@ class CellCamera {
     Object.assign(this, { name, camera, node });
     const grey = new THREE.MeshStandardMaterial({ color: linear('#3c4650'), roughness: 0.5 });
     this.body = new THREE.Mesh(new THREE.BoxGeometry(0.06, 0.045, 0.07).translate(0, 0, -0.035), grey);
-    const rim = this.corners(0.3);
-    const lines = rim.flatMap((point, i) => [new THREE.Vector3(), point, point, rim[(i + 1) % 4]]);
-    const pane = new THREE.BufferGeometry().setFromPoints([0, 1, 2, 0, 2, 3].map((i) => rim[i]));
     const glass = { color: linear('#5a8fb0'), transparent: true, opacity: 0.13, side: THREE.DoubleSide };
     this.frustum = new THREE.Group().add(
-      new THREE.LineSegments(
-        new THREE.BufferGeometry().setFromPoints(lines),
-        new THREE.LineBasicMaterial({ color: linear('#5a7386') }),
-      ),
-      new THREE.Mesh(pane, new THREE.MeshBasicMaterial({ ...glass, depthWrite: false })),
+      new THREE.LineSegments(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: linear('#5a7386') })),
+      new THREE.Mesh(new THREE.BufferGeometry(), new THREE.MeshBasicMaterial({ ...glass, depthWrite: false })),
     );
+    this.shapeFrustum();
     node.add(this.body, this.frustum);
     this.label = make('button', { type: 'button', tabindex: '-1', onclick: () => chosen(name) }, named(name));
     byId('labels').append(this.label);
+  }
+
+  // Draw the pyramid of its lens.
+  shapeFrustum() {
+    const rim = this.corners(0.3);
+    const [edges, pane] = this.frustum.children;
+    edges.geometry.setFromPoints(rim.flatMap((point, i) => [new THREE.Vector3(), point, point, rim[(i + 1) % 4]]));
+    pane.geometry.setFromPoints([0, 1, 2, 0, 2, 3].map((i) => rim[i]));
   }
 
   // Where the corners of its image are at a depth [m], in the optical frame; distortion is left out.

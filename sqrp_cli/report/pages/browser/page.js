@@ -44,7 +44,7 @@ class Page {
         model,
         cell,
         byId('view'),
-        (name) => this.look(name),
+        (name) => this.cameraClicked(name),
         this.overview.placement?.mounts ?? [],
       );
     } catch (error) {
@@ -236,6 +236,11 @@ class Page {
     const eye = this.scene.through ? `as ${this.scene.through} sees it` : 'from outside';
     const state = sentence(this.motion.at(this.time));
     byId('view').setAttribute('aria-label', `The cell at ${text}, ${eye}. ${state}`);
+  }
+
+  // The name of a camera was clicked in the picture.
+  cameraClicked(name) {
+    this.look(name);
   }
 
   look(name) {

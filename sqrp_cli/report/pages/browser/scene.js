@@ -8,6 +8,7 @@ class Scene3D {
     this.renderer.outputEncoding = THREE.sRGBEncoding;
     this.renderer.shadowMap.enabled = true;
     this.renderer.shadowMap.type = THREE.PCFSoftShadowMap;
+    this.renderer.shadowMap.autoUpdate = false; // only where something that casts one has moved
     this.renderer.autoClear = false;
     host.prepend(this.renderer.domElement);
     this.world = new THREE.Scene();
@@ -25,6 +26,7 @@ class Scene3D {
     this.closing = new AbortController();
     this.orbit = new Orbit(host, this.eye, () => this.draw(), this.closing.signal);
     this.frame();
+    this.renderer.shadowMap.needsUpdate = true;
     this.resizing = new ResizeObserver(() => this.draw());
     this.resizing.observe(host);
   }
@@ -61,6 +63,7 @@ class Scene3D {
     for (const joint of this.joints)
       joint.node = this.fixed(joint.parent < 0 ? this.world : this.joints[joint.parent].node, joint.pose);
     const carrier = (index) => (index < 0 ? this.world : this.joints[index].node);
+    this.links = model.links;
     for (const [name, link] of Object.entries(model.links))
       this.nodes.set(name, this.fixed(carrier(link.joint), link.pose));
     const identity = [
@@ -186,6 +189,7 @@ class Scene3D {
     this.place = before;
     this.sample = this.motion.at(t);
     this.world.updateMatrixWorld(true);
+    this.renderer.shadowMap.needsUpdate = true;
     if (this.following) this.orbit.aim(this.tool());
     this.colour();
     this.draw();
@@ -259,6 +263,7 @@ class Scene3D {
     } else {
       this.eye.aspect = width / height;
       this.eye.updateProjectionMatrix();
+      this.gizmo?.fit(this.eye);
       this.renderer.setClearColor(0, 0);
       this.renderer.clear();
       this.renderer.render(this.world, this.eye);

@@ -18,8 +18,8 @@ class EntryTable {
     this.columns = [...told, ...this.figures(lanes), ...this.faults()];
     this.rows = entries.map((e, i) => make('tr', { onclick: () => select(i) }, ...this.cells(e, i)));
     this.heads = this.columns.map((column, i) => this.head(column, i));
-    byId('ranking').tHead.append(make('tr', {}, ...this.heads));
-    for (const id of ['filter', 'pareto-only', 'feasible-only']) byId(id).addEventListener('input', () => this.show());
+    byId('ranking').tHead.replaceChildren(make('tr', {}, ...this.heads));
+    for (const id of ['filter', 'pareto-only', 'feasible-only']) byId(id).oninput = () => this.show();
     this.show();
   }
 
@@ -58,7 +58,7 @@ class EntryTable {
   figures(lanes) {
     const quality = (title) => {
       const value = (e) => e.candidate?.[title.toLowerCase()];
-      return { title, value, cell: (e) => this.quality(value(e)), most: true, means: title };
+      return { title, value, cell: (e) => changed(this.quality(value(e)), e, value, 100, 1), most: true, means: title };
     };
     const covered = { title: 'covered over time', value: (e) => e.candidate?.q_avg, cell: (e, i) => this.lanes[i] };
     return [
@@ -99,7 +99,7 @@ class EntryTable {
   }
 
   timed(title, value, means, digits) {
-    return { title, value, cell: (e) => figure(value(e), digits), number: true, means };
+    return { title, value, cell: (e) => changed(figure(value(e), digits), e, value, 1, digits), number: true, means };
   }
 
   head(column, i) {
@@ -201,4 +201,18 @@ class EntryTable {
     this.rows.forEach((row, i) => row.setAttribute('aria-selected', String(i === selected)));
     this.rows[selected].scrollIntoView({ block: 'nearest' });
   }
+}
+
+// A figure, with how it differs from what it was (`was` of the entry), where that is known and shows in so many decimals.
+function changed(shown, entry, value, scale, digits = 2) {
+  const was = entry.was ? value({ ...entry, candidate: entry.was }) : null;
+  const difference = changeOf(value(entry), was, scale, digits);
+  return difference ? make('span', { class: 'changed' }, shown, difference) : shown;
+}
+
+function changeOf(value, was, scale, digits) {
+  if (absent(value) || absent(was)) return null;
+  const text = (scale * (value - was)).toFixed(digits);
+  if (Number(text) === 0) return null;
+  return make('small', { title: 'against the saved file' }, Number(text) > 0 ? `+${text}` : text.replace('-', '−'));
 }

@@ -1,0 +1,51 @@
+"""`sqrp set`: values of a workspace file, written anew; comments stay."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from sqrp_cli.cli.options import WorkspacePath
+from sqrp_cli.errors import ExitCode, InputError, Problem
+
+NAME = "set"
+
+Values = Annotated[
+    list[str],
+    typer.Argument(metavar="PATH=VALUE...", help='Such as cameras.cam1.pose.position.0=0.2 or "robot.base={...}".'),
+]
+
+
+def command(workspace: WorkspacePath, values: Values) -> ExitCode:
+    """Set values of a workspace file by their paths, as the studio does. Comments and layout stay.
+
+    Nothing is written where the result would be no workspace.
+    """
+    from sqrp_cli.api.cell import OpenCell
+    from sqrp_cli.knowledge.text.yaml_edit import with_values
+    from sqrp_cli.knowledge.workspace.load import read_workspace_document, workspace_file
+    from sqrp_cli.platform.files import write_atomically
+    from sqrp_cli.terminal.console import note, print_problems
+
+    file = workspace_file(workspace)
+    document = read_workspace_document(file)
+    content = with_values(document, dict(_pair(text) for text in values))
+    if content == document.content:
+        note(f"{file} says so already; nothing was written")
+        return ExitCode.OK
+    opened = OpenCell.read(workspace, 0, content)
+    print_problems(one for one in opened.findings if one.severity != "error")
+    if opened.errors:
+        raise InputError(*opened.errors)
+    write_atomically(file, content)
+    note(f"{file} is written")
+    return ExitCode.OK
+
+
+def _pair(text: str) -> tuple[str, str]:
+    path, equals, value = text.partition("=")
+    if not equals or not path.strip():
+        message = f"found `{text}`, expected PATH=VALUE, such as cameras.cam1.rate=20"
+        raise InputError(Problem("bad-option", message))
+    return path.strip(), value.strip()

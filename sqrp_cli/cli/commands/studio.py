@@ -1,0 +1,85 @@
+"""`sqrp studio`: a live page of a cell."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sqrp_cli.cli import completion
+from sqrp_cli.cli.options import Jobs, Seed, WorkspacePath, job_count, open_with_warnings
+from sqrp_cli.errors import ExitCode
+
+if TYPE_CHECKING:
+    from sqrp_cli.api.cell import OpenCell
+
+NAME = "studio"
+
+Task = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="TASK", autocompletion=completion.tasks, help="The first that the workspace lists by default."
+    ),
+]
+Port = Annotated[int, typer.Option("--port", metavar="N", min=0, max=65535, help="By default one that is free.")]
+NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Open no browser, only print the address.")]
+
+
+def command(
+    workspace: WorkspacePath,
+    task: Task = None,
+    port: Port = 0,
+    no_browser: NoBrowser = False,
+    jobs: Jobs = None,
+    seed: Seed = 0,
+) -> ExitCode:
+    """Open a live page of a cell: move cameras, parts and the robot, and see what that changes.
+
+    The page is for this machine only. Ctrl-C closes it; what was not saved is lost.
+    """
+    from sqrp_cli.report.pages.libraries import check_libraries
+    from sqrp_cli.studio.server import check_server
+
+    check_server()
+    check_libraries()
+    opened = open_with_warnings(workspace, seed)
+    return _serve(opened, task or _first_task(opened), port, job_count(jobs), show=not no_browser)
+
+
+def _first_task(opened: OpenCell) -> str:
+    """A task to begin with. Raises InputError where the workspace has no skill."""
+    from sqrp_cli.errors import InputError, Problem
+
+    known = opened.workspace
+    if known.tasks:
+        return known.tasks[0].task
+    if not known.skills:
+        message = "the workspace has no skills, so there is nothing to rank"
+        raise InputError(Problem("bad-option", message, known.whole_file, mend="list some under `skills`"))
+    return next(iter(known.skills))
+
+
+def _serve(opened: OpenCell, task: str, port: int, jobs: int, *, show: bool) -> ExitCode:
+    """Show the page until Ctrl-C."""
+    import asyncio
+    import webbrowser
+
+    from sqrp_cli.studio.session import Studio
+    from sqrp_cli.terminal.console import note, say_raw
+
+    def ready(address: str) -> None:
+        say_raw(address)
+        sys.stdout.flush()
+        note("the studio is at this address; Ctrl-C closes it")
+        if show:
+            webbrowser.open(address)
+
+    studio = Studio(opened, task, jobs)
+    try:
+        asyncio.run(studio.run(port, ready))
+    except KeyboardInterrupt:
+        note("closed")
+    finally:
+        studio.close()
+    return ExitCode.OK

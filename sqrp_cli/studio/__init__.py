@@ -1,0 +1,1 @@
+"""The studio: a live page of a cell, served on this machine only."""

@@ -1,0 +1,361 @@
+"""The process that computes for the studio: rankings in forked processes, sketches at once.
+
+A later question supersedes an earlier one: what is still computed for that is ended.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sqrp_cli.api.cell import OpenCell
+from sqrp_cli.api.session import Session
+from sqrp_cli.errors import Infeasible, InputError, Problem
+from sqrp_cli.geometry import Array, matrix_to_quaternion
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.platform.processes import Worker, WorkerDied, forked
+from sqrp_cli.programming.candidate import Candidate
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import Assessment, rehearsal
+from sqrp_cli.programming.coverage.sampling import Adaptive
+from sqrp_cli.programming.feasibility import feasible_motion
+from sqrp_cli.programming.pipeline import Assignment
+from sqrp_cli.programming.ranking import Criterion, Ranked, rank
+from sqrp_cli.programming.ways.find import Plans, WantedWay
+from sqrp_cli.report.documents.checks import ReportedProblem
+from sqrp_cli.report.documents.playback import Positions
+from sqrp_cli.report.documents.scene import ShowDocument
+from sqrp_cli.report.pages.candidate_page import SceneModel, candidate_rows, played
+from sqrp_cli.report.pages.page import row, tidy
+from sqrp_cli.report.sentences import summary
+from sqrp_cli.studio.moves import Move, moved
+from sqrp_cli.studio.sketch import Sketch
+
+KEPT_PLANS = 64
+"""Motions of so many candidates at most are kept for other cameras."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rank:
+    """To rank a task in the cell of a text."""
+
+    content: bytes
+    """Of the workspace file."""
+    task: str
+    by: Criterion
+    number: int
+    """Of the question; answers carry it."""
+    of_saved: bool = False
+    """Whether only figures are wanted, to compare others with."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choose:
+    """To show a candidate over time."""
+
+    name: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hold:
+    """To sketch the chosen candidate while a hand holds something."""
+
+    move: Move
+    number: int
+
+
+Question = Rank | Choose | Hold
+
+
+def serve(pipe: Connection, path: Path, seed: int, jobs: int) -> None:
+    """Answer questions until the other end is closed. Answers are texts in JSON, with `do` first."""
+    bench = _Bench(pipe, path, seed, jobs)
+    try:
+        while True:
+            bench.work()
+    except (EOFError, OSError):
+        bench.drop()
+
+
+@dataclass
+class _Run:
+    """A ranking under way."""
+
+    asked: Rank
+    session: Session
+    left: deque[int]
+    found: dict[int, Assessment]
+    workers: dict[Worker[int, Assessment], int | None]
+    """Each with the candidate that it computes."""
+
+
+class _Bench:
+    def __init__(self, pipe: Connection, path: Path, seed: int, jobs: int) -> None:
+        self._pipe, self._path, self._seed, self._jobs = pipe, path, seed, jobs
+        self._cell: Cell | None = None
+        self._kin: object = None
+        self._model: SceneModel | None = None
+        self._task: tuple[object, Session, Plans] | None = None
+        self._run: _Run | None = None
+        self._ranking: list[Ranked] = []
+        self._session: Session | None = None
+        self._chosen = ""
+        self._explaining: Worker[str, str] | None = None
+        self._sketches: dict[str, Sketch] = {}
+
+    def say(self, do: str, **fields: object) -> None:
+        """Send an answer."""
+        self._pipe.send(_text(do, **fields))
+
+    def drop(self) -> None:
+        """End what is computed."""
+        for worker in () if self._run is None else self._run.workers:
+            worker.kill()
+        if self._explaining is not None:
+            self._explaining.kill()
+        self._run = self._explaining = None
+
+    def work(self) -> None:
+        """Wait for something to happen, and see to it."""
+        workers = [] if self._run is None else [worker for worker, own in self._run.workers.items() if own is not None]
+        others: list[Worker[Any, Any]] = [*workers, *([] if self._explaining is None else [self._explaining])]
+        ready = wait([self._pipe, *(worker.pipe for worker in others)])
+        if self._pipe in ready:
+            question = self._pipe.recv()
+            while isinstance(question, Hold) and self._pipe.poll():  # only the newest counts
+                question = self._pipe.recv()
+            self._answer(question)
+            return
+        for worker in workers:
+            if worker.pipe in ready:
+                self._take(worker)
+        if self._explaining is not None and self._explaining.pipe in ready:
+            self._show()
+
+    def _answer(self, question: Question) -> None:
+        number = getattr(question, "number", None)
+        try:
+            match question:
+                case Rank():
+                    self._begin(question)
+                case Choose(name=name):
+                    self._chosen = name
+                    self._explain()
+                case Hold():
+                    self._sketch(question)
+        except InputError as error:
+            self.say("problems", number=number, problems=findings(error.problems))
+
+    # A ranking
+
+    def _begin(self, asked: Rank) -> None:
+        self.drop()
+        session, plans = self._opened(asked)
+        for candidate in session.task.candidates if plans is not None else ():
+            if self._pipe.poll():
+                break  # plans are made where they are needed
+            if not candidate.steps:
+                plans.of(session.cell, candidate, session.assignment.world, fastest=False)  # type: ignore[union-attr]
+        count = len(session.task.candidates)
+        assignment, candidates = session.assignment, session.task.candidates
+        workers: dict[Worker[int, Assessment], int | None] = {
+            Worker(forked(), _assessor, assignment, candidates): None for _ in range(min(self._jobs, count))
+        }
+        self._run = _Run(asked, session, deque(range(count)), {}, workers)
+        for worker in workers:
+            self._hand_out(self._run, worker)
+
+    def _opened(self, asked: Rank) -> tuple[Session, Plans | None]:
+        """The task in the cell of a text; what depends on no camera is reused."""
+        opened = OpenCell.read(self._path, self._seed, asked.content)
+        if opened.errors:
+            raise InputError(*opened.errors)
+        workspace, known = opened.workspace, self._cell
+        kin = _all_but_cameras(workspace)
+        same = known is not None and kin == self._kin
+        cell = known.seen_by(workspace) if same and known is not None else opened.cell
+        self._cell, self._kin = cell, kin
+        if not asked.of_saved:
+            model = self._model if same and self._model is not None else SceneModel.of(cell)
+            new = None if model == self._model else model  # browsers have it
+            self._model = model
+            self.say("cell", scene=ShowDocument.of(cell), model=new, number=asked.number)
+            self._sketches.clear()
+        key = (kin, asked.task)
+        if self._task is not None and self._task[0] == key and same:
+            _, before, plans = self._task
+            assignment = replace(before.assignment, cell=cell, wanted=WantedWay(asked.by, alone=True))
+            return Session(before.task, assignment), plans
+        session = Session.begin(cell, asked.task, None, Adaptive(), wanted=WantedWay(asked.by, alone=True))
+        if len(session.task.candidates) > KEPT_PLANS:
+            return session, None
+        plans = Plans()
+        session = Session(session.task, replace(session.assignment, plans=plans))
+        self._task = key, session, plans
+        return session, plans
+
+    def _hand_out(self, run: _Run, worker: Worker[int, Assessment]) -> None:
+        run.workers[worker] = run.left.popleft() if run.left else None
+        index = run.workers[worker]
+        if index is not None:
+            worker.send(index)
+
+    def _take(self, worker: Worker[int, Assessment]) -> None:
+        run = self._run
+        assert run is not None  # noqa: S101 - it has the worker
+        index = run.workers[worker]
+        assert index is not None  # noqa: S101 - it has answered
+        try:
+            found = worker.receive()
+        except WorkerDied as error:
+            raise InputError(Problem("worker-died", "a process was killed; is there enough memory?")) from error
+        candidate = run.session.task.candidates[index]
+        way = found.best_way and replace(found.best_way, skill=candidate.skill)
+        run.found[index] = replace(found, candidate=candidate, best_way=way)
+        self._hand_out(run, worker)
+        if len(run.found) == len(run.session.task.candidates):
+            self._ranked(run)
+        elif not run.asked.of_saved:
+            self.say("progress", done=len(run.found), of=len(run.session.task.candidates), number=run.asked.number)
+
+    def _ranked(self, run: _Run) -> None:
+        for worker in run.workers:
+            worker.kill()
+        self._run = None
+        ranking = rank([run.found[index] for index in range(len(run.found))], run.asked.by)
+        details = ["" if one.assessment.feasible else None for one in ranking]
+        rows = [row(one) for one in candidate_rows(ranking, details)]
+        fields = {"task": run.asked.task, "by": run.asked.by, "number": run.asked.number, "entries": rows}
+        if run.asked.of_saved:
+            self.say("saved-ranking", **fields)
+            return
+        self._ranking, self._session = list(ranking), run.session
+        self.say("ranking", summary=f"{summary(ranking, run.asked.by)}.", **fields)
+        if self._find(self._chosen) is None:
+            self._chosen = ranking[0].assessment.candidate.name
+        self._explain()
+
+    # The chosen candidate
+
+    def _find(self, name: str) -> Ranked | None:
+        return next((one for one in self._ranking if one.assessment.candidate.name == name), None)
+
+    def _explain(self) -> None:
+        """Show the chosen candidate over time, once another process has computed that."""
+        chosen = self._find(self._chosen)
+        if chosen is None or self._session is None:
+            return
+        if self._explaining is not None:
+            self._explaining.kill()
+        self._explaining = Worker(forked(), _explainer, self._session.assignment, chosen)
+        self._explaining.send(self._chosen)
+
+    def _show(self) -> None:
+        worker, self._explaining = self._explaining, None
+        assert worker is not None  # noqa: S101 - it has answered
+        detail = worker.receive()
+        worker.close()
+        self._pipe.send(detail)
+        if self._chosen and not self._pipe.poll():
+            self._base()  # so that a hand need not wait for it
+
+    def _base(self) -> Sketch | None:
+        """The chosen candidate's motion with all verdicts of the cell as it is written."""
+        if self._chosen not in self._sketches and self._session is not None:
+            chosen = self._find(self._chosen)
+            if chosen is None or chosen.assessment.steps or not chosen.assessment.feasible:
+                return None
+            found = _sketched(self._session.cell, chosen.assessment.way)
+            if isinstance(found, Infeasible):
+                return None
+            self._sketches = {self._chosen: found}
+            found.matrix  # noqa: B018 - computed now
+        return self._sketches.get(self._chosen)
+
+    def _sketch(self, asked: Hold) -> None:
+        """Answer what the chosen candidate would be with something elsewhere."""
+        self.drop()
+        session, base = self._session, self._base()
+        if session is None or base is None:
+            self.say("held", number=asked.number)
+            return
+        workspace = moved(session.workspace, asked.move)
+        if asked.move.kind == "camera":
+            seen = base.seen_by(session.cell.seen_by(workspace), asked.move.name)
+            self.say("sketch", name=self._chosen, seen=seen, number=asked.number)
+            return
+        cell = Cell.load(workspace, self._seed)
+        found = _sketched(cell, base.scene.candidate)
+        if isinstance(found, Infeasible):
+            self.say("sketch", name=self._chosen, reasons=found.reasons, number=asked.number)
+            return
+        self.say("sketch", name=self._chosen, seen=found.seen_by(cell), track=_track(found), number=asked.number)
+
+
+def findings(problems: Sequence[Problem]) -> list[ReportedProblem]:
+    """Problems as documents have them."""
+    return [ReportedProblem.of(problem) for problem in problems]
+
+
+def _all_but_cameras(workspace: Workspace) -> object:
+    """What decides motions and requirements: equal for workspaces that differ in their cameras only."""
+    values = {path: value for path, value in workspace.values.items() if not path.startswith("cameras.")}
+    files = {
+        role: file.digest
+        for role, file in workspace.files.items()
+        if role != "workspace" and not role.startswith("cameras.")
+    }
+    return values, files
+
+
+def _assessor(assignment: Assignment, candidates: Sequence[Candidate]) -> Callable[[int], Assessment]:
+    return lambda index: assignment.assess(candidates[index])
+
+
+def _explainer(assignment: Assignment, ranked: Ranked) -> Callable[[str], str]:
+    def explain(name: str) -> str:
+        explained = assignment.explain_whole(ranked)
+        detail = played(assignment, explained, brief=True) if explained.steps else None
+        return _text("detail", name=name, detail=detail)
+
+    return explain
+
+
+def _sketched(cell: Cell, way: Candidate) -> Sketch | Infeasible:
+    """The motion of a way in a cell."""
+    world = cell.initial_world
+    motion = feasible_motion(cell, way, world)
+    return motion if isinstance(motion, Infeasible) else Sketch(cell, rehearsal(cell, way, world, motion))
+
+
+def _track(sketch: Sketch) -> Positions:
+    """Where everything is at the instants of a sketch."""
+    stage, samples, model = sketch.scene.stage, sketch.samples, sketch.cell.model
+    q, X_WF = stage.positions(samples), sketch.states.X_WF
+    values = [model.joint_values(row) for row in q]
+    joints = list(values[0])
+    return Positions(
+        t=samples.t.tolist(),
+        joints=joints,
+        q=[[one[joint] for joint in joints] for one in values],
+        held=stage.held(samples),
+        objects={name: _changes(X_WF[name]) for name in sketch.cell.workspace.objects if name in X_WF},
+    )
+
+
+def _changes(X: Array) -> list[list[object]]:
+    """The poses of an object where they change, shape (m, 4, 4) or (1, 4, 4), each after its index."""
+    moves = np.flatnonzero(np.r_[True, np.any(X[1:] != X[:-1], axis=(1, 2))])
+    return [[int(k), *X[k, :3, 3].tolist(), *matrix_to_quaternion(X[k, :3, :3])] for k in moves]
+
+
+def _text(do: str, **fields: object) -> str:
+    """An answer: figures with all their digits, nothing invisible in names."""
+    return json.dumps(tidy({"do": do, **fields}, digits=None), allow_nan=False)

@@ -1,0 +1,443 @@
+// The studio: the page of a ranking, live. The server has the state; this shows it, and says what hands do.
+
+const NOBODY = { name: 'ranking …', mark: '', labels: {}, candidate: null, reasons: [], scene: 0, moves: false, figures: [], retried: [] };
+
+class Studio extends Page {
+  constructor(cell, tell) {
+    super({
+      title: '', summary: '', heading: 'Candidates', about: [], entries: [NOBODY], scenes: [cell.scene], of_images: false, placement: null, compared: false, opens_at: 0,
+    });
+    document.body.classList.add('studio');
+    this.tell = tell;
+    this.state = null;
+    this.saved = new Map();
+    this.answered = this.asked = 0;
+    this.waiting = null;
+    this.latencies = [];
+    this.model = cell.model;
+    this.fields = new Fields((move) => this.put(move));
+    this.wire();
+    this.enterCell(cell);
+  }
+
+  // What hands do
+
+  wire() {
+    const say = (id, message) => byId(id).addEventListener('click', () => this.tell(message()));
+    say('undo', () => ({ do: 'undo' }));
+    say('redo', () => ({ do: 'redo' }));
+    say('save', () => ({ do: 'difference' }));
+    say('save-now', () => ({ do: 'save' }));
+    for (const id of ['save-now', 'save-not']) byId(id).addEventListener('click', () => byId('difference').close());
+    const ask = () => this.tell({ do: 'task', text: byId('task').value.trim(), by: byId('by').value });
+    byId('task').addEventListener('change', ask);
+    byId('by').addEventListener('change', ask);
+    byId('what').addEventListener('change', () => this.take(...JSON.parse(byId('what').value)));
+    document.addEventListener('keydown', (event) => this.shortcut(event));
+  }
+
+  shortcut(event) {
+    if (event.key === 'Escape') {
+      const before = this.gizmo?.cancel();
+      if (before) this.hold(before);
+      return;
+    }
+    if (!(event.ctrlKey || event.metaKey) || event.target.matches('input')) return;
+    const act = { z: event.shiftKey ? 'redo' : 'undo', y: 'redo', s: 'difference' }[event.key.toLowerCase()];
+    if (!act) return;
+    event.preventDefault();
+    this.tell({ do: act });
+  }
+
+  take(kind, name) {
+    this.taken = [kind, name];
+    const move = this.state?.handles[kind]?.[name];
+    if (!move) return;
+    byId('what').value = JSON.stringify([kind, name]);
+    this.fields.show(move);
+    this.gizmo?.choose({ move, frame: this.frameOf(kind, name) });
+    this.scene?.draw();
+  }
+
+  frameOf(kind, name) {
+    const frame = kind === 'camera' ? this.state.handles.frames[name] : 'world';
+    return this.scene.nodes.get(frame) ?? this.scene.world;
+  }
+
+  cameraClicked(name) {
+    this.take('camera', name);
+  }
+
+  // A hand moves something: shown at once, sketched as fast as the server can.
+  hold(move, since = performance.now()) {
+    this.moveTo(move);
+    this.fields.show(move);
+    this.held = move;
+    if (this.asked > this.answered) {
+      this.waiting = [move, since];
+      return;
+    }
+    this.since = since;
+    this.waiting = null;
+    this.tell({ do: 'hold', move, number: ++this.asked });
+  }
+
+  put(move) {
+    this.held = this.waiting = null;
+    this.answered = this.asked;
+    this.moveTo(move);
+    this.tell({ do: 'put', move });
+  }
+
+  // Show something elsewhere.
+  moveTo(move) {
+    if (!this.scene) return;
+    const { kind, name, position, look_at: point, yaw } = move;
+    if (kind === 'camera') {
+      const camera = this.scene.cameras.find((one) => one.name === name);
+      if (!camera) return;
+      camera.node.matrix.copy(lookingAt(position, point, this.state.handles.ups[name]));
+      const { K, width } = camera.camera,
+        scale = width / 2 / Math.tan(move.fov / 2) / K[0][0];
+      K[0][0] *= scale;
+      K[1][1] *= scale;
+      camera.shapeFrustum();
+    } else if (kind === 'object') {
+      const node = this.scene.nodes.get(name);
+      node.matrix.copy(turnedTo(node.matrix, yaw, position));
+    } else moveBase(this.scene, turnedTo(this.scene.base, yaw, position));
+    this.scene.world.updateMatrixWorld(true);
+    if (kind !== 'camera') this.scene.renderer.shadowMap.needsUpdate = true;
+    this.scene.draw();
+  }
+
+  // What the server says
+
+  hear(message) {
+    this[`on_${message.do.replace('-', '_')}`]?.(message);
+  }
+
+  on_cell(cell) {
+    this.overview.scenes[0] = cell.scene;
+    const same = Object.keys(cell.scene.cameras).join('\n') === this.scene?.cameras.map(({ name }) => name).join('\n');
+    if (cell.model === null && same) this.refresh(cell.scene);
+    else {
+      this.model = cell.model ?? this.model;
+      this.enterCell({ ...cell, model: this.model });
+    }
+    if (this.motion) this.scene?.load(this.motion);
+    this.seek(this.time);
+  }
+
+  // Put everything where the text says that it is.
+  refresh(scene) {
+    this.scene.scene = scene;
+    for (const camera of this.scene.cameras) {
+      camera.camera = scene.cameras[camera.name];
+      camera.node.matrix.copy(matrix(camera.camera.pose));
+      camera.shapeFrustum();
+    }
+    for (const [name, { pose }] of Object.entries(scene.objects)) if (pose) this.scene.nodes.get(name).matrix.copy(matrix(pose));
+    this.scene.draw();
+  }
+
+  enterCell({ scene, model }) {
+    const view = this.scene && { orbit: this.scene.orbit, through: this.scene.through };
+    this.enter(0, model);
+    if (!this.scene) return;
+    if (view) {
+      const { target, distance, azimuth, elevation } = view.orbit;
+      Object.assign(this.scene.orbit, { target, distance, azimuth, elevation });
+      this.scene.orbit.update();
+      if (view.through && view.through in scene.cameras) this.look(view.through);
+    }
+    this.scene.base = matrix(scene.robot.base);
+    this.gizmo = new Gizmo(this.scene, {
+      held: (move, since) => this.hold(move, since),
+      put: (move) => this.put(move),
+      taken: (kind, name) => this.take(kind, name),
+    });
+    this.scene.gizmo = this.gizmo;
+    if (this.taken && this.state) this.take(...this.taken);
+    if (!this.motion) this.rest(scene);
+  }
+
+  // The robot at home, until there is a motion to show.
+  rest(scene) {
+    const objects = Object.fromEntries(
+      Object.entries(scene.objects).filter(([, one]) => one.pose).map(([name, one]) => [name, one.pose]),
+    );
+    const at = (t) => ({ t, q: scene.robot.home, objects, held: null, covered: null, literals: {} });
+    const detail = { samples: [at(0), at(1)], time: 1, primitives: [], formulas: [], targets: {}, still: {}, cameras: {} };
+    const motion = new Motion(detail);
+    this.scene.load(motion);
+    this.scene.seek(0);
+  }
+
+  on_state(state) {
+    this.state = state;
+    byId('title').replaceChildren(named(state.workspace));
+    if (document.activeElement !== byId('task')) byId('task').value = state.task;
+    byId('by').value = state.by;
+    byId('tasks').replaceChildren(...[...new Set([...state.tasks, ...state.skills])].map((text) => make('option', { value: text })));
+    byId('undo').disabled = state.undo === null;
+    byId('undo').title = state.undo ?? '';
+    byId('redo').disabled = state.redo === null;
+    byId('redo').title = state.redo ?? '';
+    byId('save').disabled = !state.dirty;
+    byId('unsaved').textContent = state.dirty ? `${state.unsaved.length || ''} unsaved` : 'as it is saved';
+    byId('lines').replaceChildren(
+      ...state.lines.map(({ what, line }) => make('li', {}, make('span', { class: 'faint' }, named(what)), make('code', {}, named(line)))).reverse(),
+    );
+    const kinds = ['camera', 'object', 'base'].flatMap((kind) => Object.keys(state.handles[kind]).map((name) => [kind, name]));
+    byId('what').replaceChildren(
+      ...kinds.map(([kind, name]) => make('option', { value: JSON.stringify([kind, name]) }, name || "the robot's base")),
+    );
+    this.parameters(state);
+    this.take(...(kinds.find(([kind, name]) => kind === this.taken?.[0] && name === this.taken?.[1]) ?? kinds[0]));
+  }
+
+  // The motion parameters of the task's skill: choosing a value changes the words of the task.
+  parameters({ parameters, task }) {
+    const words = task.split(/\s+/);
+    byId('parameters').replaceChildren(
+      ...parameters.map(({ name, values }) => {
+        const stated = words.find((word) => word.startsWith(`${name}=`))?.slice(name.length + 1) ?? '';
+        const set = (value) => {
+          const rest = words.filter((word) => !word.startsWith(`${name}=`));
+          byId('task').value = [...rest, ...(value ? [`${name}=${value}`] : [])].join(' ');
+          byId('task').dispatchEvent(new Event('change'));
+        };
+        const options = [...new Set(['', ...values, stated])];
+        const chosen = make('select', { 'aria-label': name, onchange: (event) => set(event.target.value) },
+          ...options.map((value) => make('option', { value, selected: value === stated }, value || 'each')),
+        );
+        return make('label', {}, named(name), ' ', chosen);
+      }),
+    );
+  }
+
+  on_ranking({ entries, summary }) {
+    byId('summary').replaceChildren(named(summary));
+    byId('ranking').classList.remove('old');
+    this.entries = this.overview.entries = entries;
+    for (const entry of entries) entry.was = this.saved.get(entry.name);
+    this.tabulate();
+    const chosen = entries.findIndex(({ name }) => name === this.state.chosen);
+    this.select(Math.max(0, chosen));
+  }
+
+  on_saved_ranking({ entries }) {
+    this.saved = new Map(entries.map(({ name, candidate }) => [name, candidate]));
+    for (const entry of this.entries) entry.was = this.saved.get(entry.name);
+    if (this.entries[0] !== NOBODY) this.tabulate();
+  }
+
+  tabulate() {
+    const sorting = this.table.sorting;
+    this.table = new EntryTable(this.entries, (i) => this.wish(i), false);
+    if (sorting.column < this.table.columns.length) Object.assign(this.table, { sorting });
+    this.table.show();
+    this.table.choose(this.selected ?? 0);
+  }
+
+  on_progress({ done, of }) {
+    byId('ranking').classList.add('old');
+    byId('shown').textContent = `${done} of ${of} ranked`;
+  }
+
+  // A row was clicked: every browser follows.
+  wish(i) {
+    this.tell({ do: 'choose', name: this.entries[i].name });
+  }
+
+  select(i) {
+    this.selected = i;
+    this.table.choose(i);
+    const entry = this.entries[i],
+      verdict = entry.candidate?.verdict ?? '';
+    byId('name').textContent = entry.name;
+    byId('place').textContent = placeOf(entry);
+    byId('verdict').replaceChildren(entry.moves ? named(verdict) : '');
+    byId('reasons').replaceChildren(...entry.reasons.map((reason) => make('li', {}, named(reason))));
+    this.figures(entry);
+    return Promise.resolve();
+  }
+
+  on_detail({ name, detail }) {
+    const index = this.entries.findIndex((entry) => entry.name === name);
+    if (index < 0) return;
+    if (index !== this.selected) this.select(index);
+    byId('study').classList.toggle('infeasible', detail === null);
+    if (detail === null) return;
+    this.show(new Motion(detail));
+    this.shownName = name;
+    document.documentElement.dataset.ready = 'true';
+  }
+
+  // Show a motion, at the time that is shown now.
+  show(motion) {
+    this.motion = motion;
+    this.steps(motion.detail.played ?? []);
+    this.moments(motion.detail);
+    this.drawTimeline();
+    byId('time').max = motion.time;
+    this.scene?.load(motion);
+    this.seek(Math.min(this.time, motion.time));
+  }
+
+  drawTimeline() {
+    this.timeline = new Timeline(
+      this.motion,
+      Object.keys(this.motion.detail.cameras),
+      (t) => this.go(t),
+      (name) => this.look(name),
+    );
+  }
+
+  on_sketch({ number, seen, track, reasons }) {
+    if (number === this.asked) this.answered = number;
+    if (reasons) byId('verdict').replaceChildren(named(reasons[0]));
+    else if (seen && this.motion) this.sketch(seen, track);
+    if (this.since !== undefined) {
+      this.latencies.push(performance.now() - this.since);
+      this.since = undefined;
+    }
+    if (this.waiting) this.hold(...this.waiting);
+  }
+
+  on_held({ number }) {
+    if (number === this.asked) this.answered = number;
+    if (this.waiting) this.hold(...this.waiting);
+  }
+
+  // What the chosen candidate would be: verdicts at fixed times, the motion as it was unless a new one is there.
+  sketch(seen, track) {
+    const { places, placeTimes, detail } = this.motion,
+      motion = new Motion({ ...detail, samples: decoded(seen), time: track ? track.t.at(-1) : detail.time });
+    motion.places = track ? unroll(track) : places;
+    motion.placeTimes = track ? track.t : placeTimes;
+    if (track) motion.detail.still = {};
+    this.motion = motion;
+    this.drawTimeline();
+    if (track) this.scene?.load(motion);
+    else if (this.scene) this.scene.motion = motion;
+    if (track || !this.scene) this.seek(Math.min(this.time, motion.time));
+    else this.recolour();
+    this.sketched(seen);
+  }
+
+  // Nothing has moved but a camera, so that no shadow has to be drawn anew.
+  recolour() {
+    const sample = this.motion.at(this.time);
+    this.timeline.show(this.time, sample);
+    this.scene.sample = sample;
+    this.scene.colour();
+    this.scene.draw();
+  }
+
+  sketched({ q_eoi: qEoi, q_avg: qAvg, blind, blind_longest: longest }) {
+    const was = this.entries[this.selected]?.candidate ?? {};
+    const rows = [
+      ['Q_eoi', percent(qEoi), changeOf(qEoi, was.q_eoi, 100, 1)],
+      ['Q_avg', percent(qAvg), changeOf(qAvg, was.q_avg, 100, 1)],
+      ['blind', seconds(blind), null],
+      ['longest', seconds(longest), null],
+    ];
+    byId('figures').replaceChildren(
+      ...rows.map(([term, value, change]) => make('div', { class: 'coarse' }, make('dt', {}, term), make('dd', {}, value, ...(change ? [change] : [])))),
+    );
+  }
+
+  // Another browser moves something.
+  on_move({ move }) {
+    if (this.held || this.gizmo?.drag) return;
+    this.moveTo(move);
+  }
+
+  on_difference({ patch, line }) {
+    byId('patch').replaceChildren(...patch.split('\n').map((text) => make('span', { class: { '+': 'added', '-': 'removed' }[text[0]] ?? 'faint' }, `${text}\n`)));
+    byId('difference-line').textContent = line || '–';
+    byId('difference').showModal();
+  }
+
+  on_refused({ problems }) {
+    this.notice(problems.map((one) => one.message), 'refused');
+    if (this.state) this.take(...this.taken);
+  }
+
+  on_problems({ problems }) {
+    this.notice(problems.map(placed), 'refused');
+  }
+
+  on_outside({ problems, lost, taken }) {
+    const told = problems.map(placed);
+    if (told.length) told.unshift('The file was changed elsewhere and cannot be read; the last good state stays.');
+    else if (taken) told.push('The file was changed elsewhere; this is its new state.');
+    for (const one of lost ?? []) told.push(`This unsaved change does not fit any more: ${one}`);
+    this.notice(told, problems.length ? 'refused' : 'told');
+  }
+
+  notice(texts, kind) {
+    byId('notices').replaceChildren(...texts.map((text) => make('p', { class: kind }, named(text))));
+  }
+}
+
+const placed = ({ file, line, message }) => (file ? `${file}${line ? `:${line}` : ''}: ${message}` : message);
+
+// Verdicts as the server packs them: each different one once.
+function decoded({ t, covered, verdicts, atoms }) {
+  return t.map((time, i) => {
+    const literals = {};
+    for (const [atom, shown] of Object.entries(atoms))
+      if (shown.covered[i] !== null)
+        literals[atom] = {
+          boxes: [],
+          covered: shown.covered[i],
+          cameras: Object.fromEntries(Object.entries(shown.cameras).map(([name, of]) => [name, verdicts[of[i]]])),
+        };
+    return { t: time, covered: covered[i], literals };
+  });
+}
+
+// Put the robot elsewhere; `base` of the scene is where it was built.
+function moveBase(scene, pose) {
+  const move = pose.clone().multiply(scene.base.clone().invert());
+  for (const joint of scene.joints.filter(({ parent }) => parent < 0)) {
+    joint.built ??= joint.still;
+    joint.still = move.clone().multiply(joint.built);
+    joint.node.matrix.copy(joint.still);
+  }
+  for (const [name, link] of Object.entries(scene.links).filter(([, { joint }]) => joint < 0))
+    scene.nodes.get(name).matrix.copy(move.clone().multiply(matrix(link.pose)));
+}
+
+// A pose with another angle about the vertical axis, elsewhere.
+function turnedTo(from, yaw, position) {
+  const [place, turn, scale] = [new THREE.Vector3(), new THREE.Quaternion(), new THREE.Vector3()];
+  from.decompose(place, turn, scale);
+  const now = new THREE.Euler().setFromQuaternion(turn, 'ZYX').z;
+  const more = new THREE.Quaternion().setFromAxisAngle(new THREE.Vector3(0, 0, 1), yaw - now);
+  return new THREE.Matrix4().compose(new THREE.Vector3(...position), more.multiply(turn), scale);
+}
+
+function connect() {
+  const socket = new WebSocket(`ws://${location.host}${location.pathname}live`);
+  let studio = null;
+  const early = [];
+  socket.onmessage = ({ data }) => {
+    const message = JSON.parse(data);
+    if (!studio && message.do === 'cell') {
+      studio = window.sqrp = new Studio(message, (request) => socket.send(JSON.stringify(request)));
+      for (const one of early.splice(0)) studio.hear(one);
+      document.documentElement.dataset.drawn = 'true';
+    } else if (studio) studio.hear(message);
+    else early.push(message);
+  };
+  socket.onclose = () => {
+    document.body.classList.add('closed');
+    byId('notices').replaceChildren(make('p', { class: 'refused' }, 'The studio was closed; start it again with `sqrp studio`.'));
+  };
+}
+
+connect();

@@ -1,0 +1,127 @@
+"""What a hand moves in a cell: in memory, while it moves, and as text of the workspace, where it rests."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, FiniteFloat
+
+from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.geometry import Array, axis_rotation, inverse, look_at, matrix_to_rpy, pose
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.text.source import SourceDocument
+from sqrp_cli.knowledge.workspace.edits import stated_look_at, with_base, with_camera, with_object
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+
+Point = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
+
+FARTHEST = 100.0
+"""How far from the origin of its frame anything can be put [m]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Move:
+    """Where something is put."""
+
+    kind: Literal["camera", "object", "base"]
+    name: str
+    """Of the camera or object; empty for the base."""
+    position: Point
+    """Of the lens in the frame that carries the camera, of the middle of the object, or of the base [m]."""
+    look_at: Point | None = None
+    """Of a camera: the point in the middle of its image, in the same frame [m]."""
+    fov: Annotated[FiniteFloat, Field(gt=0.01, lt=3.1)] | None = None
+    """Of a camera: its horizontal field of view [rad]; None as it is."""
+    yaw: FiniteFloat | None = None
+    """Of an object or the base: its angle about the world's z axis [rad]; None as it is."""
+
+    def in_words(self) -> str:
+        """What is moved where."""
+        what = self.name or "the robot's base"
+        return f"{what} at {', '.join(f'{x:.3f}' for x in self.position)} m"
+
+
+def moved(workspace: Workspace, move: Move) -> Workspace:
+    """The workspace with something elsewhere. Raises InputError for what cannot be put there."""
+    if max(map(abs, move.position)) > FARTHEST:
+        message = f"{move.in_words()}, expected at most {FARTHEST:g} m from the origin"
+        raise InputError(Problem("bad-option", message))
+    if move.kind == "camera":
+        camera = moved_camera(workspace, move)
+        return replace(workspace, cameras={**workspace.cameras, camera.name: camera})
+    if move.kind == "base":
+        return replace(workspace, robot=replace(workspace.robot, X_WB=_turned(workspace.robot.X_WB, move)))
+    known = _known(workspace, move)
+    place = replace(workspace.objects[known], pose=_turned(_place(workspace, known), move))
+    return replace(workspace, objects={**workspace.objects, known: place})
+
+
+def moved_camera(workspace: Workspace, move: Move) -> Camera:
+    """A camera elsewhere. Raises InputError for a name that none has, and where it would look at its own lens."""
+    if move.name not in workspace.cameras:
+        message = f"there is no camera `{move.name}`; {expected_names(move.name, workspace.cameras)}"
+        raise InputError(Problem("unknown-camera", message))
+    camera = workspace.cameras[move.name]
+    point = np.array(move.look_at) if move.look_at is not None else aim(workspace, camera)
+    try:
+        X_FC = look_at(move.position, point, way_up(workspace, camera))
+    except ValueError as error:
+        raise InputError(Problem("bad-option", f"`{move.name}` cannot look at its own lens")) from error
+    matrix = camera.matrix.copy()
+    if move.fov is not None:
+        scale = 0.5 * camera.width / np.tan(0.5 * move.fov) / matrix[0, 0]
+        matrix[[0, 1], [0, 1]] *= scale
+    return replace(camera, X_FC=X_FC, matrix=matrix)
+
+
+def aim(workspace: Workspace, camera: Camera) -> Array:
+    """The point that a camera looks at, in the frame that carries it, shape (3,) [m]; 1 m ahead if none is stated."""
+    stated = stated_look_at(workspace, camera.name)
+    ahead: Array = camera.X_FC[:3, 3] + camera.X_FC[:3, 2]
+    return ahead if stated is None else stated.point
+
+
+def way_up(workspace: Workspace, camera: Camera) -> Array:
+    """What is up in a camera's image, in the frame that carries it, shape (3,)."""
+    stated = stated_look_at(workspace, camera.name)
+    up: Array = -camera.X_FC[:3, 1]
+    return up if stated is None else stated.up
+
+
+def written(document: SourceDocument, workspace: Workspace, move: Move) -> bytes:
+    """The workspace file with something elsewhere. Raises InputError for what the file does not say itself."""
+    after = moved(workspace, move)
+    if move.kind == "camera":
+        camera = after.cameras[move.name]
+        point = np.array(move.look_at) if move.look_at is not None else aim(workspace, camera)
+        return with_camera(document, workspace.cameras[move.name], camera, point)
+    if move.kind == "base":
+        return with_base(document, after.robot.X_WB)
+    if ("objects", move.name, "pose") not in document.values:
+        message = f"the workspace states no pose of `{move.name}` itself"
+        raise InputError(Problem("bad-option", message, mend="change the file that does"))
+    return with_object(document, move.name, _place(after, move.name) @ inverse(after.objects[move.name].X_FO))
+
+
+def _known(workspace: Workspace, move: Move) -> str:
+    if move.name not in workspace.objects:
+        message = f"there is no object `{move.name}`; {expected_names(move.name, workspace.objects)}"
+        raise InputError(Problem("unknown-object", message))
+    return move.name
+
+
+def _place(workspace: Workspace, name: str) -> Array:
+    X_WO = workspace.objects[name].X_WO
+    if X_WO is None:
+        raise InputError(Problem("bad-option", f"it is not known where `{name}` is"))
+    return X_WO
+
+
+def _turned(X: Array, move: Move) -> Array:
+    """A pose (4, 4) moved, and turned about the world's z axis."""
+    R = X[:3, :3]
+    if move.yaw is not None:
+        R = axis_rotation(2, move.yaw - matrix_to_rpy(R)[2]) @ R
+    return pose(R, move.position)

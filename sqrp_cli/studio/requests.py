@@ -1,0 +1,108 @@
+"""What a browser may ask for: one record each, told apart by `do`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.studio.moves import Move
+
+Words = Annotated[str, Field(max_length=2000)]
+
+
+class _Request(BaseModel):
+    model_config = ConfigDict(strict=True, frozen=True, extra="forbid")
+
+
+class HoldAt(_Request):
+    """A hand holds something, and moves it."""
+
+    do: Literal["hold"]
+    move: Move
+    number: int
+    """Of the sketch that is asked for; its answer carries it."""
+
+
+class PutDown(_Request):
+    """A hand has put something down: the text changes."""
+
+    do: Literal["put"]
+    move: Move
+
+
+class SetValue(_Request):
+    """A value of the workspace is set by its path."""
+
+    do: Literal["set"]
+    path: Words
+    value: Words
+    """As YAML text."""
+
+
+class Plain(_Request):
+    """Something that needs no more words."""
+
+    do: Literal["undo", "redo", "difference", "save", "advise", "place", "stop", "reread", "cancel"]
+
+
+class AskTask(_Request):
+    """Another task, or another order of its candidates."""
+
+    do: Literal["task"]
+    text: Words
+    by: Literal["q_eoi", "q_avg", "time", "delay", "expected_time"]
+
+
+class ChooseCandidate(_Request):
+    """Another candidate is shown over time."""
+
+    do: Literal["choose"]
+    name: Words
+
+
+class Apply(_Request):
+    """One of the changes that were found is made."""
+
+    do: Literal["apply"]
+    number: Annotated[int, Field(ge=1, le=1000)]
+
+
+class WriteProgram(_Request):
+    """The chosen candidate is appended to a program file."""
+
+    do: Literal["program"]
+    file: Words
+
+
+class RunProgram(_Request):
+    """A program file is run in the simulated cell."""
+
+    do: Literal["run"]
+    file: Words
+    faults: Annotated[list[Words], Field(max_length=20)]
+
+
+class DropFault(_Request):
+    """A fault is to happen now."""
+
+    do: Literal["fault"]
+    name: Words
+
+
+Request = (
+    HoldAt | PutDown | SetValue | Plain | AskTask | ChooseCandidate | Apply | WriteProgram | RunProgram | DropFault
+)
+
+_REQUEST: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="do")])
+
+
+def read_request(text: str) -> Request:
+    """A message of a browser. Raises InputError for anything else."""
+    try:
+        return _REQUEST.validate_json(text)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        where = ".".join(map(str, first["loc"]))
+        raise InputError(Problem("bad-option", f"this request is not understood: {where}: {first['msg']}")) from None

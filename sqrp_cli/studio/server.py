@@ -1,0 +1,162 @@
+"""The web server of the studio: one page and its live connections, for browsers on this machine that know its token.
+
+The only module that imports websockets. Whoever names another host, comes from another page or has no token gets an
+empty answer.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import secrets
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from http import HTTPStatus
+from typing import Any
+
+from sqrp_cli.errors import InputError, Problem
+
+HOST = "127.0.0.1"
+"""No other machine reaches it."""
+
+LARGEST_MESSAGE = 1_000_000
+"""Of what a browser sends [bytes]."""
+
+MOST_WAITING = 64
+"""Messages that wait for a browser that does not read; then it is left out until it asks again."""
+
+Tell = Callable[[str], None]
+
+
+class Live:
+    """The connections of all browsers, and where they connect to."""
+
+    def __init__(self, heard: Callable[[str, Tell], Awaitable[None]], joined: Callable[[Tell], None]) -> None:
+        """heard: called with each message and how to answer it alone; joined: with how to tell a new browser."""
+        self._heard, self._joined = heard, joined
+        self._token = secrets.token_urlsafe(24)
+        self._queues: set[asyncio.Queue[str | None]] = set()
+        self._page = b""
+        self._port = 0
+        self._server: Any = None
+
+    @property
+    def address(self) -> str:
+        """Of the page, with its token."""
+        return f"http://{HOST}:{self._port}/{self._token}/"
+
+    @property
+    def socket(self) -> str:
+        """Where the page connects to."""
+        return f"ws://{HOST}:{self._port}"
+
+    async def open(self, port: int) -> None:
+        """Listen. port: 0 for one that is free. Raises InputError for a port that is not."""
+        from websockets.asyncio.server import serve
+
+        try:
+            self._server = await serve(
+                self._talk,
+                HOST,
+                port,
+                process_request=self._request,
+                max_size=LARGEST_MESSAGE,
+                compression=None,
+                server_header=None,
+            )
+        except OSError as error:
+            message = f"port {port} cannot be used: {error.strerror}"
+            raise InputError(
+                Problem("bad-option", message, mend="leave out --port: one that is free is taken")
+            ) from None
+        self._port = next(iter(self._server.sockets)).getsockname()[1]
+
+    def show(self, page: str) -> None:
+        """What the address shows."""
+        self._page = page.encode()
+
+    async def close(self) -> None:
+        """Close all connections."""
+        for queue in self._queues:
+            queue.put_nowait(None)
+        self._server.close()
+        with suppress(asyncio.TimeoutError):
+            await asyncio.wait_for(self._server.wait_closed(), 1.0)
+
+    def tell(self, text: str) -> None:
+        """Send a message to all browsers."""
+        for queue in list(self._queues):
+            _put(queue, text)
+
+    def _request(self, _connection: Any, request: Any) -> Any:  # noqa: ANN401 - of websockets
+        """The page, nothing, or None to let a connection begin."""
+        headers, own = request.headers, f"{HOST}:{self._port}"
+        hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
+        path = request.path.encode()
+        live = hmac.compare_digest(path, f"/{self._token}/live".encode())
+        allowed = hosts == [own] and all(origin == f"http://{own}" for origin in origins)
+        if live and allowed and origins:
+            return None
+        if allowed and hmac.compare_digest(path, f"/{self._token}/".encode()):
+            return self._answer(HTTPStatus.OK, self._page)
+        return self._answer(HTTPStatus.NOT_FOUND, b"")
+
+    @staticmethod
+    def _answer(status: HTTPStatus, body: bytes) -> Any:  # noqa: ANN401 - as above
+        from websockets.datastructures import Headers
+        from websockets.http11 import Response
+
+        headers = {
+            "Content-Type": "text/html; charset=utf-8",
+            "Content-Length": str(len(body)),
+            "Cache-Control": "no-store",
+            "Connection": "close",
+            "Cross-Origin-Opener-Policy": "same-origin",
+            "Cross-Origin-Resource-Policy": "same-origin",
+            "Referrer-Policy": "no-referrer",
+            "X-Content-Type-Options": "nosniff",
+            "X-Frame-Options": "DENY",
+        }
+        return Response(status.value, status.phrase, Headers(headers), body)
+
+    async def _talk(self, connection: Any) -> None:  # noqa: ANN401 - as above
+        from websockets.exceptions import ConnectionClosed
+
+        queue: asyncio.Queue[str | None] = asyncio.Queue(MOST_WAITING)
+        self._queues.add(queue)
+        sending = asyncio.create_task(_send(connection, queue))
+        self._joined(lambda text: _put(queue, text))
+        try:
+            async for message in connection:
+                if isinstance(message, str):
+                    await self._heard(message, lambda text: _put(queue, text))
+        except ConnectionClosed:
+            pass
+        finally:
+            self._queues.discard(queue)
+            sending.cancel()
+
+
+def _put(queue: asyncio.Queue[str | None], text: str) -> None:
+    """Add a message; one for which there is no room makes room first: a slow browser loses the oldest."""
+    if queue.full():
+        queue.get_nowait()
+    queue.put_nowait(text)
+
+
+async def _send(connection: Any, queue: asyncio.Queue[str | None]) -> None:  # noqa: ANN401 - as above
+    from websockets.exceptions import ConnectionClosed
+
+    with suppress(ConnectionClosed):
+        while (text := await queue.get()) is not None:
+            await connection.send(text)
+        await connection.close(1001, "the studio was closed")
+
+
+def check_server() -> None:
+    """Raises InputError, with the command that installs it, where the server's library is missing."""
+    try:
+        import websockets  # noqa: F401
+    except ImportError as error:
+        message = "the studio needs the Python package `websockets`, which is not installed"
+        raise InputError(Problem("missing-extra", message, mend="pip install 'sqrp[studio]'")) from error

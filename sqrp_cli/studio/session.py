@@ -1,0 +1,389 @@
+"""One session of the studio: what browsers ask for, the draft that this changes, and what they are told."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+import multiprocessing
+import shlex
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, get_args
+
+from sqrp_cli.api.cell import OpenCell
+from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.geometry import matrix_to_rpy
+from sqrp_cli.knowledge.text.input_file import read_input
+from sqrp_cli.knowledge.text.source import SourceDocument
+from sqrp_cli.knowledge.text.yaml_edit import changed_values, patch, with_values
+from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES
+from sqrp_cli.knowledge.workspace.load import read_workspace_document, workspace_file
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.platform.files import write_atomically
+from sqrp_cli.platform.processes import Foreman, forked
+from sqrp_cli.programming.ranking import Criterion
+from sqrp_cli.programming.task import in_words
+from sqrp_cli.report.pages.page import tidy
+from sqrp_cli.scoring.sweep import from_here
+from sqrp_cli.studio.bench import Choose, Hold, Question, Rank, findings, serve
+from sqrp_cli.studio.draft import Change, Draft
+from sqrp_cli.studio.moves import Move, aim, way_up, written
+from sqrp_cli.studio.page import studio_page
+from sqrp_cli.studio.requests import (
+    AskTask,
+    ChooseCandidate,
+    HoldAt,
+    Plain,
+    PutDown,
+    SetValue,
+    read_request,
+)
+from sqrp_cli.studio.server import Live, Tell
+
+LOOK_EVERY = 0.4
+"""How often files are looked at for changes of others [s]."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is ranked."""
+
+    content: bytes
+    task: str
+    by: Criterion
+
+
+class Studio:
+    """The state that all browsers share, and the process that computes."""
+
+    def __init__(self, opened: OpenCell, task: str, jobs: int) -> None:
+        """Raises InputError for a workspace that cannot be read."""
+        self._given, self._seed = opened.path, opened.seed
+        file = workspace_file(opened.path)
+        saved = read_input(file, MAX_BYTES)
+        self._draft = Draft(path=file, saved=saved, first=saved)
+        self._workspace = opened.workspace
+        self._task, self._by = task, get_args(Criterion)[0]
+        self._chosen = ""
+        self._number = 0
+        self._asked: Asked | None = None
+        self._kept: dict[str, str] = {}
+        self._saved_ranking: Asked | None = None
+        self._lines: list[tuple[str, str]] = []
+        self._stamps: Mapping[Path, object] = {}
+        self._pipe, theirs = multiprocessing.Pipe()
+        self._bench: Foreman[None, None] = Foreman(forked(), _bench, theirs, self._pipe, opened.path, opened.seed, jobs)
+        theirs.close()
+        self.live = Live(self._heard, self._greet)
+
+    # What browsers are told
+
+    def say(self, do: str, **fields: object) -> None:
+        """Tell all browsers, and keep it for those that come."""
+        text = json.dumps(tidy({"do": do, **fields}, digits=None), allow_nan=False)
+        self._kept[do] = text
+        self.live.tell(text)
+
+    def _greet(self, tell: Tell) -> None:
+        for text in list(self._kept.values()):
+            tell(text)
+
+    def _tell_state(self) -> None:
+        draft, workspace = self._draft, self._workspace
+        skill = workspace.skills.get(self._task.split()[0].lower()) if self._task.split() else None
+        parameters = (
+            []
+            if skill is None
+            else [
+                {
+                    "name": one.name,
+                    "values": [in_words(skill, {one.name: value})[one.name].replace(" ", "") for value in one.values],
+                }
+                for one in skill.motion_parameters
+            ]
+        )
+        self.say(
+            "state",
+            workspace=workspace.name,
+            path=str(self._given),
+            file=str(self._draft.path),
+            task=self._task,
+            by=self._by,
+            tasks=[one.task for one in workspace.tasks],
+            skills=list(workspace.skills),
+            parameters=parameters,
+            chosen=self._chosen,
+            dirty=draft.dirty,
+            undo=draft.past[-1].label if draft.past else None,
+            redo=draft.future[0].label if draft.future else None,
+            unsaved=[one.label for one in draft.past] if draft.dirty else [],
+            lines=[{"what": what, "line": line} for what, line in self._lines[-50:]],
+            handles=_handles(workspace),
+        )
+
+    def _note(self, what: str, line: str) -> None:
+        """Note what was done, and the command that does it."""
+        self._lines.append((what, line))
+
+    def _command(self, *words: str) -> str:
+        return shlex.join(["sqrp", words[0], str(self._given), *words[1:]])
+
+    # The process that computes
+
+    async def run(self, port: int, ready: Callable[[str], None]) -> None:
+        """Serve until it is cancelled; ready: called with the address. Raises InputError for a port that is taken."""
+        self._over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        await self.live.open(port)
+        asyncio.get_running_loop().add_reader(self._pipe.fileno(), self._answered)
+        self._rank()  # meanwhile the page is put together
+        self.live.show(studio_page(f"{self._workspace.name}: studio", self.live.socket))
+        ready(self.live.address)
+        self._stamps = self._stamped()
+        self._tell_state()
+        try:
+            watching = asyncio.ensure_future(self._watch())
+            await asyncio.wait([watching, self._over], return_when=asyncio.FIRST_COMPLETED)
+            (watching if watching.done() else self._over).result()
+        finally:
+            watching.cancel()
+            await self.live.close()
+
+    def close(self) -> None:
+        """End the process."""
+        with suppress(OSError, RuntimeError):
+            asyncio.get_running_loop().remove_reader(self._pipe.fileno())
+        self._pipe.close()
+        self._bench.close()
+
+    def _send(self, question: Question) -> None:
+        self._pipe.send(question)
+
+    def _rank(self) -> None:
+        self._number += 1
+        self._asked = Asked(self._draft.content, self._task, self._by)
+        self._send(Rank(**vars(self._asked), number=self._number))
+
+    def _answered(self) -> None:
+        try:
+            text = self._pipe.recv()
+        except (EOFError, OSError):
+            message = "the process that computes was killed; is there enough memory?"
+            self._over.set_exception(InputError(Problem("worker-died", message)))
+            asyncio.get_running_loop().remove_reader(self._pipe.fileno())
+            return
+        do = text.split('"', 4)[3]
+        if do in ("sketch", "held", "progress"):
+            self.live.tell(text)
+            return
+        answer = json.loads(text)
+        if do in ("cell", "ranking", "saved-ranking", "problems") and answer["number"] != self._number:
+            return  # of an earlier question
+        self._kept[do] = self._whole(text, answer) if do == "cell" else text
+        self.live.tell(text)
+        if do == "ranking":
+            self._kept.pop("problems", None)
+            self._ranked(text, answer)
+        elif do == "detail":
+            self._compare()
+
+    def _whole(self, text: str, answer: dict[str, Any]) -> str:
+        """What a new browser is told of the cell: with the shapes, which the others have already."""
+        if answer["model"] is not None or "cell" not in self._kept:
+            return text
+        return json.dumps({**answer, "model": json.loads(self._kept["cell"])["model"]})
+
+    def _ranked(self, text: str, answer: Mapping[str, Any]) -> None:
+        names = [entry["name"] for entry in answer["entries"]]
+        if self._chosen not in names:
+            self._chosen = names[0]
+            self._tell_state()
+        if self._asked is not None and self._asked.content == self._draft.saved:
+            self._saved_ranking = self._asked
+            self._kept["saved-ranking"] = text.replace('"ranking"', '"saved-ranking"', 1)
+            self.live.tell(self._kept["saved-ranking"])
+
+    def _compare(self) -> None:
+        """Rank the saved file as well, once there is nothing else to do, if that is not known."""
+        wanted = Asked(self._draft.saved, self._task, self._by)
+        if self._draft.dirty and wanted != self._saved_ranking:
+            self._saved_ranking = wanted
+            self._send(Rank(**vars(wanted), number=self._number, of_saved=True))
+
+    # What browsers ask for
+
+    async def _heard(self, text: str, tell: Tell) -> None:
+        try:
+            await self._obey(text)
+        except InputError as error:
+            tell(json.dumps(tidy({"do": "refused", "problems": findings(error.problems)}, digits=None)))
+
+    async def _obey(self, text: str) -> None:
+        match read_request(text):
+            case HoldAt(move=move, number=number):
+                self.live.tell(json.dumps({"do": "move", "move": asdict(move)}))
+                self._send(Hold(move=move, number=number))
+            case PutDown(move=move):
+                self._edit(move.in_words(), lambda: written(self._document(), self._workspace, move))
+            case SetValue(path=path, value=value):
+                self._edit(f"{path} = {value}", lambda: with_values(self._document(), {path: value}))
+            case AskTask(text=task, by=by):
+                self._ask(task, by)
+            case ChooseCandidate(name=name):
+                self._choose(name)
+            case Plain(do=do):
+                getattr(self, f"_{do}")()
+
+    def _document(self) -> SourceDocument:
+        return read_workspace_document(self._draft.path, self._draft.content)
+
+    def _edit(self, label: str, make: Callable[[], bytes]) -> None:
+        """Change the text. Raises InputError where that makes no workspace; then nothing changes."""
+        document = self._document()
+        content = make()
+        if content == self._draft.content:
+            self._tell_state()
+            return
+        workspace = self._read(content)
+        values = changed_values(document, content)
+        settings = [f"{path}={text}" for path, text in (values or {}).items()]
+        change = Change(label=label, line=self._command("set", *settings), values=values, content=content)
+        self._go_on(self._draft.changed(change), workspace)
+        self._note(label, change.line)
+        self._tell_state()
+
+    def _read(self, content: bytes) -> Workspace:
+        opened = OpenCell.read(self._given, self._seed, content)
+        if opened.errors:
+            raise InputError(*opened.errors)
+        return opened.workspace
+
+    def _go_on(self, draft: Draft, workspace: Workspace) -> None:
+        self._draft, self._workspace = draft, workspace
+        self._rank()
+
+    def _step(self, draft: Draft, what: str) -> None:
+        """Take back a change, or make it again."""
+        before = self._document()
+        self._go_on(draft, self._read(draft.content))
+        values = changed_values(before, draft.content)
+        self._note(what, "" if values is None else self._command("set", *(f"{k}={v}" for k, v in values.items())))
+        self._tell_state()
+
+    def _undo(self) -> None:
+        if self._draft.past:
+            self._step(self._draft.undone(), f"undone: {self._draft.past[-1].label}")
+
+    def _redo(self) -> None:
+        if self._draft.future:
+            self._step(self._draft.redone(), f"again: {self._draft.future[0].label}")
+
+    def _ask(self, task: str, by: Criterion) -> None:
+        from sqrp_cli.programming.task import read_task
+
+        read_task(task, self._workspace)
+        self._task, self._by = task, by
+        self._note("task", self._command("rank", task, *(["--by", by] if by != "q_eoi" else [])))
+        self._rank()
+        self._tell_state()
+
+    def _choose(self, name: str) -> None:
+        self._chosen = name
+        self._kept.pop("detail", None)
+        self._send(Choose(name=name))
+        self._note("shown", self._command("explain", self._task, "--choose", name))
+        self._tell_state()
+
+    def _difference(self) -> None:
+        saved = read_workspace_document(self._draft.path, self._draft.saved)
+        values = changed_values(saved, self._draft.content)
+        line = self._command("set", *(f"{k}={v}" for k, v in values.items())) if values else ""
+        text = patch(saved, self._draft.content, from_here(self._draft.path))
+        self.live.tell(json.dumps(tidy({"do": "difference", "patch": text, "line": line})))
+
+    def _save(self) -> None:
+        """Write the text into the file. Raises InputError where the file has changed meanwhile."""
+        if read_input(self._draft.path, MAX_BYTES) != self._draft.saved:
+            message = "the workspace has changed meanwhile"
+            mend = "mend the file, or read it again; unsaved changes are kept where they still fit"
+            raise InputError(Problem("changed-meanwhile", message, Place(self._draft.path), mend=mend))
+        saved = read_workspace_document(self._draft.path, self._draft.saved)
+        values = changed_values(saved, self._draft.content)
+        if self._draft.dirty:
+            write_atomically(self._draft.path, self._draft.content)
+        self._draft = replace(self._draft, saved=self._draft.content)
+        self._stamps = self._stamped()
+        line = self._command("set", *(f"{k}={v}" for k, v in values.items())) if values else ""
+        self._note("saved", line)
+        ranking = self._kept.get("ranking")
+        if ranking is not None and self._asked == Asked(self._draft.saved, self._task, self._by):
+            self._ranked(ranking, json.loads(ranking))
+        self._tell_state()
+
+    # Changes of others
+
+    def _stamped(self) -> Mapping[Path, object]:
+        """What tells whether a file of the workspace has changed."""
+        stamps: dict[Path, object] = {}
+        for path in {self._draft.path.absolute(), *(file.path for file in self._workspace.files.values())}:
+            with suppress(OSError):
+                status = path.stat()
+                stamps[path] = (status.st_mtime_ns, status.st_size, status.st_ino)
+        return stamps
+
+    async def _watch(self) -> None:
+        while True:
+            await asyncio.sleep(LOOK_EVERY)
+            stamps = self._stamped()
+            if stamps != self._stamps:
+                self._stamps = stamps
+                self._reread()
+
+    def _reread(self) -> None:
+        """Take over what others changed. What cannot be read is shown, and the last good state stays."""
+        try:
+            saved = read_input(self._draft.path, MAX_BYTES)
+            draft, lost = (self._draft, ()) if saved == self._draft.saved else self._draft.on(saved)
+            workspace = self._read(draft.content)
+        except InputError as error:
+            self.say("outside", problems=findings(error.problems), lost=[])
+            return
+        changed = draft is not self._draft
+        self._go_on(draft, workspace)
+        self.say("outside", problems=[], lost=[one.label for one in lost], taken=changed)
+        self._stamps = self._stamped()
+        self._tell_state()
+
+
+def _bench(theirs: Connection, ours: Connection, path: Path, seed: int, jobs: int) -> Callable[[None], None]:
+    """Compute until the other end of the pipe is closed."""
+    ours.close()
+    serve(theirs, path, seed, jobs)
+    return lambda _: None
+
+
+def _handles(workspace: Workspace) -> Mapping[str, object]:
+    """What can be moved, and where it is as people would type it."""
+    cameras = {
+        name: Move(
+            kind="camera",
+            name=name,
+            position=camera.X_FC[:3, 3].tolist(),
+            look_at=aim(workspace, camera).tolist(),
+            fov=2.0 * math.atan(0.5 * camera.width / float(camera.matrix[0, 0])),
+        )
+        for name, camera in workspace.cameras.items()
+    }
+    objects = {
+        name: Move(kind="object", name=name, position=X[:3, 3].tolist(), yaw=matrix_to_rpy(X[:3, :3])[2])
+        for name, one in workspace.objects.items()
+        if (X := one.X_WO) is not None and f"objects.{name}.pose" in workspace.places
+    }
+    X_WB = workspace.robot.X_WB
+    base = Move(kind="base", name="", position=X_WB[:3, 3].tolist(), yaw=matrix_to_rpy(X_WB[:3, :3])[2])
+    frames = {name: camera.frame for name, camera in workspace.cameras.items()}
+    ups = {name: way_up(workspace, camera).tolist() for name, camera in workspace.cameras.items()}
+    return {"camera": cameras, "object": objects, "base": {"": base}, "frames": frames, "ups": ups}

@@ -1,0 +1,188 @@
+"""The coverage of one motion while a hand moves something: a verdict at fixed times, and only of what has moved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.geometry import Mask
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import Rehearsal
+from sqrp_cli.programming.coverage.blind_spans import by_name
+from sqrp_cli.programming.coverage.observation import observation_of
+from sqrp_cli.programming.coverage.quality import Qualities
+from sqrp_cli.programming.coverage.sampling import FixedStep, first_samples
+from sqrp_cli.programming.coverage.stage import Samples
+from sqrp_cli.programming.coverage.timeline import Timeline
+from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer
+from sqrp_cli.programming.sensing.scene_states import SceneStates
+from sqrp_cli.report.documents.document import Record
+from sqrp_cli.report.documents.explanation import Verdict
+
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+SHORTEST, MOST = 0.1, 250
+"""Least time between the instants of a sketch [s], and about how many there are at most."""
+
+Matrix = tuple[tuple[BoxVerdicts, ...], ...]
+"""Per target and box, the verdicts of cameras."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AtomShown(Record):
+    """An atom at the instants of a timeline."""
+
+    covered: list[bool | None]
+    """At each instant; null where no formula asks."""
+    cameras: Mapping[str, list[int]]
+    """By the camera's name: which of `verdicts` it has at each instant."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoverageShown(Record):
+    """What cameras see at instants of a motion."""
+
+    t: list[float]
+    """The instants [s]."""
+    covered: list[bool | None]
+    """Of the whole state; null where nothing is asked."""
+    verdicts: list[Verdict]
+    """Each different one once."""
+    atoms: Mapping[str, AtomShown]
+    """By atom."""
+    q_avg: float | None
+    q_eoi: float | None
+    blind: float
+    """For how long the state is not covered [s]."""
+    blind_longest: float
+    """The longest time without cover [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sketch:
+    """A motion, with what every camera sees of it at fixed times."""
+
+    cell: Cell
+    scene: Rehearsal
+
+    @cached_property
+    def samples(self) -> Samples:
+        """The instants."""
+        step = FixedStep(max(SHORTEST, self.scene.motion.time / MOST))
+        return first_samples(step, self.scene.stage, self.cell.observer, self.scene.targets)
+
+    @cached_property
+    def states(self) -> SceneStates:
+        """Where everything is then."""
+        return self.scene.stage.states(self.samples)
+
+    @cached_property
+    def required(self) -> Mask:
+        """Whether a state holds the atom of each target, shape (m, targets)."""
+        return self.scene.stage.requires(self.scene.targets, self.samples)
+
+    @cached_property
+    def matrix(self) -> Matrix:
+        """The verdicts of all cameras."""
+        return self._looked(self.cell.observer)
+
+    def _looked(self, observer: Observer) -> Matrix:
+        return observer.verdicts(self.scene.targets, self.states, shares=False)
+
+    def seen_by(self, cell: Cell, camera: str | None = None) -> CoverageShown:
+        """What the cameras of a cell see. camera: the only one that is not as in the sketch's own cell."""
+        if camera is None:
+            return self._shown(cell, self._looked(cell.observer))
+        index = [one.name for one in cell.observer.cameras].index(camera)
+        alone = self._looked(replace(cell.observer, cameras=(cell.observer.cameras[index],)))
+        matrix = tuple(
+            tuple(_with_column(box, new, index) for box, new in zip(*both, strict=True))
+            for both in zip(self.matrix, alone, strict=True)
+        )
+        return self._shown(cell, matrix)
+
+    def _shown(self, cell: Cell, matrix: Matrix) -> CoverageShown:
+        responses = np.array([camera.response for camera in cell.observer.cameras])
+        observation = observation_of(matrix, responses, self.scene.targets, self.required)
+        timeline = self.scene.watch.timeline(self.samples, observation)
+        table: dict[Verdict, int] = {}
+        names = [camera.name for camera in cell.observer.cameras]
+        atoms = {
+            str(target.atom): AtomShown(
+                covered=_where(observation.covered[:, column], self.required[:, column]),
+                cameras=dict(zip(names, _rows(cell, boxes, [b.name for b in target.boxes], table), strict=True)),
+            )
+            for column, (target, boxes) in enumerate(zip(self.scene.targets, matrix, strict=True))
+        }
+        qualities = Qualities.of(timeline)
+        blind, longest = _blind(timeline)
+        return CoverageShown(
+            t=self.samples.t.tolist(),
+            covered=_where(timeline.covered, timeline.monitored),
+            verdicts=list(table),
+            atoms=atoms,
+            q_avg=qualities.q_avg,
+            q_eoi=qualities.q_eoi,
+            blind=blind,
+            blind_longest=longest,
+        )
+
+
+def _with_column(box: BoxVerdicts, new: BoxVerdicts, index: int) -> BoxVerdicts:
+    """The verdicts with those of one camera instead of the ones at an index."""
+
+    def put(into: NDArray[Scalar], column: NDArray[Scalar]) -> NDArray[Scalar]:
+        changed = into.copy()
+        changed[:, index] = column[:, 0]
+        return changed
+
+    return BoxVerdicts(
+        cause=put(box.cause, new.cause),
+        by=put(box.by, new.by),
+        figure=put(box.figure, new.figure),
+        visible=put(box.visible, new.visible),
+    )
+
+
+def _where(values: Mask, asked: Mask) -> list[bool | None]:
+    return [value if held else None for value, held in zip(values.tolist(), asked.tolist(), strict=True)]
+
+
+def _rows(cell: Cell, boxes: Sequence[BoxVerdicts], names: Sequence[str], table: dict[Verdict, int]) -> list[list[int]]:
+    """For each camera, the index of its verdict on all boxes in each state; new verdicts are added to the table."""
+    cause, by = boxes[0].cause.astype(np.int64), boxes[0].by.astype(np.int64)
+    number = np.zeros(cause.shape, dtype=np.int64)
+    for index, box in enumerate(boxes[1:], 1):
+        first = (cause == Cause.NONE) & (box.cause != Cause.NONE)
+        cause, by, number = (
+            np.where(first, new, old) for new, old in ((box.cause, cause), (box.by, by), (index, number))
+        )
+    by = np.where(cause == Cause.NONE, 0, by)
+    keys, place = np.unique(np.stack([cause, by, number]).reshape(3, -1), axis=1, return_inverse=True)
+    indices = []
+    for of_cause, of_by, of_box in keys.T.tolist():
+        why = Cause(of_cause)
+        seen = why is Cause.NONE
+        box_name = None if seen or len(boxes) == 1 else names[of_box]
+        verdict = Verdict(covered=seen, cause=why.label, by=None if seen else by_name(cell, why, of_by), box=box_name)
+        indices.append(table.setdefault(verdict, len(table)))
+    found: list[list[int]] = np.array(indices)[place.reshape(cause.shape)].T.tolist()
+    return found
+
+
+def _blind(timeline: Timeline) -> tuple[float, float]:
+    """For how long in all a state is not covered, and for how long at most without a break [s]."""
+    steps = np.nan_to_num(timeline.steps)
+    lost = timeline.monitored & ~timeline.covered
+    spent = np.where(lost[1:] & lost[:-1], steps, 0.0)
+    total = longest = current = 0.0
+    for step, both in zip(spent.tolist(), (lost[1:] & lost[:-1]).tolist(), strict=True):
+        current = current + step if both else 0.0
+        total, longest = total + step, max(longest, current)
+    return total, longest
