@@ -117,6 +117,7 @@ class Studio:
             skills=list(workspace.skills),
             parameters=parameters,
             chosen=self._chosen,
+            number=self._number,
             dirty=draft.dirty,
             undo=draft.past[-1].label if draft.past else None,
             redo=draft.future[0].label if draft.future else None,

@@ -217,7 +217,8 @@ class Studio extends Page {
     );
   }
 
-  on_ranking({ entries, summary }) {
+  on_ranking({ entries, summary, number }) {
+    this.ranked = number;
     byId('summary').replaceChildren(named(summary));
     byId('ranking').classList.remove('old');
     this.entries = this.overview.entries = entries;
@@ -239,6 +240,11 @@ class Studio extends Page {
     if (sorting.column < this.table.columns.length) Object.assign(this.table, { sorting });
     this.table.show();
     this.table.choose(this.selected ?? 0);
+  }
+
+  // Whether all that is shown is computed from the text as it is.
+  get settled() {
+    return this.state?.number === this.ranked && this.answered === this.asked && !this.held;
   }
 
   on_progress({ done, of }) {

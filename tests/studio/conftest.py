@@ -1,0 +1,34 @@
+"""One studio of the tabletop for the tests of a module, and a browser."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.cli.browser import chromium
+from tests.studio.started import Started, copied
+
+TASK = "pickup object=g2,g6"
+"""One candidate that can be done, and one that cannot."""
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory):
+    """A copy of the tabletop that a test may change."""
+    return copied("tabletop", tmp_path_factory.mktemp("studio"))
+
+
+@pytest.fixture(scope="module")
+def studio(cell):
+    """A studio of that copy."""
+    started = Started(cell, TASK)
+    yield started
+    code, err = started.closed()
+    assert code == 0
+    assert "Traceback" not in err
+    assert "internal error" not in err
+
+
+@pytest.fixture(scope="session")
+def browser():
+    with chromium() as opened:
+        yield opened

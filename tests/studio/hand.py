@@ -1,0 +1,65 @@
+"""A browser in the studio, and a hand that drags things in its picture."""
+
+from __future__ import annotations
+
+from typing import Any
+
+WHERE = """(role) => {
+  const { gizmo, scene } = sqrp;
+  gizmo.fit(scene.eye);
+  scene.world.updateMatrixWorld(true);
+  const local = { x: [0.6, 0, 0], y: [0, 0.6, 0], z: [0, 0, 0.6], level: [0, 0, 0], turn: [0.75, 0, 0] }[role];
+  const from = role === 'aim' ? gizmo.ball : gizmo.group;
+  const point = from.position.clone().set(...(local ?? [0, 0, 0])).applyMatrix4(from.matrixWorld).project(scene.eye);
+  const place = scene.host.getBoundingClientRect();
+  return [place.left + ((point.x + 1) / 2) * place.width, place.top + ((1 - point.y) / 2) * place.height];
+}"""
+
+
+class Hand:
+    """A page of the studio, with everything that it complained about."""
+
+    def __init__(self, browser: Any, address: str, width: int = 1400, height: int = 900) -> None:
+        self.context = browser.new_context(viewport={"width": width, "height": height})
+        self.page = self.context.new_page()
+        self.complaints: list[str] = []
+        self.page.on("pageerror", lambda error: self.complaints.append(error.stack or str(error)))
+        self.page.on("console", self._listen)
+        self.page.on("dialog", lambda dialog: self.complaints.append(f"dialog {dialog.message}"))
+        self.page.goto(address)
+        self.ready()
+
+    def _listen(self, message: Any) -> None:
+        if message.type in ("error", "warning") and "GPU stall" not in message.text:
+            self.complaints.append(message.text)
+
+    def js(self, expression: str, argument: Any = None) -> Any:
+        """The value of an expression in the page."""
+        return self.page.evaluate(expression, argument)
+
+    def wait(self, condition: str, argument: Any = None) -> None:
+        """Wait until a condition holds; condition: the body of a function of `x`."""
+        self.page.wait_for_function(f"(x) => {{ {condition} }}", arg=argument, timeout=60_000)
+
+    def ready(self) -> None:
+        """Wait for the ranking and for the chosen candidate over time."""
+        self.page.wait_for_selector("html[data-ready=true]", timeout=60_000)
+
+    def ranked(self) -> list[dict[str, Any]]:
+        """The candidates, once those of the present text are there."""
+        self.wait("return sqrp.settled")
+        found: list[dict[str, Any]] = self.js("sqrp.entries.map((entry) => entry.candidate)")
+        return found
+
+    def take(self, kind: str, name: str) -> None:
+        """Select what to move."""
+        self.page.select_option("#what", value=f'["{kind}","{name}"]')
+
+    def drag(self, role: str, dx: float, dy: float, steps: int = 4) -> None:
+        """Drag a handle by so many pixels, and let it go."""
+        x, y = self.js(WHERE, role)
+        self.page.mouse.move(x, y)
+        self.page.mouse.down()
+        for step in range(1, steps + 1):
+            self.page.mouse.move(x + dx * step / steps, y + dy * step / steps)
+        self.page.mouse.up()

@@ -1,0 +1,43 @@
+"""A studio in a process of its own, as a user starts it."""
+
+from __future__ import annotations
+
+import os
+import select
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+
+
+class Started:
+    """`sqrp studio` of a workspace; `closed` ends it as Ctrl-C does."""
+
+    def __init__(self, workspace: Path, *arguments: str, cwd: Path = ROOT) -> None:
+        command = [sys.executable, "-m", "sqrp_cli", "studio", str(workspace), "--no-browser", *arguments]
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+        self.process = subprocess.Popen(command, text=True, cwd=cwd, env=environment, **pipes)
+        assert self.process.stdout is not None
+        ready, _, _ = select.select([self.process.stdout], [], [], 60)
+        self.address = self.process.stdout.readline().strip() if ready else ""
+        if not self.address:
+            self.process.kill()
+            raise AssertionError(self.process.communicate()[1])
+        self.host, _, self.token = self.address.removeprefix("http://").strip("/").partition("/")
+
+    def closed(self) -> tuple[int, str]:
+        """Its exit code, and what it printed on stderr."""
+        self.process.send_signal(signal.SIGINT)
+        _, err = self.process.communicate(timeout=20)
+        return self.process.returncode, err
+
+
+def copied(name: str, folder: Path) -> Path:
+    """A copy of a workspace, with the skills and robots beside it."""
+    shutil.copytree(ROOT / "skills", folder / "skills", dirs_exist_ok=True)
+    shutil.copytree(ROOT / "workspaces" / "robots", folder / "workspaces" / "robots", dirs_exist_ok=True)
+    return Path(shutil.copytree(ROOT / "workspaces" / name, folder / "workspaces" / name))
