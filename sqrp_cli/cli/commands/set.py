@@ -13,7 +13,7 @@ NAME = "set"
 
 Values = Annotated[
     list[str],
-    typer.Argument(metavar="PATH=VALUE...", help='Values by dotted path, as YAML: cameras.cam1.rate=20, robot.base.position.0=0.2.'),
+    typer.Argument(metavar="PATH=VALUE...", help="Values by dotted path, such as cameras.cam1.rate=20."),
 ]
 
 
