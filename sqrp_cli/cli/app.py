@@ -29,6 +29,7 @@ from sqrp_cli.cli.commands import run as run_program
 from sqrp_cli.cli.commands import set as set_values
 from sqrp_cli.cli.completion import ASKED, for_named_shell, propose
 from sqrp_cli.cli.streams import ResultsLost
+from sqrp_cli.cli.watch import EXECUTE
 from sqrp_cli.errors import ExitCode, InputError
 from sqrp_cli.shown import harmless, one_line
 from sqrp_cli.terminal import progress_lines
@@ -106,6 +107,7 @@ def execute(arguments: list[str]) -> int:
             return ExitCode.OK
         # Calling `app` itself would take system errors for Ctrl-C or for a reader that has left.
         with typer.main.get_command(app).make_context("sqrp", _with_options_first(arguments), obj=arguments) as context:
+            context.meta[EXECUTE] = execute
             return int(context.command.invoke(context) or ExitCode.OK)
     except typer.Exit as leaving:
         return leaving.exit_code

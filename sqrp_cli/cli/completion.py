@@ -129,11 +129,12 @@ def schemas(incomplete: str) -> list[str]:
 
 
 def _workspace(ctx: typer.Context) -> Workspace | None:
+    from sqrp_cli.cli.start import Start
     from sqrp_cli.knowledge.workspace.load import load_workspace
 
     path = ctx.params.get("workspace")
     with suppress(InputError, OSError):
-        return load_workspace(path) if path is not None else None
+        return load_workspace(Start.of(path, None).workspace) if path is not None else None
     return None
 
 

@@ -28,6 +28,13 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 
 WorkspacePath = Annotated[Path, typer.Argument(metavar="WORKSPACE", help="Folder of a workspace, or its YAML file.")]
+StartPath = Annotated[
+    Path,
+    typer.Argument(metavar="WORKSPACE", help="Folder of a workspace, its YAML file, or a PROGRAM: to go on after it."),
+]
+ProgramPath = Annotated[
+    Path, typer.Argument(metavar="PROGRAM", help="A program file, as `sqrp rank --program` writes.")
+]
 TaskText = Annotated[
     str,
     typer.Argument(
@@ -234,11 +241,12 @@ def check_report(path: Path) -> None:
 
 def answer(result: Answer[AnyDocument], *, as_json: bool) -> None:
     """Print a result, for people or as a document."""
+    from sqrp_cli.cli.watch import is_shown_again
     from sqrp_cli.terminal.console import say_raw
 
     if as_json:
         say_raw(result.to_json())
-    else:
+    elif not is_shown_again(result):
         result.show()
 
 

@@ -74,6 +74,7 @@ def print_study(
         say(row)
     totals = cause_totals(cell, study)
     said = any(total.cause is Cause.SAME_COLOUR for total in totals)
+    say(plain(_doings(study), "dim"))
     say(plain(LEGEND + SAME_COLOUR * said, "dim"))
     _print_faults(assessment)
     say(f"\n{_camera_failures(cell, study, assessment)}")
@@ -86,6 +87,11 @@ def print_study(
     in_the_way_of = _print_occluders(cell, study)
     say(f"\n{assessment.verdict}{in_the_way_of}")
     say(plain(accuracy(sampling, [ranked]), "dim"))
+
+
+def _doings(study: Study) -> str:
+    """What each primitive action does."""
+    return ", ".join(f"{one.name} {one.words}" for one in study.candidate.skill.primitives)
 
 
 def _print_head(ranked: Ranked, step: StepPlace | None) -> None:
@@ -161,6 +167,8 @@ def print_comparison(explained: Sequence[Explained], sampling: Sampling) -> None
             "On the right Q_eoi and Q_avg [%]. █ covered  - not covered  ! not covered in an event of interest", "dim"
         )
     )
+    if shown := next((study for _, study in explained if study is not None), None):
+        say(plain(_doings(shown), "dim"))
     for ranked, study in explained:
         if study is not None:
             say(f"\n{ranked.assessment.candidate.name}: {ranked.assessment.verdict}")
@@ -254,13 +262,12 @@ class _Chart:
         return self._signs(timeline.covered, timeline.monitored, missed)
 
     def primitives_row(self) -> str:
-        """The name of each primitive at its beginning, with what it does where there is room before the next."""
-        primitives, stated = self._study.motion.primitives, self._study.candidate.skill.primitives
+        """The name of each primitive at its beginning, as far as there is room before the next."""
+        primitives = self._study.motion.primitives
         starts = [round(primitive.start * self._scale) for primitive in primitives]
         row = [" "] * len(self._row)
-        for primitive, start, end in zip(stated, starts, [*starts[1:], len(row)], strict=True):
-            told, room = f"|{primitive.name} {primitive.words}", max(end - start, 0)
-            name = told if len(told) < room else f"|{primitive.name}"[:room]
+        for primitive, start, end in zip(primitives, starts, [*starts[1:], len(row)], strict=True):
+            name = f"|{primitive.name}"[: max(end - start, 0)]
             row[start : start + len(name)] = name
         return "".join(row)
 

@@ -25,7 +25,7 @@ def test_help_fits_eighty_columns_and_speaks_in_words(sqrp, command):
         ("explain", "WORKSPACE [TASK]"),
         ("place", "WORKSPACE [TASK...]"),
         ("score", "PATH..."),
-        ("program", "FILE|new [WORKSPACE]"),
+        ("program", "PROGRAM|new [WORKSPACE]"),
         ("run", "[PROGRAM]"),
     ],
 )

@@ -10,6 +10,7 @@ import typer
 
 from sqrp_cli.cli import options as option
 from sqrp_cli.cli.options import answer, job_count, open_to_write, page_is_written, read_sampling, read_ways
+from sqrp_cli.cli.start import Start
 from sqrp_cli.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ Patch = Annotated[
 
 def command(
     context: typer.Context,
-    workspace: option.WorkspacePath,
+    workspace: option.StartPath,
     task: option.TaskText,
     want: Want = None,
     choose: option.Choose = None,
@@ -80,6 +81,7 @@ def command(
     from sqrp_cli.checks.cell_warnings import cell_warnings
     from sqrp_cli.terminal.console import note, print_problems, progress
 
+    workspace, after = Start.of(workspace, after)
     sampling, wanted = read_sampling(samples, dt, tolerance), read_ways(ways, WAYS).wanted
     cell = open_to_write(workspace, seed, [after], report=report, patch=patch, patches=PATCHES)
     print_problems(cell_warnings(cell.cell))

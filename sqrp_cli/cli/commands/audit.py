@@ -7,14 +7,14 @@ from typing import Annotated
 
 import typer
 
-from sqrp_cli.cli.options import Json, answer, program_with_warnings
+from sqrp_cli.cli.options import Json, ProgramPath, answer, program_with_warnings
 from sqrp_cli.errors import ExitCode, InputError, Problem
 
 NAME = "audit"
 
 
 def command(
-    program: Annotated[Path, typer.Argument(metavar="PROGRAM", help="A program that `sqrp rank` wrote.")],
+    program: ProgramPath,
     recording: Annotated[
         Path,
         typer.Argument(

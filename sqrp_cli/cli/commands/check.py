@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sqrp_cli.cli import completion
-from sqrp_cli.cli.options import After, Jobs, Json, Seed, WorkspacePath, job_count
+from sqrp_cli.cli.options import After, Jobs, Json, Seed, StartPath, answer, job_count
+from sqrp_cli.cli.start import Start
+from sqrp_cli.cli.watch import Watch, watched
 from sqrp_cli.errors import ExitCode, InputError, Problem
 
 if TYPE_CHECKING:
@@ -20,7 +22,8 @@ NAME = "check"
 
 
 def command(
-    workspace: WorkspacePath,
+    context: typer.Context,
+    workspace: StartPath,
     task: Annotated[
         str | None,
         typer.Argument(
@@ -30,13 +33,14 @@ def command(
     after: After = None,
     program: Annotated[
         Path | None,
-        typer.Option("--program", metavar="FILE", help="Append what has to be done, each step in its best way."),
+        typer.Option("--program", metavar="PROGRAM", help="Append what has to be done, each step in its best way."),
     ] = None,
     planner: Annotated[
         str | None, typer.Option("--planner", metavar="NAME", help="Plan with this engine of unified-planning.")
     ] = None,
     jobs: Jobs = None,
     seed: Seed = 0,
+    watch: Watch = False,
     as_json: Json = False,
 ) -> ExitCode:
     """Validate a workspace, and a task in it.
@@ -48,24 +52,25 @@ def command(
     from sqrp_cli.report.documents.document import as_text
     from sqrp_cli.terminal.console import note, print_problems, say_command, say_raw
 
+    if watch:
+        return watched(context, {"--json": as_json, "--program": program})
     if task is None and (program is not None or planner is not None):
         option = "--program" if program is not None else "--planner"
         raise InputError(Problem("bad-option", f"{option} is about a task, which is missing"))
     try:
+        workspace, after = Start.of(workspace, after, program)
         checked = _check(workspace, task, after, program, planner, job_count(jobs), seed)
     except InputError as error:
         if not as_json:
             raise
         say_raw(as_text(CheckDocument.of(workspace.name, task, (), error.problems)))
         return ExitCode.BAD_INPUT
-    if as_json:
-        say_raw(checked.to_json())
-    else:
+    if not as_json:
         print_problems(checked.problems)
-        checked.show()
-        if task is not None and checked.suggested and program is None:
-            command = f"sqrp check {shlex.join([str(workspace), task])} --program FILE"
-            say_command("\nTo write these steps as a program:", command)
+    answer(checked, as_json=as_json)
+    if not as_json and task is not None and checked.suggested and program is None:
+        command = f"sqrp check {shlex.join([str(workspace), task])} --program FILE"
+        say_command("\nTo write these steps as a program:", command)
     if not checked.valid:
         return ExitCode.BAD_INPUT
     if program is not None:

@@ -12,6 +12,8 @@ from sqrp_cli.cli import completion
 from sqrp_cli.cli import options as option
 from sqrp_cli.cli.command import Command
 from sqrp_cli.cli.options import answer, job_count
+from sqrp_cli.cli.start import Start
+from sqrp_cli.cli.watch import Watch, watched
 from sqrp_cli.errors import ExitCode, InputError, Problem, nearest
 
 if TYPE_CHECKING:
@@ -68,7 +70,8 @@ ShownWays = Annotated[
 
 
 def command(
-    workspace: option.WorkspacePath,
+    context: typer.Context,
+    workspace: option.StartPath,
     task: MaybeTask = None,
     choose: option.Choose = None,
     step: StepNumber = None,
@@ -82,6 +85,7 @@ def command(
     images: option.Images = None,
     jobs: option.Jobs = None,
     seed: option.Seed = 0,
+    watch: Watch = False,
     as_json: option.Json = False,
 ) -> ExitCode:
     """Explain how well the cameras see a way of doing a task.
@@ -90,14 +94,17 @@ def command(
     """
     from sqrp_cli.checks.cell_warnings import cell_warnings
     from sqrp_cli.checks.formulas import intervals_outside
-    from sqrp_cli.terminal.console import print_problems, progress, say_raw
+    from sqrp_cli.terminal.console import print_problems, progress
 
+    if watch:
+        return watched(context, {"--json": as_json})
     _check_options(choose, images, all_candidates=all_candidates)
     wanted, all_ways = option.read_ways(ways)
     sampling = option.read_sampling(samples, dt, tolerance)
     option.check_max_time(max_time)
     if task is None:
         return _explain_program(workspace, step, seed, as_json=as_json)
+    workspace, after = Start.of(workspace, after)
     cell = option.open_with_warnings(workspace, seed)
     choice = None if all_candidates else "best" if choose is None else choose
     explanation = cell.explain(
@@ -112,10 +119,9 @@ def command(
         progress=progress,
     )
     print_problems((*cell_warnings(cell.cell), *intervals_outside(one.assessment for one in explanation.ranking)))
-    if as_json:
-        say_raw(explanation.to_json())
-    else:
-        _show(explanation, workspace, after, task, choice or "best", all_ways=all_ways)
+    answer(explanation, as_json=as_json)
+    if not as_json:
+        _say_more(explanation, workspace, after, task, choice or "best", all_ways=all_ways)
     studies = [found for _, found in explanation.explained if found is not None]
     if images is not None:
         _write_images(cell.cell, studies, images, several=all_candidates)
@@ -126,10 +132,11 @@ def _explain_program(file: Path, step: int | None, seed: int, *, as_json: bool) 
     """Explain a step of a program, which stands where a workspace would."""
     from sqrp_cli.api.program import open_program
     from sqrp_cli.knowledge.text.input_file import missing_file
+    from sqrp_cli.program.file import is_program
 
     if not file.exists():
         raise InputError(missing_file(file))
-    if not (file.is_file() and b"sqrp_program" in file.read_bytes()[:200_000]):
+    if not is_program(file):
         message = f"{file} is no program, so a task is missing"
         raise InputError(Problem("no-program", message, mend=f"sqrp explain {file} TASK"))
     explanation = open_program(file, seed=seed).explain(step)
@@ -147,10 +154,10 @@ def _check_options(choose: str | None, images: Path | None, *, all_candidates: b
         check_pictures(images)
 
 
-def _show(
+def _say_more(
     explanation: Explanation, workspace: Path, after: Path | None, asked: str, choice: str, *, all_ways: bool
 ) -> None:
-    """The timeline or comparison, and the command that says how much of a remedy is enough.
+    """The command that says how much of a remedy is enough, and the other ways if they are wanted.
 
     asked: the task; `explanation` may be about a step of it. choice: of a candidate of that task.
     """
@@ -159,7 +166,6 @@ def _show(
     from sqrp_cli.terminal.console import say_command
     from sqrp_cli.terminal.ways_table import print_ways
 
-    explanation.show()
     found = explanation.explained[0].ranked.assessment
     if not explanation.several and HELP in found.verdict:
         lost = "q_eoi" if found.q_eoi is not None and falls_short(found.q_eoi, 1.0) else "q_avg"

@@ -29,7 +29,7 @@ RATES = (1.0, 2000.0)
 
 
 def command(
-    file: Annotated[Path, typer.Argument(metavar="FILE|new", help="A program file, or `new` to make one.")],
+    file: Annotated[Path, typer.Argument(metavar="PROGRAM|new", help="A program file, or `new` to make one.")],
     workspace: Annotated[
         Path | None, typer.Argument(metavar="WORKSPACE", help="With `new`: the workspace to make it for.")
     ] = None,

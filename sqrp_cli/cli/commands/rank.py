@@ -10,6 +10,8 @@ import typer
 
 from sqrp_cli.cli import options as option
 from sqrp_cli.cli.options import answer, job_count, open_to_write, page_is_written
+from sqrp_cli.cli.start import Start
+from sqrp_cli.cli.watch import Watch, watched
 from sqrp_cli.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -23,7 +25,7 @@ NAME = "rank"
 
 By = Annotated[str, typer.Option("--by", metavar="q_eoi|q_avg|time|delay|expected_time", help="What counts first.")]
 ProgramFile = Annotated[
-    Path | None, typer.Option("--program", metavar="FILE", help="Append the chosen candidate to this program file.")
+    Path | None, typer.Option("--program", metavar="PROGRAM", help="Append the chosen candidate to this program file.")
 ]
 AllRows = Annotated[bool, typer.Option("--all", help="Show all candidates, also of a long ranking.")]
 CameraErrors = Annotated[
@@ -39,7 +41,7 @@ CameraBounds = Annotated[
 
 def command(
     context: typer.Context,
-    workspace: option.WorkspacePath,
+    workspace: option.StartPath,
     task: option.TaskText,
     by: By = "q_eoi",
     samples: option.SampleCount = None,
@@ -56,6 +58,7 @@ def command(
     report: option.Report = None,
     jobs: option.Jobs = None,
     seed: option.Seed = 0,
+    watch: Watch = False,
     as_json: option.Json = False,
 ) -> ExitCode:
     """Rank the candidates of a task, each in its best way.
@@ -70,6 +73,9 @@ def command(
     from sqrp_cli.programming.ranking import rank, read_criterion
     from sqrp_cli.terminal.console import note, print_problems
 
+    if watch:
+        return watched(context, {"--json": as_json, "--program": program})
+    workspace, after = Start.of(workspace, after, program)
     criterion, (wanted, all_ways) = read_criterion(by), option.read_ways(ways)
     sampling = option.read_sampling(samples, dt, tolerance)
     drawn, bounds = option.read_calibration(calibration, seed), option.read_bounds(certify, sampling)

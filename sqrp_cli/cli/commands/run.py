@@ -29,7 +29,9 @@ _OPTIONS = {"film": "--record", "log": "--log", "frames": "--frames", "page": "-
 
 def command(
     context: typer.Context,
-    program: Annotated[Path | None, typer.Argument(metavar="PROGRAM", help="A program that `sqrp rank` wrote.")] = None,
+    program: Annotated[
+        Path | None, typer.Argument(metavar="PROGRAM", help="A program file, as `sqrp rank --program` writes.")
+    ] = None,
     sim: Annotated[bool, typer.Option("--sim", help="Run it in the simulated cell.")] = False,
     fault: Annotated[
         list[str] | None, typer.Option("--fault", metavar="FAULT", help=f"Let this happen: {_FORMS}; repeatable.")

@@ -10,6 +10,7 @@ import typer
 
 from sqrp_cli.cli import options as option
 from sqrp_cli.cli.options import Patches, answer, job_count, note_late, read_sampling
+from sqrp_cli.cli.watch import Watch, watched
 from sqrp_cli.errors import ExitCode, InputError, Problem
 from sqrp_cli.platform.files import check_distinct, check_writable
 
@@ -84,6 +85,7 @@ def command(
     dt: option.SampleStep = None,
     tolerance: option.Tolerance = None,
     jobs: option.Jobs = None,
+    watch: Watch = False,
     as_json: option.Json = False,
 ) -> ExitCode:
     """Score all tasks of many workspaces.
@@ -92,6 +94,8 @@ def command(
     """
     from sqrp_cli.scoring.work.cluster import connected
 
+    if watch:
+        return watched(context, {"--json": as_json, "--vary": vary, "--save-baseline": save_baseline})
     if resume and out is None:
         mend = "name the folder of the interrupted run: --out DIR --resume"
         raise InputError(Problem("bad-option", "--resume needs the folder with the results", mend=mend))

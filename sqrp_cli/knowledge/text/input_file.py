@@ -11,6 +11,7 @@ import os
 import stat
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from io import BufferedReader
 from pathlib import Path
@@ -26,6 +27,20 @@ NOT_THERE = "no such file or folder"
 YAML_ENDINGS = (".yaml", ".yml")
 
 
+_noted: ContextVar[set[Path] | None] = ContextVar("noted", default=None)
+
+
+@contextmanager
+def noted_files() -> Iterator[set[Path]]:
+    """The files that are opened meanwhile, or are missing."""
+    found: set[Path] = set()
+    before = _noted.set(found)
+    try:
+        yield found
+    finally:
+        _noted.reset(before)
+
+
 @contextmanager
 def open_input(path: Path, limit: int = LARGEST) -> Iterator[BufferedReader]:
     """A file of at most `limit` bytes, open for reading.
@@ -33,6 +48,8 @@ def open_input(path: Path, limit: int = LARGEST) -> Iterator[BufferedReader]:
     Raises InputError if it is missing (naming the file nearest in spelling), is not a regular file on a disk, is
     larger, or cannot be opened or read.
     """
+    if (noted := _noted.get()) is not None:
+        noted.add(path)
     if not os.path.isfile(path):  # noqa: PTH113 # `Path` raises for a name that is too long
         raise InputError(missing_file(path))
     try:
