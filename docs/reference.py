@@ -34,6 +34,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         "reference/workspace.md": keys_page("workspace", "Keys of `workspace.yaml`"),
         "reference/skill.md": keys_page("skill", "Keys of `skill.yaml`"),
         "reference/mounts.md": keys_page("mounts", "Keys of `place.yaml`"),
+        "reference/robot.md": keys_page("robot", "Keys of `robot.yaml`"),
         "reference/usual-values.md": usual_values_page(),
     }
     for path, text in pages.items():

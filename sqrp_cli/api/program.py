@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -34,7 +35,9 @@ if TYPE_CHECKING:
     from sqrp_cli.runtime.record.bag_recorder import BagRecorder
     from sqrp_cli.runtime.record.events import Event, Listener, RunBegan
     from sqrp_cli.runtime.record.film import ImageRecorder
+    from sqrp_cli.runtime.record.report import RunReport
     from sqrp_cli.runtime.run.injected_fault import InjectedFault
+    from sqrp_cli.runtime.run.program_run import Recording
     from sqrp_cli.runtime.run.simulation import Simulation
     from sqrp_cli.scoring.scorecard import Progress
 
@@ -118,10 +121,13 @@ class OpenProgram:
             for text in found
         ]
 
-    def read_faults(self, faults: Sequence[str], option: str = "faults") -> list[InjectedFault]:
+    def read_faults(
+        self, faults: Sequence[str], option: str = "faults", *, served: bool = False
+    ) -> list[InjectedFault]:
         """Faults read from texts; random instants are the same each time.
 
-        option: what gives them, for messages. Raises InputError for a text that is no fault of this program.
+        option: what gives them, for messages. served: whether they happen to a cell that is served to others. Raises
+        InputError for a text that is no fault of this program.
         """
         import numpy as np
 
@@ -129,7 +135,7 @@ class OpenProgram:
 
         check_texts(faults, option, "texts such as ['slip@a4+0.4']")
         rng, steps, cameras = np.random.default_rng(self.seed), self.program.steps, self.workspace.cameras
-        return [parse_fault(text, steps, cameras, rng, option) for text in faults]
+        return [parse_fault(text, steps, cameras, rng, option, served=served) for text in faults]
 
     def explain(self, step: int | None = None) -> Explanation:
         """Explain a step, from 1; by default the one that is seen worst. See `OpenCell.explain`."""
@@ -167,12 +173,14 @@ class OpenProgram:
         frames: str | Path | None = None,
         listeners: Sequence[Listener] = (),
         witnessed: bool = True,
+        elsewhere: Callable[[Recording], RunReport] | None = None,
     ) -> SimulatedRun:
         """Run the program in the simulated cell, watched through camera images alone.
 
         faults: as `sqrp run --fault` takes them, such as `slip@a4+0.4`. film, log, frames: a file, a file and a folder
         in which to keep the images as an MP4 film, the events, and every image. listeners: called with each event as
-        it happens. witnessed: whether the events have the true poses, for a page; a log always has them.
+        it happens. witnessed: whether the events have the true poses, for a page; a log always has them. elsewhere:
+        runs it in another cell, to which no faults can be made to happen.
 
         Raises InputError, before anything is written, where an output would replace an input or another output.
         """
@@ -185,7 +193,7 @@ class OpenProgram:
         if not isinstance(listeners, Sequence) or not all(map(callable, listeners)):
             raise refused("listeners", listeners, "functions of an event, in a list")
         outputs = self._outputs(film, log, frames)
-        simulation = self._simulation()
+        perform = elsewhere or partial(self._simulation().run, injected)
         from sqrp_cli.runtime.run.program_run import Recording
         from sqrp_cli.runtime.run.simulation import header
 
@@ -204,7 +212,7 @@ class OpenProgram:
             heard = [*(() if writer is None else (writer,)), *listeners, events.append]
             heard += [] if recorder is None else [recorder]
             states = witnessed or writer is not None or recorder is not None
-            report = simulation.run(injected, Recording(heard, gallery, states=states))
+            report = perform(Recording(heard, gallery, states=states))
             if writer is not None:
                 writer.finish(report)
         return SimulatedRun(

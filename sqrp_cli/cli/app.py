@@ -12,6 +12,7 @@ from sqrp_cli.cli.command import Command
 from sqrp_cli.cli.commands import (
     advise,
     audit,
+    cell,
     check,
     diff,
     explain,
@@ -57,6 +58,7 @@ COMMANDS = (
     place,
     program,
     run_program,
+    cell,
     audit,
     score,
     diff,

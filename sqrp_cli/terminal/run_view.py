@@ -159,8 +159,10 @@ def print_run(workspace: str, report: RunReport) -> None:
     say()
     times = "once" if report.conflicts == 1 else f"{report.conflicts} times"
     conflicts = f"cameras contradicted each other {times}" if report.conflicts else ""
-    tracking = f"the tool was off its path by {1000 * (report.tracking or 0.0):.3f} mm rms"
-    say("; ".join(part for part in (conflicts, tracking) if part).capitalize() + ".")
+    off = report.tracking
+    tracking = "" if off is None else f"the tool was off its path by {1000 * off:.3f} mm rms"
+    if conflicts or tracking:
+        say("; ".join(part for part in (conflicts, tracking) if part).capitalize() + ".")
 
 
 def _print_unseen(report: RunReport, *, told: bool) -> None:

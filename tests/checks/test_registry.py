@@ -28,7 +28,8 @@ CALLS = {"Problem", "problem", "error", "_report", "report", "Flaw"}
 NO_CODES = {
     "utf-8", "utf-8-sig",  # encodings
     "site-packages", "dist-packages", "example-robot-data", "opencv-contrib-python-headless",  # of Python
-    "camera-loss", "miss-pick", "perception-crash",  # faults that happen to a robot
+    "camera-loss", "miss-pick", "perception-crash", "perception-late",  # faults that happen to a robot
+    "joints-loss", "joints-frozen", "joints-latency",  # and to its joint states
     "scale-up", "scale-down",  # words of PDDL
     "system-out",  # an element of JUnit's format
     "no-mapping",  # becomes `wrong-type`

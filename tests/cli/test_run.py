@@ -235,11 +235,10 @@ def test_a_killed_process_stops_the_robot_in_time(sqrp: Callable[..., Any], cell
     assert found.document["stop"]["standing"] - found.document["faults"][0]["injected"] <= 0.5
 
 
-def test_there_is_no_driver_for_a_real_robot(sqrp: Callable[..., Any], cell: Cell) -> None:
+def test_where_to_run_must_be_said(sqrp: Callable[..., Any], cell: Cell) -> None:
     found = sqrp("run", cell.program)
     assert (found.code, found.out) == (2, "")
-    assert "no driver" in found.err
-    assert "--sim" in found.err
+    assert "expected where to run it: --sim, or --robot" in found.err
 
 
 @pytest.mark.parametrize("fault", ["slpi@a4", "slip@a9", "camera-loss:cam9@1", "latency:cam3", ""])

@@ -1,4 +1,4 @@
-"""`sqrp run`: a program in the simulated cell, watched by its cameras."""
+"""`sqrp run`: a program in the simulated cell or on a robot, watched by its cameras."""
 
 from __future__ import annotations
 
@@ -33,6 +33,16 @@ def command(
         Path | None, typer.Argument(metavar="PROGRAM", help="A program file, as `sqrp rank --program` writes.")
     ] = None,
     sim: Annotated[bool, typer.Option("--sim", help="Run it in the simulated cell.")] = False,
+    robot: Annotated[
+        Path | None, typer.Option("--robot", metavar="CONFIG", help="Run it on the robot that this file leads to.")
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="With --robot: check and look, but command nothing.")
+    ] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="With --robot: do not ask before it moves.")] = False,
+    speed: Annotated[
+        str | None, typer.Option("--speed", metavar="PERCENT", help="With --robot: at 10% of the program's speed.")
+    ] = None,
     fault: Annotated[
         list[str] | None, typer.Option("--fault", metavar="FAULT", help=f"Let this happen: {_FORMS}; repeatable.")
     ] = None,
@@ -76,6 +86,9 @@ def command(
 
     outputs = RunOutputs(film=record, log=log, frames=frames, page=report, options=_OPTIONS)
     _check_options(replay, sweep, n, fault, outputs)
+    _check_robot_options(robot, {"--dry-run": dry_run, "--yes": yes, "--speed": speed})
+    if robot is not None:
+        _refuse_with("--robot", {"--sim": sim, "--fault": fault, "--sweep": sweep, "--replay": replay})
     outputs.check_names()
     if report is not None:
         check_report(report)
@@ -84,6 +97,18 @@ def command(
         return _show(run, report, context.obj, as_json=as_json)
     if program is None:
         raise InputError(Problem("no-program", "expected a program to run", mend="sqrp run PROGRAM --sim"))
+    if robot is not None:
+        from sqrp_cli.cli.robot_run import run_on_robot
+
+        finished = run_on_robot(program, robot, speed, outputs, seed, dry_run=dry_run, yes=yes, as_json=as_json)
+        if finished is None:
+            return ExitCode.INTERRUPTED
+        if dry_run and finished.done and not as_json:
+            from sqrp_cli.terminal.console import say
+
+            say("The cell is as the program says, and so are the images where it starts. Nothing was commanded.")
+            return ExitCode.OK
+        return _show(finished, report, context.obj, as_json=as_json)
     opened = _open(program, sim=sim, seed=seed)
     if sweep is not None:
         return _sweep(opened, sweep, n, as_json=as_json)
@@ -107,6 +132,13 @@ def _check_options(
         raise InputError(Problem("bad-option", "--n is about --sweep, which is missing"))
 
 
+def _check_robot_options(robot: Path | None, others: Mapping[str, object]) -> None:
+    """Raises InputError for options of a robot without one."""
+    for name, value in others.items():
+        if value and robot is None:
+            raise InputError(Problem("bad-option", f"{name} is about --robot, which is missing"))
+
+
 def _refuse_with(option: str, others: Mapping[str, object]) -> None:
     """Raises InputError if an option is given together with one that it excludes."""
     for name, value in others.items():
@@ -121,7 +153,7 @@ def _open(path: Path, *, sim: bool, seed: int) -> OpenProgram:
 
     opened = program_with_warnings(path, seed)
     if not sim:
-        message = "there is no driver for a real robot yet"
+        message = "expected where to run it: --sim, or --robot with the file that leads to a robot"
         raise InputError(Problem("no-driver", message, mend=f"sqrp run {path} --sim"))
     check_simulator()
     print_problems(opened.warnings)

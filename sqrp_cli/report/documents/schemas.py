@@ -28,13 +28,19 @@ from sqrp_cli.report.documents.programs import ProgramDocument
 from sqrp_cli.report.documents.runs import AuditDocument, RunDocument, SweepDocument
 from sqrp_cli.report.documents.scene import InitDocument, ShowDocument
 from sqrp_cli.report.documents.scores import ScoreDocument, VaryDocument
+from sqrp_cli.runtime.cell.robot_file import RobotFile
 from sqrp_cli.runtime.record.events import Event
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 """The dialect of the schemas."""
 
-FILES: Mapping[str, type[Entry]] = {"workspace": WorkspaceFile, "skill": SkillFile, "mounts": PlaceFile}
-"""The model of each file: a workspace, a skill, and the `place.yaml` beside a workspace."""
+FILES: Mapping[str, type[Entry]] = {
+    "workspace": WorkspaceFile,
+    "skill": SkillFile,
+    "mounts": PlaceFile,
+    "robot": RobotFile,
+}
+"""The model of each file: a workspace, a skill, the `place.yaml` beside a workspace, and how to reach a real cell."""
 
 _RECORD_NAMES: Mapping[str, str] = {
     "Detector": "DetectorEntry",

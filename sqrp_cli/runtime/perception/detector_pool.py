@@ -51,6 +51,15 @@ class DetectorPool:
         """Have an image looked at, with what was believed when it was taken."""
         self._of_camera[image.camera].send(_ImageTask(image, believed))
 
+    def get_ready(self) -> None:
+        """Wait until all processes have answered what they were asked. Raises PerceptionError if one has crashed."""
+        for worker in self._workers:
+            worker.answer_all()
+
+    def is_free(self, camera: str) -> bool:
+        """Whether the process that looks through a camera has nothing to do, so that `submit` returns at once."""
+        return self._of_camera[camera].is_free()
+
     def is_ready(self, camera: str) -> bool:
         """Whether `collect` would answer at once. Raises PerceptionError if the process has crashed."""
         return self._of_camera[camera].is_ready(camera)
@@ -87,11 +96,24 @@ class _Worker:
         self.cameras = cameras
         self._process = Worker[DetectionTargets | _ImageTask, Detection | None](context, _detectors, cell, cameras)
         self._ready: dict[str, deque[Detection]] = {name: deque() for name in cameras}
+        self._unanswered = 0
 
     def send(self, message: DetectionTargets | _ImageTask) -> None:
         while self._process.answered():  # else both ends could wait for the other to read
             self._take()
         self._process.send(message)
+        self._unanswered += 1
+
+    def answer_all(self) -> None:
+        while self._unanswered:
+            if not self._process.answered(ANSWER_WITHIN):
+                raise PerceptionError(self.cameras, "does not answer")
+            self._take()
+
+    def is_free(self) -> bool:
+        while self._process.answered():
+            self._take()
+        return not self._unanswered
 
     def is_ready(self, camera: str) -> bool:
         while not self._ready[camera] and self._process.answered():
@@ -112,6 +134,7 @@ class _Worker:
         except Exception as error:  # it died, or found what it cannot cope with
             self.kill()
             raise PerceptionError(self.cameras, "has ended") from error
+        self._unanswered -= 1
         if detection is not None:
             self._ready[detection.camera].append(detection)
 

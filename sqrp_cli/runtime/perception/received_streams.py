@@ -6,8 +6,10 @@ an image, or images that nobody gets round to look at.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.runtime.image import CameraImage
@@ -15,7 +17,7 @@ from sqrp_cli.runtime.perception.detections import BelievedState, Detection
 from sqrp_cli.runtime.perception.detector_pool import DetectorPool
 from sqrp_cli.runtime.perception.image_stream import OVERDUE_PERIODS, Expose, Streams, lost_if_crashed
 from sqrp_cli.runtime.record.events import listed
-from sqrp_cli.runtime.record.report import PROCESSING, MonitoringLost
+from sqrp_cli.runtime.record.report import MonitoringLost
 
 LOOKING = 0.005
 """Time between two looks for images that have come [s]."""
@@ -23,8 +25,19 @@ LOOKING = 0.005
 MOST_WAITING = 3
 """Most images of a camera that wait to be looked at; what comes then is left out."""
 
-SLACK = 2 * PROCESSING
-"""How much later than in simulation an image may be: it is carried and looked at in real time [s]."""
+SLACK, LOOKING_SLACK = 0.08, 0.3
+"""How much later than in simulation an image may come, and be looked at, in real time [s]."""
+
+
+FIRST = 3.0
+"""How much longer the first image may take, for which the robot waits [s]."""
+
+
+class _Look(NamedTuple):
+    """An image to look at, with what was believed when it was taken."""
+
+    image: CameraImage
+    believed: BelievedState
 
 
 @dataclass
@@ -38,13 +51,23 @@ class _Stream:
     """Exposure of the newest one that came."""
     seen: float = 0.0
     """Exposure of the newest one that was looked at."""
-    waiting: int = 0
-    """How many wait to be looked at."""
+    begun: bool = False
+    """Whether any image was looked at since `resume`."""
+    waiting: deque[_Look] = field(default_factory=deque)
+    """Those that nobody looks at yet."""
+    looked_at: int = 0
+    """How many are being looked at."""
 
     @property
     def patience(self) -> float:
         """How old its newest image may get [s]."""
-        return self.camera.latency + OVERDUE_PERIODS / self.camera.rate + SLACK
+        usual = self.camera.latency + OVERDUE_PERIODS / self.camera.rate
+        return usual if self.begun else usual + FIRST
+
+    @property
+    def overdue(self) -> float:
+        """Longest time without any image [s]."""
+        return OVERDUE_PERIODS / self.camera.rate + (0.0 if self.begun else FIRST)
 
     @property
     def next_exposure(self) -> float:
@@ -69,8 +92,8 @@ class ReceivedStreams(Streams):
 
     @property
     def next_arrival(self) -> float:
-        """As `Streams` says: nobody knows."""
-        return float("inf")
+        """When to look again for what images show [s]."""
+        return self.next_exposure
 
     @property
     def next_check(self) -> float:
@@ -91,6 +114,8 @@ class ReceivedStreams(Streams):
         now = max(t, self._clock())
         for stream in self._streams.values():
             stream.came, stream.newest, stream.seen = now, max(stream.newest, now), max(stream.seen, now)
+            stream.begun = False
+            stream.waiting.clear()
         return now
 
     def expose(self, t: float, take: Expose, believed: Callable[[float], BelievedState]) -> list[CameraImage]:
@@ -100,12 +125,12 @@ class ReceivedStreams(Streams):
         for name, image in take(list(self._streams)).items():
             stream = self._streams[name]
             stream.came = t
-            if image.t <= stream.newest or stream.waiting >= MOST_WAITING:
+            if image.t <= stream.newest:
                 continue
             stream.newest = image.t
-            stream.waiting += 1
-            with lost_if_crashed():
-                self._detectors.submit(image, believed(image.t))
+            if len(stream.waiting) >= MOST_WAITING:
+                continue
+            stream.waiting.append(_Look(image, believed(image.t)))
             found.append(image)
         self.images += len(found)
         return sorted(found, key=lambda image: (image.t, image.camera))
@@ -115,26 +140,38 @@ class ReceivedStreams(Streams):
         found = []
         with lost_if_crashed():
             for name, stream in self._streams.items():
-                while stream.waiting and self._detectors.is_ready(name):
+                while stream.looked_at and self._detectors.is_ready(name):
                     found.append(self._detectors.collect(name))
-                    stream.waiting -= 1
+                    stream.looked_at -= 1
+                    stream.begun |= found[-1].t > stream.seen
                     stream.seen = max(stream.seen, found[-1].t)
+            self._look_at_more()
         return self._collected(found)
+
+    def _look_at_more(self) -> None:
+        """Give processes that have nothing to do the oldest images that wait."""
+        waiting = [stream for stream in self._streams.values() if stream.waiting]
+        for stream in sorted(waiting, key=lambda one: one.waiting[0].image.t):
+            if self._detectors.is_free(stream.camera.name):
+                look = stream.waiting.popleft()
+                self._detectors.submit(look.image, look.believed)
+                stream.looked_at += 1
 
     def failure(self, t: float) -> MonitoringLost | None:
         """As `Streams` says. The worst reason counts: no images, then old ones, then nobody who looks at them."""
-        failed = [stream for stream in self._streams.values() if t > stream.seen + stream.patience]
+        streams = self._streams.values()
+        lost = {one.camera.name: t - one.newest for one in streams if t > one.came + one.overdue + SLACK}
+        late = {one.camera.name: t - one.newest for one in streams if t > one.newest + one.patience + SLACK}
+        slow = {one.camera.name: t - one.seen for one in streams if t > one.seen + one.patience + LOOKING_SLACK}
+        failed = list(lost or late or slow)
         if not failed:
             return None
-        lost = [one for one in failed if t > one.came + OVERDUE_PERIODS / one.camera.rate]
-        late = [one for one in failed if t > one.newest + one.patience]
-        worst = lost or late or failed
-        cameras, verb = [one.camera.name for one in worst], "is" if len(worst) == 1 else "are"
-        ages = listed(sorted({f"{t - (one.newest if worst is not failed else one.seen):.2f} s" for one in worst}))
-        if worst is lost:
-            return MonitoringLost(f"{listed(cameras)} {verb} lost: no image for {ages}", "camera-loss", cameras)
-        if worst is late:
-            reason = f"the images of {listed(cameras)} come too late: the newest {verb} {ages} old"
-            return MonitoringLost(reason, "latency", cameras)
-        reason = f"perception is too slow for {listed(cameras)}: the newest image that was looked at {verb} {ages} old"
-        return MonitoringLost(reason, "perception-late", cameras)
+        names, are = listed(failed), "is" if len(failed) == 1 else "are"
+        ages = listed(sorted({f"{age:.2f} s" for age in (lost or late or slow).values()}))
+        if lost:
+            return MonitoringLost(f"{names} {are} lost: no image for {ages}", "camera-loss", failed)
+        if late:
+            reason = f"the images of {names} come too late: the newest {are} {ages} old"
+            return MonitoringLost(reason, "latency", failed)
+        reason = f"this computer looks too slowly at images of {names}: it knows what they showed {ages} ago"
+        return MonitoringLost(reason, "perception-late", failed)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -14,7 +14,17 @@ from sqrp_cli.knowledge.text.units import TIME, expected_quantity, read_quantity
 from sqrp_cli.program.check import SAME_TIME
 from sqrp_cli.program.record import ProgramPrimitive, Step
 
-FaultKind = Literal["slip", "miss-pick", "camera-loss", "frozen", "latency", "perception-crash"]
+FaultKind = Literal[
+    "slip",
+    "miss-pick",
+    "camera-loss",
+    "frozen",
+    "latency",
+    "perception-crash",
+    "joints-loss",
+    "joints-frozen",
+    "joints-latency",
+]
 
 _FORMS = {
     "slip": "slip@a4+0.4, slip@a4:random or slip@7.2",
@@ -24,6 +34,14 @@ _FORMS = {
     "latency": "latency:cam3=0.5",
     "perception-crash": "perception-crash:cam1@4",
 }
+_SERVED_FORMS = {
+    **{kind: form for kind, form in _FORMS.items() if kind != "perception-crash"},
+    "joints-loss": "joints-loss@5",
+    "joints-frozen": "joints-frozen@5",
+    "joints-latency": "joints-latency=0.5",
+}
+"""Of a cell that is served: its joint states can fail, but the processes that look at its images are not its own."""
+
 SWEPT = ("slip",)
 """Faults whose instant can be swept."""
 
@@ -98,31 +116,39 @@ class _FaultText:
     text: str
     bare: str
     """The text without the number of a step."""
+    forms: Mapping[str, str]
+    """How the faults that can happen are written."""
 
     def refused(self, message: str, mend: str | None = None) -> InputError:
         """mend: by default, the forms of a fault of this kind."""
-        form = _FORMS.get(_kind(self.bare))
+        form = self.forms.get(_kind(self.bare))
         if form is not None and self.bare != self.text:
             form = f"`{self.text.removesuffix(self.bare)}` and then {form}"
-        mend = mend or (f"write {form}" if form else f"give one of: {'; '.join(_FORMS.values())}")
+        mend = mend or (f"write {form}" if form else f"give one of: {'; '.join(self.forms.values())}")
         return InputError(Problem("bad-fault", f"{self.option} {self.text}: {message}", mend=mend))
 
 
 def parse_fault(
-    text: str, steps: Sequence[Step], cameras: Collection[str], rng: np.random.Generator, option: str = "--fault"
+    text: str,
+    steps: Sequence[Step],
+    cameras: Collection[str],
+    rng: np.random.Generator,
+    option: str = "--fault",
+    *,
+    served: bool = False,
 ) -> InjectedFault:
     """A fault such as `slip@a4+0.4`, or `2:slip@a4+0.4` in the second step. Raises InputError with what was expected.
 
     text: with times in seconds or with a unit, from the start of the step. steps: of the program; without a number the
     first is meant, or the first in which it can happen if the text names a primitive or a grasp. rng: of random
-    instants. option: that gives it, for messages.
+    instants. option: that gives it, for messages. served: whether it happens to a cell that is served to others.
     """
-    written, places = _read_step(option, text, steps)
+    written, places = _read_step(option, text, steps, _SERVED_FORMS if served else _FORMS)
     head = _kind(written.bare)
-    if head not in _FORMS:
+    if head not in written.forms:
         if any(head == entry.fault for step in steps for entry in step.formulas):
             raise written.refused(f"`{head}` is what monitors look for, and cannot be made to happen as such")
-        raise written.refused(f"there is no fault `{head}`; {expected_names(head, _FORMS)}")
+        raise written.refused(f"there is no fault `{head}`; {expected_names(head, written.forms)}")
     rest, number = written.bare[len(head) :], places[0].number
     match head:
         case "slip":
@@ -137,6 +163,15 @@ def parse_fault(
                 raise written.refused("expected the camera and by how much it is late")
             camera = _camera(written, found["camera"], cameras)
             return InjectedFault("latency", text, 0.0, camera, _time(written, found["delay"]), number)
+        case "joints-latency":
+            if not rest.startswith("="):
+                raise written.refused("expected by how much joint states are late")
+            return InjectedFault("joints-latency", text, 0.0, None, _time(written, rest[1:]), number)
+        case "joints-loss" | "joints-frozen":
+            if not rest.startswith("@"):
+                raise written.refused("expected when it happens")
+            joints: FaultKind = "joints-loss" if head == "joints-loss" else "joints-frozen"
+            return InjectedFault(joints, text, _time(written, rest[1:]), step=number)
     found = _CAMERA_AT.fullmatch(rest.removeprefix(":")) if rest.startswith(":") else None
     if found is None:
         raise written.refused("expected the camera and when it happens")
@@ -154,7 +189,7 @@ class MeantPrimitive(NamedTuple):
 
 def parse_sweep(text: str, steps: Sequence[Step], option: str = "--sweep") -> MeantPrimitive:
     """Where a sweep such as `slip@a4` or `2:slip@a4` is. Raises InputError for a fault that cannot be swept."""
-    written, places = _read_step(option, text, steps)
+    written, places = _read_step(option, text, steps, _FORMS)
     kind, _, name = written.bare.partition("@")
     if kind not in SWEPT:
         raise written.refused("expected `slip@` and a primitive of the program", _slip_instead(places))
@@ -167,13 +202,15 @@ def parse_sweep(text: str, steps: Sequence[Step], option: str = "--sweep") -> Me
     return found
 
 
-def _read_step(option: str, text: str, steps: Sequence[Step]) -> tuple[_FaultText, list[StepPlace]]:
+def _read_step(
+    option: str, text: str, steps: Sequence[Step], forms: Mapping[str, str]
+) -> tuple[_FaultText, list[StepPlace]]:
     """The text, and the steps in which the fault may happen: all, or the one given by its number."""
     places = _places(steps)
     found = _STEP.fullmatch(text)
     if found is None:
-        return _FaultText(option, text, text), places
-    written, number = _FaultText(option, text, found["bare"]), int(found["number"])
+        return _FaultText(option, text, text, forms), places
+    written, number = _FaultText(option, text, found["bare"], forms), int(found["number"])
     if 1 <= number <= len(places):
         return written, [places[number - 1]]
     names = ", ".join(place.named for place in places[:MOST_NAMES])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -88,10 +88,22 @@ class Run:
 
     def run(self) -> RunReport:
         """Run all steps; returns how it went."""
+        return self._reported(self._run_steps)
+
+    def look(self) -> RunReport:
+        """Look whether all is as it should be where the first step starts, without moving; returns what came of it."""
+        step = self._program.steps[0]
+        return self._reported(lambda: self._look_at_start(self._prepared(0, step, first=True), 1))
+
+    def _run_steps(self) -> None:
+        for index, step in enumerate(self._program.steps):
+            self._run_step(index, step)
+
+    def _reported(self, happen: Callable[[], None]) -> RunReport:
+        """How it went when something happened."""
         report, lockstep = self._report, self._lockstep
         try:
-            for index, step in enumerate(self._program.steps):
-                self._run_step(index, step)
+            happen()
         except Stopped as stopped:
             report.outcome, report.reason = "stopped", str(stopped)
             self._tracker.stopped(lockstep.now, stopped if isinstance(stopped, MonitoringLost) else None)
@@ -121,24 +133,32 @@ class Run:
 
     def _attempt(self, index: int, step: Step, *, first: bool) -> tuple[Attempt, Alarm | None]:
         """Try a step once. Returns the attempt, and the alarm that needs a response; None if the step is done."""
-        lockstep, number = self._lockstep, index + 1
-        nominal = NominalStep(step, self._program.joints, self._body)
-        check = PredictionCheck(index, nominal, list(self._streams.cameras))
-        attempt = Attempt(step, nominal, StepMonitor(nominal, self._streams.period), check, undisturbed=first)
-        lockstep.attempt = attempt
-        lockstep.catch_up()
-        self._collector.watch(attempt, number, lockstep.now)
-        self._publisher.publish(_step_began(step, number, lockstep.now))
+        attempt, number = self._prepared(index, step, first=first), index + 1
+        check = attempt.check
         try:
-            wrong = self._look(attempt, 0.0)
-            if wrong is not None:
-                raise Stopped(f"wrong start: {wrong.text}")
+            self._look_at_start(attempt, number)
             alarm = self._move(attempt, number)
         finally:
             if first:
                 self._report.prediction.append(check.counts)
                 self._report.disagreements.extend(check.disagreements)
         return attempt, alarm
+
+    def _prepared(self, index: int, step: Step, *, first: bool) -> Attempt:
+        """An attempt at a step, before it begins."""
+        nominal = NominalStep(step, self._program.joints, self._body)
+        check = PredictionCheck(index, nominal, list(self._streams.cameras))
+        return Attempt(step, nominal, StepMonitor(nominal, self._streams.period), check, undisturbed=first)
+
+    def _look_at_start(self, attempt: Attempt, number: int) -> None:
+        """Begin an attempt at the step of a number by a look. Raises Stopped where something is not as it should be."""
+        lockstep = self._lockstep
+        lockstep.attempt = attempt
+        lockstep.catch_up()
+        self._collector.watch(attempt, number, lockstep.now)
+        self._publisher.publish(_step_began(attempt.step, number, lockstep.now))
+        if (wrong := self._look(attempt, 0.0)) is not None:
+            raise Stopped(f"wrong start: {wrong.text}")
 
     def _move(self, attempt: Attempt, number: int) -> Alarm | None:
         """Play the motion of an attempt at the step of a number, then look at what came of it."""

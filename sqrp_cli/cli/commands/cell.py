@@ -1,0 +1,87 @@
+"""`sqrp cell`: the simulated cell as a process of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sqrp_cli.cli.options import Seed, WorkspacePath, open_with_warnings, program_with_warnings
+from sqrp_cli.errors import ExitCode, InputError, Problem, expected_names
+
+NAME = "cell"
+
+_HOW = ("ros2", "ros1")
+
+
+def command(
+    workspace: WorkspacePath,
+    serve: Annotated[
+        str, typer.Option("--serve", metavar="ros2|ros1", help="By topics of ROS 2 (DDS), or of ROS 1.")
+    ] = "",
+    config: Annotated[
+        Path | None,
+        typer.Option("--config", metavar="FILE", help="Write how `run --robot` reaches it, once it can be reached."),
+    ] = None,
+    program: Annotated[
+        Path | None, typer.Option("--program", metavar="FILE", help="Begin where this program begins.")
+    ] = None,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--fault",
+            metavar="FAULT",
+            help="Let this happen, at times from the program's first motion: as in `run --sim`, and joints-loss@5, "
+            "joints-frozen@5, joints-latency=0.5; repeatable.",
+        ),
+    ] = None,
+    domain: Annotated[
+        int | None, typer.Option("--domain", metavar="N", min=0, max=232, help="Of ROS 2; by default a free one.")
+    ] = None,
+    network: Annotated[
+        str | None,
+        typer.Option("--network", metavar="NAME", help="Interface or address of ROS 2; loopback by default."),
+    ] = None,
+    pace: Annotated[
+        float, typer.Option("--pace", metavar="FACTOR", min=0.001, max=100.0, help="How fast its time may pass.")
+    ] = 1.0,
+    seed: Seed = 0,
+) -> ExitCode:
+    """Serve the simulated cell to other programs: it follows trajectories and publishes joint states and images.
+
+    Runs until Ctrl-C. Its clock is `/clock`, which passes more slowly where this computer is too slow.
+    """
+    from sqrp_cli.api.robot import serve as serve_cell
+    from sqrp_cli.api.robot import served_as
+    from sqrp_cli.platform.files import check_not_read, check_writable, write_atomically
+    from sqrp_cli.runtime.cell.robot_file import as_yaml
+    from sqrp_cli.terminal.console import note
+
+    if serve not in _HOW:
+        message = f"--serve is {f'`{serve}`' if serve else 'missing'}; {expected_names(serve, _HOW)}"
+        raise InputError(Problem("bad-option", message))
+    if fault and program is None:
+        raise InputError(Problem("bad-option", "--fault needs --program: its times are those of a program"))
+    cell = open_with_warnings(workspace, seed)
+    opened = None if program is None else program_with_warnings(program, seed)
+    if config is not None:
+        check_not_read([config], [file.path for file in cell.workspace.files.values()])
+        check_writable(config)
+    joints = tuple(cell.workspace.robot.home) if opened is None else opened.program.joints
+    file = served_as("ros2" if serve == "ros2" else "ros1", joints, cell, network, domain)
+
+    def ready() -> None:
+        if config is not None:
+            write_atomically(config, as_yaml(file))
+        where = f"domain {file.domain}, {file.network}" if serve == "ros2" else "ROS 1"
+        note(f"serving {cell.workspace.name} ({where}) until Ctrl-C")
+
+    try:
+        serve_cell(cell, opened, file, fault or [], seed, ready=ready, tell=note, factor=pace)
+    except KeyboardInterrupt:
+        note("stopped serving")
+    finally:
+        if config is not None:
+            config.unlink(missing_ok=True)
+    return ExitCode.OK

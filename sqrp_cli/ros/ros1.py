@@ -1,0 +1,139 @@
+"""Topics of ROS 1 by rospy, which Debian packages and sourced workspaces have; messages are bytes of the store.
+
+The only module that uses `rospy` and `rosgraph`. An action is five topics: nothing else of ROS is needed to use one.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.ros.messages import Message, MessageTypes, message_types
+from sqrp_cli.ros.transport import Inbox, Send, Topic
+
+DEBIAN = Path("/usr/lib/python3/dist-packages")
+"""Where Debian has the packages, which Python of another place does not look at."""
+
+LARGEST = 1 << 26
+"""Most bytes that a connection holds for us."""
+
+
+class Ros1Transport:
+    """Topics of a master of ROS 1."""
+
+    def __init__(self, master: str | None = None) -> None:
+        """master: its address, by default ROS_MASTER_URI. Raises InputError without rospy or a master."""
+        if master is not None:
+            os.environ["ROS_MASTER_URI"] = master
+        self._rospy = _rospy()
+        self.types: MessageTypes = message_types(1)
+        self._heard = threading.Event()
+        self._publishers: dict[str, Any] = {}
+        self._subscribers: list[Any] = []
+        self._master = _master()
+        if not self._rospy.core.is_initialized():
+            self._rospy.init_node("sqrp", anonymous=True, disable_signals=True, disable_rosout=True)
+
+    def publish(self, topic: Topic) -> Send:
+        """As `Transport` says."""
+        carrier = _carrier(topic.type, self.types)
+        publisher = self._rospy.Publisher(topic.name, carrier, queue_size=topic.depth, latch=topic.latched)
+        self._publishers[topic.name] = publisher
+
+        def send(message: Message) -> None:
+            publisher.publish(carrier(self.types.encode(message)))
+
+        return send
+
+    def subscribe(self, topic: Topic) -> Inbox:
+        """As `Transport` says. A sender of another type is never heard."""
+        inbox = Inbox(topic, self.types, self._heard.set)
+        receive: Callable[[Any], None] = lambda message: inbox.put(message.data)  # noqa: E731 - it has a type
+        carrier = _carrier(topic.type, self.types)
+        subscriber = self._rospy.Subscriber(
+            topic.name, carrier, receive, queue_size=topic.depth, buff_size=LARGEST, tcp_nodelay=True
+        )
+        self._subscribers.append(subscriber)
+        return inbox
+
+    def readers(self, topic: Topic) -> int:
+        """As `Transport` says."""
+        return int(self._publishers[topic.name].get_num_connections())
+
+    def senders(self, topic: Topic) -> Sequence[str]:
+        """As `Transport` says: by the master."""
+        publishers, _, _ = self._master.getSystemState()
+        kinds = {name: kind.replace("/", "/msg/") for name, kind in self._master.getTopicTypes()}
+        wanted = topic.name if topic.name.startswith("/") else f"/{topic.name}"
+        return [kinds.get(name, "") for name, nodes in publishers if name == wanted for _ in nodes]
+
+    def wait(self, seconds: float) -> None:
+        """As `Transport` says."""
+        self._heard.wait(seconds)
+        self._heard.clear()
+
+    def close(self) -> None:
+        """As `Transport` says. A process connects once: rospy cannot be started again."""
+        for one in (*self._subscribers, *self._publishers.values()):
+            one.unregister()
+
+
+def _rospy() -> Any:  # noqa: ANN401 # a module without types
+    """The module. Raises InputError where it is not installed."""
+    try:
+        import rospy
+    except ImportError:
+        if str(DEBIAN) not in sys.path and (DEBIAN / "rospy").is_dir():
+            sys.path.append(str(DEBIAN))
+        try:
+            import rospy
+        except ImportError as error:
+            message = f"ROS 1 needs rospy, which cannot be imported: {error}"
+            mend = "apt install python3-rospy python3-rosgraph-msgs, or source a workspace of ROS 1"
+            raise InputError(Problem("missing-extra", message, mend=mend)) from error
+    return rospy
+
+
+def _master() -> Any:  # noqa: ANN401 # of a library without types
+    """The master. Raises InputError where there is none."""
+    import rosgraph
+
+    uri = os.environ.get("ROS_MASTER_URI", "")
+    try:
+        master = rosgraph.Master("/sqrp")
+        master.getPid()
+    except Exception as error:  # whatever XML-RPC makes of a wrong address
+        message = f"no master of ROS 1 answers at {uri or 'ROS_MASTER_URI, which is not set'}"
+        raise InputError(Problem("no-network", message, mend="roscore")) from error
+    return master
+
+
+def _carrier(name: str, types: MessageTypes) -> Any:  # noqa: ANN401 # a class made at run time
+    """The class of a type for rospy, whose messages are bytes: rospy only learns from it what they are."""
+    import genpy
+
+    text, md5 = types.definition(name)
+
+    class Carrier(genpy.Message):  # type: ignore[misc]
+        """A message as bytes."""
+
+        _type, _md5sum, _full_text, _has_header = name.replace("/msg/", "/"), md5, text, False
+        __slots__ = ("data",)
+        _slot_types = ("string",)
+
+        def __init__(self, data: bytes = b"") -> None:
+            self.data = data
+
+        def serialize(self, buff: Any) -> None:  # noqa: ANN401 # of a library without types
+            buff.write(self.data)
+
+        def deserialize(self, data: bytes) -> Any:  # noqa: ANN401 # as above
+            self.data = bytes(data)
+            return self
+
+    return Carrier

@@ -1,0 +1,394 @@
+"""A cell that is reached by messages of ROS: a real one, or a simulated one in another process."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import NamedTuple
+
+import numpy as np
+
+from sqrp_cli.errors import InputError, Place
+from sqrp_cli.geometry import Array
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.ros.messages import Message, MessageError, nanoseconds
+from sqrp_cli.ros.transport import Inbox, Send, Topic, Transport
+from sqrp_cli.runtime.cell.interface import StoppableReference
+from sqrp_cli.runtime.cell.portions import Portion, Portions
+from sqrp_cli.runtime.cell.robot_file import RobotFile
+from sqrp_cli.runtime.image import CameraImage
+from sqrp_cli.runtime.record.packed_image import image_of
+from sqrp_cli.runtime.record.report import Stopped
+
+TICK = 0.004
+"""Longest wait for a message [s]."""
+
+JOINTS_OVERDUE = 0.12
+"""How old the newest joint states may get [s]."""
+
+STILL, MOVED = 0.1, 0.01
+"""Joint states are frozen if they stay the same for this long [s] while the arm is wanted to move so far [rad]."""
+
+CLOCK_STOPS = 2.0
+"""Without a message on `/clock` for this long [s], time stands still."""
+
+FLOOD_FACTOR, FLOOD_WINDOW, MOST_JOINT_STATES = 20.0, 0.5, 5000.0
+"""A flood: so many times more images than a camera takes, or so many joint states a second, over a window [s]."""
+
+_REMEMBERED = 2000
+"""How many joint states are kept, to know where the robot was when an image was taken."""
+
+CLOCK = Topic(name="/clock", type="rosgraph_msgs/msg/Clock", depth=1)
+_JOINT_STATE, _TRAJECTORY = "sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory"
+_POINT = "trajectory_msgs/msg/JointTrajectoryPoint"
+
+
+class RosClock:
+    """The time of a cell: that of this computer, or of `/clock`."""
+
+    def __init__(self, transport: Transport, *, simulated: bool) -> None:
+        self._inbox = transport.subscribe(CLOCK) if simulated else None
+        self._newest = 0
+        self._heard = time.monotonic()
+        self.origin = 0
+        """What counts as time 0 [ns]."""
+
+    def read(self) -> None:
+        """Take note of what has come. Raises MessageError for what is no time."""
+        for arrived in self._inbox.take() if self._inbox is not None else ():
+            self._newest, self._heard = max(self._newest, nanoseconds(arrived.message.clock)), arrived.t
+
+    @property
+    def ns(self) -> int:
+        """The time since the epoch of the clock [ns]; 0 before any is known."""
+        return time.time_ns() if self._inbox is None else self._newest
+
+    @property
+    def now(self) -> float:
+        """The time since the origin [s]."""
+        return (self.ns - self.origin) * 1e-9
+
+    def since(self, stamp: Message) -> float:
+        """A stamp as a time since the origin [s]."""
+        return (nanoseconds(stamp) - self.origin) * 1e-9
+
+    @property
+    def stands_still(self) -> bool:
+        """Whether `/clock` has nothing to say any more."""
+        return self._inbox is not None and time.monotonic() - self._heard > CLOCK_STOPS
+
+
+class JointLog:
+    """Where the joints were lately."""
+
+    def __init__(self, names: Mapping[str, str]) -> None:
+        """names: of joints in the workspace, by those in messages."""
+        self._names = names
+        self._log: deque[tuple[float, Mapping[str, float]]] = deque(maxlen=_REMEMBERED)
+        self.changed = 0.0
+        """Stamp of the first message that said what the last one says [s]."""
+        self.came = -float("inf")
+        """When the last one came [s]."""
+
+    def add(self, t: float, message: Message, now: float) -> None:
+        """Joint states of a time [s] have come. Raises MessageError for positions that are none."""
+        if len(message.name) != len(message.position):
+            what = f"{len(message.name)} names of joints with {len(message.position)} positions"
+            raise MessageError(what)
+        if not np.isfinite(message.position).all():
+            raise MessageError("positions of joints that are no numbers")
+        named = zip(message.name, message.position.tolist(), strict=True)
+        found = {self._names.get(name, name): q for name, q in named}
+        self.came = now
+        if self._log and t <= self._log[-1][0]:
+            return
+        if not self._log or any(self._log[-1][1].get(name) != q for name, q in found.items()):
+            self.changed = t
+        # A gripper may report apart from the arm.
+        self._log.append((t, {**self._log[-1][1], **found} if self._log else found))
+
+    @property
+    def newest(self) -> float:
+        """Time of the last one [s]."""
+        return self._log[-1][0] if self._log else -float("inf")
+
+    @property
+    def known(self) -> bool:
+        """Whether any has come."""
+        return bool(self._log)
+
+    def at(self, t: float | None = None) -> Mapping[str, float]:
+        """Positions at a time [s], in between two messages on the line between them; the newest by default."""
+        if not self._log:
+            return {}
+        if t is None or t >= self.newest:
+            return self._log[-1][1]
+        later = self._log[-1]
+        for earlier in reversed(self._log):
+            if earlier[0] <= t:
+                share = (t - earlier[0]) / max(later[0] - earlier[0], 1e-9)
+                return {name: q + share * (later[1][name] - q) for name, q in earlier[1].items()}
+            later = earlier
+        return later[1]
+
+
+class Shown(NamedTuple):
+    """An image of a camera, on the cell's clock."""
+
+    t: float
+    """When it was taken [s]."""
+    came: float
+    """When it came [s]."""
+
+
+@dataclass
+class _Flood:
+    """Whether more comes than anybody can mean."""
+
+    inbox: Inbox
+    most: float
+    """Messages a second."""
+    count: int = 0
+    since: float = field(default_factory=time.monotonic)
+
+    def check(self) -> str | None:
+        """What is wrong."""
+        passed = time.monotonic() - self.since
+        if passed < FLOOD_WINDOW:
+            return None
+        rate = (self.inbox.count - self.count) / passed
+        self.count, self.since = self.inbox.count, time.monotonic()
+        if rate <= self.most:
+            return None
+        return f"a flood on `{self.inbox.topic.name}`: {rate:,.0f} messages a second"
+
+
+class RosCell:
+    """A cell behind topics; a context manager that leaves the robot standing."""
+
+    def __init__(self, file: RobotFile, joints: Mapping[str, str], workspace: Workspace, transport: Transport) -> None:
+        """joints: that are moved, with their names in messages."""
+        self.file, self.transport, self.cameras = file, transport, workspace.cameras
+        self._wire_names = tuple(joints.values())
+        self.moved = tuple(joints)
+        types = transport.types
+        self._types = types
+        self.clock = RosClock(transport, simulated=file.use_sim_time)
+        self.joints = JointLog({wire: name for name, wire in joints.items()})
+        states = Topic(name=file.joint_states, type=_JOINT_STATE, depth=500, reliable=file.reliable)
+        self.states = transport.subscribe(states)
+        self.images = {
+            name: transport.subscribe(Topic(name=one.image, type=one.type, depth=4, reliable=file.reliable))
+            for name, one in file.cameras.items()
+        }
+        self._force = None
+        if file.force is not None:
+            self._force = transport.subscribe(Topic(name=file.force, type="geometry_msgs/msg/WrenchStamped"))
+        self._newton = 0.0
+        self.commands: list[Topic] = []
+        """The topics that the robot obeys."""
+        self._tool = self._tool_sender(transport)
+        self._send_trajectory = self._trajectory_sender(transport)
+        self._floods = [_Flood(self.states, MOST_JOINT_STATES)]
+        rates = {name: FLOOD_FACTOR * max(workspace.cameras[name].rate, 5.0) for name in self.images}
+        self._floods += [_Flood(inbox, rates[name]) for name, inbox in self.images.items()]
+        self.ages: dict[str, deque[Shown]] = {name: deque(maxlen=100) for name in self.images}
+        """When images were taken, and when they came, since `watch`."""
+        self._waiting: dict[str, deque[CameraImage]] = {name: deque(maxlen=4) for name in self.images}
+        self._portions = Portions(self._send)
+        self._reference: StoppableReference | None = None
+        self._trouble: Stopped | None = None
+        self._read_at = 0.0
+        self._error, self._errors = 0.0, 0
+
+    @property
+    def t(self) -> float:
+        """The time on the cell's clock [s]."""
+        return self.clock.now
+
+    def begin(self) -> None:
+        """Count time from now on."""
+        self.clock.read()
+        self.clock.origin = self.clock.ns
+        self.joints = JointLog(self.joints._names)
+        for waiting in self._waiting.values():
+            waiting.clear()
+
+    def watch(self) -> None:
+        """Forget when images came."""
+        for ages in self.ages.values():
+            ages.clear()
+
+    @property
+    def malformed(self) -> Stopped | None:
+        """What is wrong with the messages themselves."""
+        return self._trouble
+
+    def advance(self, t: float, reference: StoppableReference) -> float:
+        """As `Cell` says; returns sooner where no time passes any more."""
+        if self._reference is None:
+            self._portions.begin(reference)
+        self._reference = reference
+        while True:
+            self.read()
+            now = self.t
+            if (late := self._portions.late_by(now)) > 0 and self._trouble is None:
+                reason = (
+                    f"this computer was busy: the robot began to brake {late:.2f} s before it was told how to go on"
+                )
+                self._trouble = Stopped(reason)
+            self._portions.follow(reference, now)
+            if now >= t or self.clock.stands_still:
+                return max(t, now) if now >= t else now
+            self.transport.wait(TICK)
+
+    def read(self) -> None:
+        """Take in what has come. What is wrong with it is told by `trouble`."""
+        try:
+            self.clock.read()
+            now = self._read_at = self.t
+            for arrived in self.states.take():
+                self.joints.add(self.clock.since(arrived.message.header.stamp), arrived.message, now)
+            if self._force is not None:
+                for arrived in self._force.take():
+                    force = arrived.message.wrench.force
+                    self._newton = float(np.linalg.norm([force.x, force.y, force.z]))
+            for name, inbox in self.images.items():
+                for arrived in inbox.take():
+                    image = self._image(self.cameras[name], arrived.message)
+                    self._waiting[name].append(image)
+                    self.ages[name].append(Shown(image.t, now))
+        except MessageError as error:
+            self._trouble = self._trouble or Stopped(f"a message is malformed: {error}")
+        except InputError as error:
+            self._trouble = self._trouble or Stopped(error.problems[0].message)
+        for flood in self._floods:
+            if (found := flood.check()) is not None:
+                self._trouble = self._trouble or Stopped(found)
+
+    def grasp(self) -> None:
+        """As `Cell` says."""
+        if self.file.tool is not None:
+            self._tool(self.file.tool.hold)
+
+    def release(self) -> None:
+        """As `Cell` says."""
+        if self.file.tool is not None:
+            self._tool(self.file.tool.release)
+
+    def tool_force(self) -> float:
+        """As `Cell` says: of the last message of the force sensor."""
+        return self._newton
+
+    def frames(self, cameras: Sequence[str]) -> Mapping[str, CameraImage]:
+        """As `Cell` says: the oldest that has come of each."""
+        return {name: self._waiting[name].popleft() for name in cameras if self._waiting[name]}
+
+    def measured_joints(self, t: float | None = None) -> Mapping[str, float]:
+        """As `Cell` says."""
+        return self.joints.at(t)
+
+    def trouble(self) -> Stopped | None:
+        """As `Cell` says: malformed messages, floods, joint states that stay out, are old, or do not follow."""
+        if self._trouble is not None:
+            return self._trouble
+        if self.clock.stands_still:
+            return Stopped("`/clock` stands still")
+        return self._joint_trouble(self._read_at)
+
+    def tracking_error(self) -> float | None:
+        """As `Cell` says: nobody measures where the tool is."""
+        return None
+
+    def close(self) -> None:
+        """Have the robot stand, and wait until it does; then end the connection."""
+        try:
+            reference = self._reference
+            if reference is not None and reference.rests_at > self.t:
+                stands = self._portions.stop(reference, self.t)
+                patience = time.monotonic() + 2.0
+                while self.t < stands and time.monotonic() < patience:
+                    self.clock.read()
+                    self.transport.wait(TICK)
+        finally:
+            self.transport.close()
+
+    def __enter__(self) -> RosCell:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _joint_trouble(self, now: float) -> Stopped | None:
+        """What joint states say of the robot, or that they say nothing."""
+        topic, reference = f"`{self.file.joint_states}`", self._reference
+        if now - self.joints.came > JOINTS_OVERDUE:
+            return Stopped(f"the joint states are lost: none on {topic} for {now - self.joints.came:.2f} s")
+        if now - self.joints.newest > JOINTS_OVERDUE:
+            return Stopped(
+                f"the joint states on {topic} come too late: the newest are {now - self.joints.newest:.2f} s old"
+            )
+        if reference is None:
+            return None
+        then, changed = self.joints.newest, self.joints.changed
+        wanted, before = reference.states(np.array([then, changed])).positions
+        if then - changed > STILL and float(np.abs(wanted - before).max()) > MOVED:
+            return Stopped(f"the joint states on {topic} are frozen: the same for {then - changed:.2f} s of motion")
+        return self._off_the_path(reference.joints, wanted, then)
+
+    def _off_the_path(self, joints: Sequence[str], wanted: Array, t: float) -> Stopped | None:
+        """The joint that is too far from where it should be at time t [s]."""
+        found, limit = self.joints.at(t), self.file.tolerances.tracking
+        for name, q in zip(joints, wanted.tolist(), strict=True):
+            if name in found and name in self.moved and abs(found[name] - q) > limit:
+                off = np.degrees(abs(found[name] - q))
+                return Stopped(f"`{name}` is {off:.1f} deg from where it should be, more than {np.degrees(limit):.1f}")
+        return None
+
+    def _image(self, camera: Camera, message: Message) -> CameraImage:
+        """The image of a message. Raises InputError for one that is damaged or of another size."""
+        about = self.file.cameras[camera.name]
+        image = image_of(message, camera, Place(Path(about.image)), f"`{camera.name}`")
+        return CameraImage(camera.name, self.clock.since(message.header.stamp) - about.clock_offset, image)
+
+    def _send(self, portion: Portion) -> None:
+        types, states = self._types, portion.states
+        assert self._reference is not None  # noqa: S101 - a portion is of a reference
+        columns = [list(self._reference.joints).index(name) for name in self.moved]
+        points = [
+            types.make(
+                _POINT,
+                positions=states.positions[row, columns],
+                velocities=states.velocities[row, columns],
+                accelerations=states.accelerations[row, columns],
+                time_from_start=types.duration(round(t * 1e9)),
+            )
+            for row, t in enumerate(portion.times.tolist())
+        ]
+        self._send_trajectory(types.make(_TRAJECTORY, joint_names=list(self._wire_names), points=points))
+
+    def _trajectory_sender(self, transport: Transport) -> Send:
+        topic = self.file.trajectory.topic
+        assert topic is not None  # noqa: S101 - as the file was checked
+        self.commands.append(Topic(name=topic, type=_TRAJECTORY, depth=1, reliable=True))
+        return transport.publish(self.commands[-1])
+
+    def _tool_sender(self, transport: Transport) -> Send:
+        about = self.file.tool
+        if about is None:
+            return lambda _: None
+        self.commands.append(Topic(name=about.topic, type=about.type, depth=1, reliable=True))
+        send = transport.publish(self.commands[-1])
+
+        def say(value: object) -> None:
+            data = np.array(value, dtype=float) if isinstance(value, list) else value
+            send(transport.types.make(about.type, data=data))
+
+        return say

@@ -1,0 +1,261 @@
+"""What is looked at before a robot moves: whether the cell is the one that the program was made for."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from sqrp_cli.geometry import Array, inverse, pose
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.camera.static_transforms import unit_quaternion
+from sqrp_cli.knowledge.frames import WORLD
+from sqrp_cli.ros.messages import Message
+from sqrp_cli.ros.transport import Inbox, Topic
+from sqrp_cli.runtime.cell.robot_file import ImageTopicEntry
+from sqrp_cli.runtime.cell.ros_cell import RosCell
+
+WATCHED, PERIODS = 1.0, 6
+"""For how long the cell is watched at least [s], and for how many periods of its slowest camera."""
+
+PATIENCE = 15.0
+"""Longest time of this computer for that [s]."""
+
+MOVES = 0.002
+"""A robot whose joints change by more meanwhile is moving [rad or m]."""
+
+_TF = "tf2_msgs/msg/TFMessage"
+_INFO = "sensor_msgs/msg/CameraInfo"
+
+
+@dataclass(frozen=True)
+class CellCheck:
+    """One thing that was compared."""
+
+    about: str
+    """Such as `cam1`."""
+    what: str
+    """Such as `rate`."""
+    found: str
+    """With its unit."""
+    expected: str
+    """With its unit; empty where nothing was."""
+    problem: str | None = None
+    """What is wrong, in a sentence."""
+
+
+@dataclass
+class _Listening:
+    """Topics that are read for the checks alone."""
+
+    infos: Mapping[str, Inbox]
+    transforms: tuple[Inbox, ...]
+
+    @classmethod
+    def of(cls, cell: RosCell) -> _Listening:
+        subscribe, reliable = cell.transport.subscribe, cell.file.reliable
+        infos = {
+            name: subscribe(Topic(name=one.info, type=_INFO, depth=1, reliable=reliable))
+            for name, one in cell.file.cameras.items()
+            if one.info is not None
+        }
+        static = Topic(name="/tf_static", type=_TF, depth=100, reliable=True, latched=True)
+        moving = Topic(name="/tf", type=_TF, depth=100)
+        return cls(infos, (subscribe(static), subscribe(moving)) if cell.file.tf else ())
+
+    def poses(self) -> dict[str, tuple[str, Array]]:
+        """Parent of each frame, and its pose in that, shape (4, 4)."""
+        found = {}
+        for inbox in self.transforms:
+            for one in (one for arrived in inbox.take() for one in arrived.message.transforms):
+                t, r = one.transform.translation, one.transform.rotation
+                R = unit_quaternion((r.x, r.y, r.z, r.w))
+                if R is not None:
+                    child, parent = one.child_frame_id.lstrip("/"), one.header.frame_id.lstrip("/")
+                    found[child] = (parent, pose(R, (t.x, t.y, t.z)))
+        return found
+
+
+def check_cell(cell: RosCell, start: Mapping[str, float], progress: Callable[[], None]) -> list[CellCheck]:
+    """Watch a cell for a while and compare it with its workspace; nothing is commanded.
+
+    start: where the program begins, by joint [rad or m]. progress: called often. Raises MessageError for what is no
+    message of its topic's type.
+    """
+    listening = _Listening.of(cell)
+    seen = _watch(cell, progress)
+    if (trouble := cell.malformed) is not None:
+        return [CellCheck("messages", "content", "", "", str(trouble))]
+    checks = [*_connections(cell), *_joints(cell, start, seen)]
+    transforms = listening.poses()
+    for name, about in cell.file.cameras.items():
+        camera = cell.cameras[name]
+        infos = [arrived.message for arrived in listening.infos[name].take()] if name in listening.infos else []
+        checks += _images(cell, camera)
+        checks += _info(cell, camera, infos[-1] if infos else None, about)
+        frame = about.frame or (infos[-1].header.frame_id if infos else None)
+        checks += _camera_pose(cell, camera, transforms, frame)
+    return checks
+
+
+def _watch(cell: RosCell, progress: Callable[[], None]) -> list[Mapping[str, float]]:
+    """Look on for long enough; returns where the joints were."""
+    period = max(1.0 / camera.rate for camera in cell.cameras.values())
+    until = time.monotonic() + PATIENCE
+    cell.watch()
+    start = None
+    seen = []
+    while time.monotonic() < until:
+        cell.read()
+        cell.frames(list(cell.cameras))
+        if start is None and cell.joints.known and all(cell.ages.values()):
+            start = cell.t
+            cell.watch()
+        if start is not None:
+            seen.append(cell.measured_joints())
+            if cell.t - start > max(WATCHED, PERIODS * period):
+                break
+        progress()
+        cell.transport.wait(0.01)
+    return seen
+
+
+def _connections(cell: RosCell) -> Iterator[CellCheck]:
+    """Whether somebody is there at each topic, with the same type."""
+    for inbox in (cell.states, *cell.images.values()):
+        senders, topic = set(cell.transport.senders(inbox.topic)), inbox.topic
+        problem = None
+        if not inbox.count:
+            problem = f"nothing comes on `{topic.name}`"
+            if senders - {topic.type}:
+                problem = f"`{topic.name}` carries {', '.join(sorted(senders))}, not {topic.type}"
+            elif senders and topic.reliable:
+                problem += "; its sender may not be reliable: set `reliable: false`"
+            yield CellCheck(topic.name, "messages", "none", topic.type, problem)
+    for topic in cell.commands:
+        if cell.transport.readers(topic) == 0:
+            yield CellCheck(topic.name, "readers", "none", "1", f"nobody reads `{topic.name}` to follow it")
+
+
+def _joints(cell: RosCell, start: Mapping[str, float], seen: list[Mapping[str, float]]) -> Iterator[CellCheck]:
+    """Whether the robot stands where the program begins."""
+    if not cell.joints.known:
+        return
+    limits, found = cell.file.tolerances, cell.measured_joints()
+    missing = [name for name in cell.moved if name not in found]
+    for name in missing:
+        yield CellCheck("robot", "joints", "none", name, f"`{cell.file.joint_states}` does not say where `{name}` is")
+    off = {name: found[name] - q for name, q in start.items() if name in found and name in cell.moved}
+    if off:
+        worst = max(off, key=lambda name: abs(off[name]))
+        text = f"{np.degrees(abs(off[worst])):.2f} deg"
+        problem = None
+        if abs(off[worst]) > limits.start:
+            problem = (
+                f"`{worst}` is {text} from where the program starts; {np.degrees(limits.start):.2f} deg are allowed"
+            )
+        yield CellCheck("robot", "start", text, f"{np.degrees(limits.start):.2f} deg at most", problem)
+    moved = max((np.ptp([q[name] for q in seen if name in q]) for name in off), default=0.0) if seen else 0.0
+    if moved > MOVES:
+        yield CellCheck("robot", "standing", f"{moved:.3f} rad", "0", f"the robot is moving: by {moved:.3f} rad")
+    yield _age(cell, "joint states", [cell.t - cell.joints.newest], 0.0)
+
+
+def _age(cell: RosCell, about: str, ages: list[float], latency: float) -> CellCheck:
+    age, limit = float(np.median(ages)), cell.file.tolerances.clock
+    off = age - latency
+    problem = None
+    if abs(off) > limit:
+        which = "behind" if off > 0 else "ahead"
+        problem = (
+            f"{about}: {1e3 * age:.0f} ms old when they come, the workspace says {1e3 * latency:.0f} ms; the clock"
+        )
+        problem += f" is {1e3 * abs(off):.0f} ms {which}, or they are late"
+    return CellCheck(about, "age", f"{1e3 * age:.0f} ms", f"{1e3 * latency:.0f} ms", problem)
+
+
+def _images(cell: RosCell, camera: Camera) -> Iterator[CellCheck]:
+    """Whether the images of a camera come as often, and as late, as the workspace says."""
+    arrived = cell.ages[camera.name]
+    if len(arrived) < 3:
+        if arrived:
+            yield CellCheck(
+                camera.name, "rate", "none", f"{camera.rate:.3g} Hz", f"`{camera.name}` hardly sends images"
+            )
+        return
+    rate = 1.0 / float(np.median([b.t - a.t for a, b in pairwise(arrived)]) or 1e9)
+    problem = None
+    if rate < (1.0 - cell.file.tolerances.rate) * camera.rate:
+        problem = f"`{camera.name}` takes {rate:.3g} images a second, the workspace says {camera.rate:.3g}"
+    yield CellCheck(camera.name, "rate", f"{rate:.3g} Hz", f"{camera.rate:.3g} Hz", problem)
+    yield _age(cell, f"images of `{camera.name}`", [one.came - one.t for one in arrived], camera.latency)
+
+
+def _info(cell: RosCell, camera: Camera, info: Message | None, about: ImageTopicEntry) -> Iterator[CellCheck]:
+    """Whether a `CameraInfo` says what the workspace does."""
+    name = camera.name
+    if info is None:
+        problem = None if about.info is None else f"nothing comes on `{about.info}`"
+        yield CellCheck(name, "CameraInfo", "none", "", problem)
+        return
+    size, expected = f"{info.width}x{info.height}", f"{camera.width}x{camera.height}"
+    wrong = None if size == expected else f"`{name}` has images of {size} pixels, the workspace says {expected}"
+    yield CellCheck(name, "image", size, expected, wrong)
+    K = np.array(info.K if hasattr(info, "K") else info.k).reshape(3, 3)
+    off = np.abs(K - camera.matrix)
+    row, column = np.unravel_index(int(off.argmax()), off.shape)
+    limit, problem = cell.file.tolerances.focal * float(camera.matrix[0, 0]), None
+    if off.max() > limit:
+        entry = {(0, 0): "fx", (1, 1): "fy", (0, 2): "cx", (1, 2): "cy"}.get((int(row), int(column)), "K")
+        found, said = K[row, column], camera.matrix[row, column]
+        problem = f"`{name}`: {entry} of its CameraInfo is {found:.1f} px, the workspace says {said:.1f}"
+    yield CellCheck(name, "K", f"{off.max():.2f} px off", f"{limit:.1f} px at most", problem)
+    D = np.array(info.D if hasattr(info, "D") else info.d)
+    both = np.zeros((2, max(len(D), len(camera.distortion), 1)))
+    both[0, : len(D)], both[1, : len(camera.distortion)] = D, camera.distortion
+    bent = float(np.abs(both[0] - both[1]).max())
+    if bent > cell.file.tolerances.focal:
+        yield CellCheck(name, "D", f"{bent:.3f} off", "", f"`{name}`: its distortion is {bent:.3f} off the workspace's")
+
+
+def _camera_pose(
+    cell: RosCell, camera: Camera, transforms: Mapping[str, tuple[str, Array]], frame: str | None
+) -> Iterator[CellCheck]:
+    """Whether TF has a camera where the workspace does."""
+    carrier = cell.file.world if camera.frame == WORLD else camera.frame
+    X_FC = None if frame is None else _between(transforms, carrier, frame.lstrip("/"))
+    if X_FC is None:
+        yield CellCheck(camera.name, "pose", "not in TF", "")
+        return
+    off = inverse(camera.X_FC) @ X_FC
+    far = float(np.linalg.norm(off[:3, 3]))
+    turned = float(np.arccos(np.clip((np.trace(off[:3, :3]) - 1) / 2, -1, 1)))
+    limits, problem = cell.file.tolerances, None
+    if far > limits.position or turned > limits.rotation:
+        problem = (
+            f"TF has `{camera.name}` {1e3 * far:.1f} mm and {np.degrees(turned):.2f} deg from where the workspace does"
+        )
+    expected = f"{1e3 * limits.position:.0f} mm, {np.degrees(limits.rotation):.2f} deg at most"
+    yield CellCheck(camera.name, "pose", f"{1e3 * far:.1f} mm, {np.degrees(turned):.2f} deg off", expected, problem)
+
+
+def _between(transforms: Mapping[str, tuple[str, Array]], frame: str, child: str) -> Array | None:
+    """The pose of a frame in another one, shape (4, 4), by way of the root that they share."""
+    to_frame, to_child = _to_root(transforms, frame), _to_root(transforms, child)
+    if to_frame[0] != to_child[0] or (frame == child):
+        return None
+    X: Array = inverse(to_frame[1]) @ to_child[1]
+    return X
+
+
+def _to_root(transforms: Mapping[str, tuple[str, Array]], frame: str) -> tuple[str, Array]:
+    X = pose()
+    for _ in range(len(transforms) + 1):
+        if frame not in transforms:
+            break
+        frame, X_PC = transforms[frame]
+        X = X_PC @ X
+    return frame, X

@@ -1,0 +1,309 @@
+"""The simulated cell on the wire: it follows trajectories, publishes joint states and images, and suffers faults."""
+
+from __future__ import annotations
+
+import heapq
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import count
+from typing import Any
+
+import numpy as np
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.program.record import Step
+from sqrp_cli.ros.messages import Message, MessageError, MessageTypes, nanoseconds
+from sqrp_cli.ros.poses import transform_message
+from sqrp_cli.ros.transport import Inbox, Send, Topic, Transport
+from sqrp_cli.runtime.cell.robot_file import ImageTopicEntry, RobotFile, ToolEntry
+from sqrp_cli.runtime.cell.ros_cell import CLOCK
+from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
+from sqrp_cli.runtime.image import ImageArray
+from sqrp_cli.runtime.run.injected_fault import InjectedFault
+from sqrp_cli.runtime.serve.followed import FollowedTrajectory, RefusedTrajectory
+
+STEP = 0.004
+"""How far the cell is simulated at a time [s]; its clock is published as often."""
+
+JOINTS_EVERY = 2
+"""Joint states are published with every second step."""
+
+SAME_START = 0.002
+"""A motion that begins this close to where a step was planned to begin is that step [rad]."""
+
+_JOINT_STATE, _IMAGE = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Image"
+_INFO, _TF = "sensor_msgs/msg/CameraInfo", "tf2_msgs/msg/TFMessage"
+_TRAJECTORY, _BOOL = "trajectory_msgs/msg/JointTrajectory", "std_msgs/msg/Bool"
+_WRENCH = "geometry_msgs/msg/WrenchStamped"
+
+
+def served_file(workspace: Workspace, joints: Sequence[str], reached: Mapping[str, Any]) -> RobotFile:
+    """How `run --robot` reaches a cell that is served; reached: the keys of its transport and trajectories."""
+    fingers = workspace.robot.fingers
+    return RobotFile(
+        **reached,
+        reliable=True,
+        use_sim_time=True,
+        joints={name: name for name in joints if fingers is None or name not in fingers.open},
+        cameras={
+            name: ImageTopicEntry(image=f"/{name}/image_raw", info=f"/{name}/camera_info") for name in workspace.cameras
+        },
+        tool=ToolEntry(topic="/tool"),
+        force="/wrench",
+    )
+
+
+@dataclass(frozen=True, order=True)
+class _Later:
+    """An image that is on its way."""
+
+    t: float
+    number: int
+    send: Callable[[], None] = field(compare=False)
+
+
+class CellServer:
+    """A simulated cell whose time passes as fast as that of the world, or slower where the computer is too slow."""
+
+    def __init__(
+        self,
+        cell: SimulatedCell,
+        workspace: Workspace,
+        file: RobotFile,
+        transport: Transport,
+        faults: Faults,
+        tell: Callable[[str], None],
+    ) -> None:
+        """file: what is published where. faults: that are to happen. tell: says what happens."""
+        self._cell, self._file, self._transport, self._tell = cell, file, transport, tell
+        self._workspace, self._faults, self._types = workspace, faults, transport.types
+        joints = file.joints or {}
+        at = cell.measured_joints()
+        fixed = {} if workspace.robot.fingers is None else dict(workspace.robot.fingers.open)
+        self.reference = FollowedTrajectory({wire: name for name, wire in joints.items()}, at, fixed)
+        self._origin = time.time_ns()
+        self._steps = 0
+        self._exposures = dict.fromkeys(workspace.cameras, 0)
+        self._later: list[_Later] = []
+        self._numbers = count()
+        self._last: dict[str, ImageArray] = {}
+        self._frozen: Mapping[str, float] | None = None
+        self._open_topics()
+
+    def _open_topics(self) -> None:
+        file, publish, subscribe = self._file, self._transport.publish, self._transport.subscribe
+        assert file.tool is not None  # noqa: S101 - as `served_file` makes it
+        self._clock = publish(Topic(name=CLOCK.name, type=CLOCK.type, depth=10, reliable=True))
+        self._joints = publish(Topic(name=file.joint_states, type=_JOINT_STATE, depth=50, reliable=True))
+        self._wrench = publish(Topic(name=file.force or "/wrench", type=_WRENCH, depth=10, reliable=True))
+        self._images = {
+            name: publish(Topic(name=one.image, type=_IMAGE, depth=4, reliable=True))
+            for name, one in file.cameras.items()
+        }
+        self._infos: dict[str, Send] = {
+            name: publish(Topic(name=one.info or "", type=_INFO, depth=4, reliable=True))
+            for name, one in file.cameras.items()
+        }
+        self._tf = publish(Topic(name="/tf_static", type=_TF, depth=1, reliable=True, latched=True))
+        self._tool: Inbox = subscribe(Topic(name=file.tool.topic, type=_BOOL, reliable=True))
+        self._trajectories: Inbox = subscribe(Topic(name=file.trajectory.topic or "", type=_TRAJECTORY, reliable=True))
+        self._send_transforms()
+
+    @property
+    def t(self) -> float:
+        """Time of the simulation [s]."""
+        return self._steps * STEP
+
+    @property
+    def stamp(self) -> int:
+        """The same on the clock that is published [ns]."""
+        return self._origin + round(self.t * 1e9)
+
+    def serve(self, until: Callable[[], bool], factor: float = 1.0) -> None:
+        """Let time pass until something is so; factor: at most so fast as that of the world."""
+        began, start = time.monotonic(), self.t
+        while not until():
+            self.step()
+            ahead = (self.t - start) / factor - (time.monotonic() - began)
+            if ahead > 0:
+                time.sleep(ahead)
+            elif ahead < -0.1:  # too slow: time lost is not made good
+                began, start = time.monotonic(), self.t
+
+    def step(self) -> None:
+        """Let a little time pass."""
+        self._obey()
+        for fault in self._faults.due(self.t):
+            self._happen(fault)
+        self._steps += 1
+        self._cell.advance(self.t, self.reference)
+        self._publish()
+
+    def _obey(self) -> None:
+        """Take in trajectories and commands to the tool."""
+        try:
+            for arrived in self._trajectories.take():
+                self.follow(arrived.message)
+            for arrived in self._tool.take():
+                (self._cell.grasp if arrived.message.data else self._cell.release)()
+                self._tell(f"{self.t:.2f} s: the tool {'holds' if arrived.message.data else 'lets go'}")
+        except MessageError as error:
+            self._tell(f"{self.t:.2f} s: a message is malformed: {error}")
+
+    def follow(self, message: Message) -> None:
+        """Follow a trajectory from now on, unless no controller would."""
+        try:
+            begins = self.reference.ends <= self.t and self.reference.moves_from(message)
+            if begins:
+                for told in self._faults.motion_begins(self.t, self.reference):
+                    self._tell(f"{self.t:.2f} s: {told}")
+            stamp = nanoseconds(message.header.stamp)
+            start = None if stamp == 0 else (stamp - self._origin) * 1e-9
+            self.reference.replace(message, self.t, start)
+        except RefusedTrajectory as error:
+            self._tell(f"{self.t:.2f} s: a trajectory is refused: {error}")
+
+    def _happen(self, fault: InjectedFault) -> None:
+        self._tell(f"{self.t:.2f} s: {fault.text} is made to happen")
+        match fault.kind:
+            case "slip":
+                self._cell.slip()
+            case "miss-pick":
+                self._cell.miss_next_grasp()
+            case "joints-frozen":
+                self._frozen = self._cell.measured_joints()
+
+    def _publish(self) -> None:
+        self._clock(self._types.make(CLOCK.type, clock=self._types.time(self.stamp)))
+        if self._steps % JOINTS_EVERY == 0:
+            self._publish_joints()
+        self._publish_images()
+
+    def _publish_joints(self) -> None:
+        if self._faults.has("joints-loss"):
+            return
+        found = self._frozen if self._faults.has("joints-frozen") and self._frozen else self._cell.measured_joints()
+        names = {**dict.fromkeys(found, ""), **(self._file.joints or {})}
+        message = self._types.make(
+            _JOINT_STATE,
+            header=self._types.header(self.stamp),
+            name=[names[name] or name for name in found],
+            position=np.array(list(found.values())),
+        )
+        self._after(self._faults.delay("joints-latency"), partial(self._joints, message))
+        force = self._types.make("geometry_msgs/msg/Vector3", z=self._cell.tool_force())
+        wrench = self._types.make("geometry_msgs/msg/Wrench", force=force)
+        self._wrench(self._types.make(_WRENCH, header=self._types.header(self.stamp), wrench=wrench))
+
+    def _publish_images(self) -> None:
+        cameras = self._workspace.cameras
+        due = [name for name, camera in cameras.items() if self._exposures[name] / camera.rate <= self.t + 1e-9]
+        for name in due:
+            self._exposures[name] += 1
+        wanted = [name for name in due if not self._faults.has("camera-loss", name)]
+        for name, frame in self._cell.frames(wanted).items() if wanted else ():
+            image = self._last.get(name, frame.image) if self._faults.has("frozen", name) else frame.image
+            self._last[name] = image
+            late = cameras[name].latency + self._faults.delay("latency", name)
+            self._after(late, partial(self._images[name], self._image(name, image)))
+            self._infos[name](camera_info(self._types, cameras[name], self.stamp))
+        while self._later and self._later[0].t <= self.t + 1e-9:
+            heapq.heappop(self._later).send()
+
+    def _after(self, seconds: float, send: Callable[[], None]) -> None:
+        if seconds <= 0:
+            send()
+        else:
+            heapq.heappush(self._later, _Later(self.t + seconds, next(self._numbers), send))
+
+    def _image(self, name: str, image: ImageArray) -> Message:
+        height, width, _ = image.shape
+        return self._types.make(
+            _IMAGE,
+            header=self._types.header(self.stamp, optical_frame(name)),
+            height=height,
+            width=width,
+            encoding="rgb8",
+            step=3 * width,
+            data=image.reshape(-1),
+        )
+
+    def _send_transforms(self) -> None:
+        transforms = [
+            transform_message(self._types, self._origin, camera.frame, optical_frame(name), camera.X_FC)
+            for name, camera in self._workspace.cameras.items()
+        ]
+        self._tf(self._types.make(_TF, transforms=transforms))
+
+
+def optical_frame(camera: str) -> str:
+    """What TF calls the optical frame of a camera of the served cell."""
+    return f"{camera}_optical_frame"
+
+
+def camera_info(types: MessageTypes, camera: Camera, ns: int) -> Message:
+    """The `CameraInfo` of a camera; ns: the stamp [ns]."""
+    K, P = camera.matrix, np.hstack([camera.matrix, np.zeros((3, 1))])
+    model = "plumb_bob" if camera.distortion_model == "none" else camera.distortion_model
+    d: Array = np.zeros(5) if camera.distortion_model == "none" else np.asarray(camera.distortion)
+    names = ("K", "D", "R", "P") if types.ros == 1 else ("k", "d", "r", "p")
+    values = (K.reshape(-1), d, np.eye(3).reshape(-1), P.reshape(-1))
+    return types.make(
+        _INFO,
+        header=types.header(ns, optical_frame(camera.name)),
+        height=camera.height,
+        width=camera.width,
+        distortion_model=model,
+        **dict(zip(names, values, strict=True)),
+    )
+
+
+class Faults:
+    """The faults of a served cell. The times of each count from when the motion of its step begins."""
+
+    def __init__(self, faults: Sequence[InjectedFault], steps: Sequence[Step], joints: Sequence[str]) -> None:
+        """steps: of the program whose motions come. joints: of their trajectories."""
+        self._faults, self._steps, self._joints = list(faults), steps, joints
+        self._due: list[tuple[float, InjectedFault]] = []
+        self._happened: list[InjectedFault] = []
+        self._next = 0
+
+    def motion_begins(self, t: float, reference: FollowedTrajectory) -> list[str]:
+        """A motion begins at time t [s]; returns what is to be told of it."""
+        if self._next >= len(self._steps) or not self._is_step(t, reference, self._next):
+            return []
+        self._next += 1
+        step = self._steps[self._next - 1]
+        begins = next((one.start for one in step.primitives if not one.trajectory.stands), 0.0)
+        mine = [fault for fault in self._faults if fault.step == self._next]
+        self._due += [(t - begins + (fault.t or 0.0), fault) for fault in mine]
+        self._due.sort(key=lambda one: one[0])
+        return [f"step {self._next} ({step.short_task}) begins"]
+
+    def _is_step(self, t: float, reference: FollowedTrajectory, index: int) -> bool:
+        """Whether the arm stands where a step was planned to begin; the first motion is the first step."""
+        if index == 0:
+            return True
+        q = dict(zip(reference.joints, reference.states(np.array([t])).positions[0].tolist(), strict=True))
+        first = self._steps[index].primitives[0].trajectory.positions([0.0])[0].tolist()
+        planned = dict(zip(self._joints, first, strict=True))
+        return all(abs(q[name] - planned[name]) < SAME_START for name in q if name in planned)
+
+    def due(self, t: float) -> list[InjectedFault]:
+        """The faults that happen by time t [s] and were not given before."""
+        found = [fault for at, fault in self._due if at <= t + 1e-9]
+        self._due = [one for one in self._due if one[0] > t + 1e-9]
+        self._happened += found
+        return found
+
+    def has(self, kind: str, camera: str | None = None) -> bool:
+        """Whether a fault has happened, to a camera if it is one of cameras."""
+        return any(fault.kind == kind and fault.camera == camera for fault in self._happened)
+
+    def delay(self, kind: str, camera: str | None = None) -> float:
+        """By how much something is late [s]."""
+        return max((one.delay for one in self._happened if one.kind == kind and one.camera == camera), default=0.0)

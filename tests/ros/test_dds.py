@@ -1,0 +1,126 @@
+"""Topics by Cyclone DDS: what one side sends, the other reads, and the library itself writes the same bytes."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cyclonedds")
+
+from sqrp_cli.errors import InputError
+from sqrp_cli.ros import dds
+from sqrp_cli.ros.dds import DdsTransport
+from sqrp_cli.ros.messages import MessageError, message_types
+from sqrp_cli.ros.transport import Inbox, Topic
+
+DOMAIN = 100 + os.getpid() % 100
+"""Tests that run at the same time do not meet, or hardly."""
+STATES = Topic(name="/states", type="sensor_msgs/msg/JointState", depth=50, reliable=True)
+
+
+@pytest.fixture(scope="module")
+def ends() -> Iterator[tuple[DdsTransport, DdsTransport]]:
+    one, other = DdsTransport(DOMAIN, "127.0.0.1"), DdsTransport(DOMAIN, "127.0.0.1")
+    yield one, other
+    one.close()
+    other.close()
+
+
+def until(so: Callable[[], object], seconds: float = 10.0) -> None:
+    end = time.monotonic() + seconds
+    while not so():
+        assert time.monotonic() < end, "it never came"
+        time.sleep(0.005)
+
+
+def meet(ends: tuple[DdsTransport, DdsTransport], topic: Topic) -> tuple[Callable[[object], None], Inbox]:
+    inbox, send = ends[1].subscribe(topic), ends[0].publish(topic)
+    until(lambda: ends[0].readers(topic))
+    return send, inbox
+
+
+def test_messages_arrive_whole_and_in_order(ends: tuple[DdsTransport, DdsTransport]) -> None:
+    send, inbox = meet(ends, STATES)
+    types = message_types(2)
+    for number in range(20):
+        send(types.make(STATES.type, name=["a"], position=np.array([float(number)])))
+    until(lambda: inbox.count == 20)
+    assert [one.message.position[0] for one in inbox.take()] == list(range(20))
+    assert ends[1].senders(STATES) == ["sensor_msgs/msg/JointState"]
+
+
+def test_a_flood_keeps_the_newest_messages_and_no_more(ends: tuple[DdsTransport, DdsTransport]) -> None:
+    topic = Topic(name="/flood", type="std_msgs/msg/Float64", depth=5, reliable=True)
+    send, inbox = meet(ends, topic)
+    for number in range(3000):
+        send(message_types(2).make(topic.type, data=float(number)))
+    until(lambda: inbox.count and (time.sleep(0.2) or True))
+    found = [one.message.data for one in inbox.take()]
+    assert len(found) <= 5
+    assert found[-1] == 2999.0
+
+
+def test_a_topic_of_another_type_is_named_and_never_heard(ends: tuple[DdsTransport, DdsTransport]) -> None:
+    ends[0].publish(Topic(name="/picture", type="sensor_msgs/msg/CompressedImage"))
+    wanted = Topic(name="/picture", type="sensor_msgs/msg/Image")
+    inbox = ends[1].subscribe(wanted)
+    until(lambda: ends[1].senders(wanted))
+    assert ends[1].senders(wanted) == ["sensor_msgs/msg/CompressedImage"]
+    assert inbox.count == 0
+
+
+def test_bytes_that_are_no_message_are_refused_when_they_are_read() -> None:
+    inbox = Inbox(STATES, message_types(2), lambda: None)
+    inbox.put(b"\x00\x01\x00\x00\xff\xff\xff\xff")
+    with pytest.raises(MessageError):
+        inbox.take()
+
+
+def test_the_library_writes_the_same_bytes_of_its_own_objects() -> None:
+    """The classes that Cyclone gets are made by machine; filled and written by Cyclone, they give our bytes."""
+    types = message_types(2)
+    name = "trajectory_msgs/msg/JointTrajectory"
+    Trajectory = dds._struct(name, types, own=True)
+    Point, Header, Time, Duration = (
+        dds._struct(one, types)
+        for one in (
+            "trajectory_msgs/msg/JointTrajectoryPoint", "std_msgs/msg/Header", "builtin_interfaces/msg/Time",
+            "builtin_interfaces/msg/Duration",
+        )
+    )  # fmt: skip
+
+    def filled(made: type, **fields: object) -> object:
+        found = made.__new__(made)
+        for field, value in fields.items():
+            setattr(found, field, value)
+        return found
+
+    point = filled(
+        Point, positions=[1.0, 2.5], velocities=[0.5, 0.0], accelerations=[], effort=[],
+        time_from_start=filled(Duration, sec=3, nanosec=7),
+    )  # fmt: skip
+    header = filled(Header, stamp=filled(Time, sec=1, nanosec=2), frame_id="base")
+    theirs = filled(Trajectory, header=header, joint_names=["a", "elbow"], points=[point])
+    ours = types.make(
+        name,
+        header=types.header(1_000_000_002, "base"),
+        joint_names=["a", "elbow"],
+        points=[
+            types.make(
+                "trajectory_msgs/msg/JointTrajectoryPoint",
+                positions=np.array([1.0, 2.5]),
+                velocities=np.array([0.5, 0.0]),
+                time_from_start=types.duration(3_000_000_007),
+            )
+        ],
+    )
+    assert theirs.serialize() == types.encode(ours)
+
+
+def test_a_network_that_this_computer_lacks_is_said() -> None:
+    with pytest.raises(InputError, match="cannot use domain"):
+        DdsTransport(DOMAIN + 1, "203.0.113.7")
