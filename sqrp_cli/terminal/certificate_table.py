@@ -8,7 +8,8 @@ import numpy as np
 
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.programming.coverage.certificate import Certificate
-from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling
+from sqrp_cli.programming.coverage.sampling import Sampling
+from sqrp_cli.programming.coverage.timeline import bisection_error
 from sqrp_cli.programming.ranking import Criterion, Ranked, may_overtake
 from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 from sqrp_cli.terminal.console import Column, print_table, say
@@ -40,8 +41,9 @@ def print_certificate(
     ]
     titles = ("Q_eoi [%]", "Q_avg [%]", "undecided [s]")
     print_table([Column(""), *(Column(title, right=True) for title in titles)], rows)
-    if isinstance(sampling, Adaptive) and any(_is_open(one) for _, one in proven):
-        say(f"Both ends allow for {100 * sampling.tolerance:g} points that sampling may be off.")
+    error = bisection_error(sampling)
+    if error and any(_is_open(one) for _, one in proven):
+        say(f"Both ends allow for {100 * error:g} points that bisection may leave.")
     first, certificate = proven[0]
     name, rivals = first.assessment.candidate.name, may_overtake(feasible, by)
     if rivals:

@@ -13,8 +13,8 @@ import numpy as np
 
 from sqrp_cli.logic.formula_time import Stretch, merge
 from sqrp_cli.programming.coverage.quality import ROUNDING, Qualities, falls_short
-from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling
-from sqrp_cli.programming.coverage.timeline import Timeline, Watch, observe
+from sqrp_cli.programming.coverage.sampling import Sampling
+from sqrp_cli.programming.coverage.timeline import Timeline, Watch, bisection_error, observe
 from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 from sqrp_cli.programming.sensing.bounded.observer import BoundedObserver
 from sqrp_cli.programming.sensing.observer import Observer
@@ -42,8 +42,8 @@ def certify(watch: Watch, observer: Observer, sampling: Sampling, bounds: PoseBo
         observe(watch, BoundedObserver(cameras, solids, bounds=bounds, surely=surely), sampling, full=False)
         for surely in (True, False)
     )
-    # Bisection leaves an error, that of the certificate and that of the figures that it is about.
-    error = ROUNDING + (sampling.tolerance if isinstance(sampling, Adaptive) else 0.0)
+    # Bisection leaves an error, that of the figures that the least is about, and that of the most.
+    error = ROUNDING + bisection_error(sampling)
     least, most = Qualities.of(sure), Qualities.of(possible)
     return Certificate(
         least=Qualities(_lowered(least.q_avg, error), _lowered(least.q_eoi, error)),

@@ -35,11 +35,10 @@ class AnyHullTester(HullTester):
 
     def hulls(self, lines: SightLines) -> Array:
         """The corners of each box and of a prism around the ball, shape (h, 32, 3) [m]."""
-        ahead = _directions(lines.corners.mean(axis=1) - lines.eyes)
-        aside = _directions(cross(ahead, np.eye(3)[np.abs(ahead).argmin(axis=1)]))
+        ahead, aside, over = axes_to_boxes(lines)
         turns = np.arange(_SIDES) * (2 * np.pi / _SIDES)
         wide = self._reach / np.cos(np.pi / _SIDES)
-        ring = wide * (np.cos(turns)[:, None] * aside[:, None] + np.sin(turns)[:, None] * cross(ahead, aside)[:, None])
+        ring = wide * (np.cos(turns)[:, None] * aside[:, None] + np.sin(turns)[:, None] * over[:, None])
         ends = [lines.eyes[:, None] + ring + sign * self._reach * ahead[:, None] for sign in (-1.0, 1.0)]
         return np.concatenate([lines.corners, *ends], axis=1)
 
@@ -90,6 +89,13 @@ def _in_all(lines: SightLines, bounds: PoseBounds, hulls: Indices, share: Array)
     outside = (spaces[..., 3] > 0.0).any(axis=1) & through_apex.any(axis=1)
     found: Mask = deep.all(axis=1) & outside
     return found
+
+
+def axes_to_boxes(lines: SightLines) -> tuple[Array, Array, Array]:
+    """Unit vectors in the world: to the centre of the box of each hull, and two across, shape (h, 3) each."""
+    ahead = _directions(lines.corners.mean(axis=1) - lines.eyes)
+    aside = _directions(cross(ahead, np.eye(3)[np.abs(ahead).argmin(axis=1)]))
+    return ahead, aside, cross(ahead, aside)
 
 
 def _directions(vectors: Array) -> Array:

@@ -11,7 +11,7 @@ from sqrp_cli.geometry import Array, Indices
 from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 from sqrp_cli.programming.sensing.bounded.hulls import AnyHullTester, common_hulls
 from sqrp_cli.programming.sensing.bounded.limits import BoundedBoxes
-from sqrp_cli.programming.sensing.bounded.shares import ShareBounds, share_bounds
+from sqrp_cli.programming.sensing.bounded.visible import visible_enough
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines, WatchedBoxes
@@ -41,8 +41,7 @@ class BoundedObserver(Observer):
         return BoundedBoxes(boxes, self._projections, self._solids, states, bounds=self.bounds, surely=self.surely)
 
     def _near(self, watched: WatchedBoxes, lines: SightLines) -> Pairs:
-        margin = self.bounds.reach if self.surely else 0.0
-        return near_pairs(lines, watched.solid_poses, watched.opaque, margin)
+        return near_pairs(lines, watched.solid_poses, watched.opaque, self.bounds.reach)
 
     def _needed(self, watched: WatchedBoxes, lines: SightLines) -> Array:
         bounds = backdrop_bounds(lines, watched.boxes, watched.solid_poses, watched.alike, self.bounds.reach)
@@ -56,12 +55,10 @@ class BoundedObserver(Observer):
         enough = np.ones(len(needed), dtype=bool)
         enough[seen.line[seen.share < needed[seen.line]]] = False
         if self.surely:
-            between = self._between(lines, watched, partly.of_lines(enough))
-            enough[between.line[between.low < needed[between.line]]] = False
+            enough &= visible_enough(lines, poses, partly.of_lines(enough), needed, self.bounds, surely=True)
             met = self._any_tester.met(lines, poses, whole, first_only=True)
         else:
-            between = self._between(lines, watched, partly.of_lines(~enough & finite))
-            enough[between.line[between.high >= needed[between.line]]] = True
+            enough |= visible_enough(lines, poses, partly.of_lines(~enough & finite), needed, self.bounds, surely=False)
             met = self._met_by_all(lines, watched, whole)
         return np.concatenate([np.flatnonzero(~enough), met.line])
 
@@ -74,6 +71,3 @@ class BoundedObserver(Observer):
         common = common_hulls(lines, self.bounds, wanted)
         known = hidden & (common.known | ~lines.finite)[lines.hull]
         return self._tester.met(common.lines, poses, pairs.of_lines(known), first_only=True)
-
-    def _between(self, lines: SightLines, watched: WatchedBoxes, pairs: Pairs) -> ShareBounds:
-        return share_bounds(lines, watched.solid_poses, pairs, self.bounds)

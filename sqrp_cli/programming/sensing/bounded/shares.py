@@ -2,8 +2,10 @@
 
 What a camera's turn changes in an image, it changes for the box and what hides it alike. What its centre moves is
 looked at in the plane through the box's centre that is parallel to the image: from a centre that has moved by less than
-t, a point at the depth z, seen in a direction s times as long as it is deep, appears there to have moved by less than
-t s |D - z| / (z - t), if the plane's depth is D. So the blocked area changes by no more than its outline sweeps.
+t across the direction to the box, a point at the depth z, seen in a direction s times as long as it is deep, appears
+there to have moved by less than t s |D - z| / (z - t), if the plane's depth is D; by as much along that direction, by
+no more than the tangent of the box's image instead of s. So the blocked area changes by no more than its outline
+sweeps.
 """
 
 from __future__ import annotations
@@ -13,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, Indices, Mask, begins_run, inverse, transform
-from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
+from sqrp_cli.geometry import Array, Indices, Mask, inverse, ranges, transform
+from sqrp_cli.programming.sensing.bounded.columns import Columns
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
 from sqrp_cli.programming.sensing.visibility.hull_spaces import BOX_FACES, clipped_polygons
@@ -32,43 +34,62 @@ _ASLANT = (SHIFT[_STRIDE] + 0.5) % 1.0 - 0.5
 
 
 class ShareBounds(NamedTuple):
-    """Between what the visible shares of the boxes of n sight lines lie."""
+    """Between what the visible shares of the boxes of n sight lines lie, from anywhere in a column each."""
 
-    line: Indices
-    """Index of the sight line, shape (n,)."""
     low: Array
     """Shape (n,)."""
     high: Array
     """Shape (n,)."""
+    middle: Array
+    """From the middle of each column, NaN where it was not looked at, shape (n,)."""
+    error: Array
+    """By how much the bounds stay away from that, however thin the column, shape (n,)."""
 
 
-def share_bounds(lines: SightLines, poses: SolidPoses, pairs: Pairs, bounds: PoseBounds) -> ShareBounds:
-    """Between what the visible shares of the boxes of the sight lines in the pairs lie.
+def share_bounds(lines: SightLines, poses: SolidPoses, near: NearSolids, columns: Columns) -> ShareBounds:
+    """Between what the visible shares of the boxes of sight lines with a hull each lie.
 
-    pairs: of all solids that may be in the way, from any pose, for the lower bounds; from the middle one for the upper
-    ones. The boxes and cameras must be somewhere, and the corners of the boxes in front of the cameras.
+    near: all solids that may be in the way, from any centre. The boxes and cameras must be somewhere, and the corners
+    of the boxes in front of the cameras.
     """
-    hulls, named = _Hulls.of(lines), pairs.line[begins_run(pairs.line)]
-    depth = _least_depths(lines, hulls, poses, pairs, bounds)
-    pairs, depth = pairs.some(np.isfinite(depth)), depth[np.isfinite(depth)]
-    sweep = np.zeros(len(lines.state))
-    np.maximum.at(sweep, pairs.line, hulls.sweep(lines.hull[pairs.line], depth, bounds))
-    low, high = np.ones(len(lines.state)), np.ones(len(lines.state))
+    hulls, number = _Hulls.of(lines), len(lines.state)
+    sweep = np.zeros(number)
+    np.maximum.at(sweep, near.pairs.line, hulls.sweep(near.pairs.line, near.depth, columns))
     # Where anything may sweep across all of the box, nothing is known.
-    wide = sweep > hulls.sides[lines.hull].sum(axis=1)
-    low[wide], high[wide] = 0.0, 1.0
-    pairs = pairs.of_lines(~wide)
-    margin = np.zeros(len(lines.box))
-    np.maximum.at(margin, lines.hull[pairs.line], sweep[pairs.line])
-    for line, grid, rays in rays_around(lines, poses, pairs, margin):
-        box, hull, cells = rays.silhouette, lines.hull[line], _Cells.of(grid, rays.hull)
+    wide = sweep > hulls.sides.sum(axis=1)
+    low, high, error = np.where(wide, 0.0, 1.0), np.ones(number), ACCURACY + hulls.uneven(columns.turn)
+    middle = np.where(wide, np.nan, 1.0)
+    for line, grid, rays in rays_around(lines, poses, near.pairs.of_lines(~wide), np.where(wide, 0.0, sweep)):
+        box, cells = rays.silhouette, _Cells.of(grid, rays.hull)
         every, free = count_rays(box), count_rays(box & ~rays.blocked)
         changed = cells.swept(rays.blocked, cells.around(box, sweep[line]), sweep[line])
-        edge = cells.along(2.0 * hulls.sides[hull].sum(axis=1), hulls.sweep(hull, hulls.nearest[hull], bounds))
-        error = ACCURACY + hulls.uneven(hull, bounds)
-        low[line] = (free - changed - edge) / np.maximum(every + edge, 1.0) - error
-        high[line] = (free + changed + edge) / np.maximum(every - edge, 1.0) + error
-    return ShareBounds(named, low[named], high[named])
+        edge = cells.along(2.0 * hulls.sides[line].sum(axis=1), hulls.sweep(line, hulls.nearest[line], columns))
+        low[line] = (free - changed - edge) / np.maximum(every + edge, 1.0) - error[line]
+        high[line] = (free + changed + edge) / np.maximum(every - edge, 1.0) + error[line]
+        middle[line] = free / np.maximum(every, 1.0)
+    return ShareBounds(low, high, middle, error)
+
+
+class NearSolids(NamedTuple):
+    """Solids that may reach into the view hull of any centre of the camera."""
+
+    pairs: Pairs
+    """n of them, with sight lines."""
+    depth: Array
+    """The least at which they may, from any centre, shape (n,) [m]."""
+
+    @classmethod
+    def of(cls, lines: SightLines, poses: SolidPoses, pairs: Pairs, reach: float) -> NearSolids:
+        """Those of pairs, with centres up to `reach` [m] away."""
+        depth = _least_depths(lines, _Hulls.of(lines), poses, pairs, reach)
+        some = np.isfinite(depth)
+        return cls(pairs.some(some), np.maximum(depth[some] - reach, 0.0))
+
+    def of_lines(self, line: Indices) -> NearSolids:
+        """Those of sight lines by index, any of which may come several times, counted anew."""
+        first, last = (np.searchsorted(self.pairs.line, line, side=side) for side in ("left", "right"))
+        new, at = ranges(first, last)
+        return NearSolids(Pairs(new, self.pairs.solid[at]), self.depth[at])
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,30 +129,33 @@ class _Hulls:
         slant: Array = np.sqrt(1.0 + (outermost * outermost).sum(axis=1))
         return slant
 
-    def sweep(self, hull: Indices, depth: Array, bounds: PoseBounds) -> Array:
+    def sweep(self, hull: Indices, depth: Array, columns: Columns) -> Array:
         """How far points from depths (n,) on may move over a box, in the plane z = 1, up to its far side; (n,)."""
-        t, middle, slant = bounds.reach, self.depth[hull], self.slant[hull]
-        beside = slant * (1.0 + 2.0 * t / np.maximum(depth, 1e-300))  # of directions to points beside the box
+        reach, middle, slant = columns.reach[hull], self.depth[hull], self.slant[hull]
+        beside = slant * (1.0 + 2.0 * reach / np.maximum(depth, 1e-300))  # of directions to points beside the box
 
         def moved(z: Array) -> Array:
-            return np.where(z > t, np.abs(middle - z) / np.maximum(z - t, 1e-300), np.inf)
+            return np.where(z > reach, np.abs(middle - z) / np.maximum(z - reach, 1e-300), np.inf)
 
-        found: Array = t * beside / middle * np.maximum(moved(depth), moved(self.farthest[hull]))
+        farthest = np.maximum(moved(depth), moved(self.farthest[hull])) / middle
+        # No further beside the box than what moves may come from.
+        across = np.hypot(*self.sides[hull].T) + reach * beside * farthest
+        found: Array = (columns.aside[hull] * beside + columns.along[hull] * across) * farthest
         return found
 
-    def uneven(self, hull: Indices, bounds: PoseBounds) -> Array:
-        """By how much the weights of areas in the image change across a box if the camera turns, as a share, (n,).
+    def uneven(self, turn: float) -> Array:
+        """By how much the weights of areas in the image change across a box if the camera turns, as a share, (h,).
 
         An area counts with 1 / z^3 of its unit direction, and a turn by a changes z by -a to a times the slope.
         """
-        least = np.cos(bounds.turn) - np.sin(bounds.turn) * self.slant[hull]
-        across = np.sin(bounds.turn) * np.hypot(*self.sides[hull].T)
+        least = np.cos(turn) - np.sin(turn) * self.slant
+        across = np.sin(turn) * np.hypot(*self.sides.T)
         found: Array = np.where(least > 0, 3.0 * across / np.maximum(least, 1e-300), np.inf)
         return found
 
 
-def _least_depths(lines: SightLines, hulls: _Hulls, poses: SolidPoses, pairs: Pairs, bounds: PoseBounds) -> Array:
-    """Least depth at which the solids of pairs may reach into the view hull of any pose [m], shape (pairs,).
+def _least_depths(lines: SightLines, hulls: _Hulls, poses: SolidPoses, pairs: Pairs, reach: float) -> Array:
+    """Least depth at which the solids of pairs may reach into the view hull of any centre [m], shape (pairs,).
 
     Infinite where the box around the solid does not. It is clipped at the four sides of the hull, each moved out by as
     much as the eye may be.
@@ -143,7 +167,7 @@ def _least_depths(lines: SightLines, hulls: _Hulls, poses: SolidPoses, pairs: Pa
     for axis in range(2):
         for sign, slopes in ((1.0, hulls.high), (-1.0, hulls.low)):
             slope = np.repeat(slopes[hull, axis], 6)[:, None]
-            heights = sign * (faces[..., axis] - slope * faces[..., 2]) - bounds.reach * np.sqrt(1.0 + slope * slope)
+            heights = sign * (faces[..., axis] - slope * faces[..., 2]) - reach * np.sqrt(1.0 + slope * slope)
             faces, counts = clipped_polygons(faces, counts, heights)
     present = np.arange(faces.shape[1]) < counts[:, None]
     depth = np.where(present, faces[..., 2], np.inf).min(axis=1).reshape(-1, 6).min(axis=1)

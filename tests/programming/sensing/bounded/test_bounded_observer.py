@@ -112,6 +112,25 @@ def test_no_pose_breaks_what_is_decided_of_hidden_boxes(
     assert share > (0.8 if bounds is SMALL else 0.1)
 
 
+def test_little_more_of_shares_is_left_open_than_what_poses_change() -> None:
+    """A wall midway, whose edge moves before the boxes, and a board close to them, which hardly moves."""
+    camera = make_camera(focal=(400.0, 400.0))
+    box = make_box((0.06, 0.05, 0.04), frame="thing", detector=make_detector(0.5))
+    wall = load_solid(box_part("wall", (0.4, 0.4, 0.01), pose(None, (0.306, 0.0, 0.5))))
+    board = load_solid(box_part("board", (0.01, 0.2, 0.01), pose(None, (0.171, 0.0, 0.9))))
+    X_WB = np.stack([pose(None, (x, 0.0, 1.0)) for x in np.linspace(0.185, 0.215, 100)])
+    sure, possible = (
+        observed(BoundedObserver((camera,), (wall, board), bounds=SMALL, surely=surely), box, X_WB)
+        for surely in (True, False)
+    )
+    seen = np.stack([observed(Observer((moved(camera, SMALL, draw),), (wall, board)), box, X_WB) for draw in range(60)])
+    assert not (sure & ~seen).any()
+    assert not (seen & ~possible).any()
+    changed = seen.any(axis=0) & ~seen.all(axis=0)
+    assert changed.sum() > 10
+    assert (possible & ~sure).sum() < 2.5 * changed.sum()
+
+
 @pytest.mark.parametrize("bounds", [SMALL, LARGE], ids=["small", "large"])
 def test_no_pose_breaks_what_is_decided_before_backgrounds(bounds: PoseBounds) -> None:
     """Green posts, a green wall and a grey board before it, behind and beside what is green."""
