@@ -119,27 +119,39 @@ class SamplingDone(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecalibratedCandidate(Record):
-    """Effect of inexact camera poses on a candidate."""
+class _Inexact(Record):
+    """A candidate under inexact camera poses."""
 
     parameters: Mapping[str, float | str]
     """Objects and motion parameters by name."""
-    first: int
-    """Draws of camera poses in which it is ranked first."""
     q_avg: list[float] | None
-    """5th and 95th percentile."""
+    """Least and most: 5th and 95th percentile of the draws, or what any pose gives; null where it is undefined."""
     q_eoi: list[float] | None
-    """5th and 95th percentile."""
+    """The same within the events of interest."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recalibrated(Record):
-    """Effect of inexact camera poses."""
+class _PoseErrors(Record):
+    """How inexact camera poses are."""
 
     position: float
-    """Standard deviation along each axis of each camera [m]."""
+    """Of each camera [m]: standard deviation along each axis, or the longest distance."""
     rotation: float
-    """Standard deviation about each axis of each camera [rad]."""
+    """Of each camera [rad]: standard deviation about each axis, or the largest angle about any."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecalibratedCandidate(_Inexact):
+    """Effect of drawn camera poses on a candidate."""
+
+    first: int
+    """Draws of camera poses in which it is ranked first."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recalibrated(_PoseErrors):
+    """Effect of drawn camera poses."""
+
     seed: int
     """Of the random errors of camera poses."""
     draws: int
@@ -183,15 +195,9 @@ class UndecidedSpan(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CertifiedCandidate(Record):
+class CertifiedCandidate(_Inexact):
     """What is proven of a candidate for every pose of each camera within bounds."""
 
-    parameters: Mapping[str, float | str]
-    """Objects and motion parameters by name."""
-    q_avg: list[float] | None
-    """The least and the most that any pose gives; null where it is undefined."""
-    q_eoi: list[float] | None
-    """The same within the events of interest."""
     undecided: tuple[UndecidedSpan, ...]
     """When the state may be covered or not."""
     may_be_first: bool
@@ -214,13 +220,9 @@ def _ends(least: float | None, most: float | None) -> list[float] | None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Certified(Record):
+class Certified(_PoseErrors):
     """What is proven for every pose of each camera within bounds."""
 
-    position: float
-    """Longest distance of each camera's centre from where the workspace has it [m]."""
-    rotation: float
-    """Largest angle by which each camera is turned, about any axis [rad]."""
     first_stays: bool
     """Whether the first candidate is proven to stay the first."""
     candidates: tuple[CertifiedCandidate, ...]

@@ -26,7 +26,8 @@ class ParetoPlot {
     const candidates = entries.map((e) => e.candidate),
       names = entries.map((e) => e.name);
     const feasible = entries.map((e, i) => i).filter((i) => candidates[i]?.feasible);
-    const metric = feasible.some((i) => candidates[i].q_eoi !== null) ? 'q_eoi' : 'q_avg';
+    const shown = (key) => new Set(feasible.map((i) => percent(candidates[i][key])));
+    const metric = shown('q_eoi').size > 1 || shown('q_avg').has('–') ? 'q_eoi' : 'q_avg'; // one that tells them apart
     const label = metric === 'q_eoi' ? 'Q_eoi' : 'Q_avg';
     this.dots = new Map();
     byId('against-time').hidden = !compared || feasible.length < 2;
