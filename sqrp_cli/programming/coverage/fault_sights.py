@@ -19,7 +19,7 @@ from sqrp_cli.knowledge.skill.target_box import object_of
 from sqrp_cli.logic.formula_time import SAME_INSTANT, Stretch
 from sqrp_cli.logic.image_time import Onset, Window
 from sqrp_cli.logic.literal import Literal
-from sqrp_cli.programming.coverage.parting import onset
+from sqrp_cli.programming.coverage.parting import least_delays, onset
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.stage import Stage
 from sqrp_cli.programming.coverage.timeline import Timeline, Watch, observe_all
@@ -267,3 +267,15 @@ def fault_onsets(scene: WatchedFaults, observer: Observer) -> dict[str, tuple[On
         )
         for fault, literals in scene.fault_literals.items()
     }
+
+
+def least_fault_delays(scene: WatchedFaults, observer: Observer, response: float) -> Array:
+    """What the longest delay of any fault is at least with each camera, see `parting.least_delays`."""
+    targets = {target.atom: target for target in scene.targets}
+    found = [
+        least_delays(scene.stage, observer, literals, targets, interval, response)
+        for fault, literals in scene.fault_literals.items()
+        for interval in fault_intervals(scene.formulas, fault)
+    ]
+    longest: Array = np.max([np.zeros(len(observer.cameras)), *found], axis=0)
+    return longest

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -93,38 +94,79 @@ def onset(
 
     literals: of the fault, with the target of each. Where the tool loses nothing in it, images show it at once.
     """
+    found = _by_camera(stage, observer, literals, targets, interval)
+    if found is None:
+        return Onset.at_once(interval.start, interval.end)
+    return _between(found.x, found.shown.max(axis=0, initial=0.0), interval)
+
+
+def least_delays(
+    stage: Stage,
+    observer: Observer,
+    literals: Sequence[Literal],
+    targets: Mapping[Atom, Target],
+    interval: Stretch,
+    response: float,
+) -> Array:
+    """What the longest delay of a fault is at least, with each camera and whichever others, shape (cameras,) [s].
+
+    As the slowest of the cameras that see a part tells when it is shown, others make no camera faster. At some phase
+    the image that shows it is known one response later, unless the motion ends before. See `onset`.
+
+    response: the shortest of all cameras [s].
+    """
+    found = _by_camera(stage, observer, literals, targets, interval)
+    if found is None:
+        return np.full(len(observer.cameras), min(response, stage.motion.time - interval.start))
+    alone = [_between(found.x, shown, interval) for shown in found.shown]
+    return np.array([np.minimum(one.shown - one.x + response, stage.motion.time - one.x).max() for one in alone])
+
+
+class _ByCamera(NamedTuple):
+    """When a lost part is shown by each of c cameras."""
+
+    x: Array
+    """When the fault becomes true, shape (s,) [s]."""
+    shown: Array
+    """From when on each shows it, as soon as it is lost where the camera is not asked, shape (c, s) [s]."""
+
+
+def _by_camera(
+    stage: Stage,
+    observer: Observer,
+    literals: Sequence[Literal],
+    targets: Mapping[Atom, Target],
+    interval: Stretch,
+) -> _ByCamera | None:
+    """When each camera shows a fault, see `onset`; None where the tool loses nothing."""
     name = _held(stage, interval)
     boxes = {} if name is None else {lit: _boxes_of(stage, targets[lit.atom], name) for lit in literals}
     left = [box for lit, found in boxes.items() if not lit.positive for box in found if box.frame in stage.model.links]
     reached = [box for lit, found in boxes.items() if lit.positive for box in found if box.frame in stage.resting]
     if name is None or not left or interval.length <= 0.0:
-        return Onset.at_once(interval.start, interval.end)
+        return None
     loss = _loss(stage, name, interval)
-    x = loss.t
+    x, shown = loss.t, np.tile(loss.t, (len(observer.cameras), 1))
     rests = [box for box in _rests(stage, targets, name) if box not in reached]
     left_by, *by_place = _watching(stage, observer, [left, *([box] for box in [*reached, *rests])], interval)
     held = HeldPart(loss, _turn(stage, left[0], loss.t), np.array(left[0].size))
-    shows = _apart(held, *_eyes(left_by))
+    eyes, focal = _eyes([observer.cameras[number] for number in left_by])
+    shows = _apart(held, eyes, focal)
     if left[0].limits.kind == "color":
         there = [
-            np.where(_are_in(left_by, by)[:, None, None], _at_place(held, stage, box, _eyes(left_by)[0]), -np.inf)
+            np.where(np.isin(left_by, by)[:, None, None], _at_place(held, stage, box, eyes), -np.inf)
             for box, by in zip([*reached, *rests], by_place, strict=True)
         ]
-        shows = np.maximum(_clear(held, _eyes(left_by)[0]), np.minimum(shows, np.max(there, axis=0, initial=-np.inf)))
-    shown = loss.t + _together(_first(shows))
+        shows = np.maximum(_clear(held, eyes), np.minimum(shows, np.max(there, axis=0, initial=-np.inf)))
+    shown[left_by] = loss.t + _first(shows)
     for box, by in zip(reached, by_place, strict=False):
         X_WB = stage.resting[box.frame][0] @ box.X_FB
         offset = (loss.free - X_WB[:3, 3]) @ X_WB[:3, :3]
         half = 0.5 * np.array(box.size)
         x = np.maximum(x, loss.t + _first((half - np.abs(offset)).min(axis=2)[None])[0])
-        shown = np.maximum(shown, loss.t + _together(_first(_in_place(loss, X_WB, half, _eyes(by)[0]))))
-    return _between(x, shown, interval)
-
-
-def _together(shown: Array) -> Array:
-    """From when on the cameras agree, of when each of c shows it, shape (c, s); (s,)."""
-    latest: Array = shown.max(axis=0, initial=0.0)
-    return latest
+        eyes, _ = _eyes([observer.cameras[number] for number in by])
+        shown[by] = np.maximum(shown[by], loss.t + _first(_in_place(loss, X_WB, half, eyes)))
+    return _ByCamera(x, shown)
 
 
 def _between(x: Array, shown: Array, interval: Stretch) -> Onset:
@@ -140,16 +182,16 @@ def _between(x: Array, shown: Array, interval: Stretch) -> Onset:
 
 def _watching(
     stage: Stage, observer: Observer, boxes: Sequence[Sequence[SoughtBox]], interval: Stretch
-) -> list[list[Camera]]:
-    """For each of some groups of boxes the fixed cameras that see any of them, early in an interval."""
+) -> list[Indices]:
+    """For each of some groups of boxes the fixed cameras that see any of them, early in an interval, by number."""
     t = interval.start + _LOOK * interval.length
     piece = next(i for i, piece in enumerate(stage.pieces) if piece.start <= t <= piece.end)
     states = stage.states(Samples(np.array([piece]), np.array([t])))
     targets = [Target(Atom(box.name), 1, (box,)) for group in boxes for box in group]
     sees = iter([sees_all(found)[0] for found in observer.verdicts(targets, states, shares=False)])
     of_groups = [np.any([next(sees) for _ in group], axis=0) for group in boxes]
-    fixed = [camera.frame == WORLD for camera in observer.cameras]
-    return [[c for c, *good in zip(observer.cameras, seen, fixed, strict=True) if all(good)] for seen in of_groups]
+    fixed = np.array([camera.frame == WORLD for camera in observer.cameras], dtype=bool)
+    return [np.flatnonzero(seen & fixed) for seen in of_groups]
 
 
 def _held(stage: Stage, interval: Stretch) -> str | None:
@@ -163,12 +205,6 @@ def _rests(stage: Stage, targets: Mapping[Atom, Target], name: str) -> list[Soug
     """The places that hold still in which images of the task look for an object."""
     boxes = (box for target in targets.values() for box in _boxes_of(stage, target, name))
     return [box for box in boxes if box.frame in stage.resting and box.limits.kind == "color"]
-
-
-def _are_in(cameras: Sequence[Camera], others: Sequence[Camera]) -> Array:
-    """Which of some cameras are among others, shape (c,)."""
-    names = {camera.name for camera in others}
-    return np.array([camera.name in names for camera in cameras], dtype=bool)
 
 
 def _boxes_of(stage: Stage, target: Target, name: str) -> list[SoughtBox]:

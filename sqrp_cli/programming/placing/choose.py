@@ -257,7 +257,8 @@ class Search:
         )
         in_time = wish.delay is None or worth.delay <= wish.delay + SLACK
         count = len(choice.options)
-        return enough and in_time and count >= self._at_least and (most is None or count <= most)
+        allowed = choice.options not in self._problem.missing and count >= self._at_least
+        return enough and in_time and allowed and (most is None or count <= most)
 
     def _limits(self) -> None:
         """One camera at a place, none that are in each other's or the robot's way, number and budget."""
@@ -280,6 +281,8 @@ class Search:
             both, taken = {**at.get(hiding.place, {}), **seeing}, parts.taken.get(hiding.way)
             most = 1.0 if seeing else 0.0  # what a camera that stays sees must not be hidden
             program.row(both if taken is None else {**both, taken: 1.0}, most=most + (taken is not None))
+        for some in sorted(problem.missing):
+            program.row({x: 1.0 if option in some else -1.0 for option, x in parts.free.items()}, most=len(some) - 1.0)
         if self._at_least:
             program.row(dict.fromkeys(parts.free.values(), 1.0), least=float(self._at_least))
         if demand.most is not None:
@@ -346,6 +349,7 @@ class Search:
                 gaps = (ends[None] - starts[:, None]).ravel()
                 found |= set(np.round(gaps[gaps > 0], 6).tolist())
         found |= set(np.round(tiers, 6).tolist()) if found else set()
+        found |= set(np.round(self._problem.late, 6).ravel().tolist())
         shortest = min(tiers, default=0.0)
         return np.array(sorted(value for value in found if value >= shortest - SLACK))
 
@@ -441,6 +445,11 @@ class _Parts:
         for way in self.problem.cover.ways:
             for fault in way.faults:
                 self._in_time(way, fault, delay)
+            taken = self.taken.get(way.number)
+            for option in np.flatnonzero(self.problem.late[way.number] > delay + SLACK).tolist():
+                chosen = {self.free[option]: 1.0} if option in self.free else {}
+                most = (taken is not None) - (option in self.problem.kept)
+                self.program.row(chosen if taken is None else {**chosen, taken: 1.0}, most=float(most))
 
     def _in_time(self, way: CoveredWay, fault: FaultSamples, delay: float) -> None:
         taken, tiers, limit = self.taken.get(way.number), self.problem.cover.responses, delay + SLACK

@@ -57,7 +57,8 @@ def with_useful_cameras(problem: Placing, demand: Demand, choice: Choice) -> Cho
         without, worth = (worth_of(problem, Choice(tuple(one), choice.ways)) for one in (rest, options))
         if (without.least, without.mean, without.delay) == (worth.least, worth.mean, worth.delay):
             options = [*rest, Gain(problem, demand).spare_with(rest, choice.ways, option)]
-    return Choice(tuple(sorted(options)), choice.ways)
+    better = Choice(tuple(sorted(options)), choice.ways)
+    return choice if better.options in problem.missing else better
 
 
 _EXCHANGES = 20

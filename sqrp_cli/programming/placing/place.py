@@ -18,6 +18,7 @@ from sqrp_cli.knowledge.workspace.mounts import LensChoice, MountEntry, Spot
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study, observed
+from sqrp_cli.programming.coverage.fault_sights import least_fault_delays
 from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.placing.choose import Chosen, Search
 from sqrp_cli.programming.placing.cover import Cover
@@ -48,6 +49,12 @@ ROUNDS = 8
 
 CLOSE = 1e-3
 """Figures at the samples that differ from the exact ones by more are sharpened, as a fraction."""
+
+MOST_MISSING = 5
+"""Most choices that are given up because their exact delays are longer than wished."""
+
+_TOGETHER = 200
+"""Options whose delays are looked at together, to bound the memory."""
 
 MOST_ADDED = 24
 """Most samples that a round adds to a way."""
@@ -82,6 +89,8 @@ class Placer:
         """Those ways: what cameras aim at does not depend on whether ways are chosen, too."""
         self._shut: list[Mask] = []
         """Of each way, at which places a camera would touch something."""
+        self._late: list[Array] = []
+        """Of each way, how long the longest delay of a fault is at least with each option [s]."""
         self._apart: frozenset[tuple[int, int]] = frozenset(pairs_apart(self.spots))
         self._too_slow = False
         """Whether no camera helps, because a candidate takes longer than is wished for."""
@@ -90,6 +99,8 @@ class Placer:
         self._blind = False
         """Whether no choice of cameras gives any candidate a quality above 0."""
         self._known_hiding: frozenset[Hiding] = frozenset()
+        self._missing: frozenset[tuple[int, ...]] = frozenset()
+        """Sets of options whose exact delays are longer than wished."""
         self.sees: list[Mask] = []
         """Of each way, which options see which items, shape (options, items)."""
 
@@ -101,14 +112,39 @@ class Placer:
         self._choose_from()
         self._judge(self.ways)
         demand = self.question.demand
-        problem, chosen = self._wanted(demand)
+        if self._is_ruled_out(demand.wish):
+            return self._closest(demand)
+        problem, chosen = self._reaching(demand)
         if self._others and not chosen.interrupted and self._may_be_better(problem, chosen):
             self._add_ways()
             self._sharpen_plain(demand)
-            problem, chosen = self._wanted(demand, chosen.choice)
+            self._missing = frozenset()
+            problem, chosen = self._reaching(demand, chosen.choice)
         if chosen.choice is None and not chosen.interrupted and demand.wish is not None:
             return self._nearest(demand)
         return self._placement(*self._at_least_some(problem, chosen, demand))
+
+    def _reaching(self, demand: Demand, start: Choice | None = None) -> tuple[Placing, Chosen]:
+        """The best choice whose exact delays are as wished for, too; the first one if none of a few is."""
+        first = problem, chosen = self._wanted(demand, start)
+        for _ in range(MOST_MISSING):
+            if chosen.choice is None or chosen.interrupted or not self._misses(chosen.choice, demand):
+                break
+            self._missing |= {chosen.choice.options}
+            problem, chosen = self._wanted(demand)
+        else:
+            return first
+        if chosen.choice is None and first[1].choice is not None:
+            return first
+        # Those left out miss it in the ways that were chosen with them, perhaps not in others.
+        return problem, replace(chosen, proven=chosen.proven and not self._missing)
+
+    def _misses(self, choice: Choice, demand: Demand) -> bool:
+        """Whether a fault may be noticed later than wished with a choice, by the exact delays."""
+        if demand.wish is None or demand.wish.delay is None:
+            return False
+        found = (study.assessment("").delay_worst for study in self.studies(choice))
+        return any(delay is not None and delay > demand.wish.delay + 1e-9 for delay in found)
 
     def _nearest(self, demand: Demand) -> Placement:
         """The answer where the wish cannot be met: as many cameras more as it takes, or what comes nearest."""
@@ -116,6 +152,16 @@ class Placer:
             problem, enough = self._wanted(replace(demand, most=None))
             if enough.choice is not None:
                 return replace(self._placement(problem, enough), met=False)
+        return self._closest(demand)
+
+    def _is_ruled_out(self, wish: Wish | None) -> bool:
+        """Whether a wished delay is shorter than the period and latency of every camera."""
+        responses = [self._camera_at(option).response for option in range(len(self.options))]
+        wished = None if wish is None or not any(way.scene.faults for way in self.ways) else wish.delay
+        return wished is not None and wished < min(responses, default=0.0) - 1e-9
+
+    def _closest(self, demand: Demand) -> Placement:
+        """What comes nearest to a wish that no choice meets."""
         demand = replace(demand, wish=None)
         problem, nearest = self._at_least_some(*self._sharpened(demand), demand)
         return replace(self._placement(problem, nearest), met=False, unseen=tuple(self._unseen(problem)))
@@ -178,6 +224,16 @@ class Placer:
         """Find out what is seen of some ways, and which places are in their way."""
         self.sees += self._verdicts(ways)
         self._shut += [blocked(self.question.cell, way, self.question.mounts.spots) for way in ways]
+        self._late += map(self._least_delays, ways)
+
+    def _least_delays(self, way: JudgedWay) -> Array:
+        """How long the longest delay of a fault of a way is at least with each option, shape (options,) [s]."""
+        cameras = [self._camera_at(option) for option in range(len(self.options))]
+        response = min((camera.response for camera in cameras), default=0.0)
+        some = [cameras[first : first + _TOGETHER] for first in range(0, len(cameras), _TOGETHER)]
+        solids = self.question.cell.observer.solids
+        found = [least_fault_delays(way.scene, Observer(tuple(of_some), solids), response) for of_some in some]
+        return np.concatenate([np.empty(0), *found])
 
     def _sharpened(
         self, demand: Demand, *, first_only: bool = False, start: Choice | None = None
@@ -296,6 +352,8 @@ class Placer:
             kept=frozenset(self.kept),
             apart=self._apart,
             hiding=self._known_hiding,
+            missing=self._missing,
+            late=np.array(self._late).reshape(len(self.ways), len(self.options)),
             blocked=frozenset(
                 (place, way) for way, shut in enumerate(self._shut) for place in np.flatnonzero(shut).tolist()
             ),

@@ -74,8 +74,12 @@ class Placing:
     """Pairs of places that cannot both have a camera."""
     blocked: frozenset[tuple[int, int]] = frozenset()
     """Places with the ways in which the robot would touch a camera there."""
+    late: Array
+    """How long the longest delay of a fault of each way is at least with each option, shape (ways, options) [s]."""
     hiding: frozenset[Hiding] = frozenset()
     """Choices in which one camera hides something from another one; none of them counts."""
+    missing: frozenset[tuple[int, ...]] = frozenset()
+    """Sets of options, each in order, that are not to be chosen."""
 
     @property
     def count(self) -> int:
@@ -86,6 +90,11 @@ class Placing:
         """The fewest cameras on mounts with which anything is seen, and not fewer than are demanded."""
         floor = 0 if demand.floor is None else demand.floor.cameras
         return max(floor, 1 + demand.survive - len(self.kept), 0)
+
+    def delay(self, way: CoveredWay, choice: Choice, covered: Mask) -> float:
+        """The longest time until a fault is noticed in a way [s]: at the samples, and not before it is shown."""
+        together = [*choice.options, *sorted(self.kept)]
+        return max(self.cover.delay(way, covered), float(self.late[way.number, together].max(initial=0.0)))
 
     def ways_of(self, candidate: int) -> Sequence[CoveredWay]:
         """The ways of a candidate."""
@@ -114,7 +123,7 @@ class Worth:
     mean: float
     """Their mean, by weight."""
     delay: float
-    """The longest time until a fault is noticed [s]."""
+    """The longest time until a fault is noticed, see `Placing.delay` [s]."""
     price: float
     qualities: tuple[tuple[float | None, float | None], ...] = field(default=())
     """Q_eoi and Q_avg of each candidate."""
@@ -136,7 +145,7 @@ def worth_of(problem: Placing, choice: Choice) -> Worth:
     return Worth(
         least=min((q for of_one in known for q in of_one), default=1.0),
         mean=float(problem.weights @ np.array(each)) / total if total > 0 else 1.0,
-        delay=max((cover.delay(way, covered) for way in taken), default=0.0),
+        delay=max((problem.delay(way, choice, covered) for way in taken), default=0.0),
         price=float(problem.price[list(choice.options)].sum()),
         qualities=qualities,
     )

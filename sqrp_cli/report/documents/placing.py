@@ -210,7 +210,7 @@ class PlaceDocument(WorkspaceDocument):
     proof: str
     """The same in words."""
     late: bool
-    """Whether `want` is met at the samples, as if a lost part had parted at once, but not by the exact delays."""
+    """Whether `want` is met at the samples, but not by the exact delays."""
     too_slow: bool
     """Whether a candidate takes longer than `want` in all of its ways."""
     quickest: float
@@ -352,8 +352,8 @@ def unmet_in_words(found: PlaceDocument, wish: Wish | None) -> str:
         )
     if found.late and found.delay_worst is not None:
         return (
-            f"These cameras do not reach {wish}: a fault may be seen {found.delay_worst:.2f} s after it happens. Other "
-            "cameras may do better: the search takes a lost part as parted at once."
+            f"These cameras do not reach {wish}: a fault may be seen {found.delay_worst:.2f} s after it happens. At "
+            "the samples they do; the search knows nothing of what lies between them, so that others may do better."
         )
     if found.fewest is not None:
         return f"So many cameras do not reach {wish}; {in_words(found.fewest)} do:"

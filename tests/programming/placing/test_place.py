@@ -276,3 +276,73 @@ def test_a_motion_that_takes_longer_than_wished_is_said_to(cell, tmp_path):
     assert not found.met
     ((_, slow),) = found.infeasible
     assert "more than allowed" in slow.reasons[0]
+
+
+TWELVE = """
+mounts:
+  ceiling: {grid: {from: [-0.9, -1, 1.4], to: [0.6, 1, 1.4], step: 100 cm}, price: 20}
+  rail: {rail: {from: [-0.9, 1.1, 0.5], to: [1.0, 1.1, 0.5], step: 40 cm}}
+lenses:
+  wide: {image: {width: 640, height: 480, horizontal_fov: 60 deg}, near: 20 cm, far: 4 m, rate: 10 Hz, latency: 50 ms}
+"""
+
+
+@pytest.fixture(scope="module")
+def delays(cell, tmp_path_factory) -> tuple[Placer, dict[tuple[int, ...], float]]:
+    """The exact longest delay of every pair of a dozen mounts, one after the other."""
+    asked = placer(cell, tmp_path_factory.mktemp("twelve"), TWELVE, Demand(most=2))
+    asked._plan()
+    asked._choose_from()
+    asked._judge(asked.ways)
+    pairs = list(combinations(range(len(asked.options)), 2))
+    studies = (asked.studies(Choice(pair, (0,)))[0] for pair in pairs)
+    return asked, {pair: study.assessment("").delay_worst for pair, study in zip(pairs, studies, strict=True)}
+
+
+def test_no_pair_with_a_camera_is_quicker_than_that_camera_may_be(delays):
+    asked, exact = delays
+    least = asked.posed(0).late[0]
+    assert len(np.unique(least.round(3))) > 3
+    assert all(delay >= max(least[list(pair)]) - 1e-9 for pair, delay in exact.items())
+    assert min(delay - max(least[list(pair)]) for pair, delay in exact.items()) < 1e-3
+
+
+def test_a_wished_delay_is_met_if_any_pair_meets_it(cell, tmp_path, delays):
+    _, exact = delays
+    shortest = min(exact.values())
+    met = placer(cell, tmp_path, TWELVE, Demand(most=2, wish=Wish(delay=shortest + 0.005))).place()
+    assert met.met
+    assert max(one.found.delay_worst for one in met.candidates) <= shortest + 0.005
+    missed = placer(cell, tmp_path, TWELVE, Demand(most=2, wish=Wish(delay=shortest - 0.005))).place()
+    assert not missed.met
+
+
+def test_a_choice_whose_exact_delay_is_too_long_is_given_up_for_another_one(cell, tmp_path, delays, monkeypatch):
+    _, exact = delays
+    wish = Wish(delay=sorted(exact.values())[len(exact) // 2])
+    first = placer(cell, tmp_path, TWELVE, Demand(most=2, wish=wish))
+    chosen = first.place()
+    misses = Placer._misses
+    given_up = [frozenset(one.camera.X_FC[:3, 3].tobytes() for one in chosen.cameras)]
+
+    def missed(asked, choice, demand):
+        places = frozenset(asked._camera_at(option).X_FC[:3, 3].tobytes() for option in choice.options)
+        return places in given_up or misses(asked, choice, demand)
+
+    monkeypatch.setattr(Placer, "_misses", missed)
+    for every_set in (True, False):
+        if not every_set:
+            monkeypatch.setattr(every, "MOST_WORK", 0.0)
+        other = placer(cell, tmp_path, TWELVE, Demand(most=2, wish=wish)).place()
+        assert other.met
+        assert not other.proven
+        assert frozenset(one.camera.X_FC[:3, 3].tobytes() for one in other.cameras) not in given_up
+
+
+def test_what_a_frame_and_latency_rule_out_is_not_searched_for(cell, tmp_path, monkeypatch):
+    asked = placer(cell, tmp_path, TWELVE, Demand(most=2, wish=Wish(delay=0.14)))
+    monkeypatch.setattr(Placer, "_reaching", lambda *_: pytest.fail("a search for what cannot be"))
+    found = asked.place()
+    assert not found.met
+    assert found.quickest == pytest.approx(0.15)
+    assert len(found.cameras) == 2
