@@ -356,9 +356,9 @@ def test_progress_shows_how_much_is_done_and_time_left_however_long_the_task(mon
 
 
 def test_a_certificate_says_where_the_width_comes_from_that_nothing_undecided_explains(sqrp, watch):
-    out = sqrp("rank", watch, "watch green", "--certify", "2 mm, 0.2 deg", "--tolerance", "0.2").out
+    out = sqrp("rank", watch, "watch green", "--certify", "2 mm, 0.2 deg", "--tolerance", "2").out
     assert re.search(r"\nturned +100\.0 to 100\.0 +59\.8 to 60\.2 +0\.00\n", out)
-    assert "\nBoth ends allow for 0.02 points that bisection may leave.\n" in out
+    assert "\nBoth ends allow for 0.2 points that bisection may leave.\n" in out
     certain = sqrp("rank", watch, "watch seen", "--certify", "2 mm, 0.2 deg").out
     assert "100.0 to 100.0" in certain
     assert "Both ends" not in certain
