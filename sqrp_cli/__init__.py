@@ -1,5 +1,6 @@
 """SQRP computes how well the cameras of a robot cell will see what matters, before the robot moves."""
 
+from sqrp_cli.api.calibration import calibrate as calibrate
 from sqrp_cli.api.cell import OpenCell as OpenCell
 from sqrp_cli.api.cell import open_cell as open_cell
 from sqrp_cli.api.new_cell import new_cell as new_cell

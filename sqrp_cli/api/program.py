@@ -41,6 +41,9 @@ if TYPE_CHECKING:
     from sqrp_cli.runtime.run.simulation import Simulation
     from sqrp_cli.scoring.scorecard import Progress
 
+PROGRAM = "program.yaml"
+"""The program in a folder of frames that a run keeps."""
+
 DEFAULT_RUNS = 20
 """Runs of a sweep."""
 
@@ -186,6 +189,7 @@ class OpenProgram:
         """
         from sqrp_cli.api.run_results import SimulatedRun
         from sqrp_cli.platform.files import check_writable
+        from sqrp_cli.program.file import made_for, save_program
         from sqrp_cli.report.pages.run_page import RunCell
         from sqrp_cli.runtime.record.log import LogWriter
 
@@ -212,6 +216,8 @@ class OpenProgram:
             heard = [*(() if writer is None else (writer,)), *listeners, events.append]
             heard += [] if recorder is None else [recorder]
             states = witnessed or writer is not None or recorder is not None
+            if outputs.frames is not None:
+                save_program(made_for(self.program, outputs.frames / PROGRAM, workspace), outputs.frames / PROGRAM)
             report = perform(Recording(heard, gallery, states=states))
             if writer is not None:
                 writer.finish(report)
@@ -279,13 +285,13 @@ class OpenProgram:
         path = checked_path(recording, "recording")
         check_share(threshold, "threshold")
         check_progress(progress)
-        footage = self._footage(path, topics or {})
+        footage = self.footage(path, topics or {})
         with progress(f"Looking at {path}", len(footage.frames)) as advance:
             report = audit(self.program, self.workspace, footage, {}, lambda: advance(1))
         return Audit(self.program, self.workspace.name, report, threshold)
 
-    def _footage(self, path: Path, topics: Mapping[str, str]) -> Footage:
-        """A recording, of whatever kind. Raises InputError for what is none."""
+    def footage(self, path: Path, topics: Mapping[str, str]) -> Footage:
+        """A recording of the program's run, of any kind; topics: see `audit`. Raises InputError for what is none."""
         from sqrp_cli.ros.bag import is_bag
         from sqrp_cli.runtime.audit.bag_footage import BagFootage
         from sqrp_cli.runtime.audit.footage import FolderFootage

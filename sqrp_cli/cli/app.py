@@ -12,6 +12,7 @@ from sqrp_cli.cli.command import Command
 from sqrp_cli.cli.commands import (
     advise,
     audit,
+    calibrate,
     cell,
     check,
     diff,
@@ -60,6 +61,7 @@ COMMANDS = (
     run_program,
     cell,
     audit,
+    calibrate,
     score,
     diff,
     show,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from sqrp_cli.geometry import Array, inverse
@@ -11,7 +11,7 @@ from sqrp_cli.knowledge.camera.detector import Detector
 from sqrp_cli.knowledge.frames import TOOL, FrameName, frame_poses, link_called
 from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill.target_box import BoxSpec, TargetSpec, object_of
+from sqrp_cli.knowledge.skill.target_box import BoxSpec, TargetSpec
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.formula import Formula
@@ -116,7 +116,7 @@ class TargetGrounder:
         if size is None:
             raise ValueError(f"box {spec.name} has neither a size nor something that it fits")
         frame, X_FB = on_robot(self.robot, self.model, frame, X_FB)
-        box = completed(
+        return completed(
             SoughtBox,
             spec,
             limits=self.detectors[spec.detector],
@@ -124,11 +124,7 @@ class TargetGrounder:
             size=size,
             X_FB=X_FB,
             encloses=self._enclosed(spec, owner, binding),
-            seeks=None,
-            color=None,
-        )
-        seeks = object_of(str(atom), box, self.objects) if box.limits.kind == "color" else None
-        return box if seeks is None else replace(box, seeks=seeks, color=self.objects[seeks].color)
+        ).with_color(str(atom), self.objects)
 
     def _pose_in(self, frame: str, name: str, waypoint: str, binding: Mapping[str, str]) -> Array:
         """Pose X_FO, in a frame, of an object that is held at a waypoint.

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 from sqrp_cli.geometry import check_finite, check_poses
 from sqrp_cli.knowledge.camera.detector import Detector
-from sqrp_cli.knowledge.skill.target_box import TargetBox
+from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.knowledge.skill.target_box import TargetBox, object_of
 from sqrp_cli.logic.literal import Atom
 
 
@@ -24,6 +26,11 @@ class SoughtBox(TargetBox):
         """Raises ValueError for an invalid pose, and for a size or normal that is not finite."""
         check_poses(f"box `{self.name}`", self.X_FB)
         check_finite(f"box `{self.name}`", self.size, self.normal)
+
+    def with_color(self, atom: str, objects: Mapping[str, SceneObject]) -> SoughtBox:
+        """The box, for an atom, with the object whose colour its detector looks for, if it looks for colours."""
+        seeks = object_of(atom, self, objects) if self.limits.kind == "color" else None
+        return self if seeks is None else replace(self, seeks=seeks, color=objects[seeks].color)
 
 
 @dataclass(frozen=True, eq=False)

@@ -113,5 +113,5 @@ def strict(schema: dict) -> dict:
 def test_the_documents_are_those_of_the_commands_that_print_json():
     assert set(DOCUMENTS) == {
         "rank", "explain", "advise", "place", "check", "program", "run", "audit", "score", "diff", "show", "init",
-        "rules",
+        "rules", "calibrate",
     }  # fmt: skip

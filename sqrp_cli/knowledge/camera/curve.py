@@ -16,7 +16,7 @@ Steepness = Annotated[float, In(None, 0.0, 1000.0)]
 MostLikely = Annotated[float, In(SHARE, 0.01, 1.0)]
 
 LEAST = 1e-3
-"""Below these a size in pixels, a cosine and a share count as this, so that they have logarithms."""
+"""A size in pixels and a cosine below this count as this, so that they have logarithms."""
 
 
 class BoxSights(NamedTuple):
@@ -36,11 +36,11 @@ class BoxSights(NamedTuple):
     def features(self) -> Array:
         """What the coefficients of a curve are about, in the order of `COEFFICIENTS`, shape (5, ...).
 
-        Each grows the better the box is seen: ln pixels, ln cos incidence, -distance, ln visible, -blur / pixels.
+        Each grows the better the box is seen: ln pixels, ln cos incidence, -distance, visible, -blur / pixels.
         """
         size = np.maximum(self.pixels, LEAST)
-        cosine, visible = np.maximum(np.cos(self.incidence), LEAST), np.maximum(self.visible, LEAST)
-        return np.stack([np.log(size), np.log(cosine), -self.distance, np.log(visible), -self.blur / size])
+        cosine = np.maximum(np.cos(self.incidence), LEAST)
+        return np.stack([np.log(size), np.log(cosine), -self.distance, self.visible, -self.blur / size])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +59,7 @@ class Curve(Stored):
     distance: Steepness | None = None
     """Times minus the distance in metres; replaces `distance`."""
     visible: Steepness | None = None
-    """Times ln of the visible share; replaces `min_visible`."""
+    """Times the visible share, in 0..1; replaces `min_visible`."""
     blur: Steepness | None = None
     """Times minus the blur by motion, as a share of the size in the image."""
     most: MostLikely = 1.0

@@ -2,21 +2,47 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from math import pi, radians
-from typing import Annotated, Literal
+from typing import Annotated
 
+from pydantic import PlainValidator, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
+from sqrp_cli.errors import expected_names
 from sqrp_cli.knowledge.camera.curve import Curve
+from sqrp_cli.knowledge.camera.installed import GROUP, installed_detectors
 from sqrp_cli.knowledge.text.bounds import LARGEST_LENGTH
-from sqrp_cli.knowledge.text.entries import In, Pixels, Range, Stored
+from sqrp_cli.knowledge.text.entries import In, Pixels, Range, Stored, refused
+from sqrp_cli.knowledge.text.source import describe
 from sqrp_cli.knowledge.text.units import ANGLE, SHARE
 
 LEAST_VISIBLE = 0.001
 """A box of which less than this share is visible is never seen."""
 
-DetectorKind = Literal["aruco", "color"]
+BUILT_IN = ("aruco", "color")
+"""The kinds of detectors that need no other package."""
+
+
+def _kind(value: object) -> str:
+    """Raises PydanticCustomError for what is no kind of detector."""
+    if value in BUILT_IN:
+        return str(value)
+    known = (*BUILT_IN, *installed_detectors())
+    if not isinstance(value, str) or value not in known:
+        raise refused("wrong-value", f"found {describe(value)}, which is no detector; {_expected(value, known)}")
+    return value
+
+
+def _expected(value: object, known: Collection[str]) -> str:
+    """The nearest name, or all, and how there may be more."""
+    return f"{expected_names(str(value), known)}; installed packages bring more as entry points `{GROUP}`"
+
+
+DetectorKind = Annotated[
+    str, PlainValidator(_kind), WithJsonSchema({"anyOf": [{"enum": list(BUILT_IN)}, {"type": "string"}]})
+]
 Incidence = Annotated[float, In(ANGLE, radians(0.1), pi)]
 VisibleShare = Annotated[float, In(SHARE, LEAST_VISIBLE, 1.0)]
 
@@ -26,7 +52,7 @@ class Detector(Stored):
     """The limits within which a detection algorithm is reliable."""
 
     kind: DetectorKind
-    """What it detects: ArUco markers or colours."""
+    """What it detects: `aruco` (markers), `color`, or a kind that an installed package brings."""
     distance: Range
     """Nearest and farthest distance from the camera."""
     max_incidence: Incidence

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.geometry import Array, read_only
-from sqrp_cli.knowledge.frames import TOOL, StoredFrame
+from sqrp_cli.knowledge.frames import TOOL, FrameName, StoredFrame
 from sqrp_cli.knowledge.text.bounds import SHORTEST_DIRECTION
 from sqrp_cli.knowledge.text.entries import (
     Direction,
@@ -111,6 +111,19 @@ class TargetBox(Stored):
     """Unit vector in the box's axes, away from the surface, if it has one."""
     encloses: tuple[str, ...]
     """Names of links, objects or parts that do not hide the box, in order."""
+
+    @classmethod
+    def on_object(
+        cls,
+        name: str,
+        detector: str,
+        size: tuple[float, float, float],
+        X_OB: Array,
+        normal: tuple[float, float, float] | None,
+    ) -> TargetBox:
+        """A box of full extents `size` [m] that moves with an object, at X_OB (4, 4) in its frame."""
+        frame = FrameName(name)
+        return cls(name=name, detector=detector, frame=frame, size=size, X_FB=X_OB, normal=normal, encloses=(name,))
 
 
 def object_of(atom: str, box: TargetBox, objects: Container[str]) -> str | None:

@@ -11,6 +11,7 @@ import numpy as np
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import Array, inverse, matrix_to_quaternion, matrix_to_rpy, pose
 from sqrp_cli.knowledge.camera.camera import Camera, ImageEntry, Sensing
+from sqrp_cli.knowledge.camera.curve import Curve
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.text.units import ANGLE, LENGTH, PIXELS, SHARE, TIME, Dimension, read_quantity
@@ -121,8 +122,19 @@ def _entry(new: NewCamera) -> dict[str, Any]:
         lens = new.image.distortion
         image["distortion"] = {"model": lens.model, "coefficients": list(lens.coefficients)}
     sensing = {part.name: getattr(camera, part.name) for part in fields(Sensing)}
+    if not camera.exposure:
+        del sensing["exposure"]
     frame = {} if camera.frame == WORLD else {"frame": camera.frame}
     return {**frame, "pose": pose_entry, "image": image, **sensing}
+
+
+def with_curve(document: SourceDocument, detector: str, curve: Curve) -> bytes:
+    """The file with another curve of a detector."""
+    path: KeyPath = ("detectors", detector)
+    text = _flow({"bias": curve.bias, **curve.terms, "most": curve.most})
+    if "curve" in _at(document, path):
+        return respelled(document, (*path, "curve"), "curve", text)
+    return appended(document, path, f"curve: {text}")
 
 
 def with_object(document: SourceDocument, name: str, X_WO: Array) -> bytes:

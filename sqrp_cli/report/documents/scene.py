@@ -177,7 +177,7 @@ class DetectorScene(Record):
     """The limits of a detection algorithm."""
 
     kind: DetectorKind
-    """What it detects: ArUco markers or colours."""
+    """What it detects: `aruco` (markers), `color`, or a kind that an installed package brings."""
     distance: tuple[float, ...]
     """Nearest and farthest [m]."""
     max_incidence: float

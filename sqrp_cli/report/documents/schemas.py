@@ -20,6 +20,7 @@ from sqrp_cli.knowledge.text.entries import Entry
 from sqrp_cli.knowledge.workspace.mounts import PlaceFile
 from sqrp_cli.knowledge.workspace.workspace import WorkspaceFile
 from sqrp_cli.report.documents.advice import AdviceDocument
+from sqrp_cli.report.documents.calibration import CalibrateDocument
 from sqrp_cli.report.documents.candidates import RankDocument
 from sqrp_cli.report.documents.checks import CheckDocument, RulesDocument
 from sqrp_cli.report.documents.explanation import ExplainAllDocument, ExplainDocument
@@ -59,6 +60,7 @@ DOCUMENTS: Mapping[str, Any] = {
     "program": ProgramDocument,
     "run": RunDocument | SweepDocument,
     "audit": AuditDocument,
+    "calibrate": CalibrateDocument,
     "score": ScoreDocument | VaryDocument,
     "diff": ScoreDocument,
     "show": ShowDocument,

@@ -14,10 +14,11 @@ import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Program, Step
 from sqrp_cli.runtime.image import CameraImage, check_recorded
-from sqrp_cli.runtime.record.frame_folder import FrameEntry, read_frames
+from sqrp_cli.runtime.record.frame_folder import read_frames
 from sqrp_cli.runtime.record.png import ImageSize, bare_png, decoded, png_damage, read_png
 
 
@@ -32,10 +33,20 @@ class Frame:
     """Its place in the recording."""
 
 
-class Footage(Protocol):
+class ImageSource(Protocol):
+    """Where images come from."""
+
+    @property
+    def path(self) -> Path:
+        """The file or folder."""
+
+    def images(self, frames: Sequence[Frame]) -> Iterator[tuple[Frame, CameraImage]]:
+        """The images of some frames, in their order. Raises InputError for one that cannot be used."""
+
+
+class Footage(ImageSource, Protocol):
     """A recording of a program's run."""
 
-    path: Path
     frames: Sequence[Frame]
     """All images with a time, in order."""
     unplanned: int
@@ -48,9 +59,6 @@ class Footage(Protocol):
 
     def as_planned(self, t: Array) -> Mask:
         """Whether the robot was where the program wants it, at times t (m,) of its clock [s]."""
-
-    def images(self, frames: Sequence[Frame]) -> Iterator[tuple[Frame, CameraImage]]:
-        """The images of some frames, in their order. Raises InputError for one that cannot be used."""
 
 
 def planned_joints(step: Step, t: Array) -> Array:
@@ -101,14 +109,16 @@ class FolderFootage:
     def images(self, frames: Sequence[Frame]) -> Iterator[tuple[Frame, CameraImage]]:
         """The images of some frames, in their order. Raises InputError for one that cannot be used."""
         for frame in frames:
-            yield frame, self._image(self._entries[frame.number], frame.t)
+            entry = self._entries[frame.number]
+            yield frame, read_image(entry.file, self._workspace.cameras[entry.camera], frame.t)
 
-    def _image(self, entry: FrameEntry, t: float) -> CameraImage:
-        camera = self._workspace.cameras[entry.camera]
-        content = read_png(entry.file, ImageSize(camera.width, camera.height), camera.name)
-        damage = png_damage(content)
-        image = None if damage else decoded(bare_png(content))
-        if image is None:
-            message = f"this is no PNG file, or a damaged one: {damage or 'it cannot be decoded'}"
-            raise InputError(Problem("unreadable", message, Place(entry.file)))
-        return CameraImage(entry.camera, t, image)
+
+def read_image(file: Path, camera: Camera, t: float) -> CameraImage:
+    """The image of a camera in a PNG file, taken at time t [s]. Raises InputError for one that cannot be used."""
+    content = read_png(file, ImageSize(camera.width, camera.height), camera.name)
+    damage = png_damage(content)
+    image = None if damage else decoded(bare_png(content))
+    if image is None:
+        message = f"this is no PNG file, or a damaged one: {damage or 'it cannot be decoded'}"
+        raise InputError(Problem("unreadable", message, Place(file)))
+    return CameraImage(camera.name, t, image)

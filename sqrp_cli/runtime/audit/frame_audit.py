@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Program, Step
-from sqrp_cli.runtime.audit.footage import Footage, Frame
+from sqrp_cli.runtime.audit.footage import Footage, Frame, ImageSource
 from sqrp_cli.runtime.monitor.nominal_step import NominalStep, values_when_open
 from sqrp_cli.runtime.monitor.prediction_check import PredictionCheck
 from sqrp_cli.runtime.monitor.step_monitor import StepMonitor
@@ -19,6 +20,8 @@ from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, Det
 from sqrp_cli.runtime.perception.detector_pool import DetectorPool, PerceptionError
 from sqrp_cli.runtime.record.report import Confusion, Disagreement, Prediction
 from sqrp_cli.runtime.robot_body import RobotBody
+
+Known = TypeVar("Known")
 
 AHEAD = 8
 """Images that are looked at while others are read."""
@@ -66,10 +69,9 @@ def audit(
             check = PredictionCheck(index, nominal, list(workspace.cameras))
             checks.append(check)
             pool.watch(DetectionTargets(dict(step.targets), step.before.X_WO, values_when_open(step)))
-            frames = _frames_of(footage, index, step, offsets)
-            for frame, detection in _detected(
-                pool, footage, frames, _Postures(step, footage.starts[index], nominal, footage)
-            ):
+            frames = frames_of(footage, index, step, offsets)
+            postures = Postures(step, footage.starts[index], nominal, footage)
+            for frame, detection in detected(pool, footage, frames, postures.at):
                 image_done()
                 t = frames[frame]
                 repeated += detection.frozen
@@ -85,7 +87,7 @@ def audit(
     )
 
 
-def _frames_of(footage: Footage, index: int, step: Step, offsets: Mapping[str, float]) -> dict[Frame, float]:
+def frames_of(footage: Footage, index: int, step: Step, offsets: Mapping[str, float]) -> dict[Frame, float]:
     """The images that were taken while a step went as planned, each with the time of the step [s]."""
     frames = list(footage.frames)
     t = np.array([frame.t - offsets.get(frame.camera, 0.0) for frame in frames])
@@ -97,7 +99,7 @@ def _frames_of(footage: Footage, index: int, step: Step, offsets: Mapping[str, f
 
 
 @dataclass(frozen=True, eq=False)
-class _Postures:
+class Postures:
     """Where the robot was, what it was commanded to hold, and where objects are, at times of a step."""
 
     step: Step
@@ -114,10 +116,10 @@ class _Postures:
         return BelievedState(joints, holding, self.nominal.object_poses(t))
 
 
-def _detected(
-    pool: DetectorPool, footage: Footage, frames: Mapping[Frame, float], postures: _Postures
+def detected(
+    pool: DetectorPool, source: ImageSource, frames: Mapping[Frame, Known], believed: Callable[[Known], BelievedState]
 ) -> Iterator[tuple[Frame, Detection]]:
-    """What images show, in their order. Raises InputError where one cannot be looked at."""
+    """What images show, in order; believed: by what is known of each. Raises InputError for one that is broken."""
     waiting: deque[Frame] = deque()
 
     def collect() -> tuple[Frame, Detection]:
@@ -125,12 +127,12 @@ def _detected(
         return frame, pool.collect(frame.camera)
 
     try:
-        for frame, image in footage.images(list(frames)):
-            pool.submit(image, postures.at(frames[frame]))
+        for frame, image in source.images(list(frames)):
+            pool.submit(image, believed(frames[frame]))
             waiting.append(frame)
             if len(waiting) > AHEAD:
                 yield collect()
         while waiting:
             yield collect()
     except PerceptionError as error:
-        raise InputError(Problem("perception", str(error), Place(footage.path))) from error
+        raise InputError(Problem("perception", str(error), Place(source.path))) from error

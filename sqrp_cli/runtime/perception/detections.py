@@ -16,6 +16,7 @@ from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramTarget
+from sqrp_cli.runtime.perception.plugin import check_plugins
 from sqrp_cli.runtime.robot_body import RobotBody
 from sqrp_cli.runtime.surface import Surface
 
@@ -48,7 +49,8 @@ class CellModel:
 
     @classmethod
     def of(cls, workspace: Workspace, robot: RobotBody) -> CellModel:
-        """What a workspace says. Raises InputError for a mesh that cannot be used."""
+        """What a workspace says. Raises InputError for a mesh, or a detector of a package, that cannot be used."""
+        check_plugins(workspace)
         objects = workspace.objects
         surfaces = {name: tuple(Surface.of(part).coarsened() for part in obj.parts) for name, obj in objects.items()}
         return cls(workspace.cameras, workspace.detectors, objects, surfaces, robot, workspace.robot.markers)

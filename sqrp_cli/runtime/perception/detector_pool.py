@@ -12,6 +12,7 @@ from sqrp_cli.errors import SqrpError
 from sqrp_cli.platform.processes import Context, Worker, fresh
 from sqrp_cli.runtime.image import NEEDED, CameraImage
 from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, Detection, DetectionTargets
+from sqrp_cli.runtime.perception.plugin import PluginError
 
 ANSWER_WITHIN = 20.0
 """A process that takes longer than this for an image [s] counts as crashed."""
@@ -133,7 +134,8 @@ class _Worker:
             detection = self._process.receive()
         except Exception as error:  # it died, or found what it cannot cope with
             self.kill()
-            raise PerceptionError(self.cameras, "has ended") from error
+            why = f": {error}" if isinstance(error, PluginError) else ""
+            raise PerceptionError(self.cameras, f"has ended{why}") from error
         self._unanswered -= 1
         if detection is not None:
             self._ready[detection.camera].append(detection)

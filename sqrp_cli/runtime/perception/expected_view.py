@@ -9,6 +9,7 @@ import numpy as np
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.frames import frame_poses
+from sqrp_cli.knowledge.markers import Marker
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.target_box import TargetBox, object_of
 from sqrp_cli.runtime.image import ImageArray
@@ -58,6 +59,12 @@ class ExpectedView:
         """The object that a box is for."""
         name = object_of(atom, box, self.cell.objects)
         return None if name is None else self.cell.objects[name]
+
+    def marker(self, atom: str, box: TargetBox) -> Marker | None:
+        """The marker that a box is for: on a link that it encloses or moves with, or on its object."""
+        on_links = [self.cell.markers[name] for name in (*box.encloses, box.frame) if name in self.cell.markers]
+        obj = self.object_of(atom, box)
+        return on_links[0] if on_links else obj.printed_marker if obj else None
 
     def is_at_tool(self, box: TargetBox) -> bool:
         """Whether a box moves with the robot."""

@@ -6,11 +6,13 @@ It says which boxes show their object, which show the background instead, and wh
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 
 import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.camera.detector import BUILT_IN
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.skill.target_box import TargetBox
@@ -28,6 +30,7 @@ from sqrp_cli.runtime.perception.detections import (
 )
 from sqrp_cli.runtime.perception.expected_view import ExpectedView
 from sqrp_cli.runtime.perception.marker_detector import MarkerDetector
+from sqrp_cli.runtime.perception.plugin_detector import PluginDetector
 
 
 class ImageDetector:
@@ -40,6 +43,8 @@ class ImageDetector:
         self._sought = DetectionTargets({}, {}, {})
         self._background: Background | None = None
         self._last: ImageArray | None = None
+        kinds = dict.fromkeys(detector.kind for detector in cell.detectors.values() if detector.kind not in BUILT_IN)
+        self._plugins = {kind: PluginDetector(kind, camera) for kind in kinds}
 
     def watch(self, sought: DetectionTargets) -> None:
         """Look for these targets from now on."""
@@ -56,7 +61,7 @@ class ImageDetector:
             return Detection(frame.camera, frame.t, frozen=True, seconds=time.process_time() - began)
         self._last = frame.image
         view = ExpectedView(self._cell, self._projection, self._sought, frame.image, believed)
-        boxes, places = _judged(view, self._learned(view))
+        boxes, places = _judged(view, self._learned(view), self._plugins)
         return Detection(frame.camera, frame.t, False, boxes, places, time.process_time() - began)
 
     def _learned(self, view: ExpectedView) -> Background:
@@ -70,15 +75,20 @@ class ImageDetector:
         return self._background
 
 
-def _judged(view: ExpectedView, background: Background) -> tuple[dict[str, tuple[BoxDetection, ...]], dict[str, Array]]:
+def _judged(
+    view: ExpectedView, background: Background, plugins: Mapping[str, PluginDetector]
+) -> tuple[dict[str, tuple[BoxDetection, ...]], dict[str, Array]]:
     """What is seen of each box, by atom, and where objects are [m]."""
     boxes: dict[str, list[BoxDetection]] = {atom: [] for atom in view.sought.targets}
     places: dict[str, Array] = {}
     by_object: dict[str, list[tuple[str, TargetBox]]] = {}
+    asked: dict[str, list[tuple[str, TargetBox]]] = {kind: [] for kind in plugins}
     markers = MarkerDetector(view, background)
     for atom, box in view.boxes():
-        obj = view.object_of(atom, box)
-        if view.cell.detectors[box.detector].kind == "aruco":
+        obj, kind = view.object_of(atom, box), view.cell.detectors[box.detector].kind
+        if kind in plugins:
+            asked[kind].append((atom, box))
+        elif kind == "aruco":
             boxes[atom].append(markers.detect(atom, box))
         elif obj is None or obj.color is None:
             boxes[atom].append(BoxDetection(box.name, Truth.UNKNOWN, 0.0, NO_OUTLINE))
@@ -90,4 +100,7 @@ def _judged(view: ExpectedView, background: Background) -> tuple[dict[str, tuple
             boxes[atom].append(detection)
         if place is not None:
             places[name] = place
+    for kind, wanted in asked.items():
+        for (atom, _), detection in zip(wanted, plugins[kind].detect(view, wanted), strict=True):
+            boxes[atom].append(detection)
     return {atom: tuple(sights) for atom, sights in boxes.items()}, places

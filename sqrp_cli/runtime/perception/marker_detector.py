@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sqrp_cli.geometry import Array, Mask
-from sqrp_cli.knowledge.markers import Marker, ObjectMarker
+from sqrp_cli.knowledge.markers import Marker
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.runtime.perception.background import Background
@@ -42,7 +42,7 @@ class MarkerDetector:
         outline = self._view.posed_camera.outline(self._view.pose(box), box.size)
         if outline is None:
             return BoxDetection(box.name, Truth.UNKNOWN, 0.0, NO_OUTLINE)
-        wanted = self._wanted(atom, box)
+        wanted = self._view.marker(atom, box)
         inside = () if wanted is None else self._view.markers(wanted.dictionary)
         found = next((marker for marker in inside if wanted is not None and marker.id == wanted.id), None)
         hiding = self._hiding(box, outline) if found is None else None
@@ -70,7 +70,7 @@ class MarkerDetector:
         mask = dilated(self._view.robot.mask(shape, origin, outline.depth, links=others), 1)
         return _Hiding(crop, mask) if (mask & filled(shape, origin, [outline.corners])).any() else None
 
-    def _beside(self, hiding: _Hiding, wanted: Marker | ObjectMarker) -> FoundMarker | None:
+    def _beside(self, hiding: _Hiding, wanted: Marker) -> FoundMarker | None:
         """A marker that is not found because a part of the robot touches it in the image."""
         rows, columns = hiding.crop
         found = markers_beside(self._view.image[hiding.crop], hiding.mask, wanted.dictionary)
@@ -107,12 +107,6 @@ class MarkerDetector:
         background = filled(shape, origin, [outline.corners]) & self._background.matches(self._view.image, crop)
         background &= ~dilated(self._view.robot.mask(shape, origin, outline.depth), 1)
         return min(1.0, float(background.sum()) / max(outline.area, 1.0))
-
-    def _wanted(self, atom: str, box: TargetBox) -> Marker | ObjectMarker | None:
-        """The marker that a box is for."""
-        obj, markers = self._view.object_of(atom, box), self._view.cell.markers
-        on_links = [markers[name] for name in (*box.encloses, box.frame) if name in markers]
-        return on_links[0] if on_links else obj.marker if obj else None
 
 
 def _center(marker: FoundMarker) -> Array:

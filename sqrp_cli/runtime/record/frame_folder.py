@@ -85,7 +85,7 @@ def read_frames(folder: Path, cameras: Sequence[str], steps: int) -> Iterator[Fr
     if not path.is_file():
         message = f"there is no {INDEX} in this folder; expected one with the columns {', '.join(_COLUMNS)}"
         raise InputError(Problem("no-frames", message, Place(folder)))
-    rows = csv.reader(io.StringIO(_index_text(path), newline=""))
+    rows = csv.reader(io.StringIO(table_text(path), newline=""))
     try:
         _check_header(next(rows, []), Place(path, 1))
         for row in rows:
@@ -95,7 +95,8 @@ def read_frames(folder: Path, cameras: Sequence[str], steps: int) -> Iterator[Fr
         raise InputError(Problem("wrong-value", f"this is no CSV: {error}", Place(path, rows.line_num))) from error
 
 
-def _index_text(path: Path) -> str:
+def table_text(path: Path) -> str:
+    """The text of a CSV file beside frames. Raises InputError where it is none."""
     text = read_text(path, MAX_INDEX)
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
@@ -119,11 +120,11 @@ def _entry(row: Sequence[str], folder: Path, cameras: Sequence[str], steps: int,
     if camera not in cameras:
         message = f"there is no camera {describe(camera)}; {expected_names(camera[:LONGEST_NAME], cameras)}"
         raise InputError(Problem("unknown-camera", message, place))
-    return FrameEntry(camera, _file_in(folder, name, place), _step(step, steps, place), _seconds(t, place))
+    return FrameEntry(camera, file_in(folder, name, place), _step(step, steps, place), _seconds(t, place))
 
 
-def _file_in(folder: Path, name: str, place: Place) -> Path:
-    """A file of the folder, also after following all links."""
+def file_in(folder: Path, name: str, place: Place) -> Path:
+    """A file of the folder, also after following all links. Raises InputError, at the place of its name, for others."""
     path = folder / name
     if not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
         message = f"the file {describe(name)} is not in this folder; expected a path that does not leave it"

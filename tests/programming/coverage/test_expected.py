@@ -23,7 +23,7 @@ from sqrp_cli.programming.sensing.likelihood import at_least
 from sqrp_cli.programming.task import read_task
 
 SAMPLING = FixedCount(8)
-CURVE = Curve(bias=-7.0, pixels=3.0, visible=4.0, blur=5.0, most=0.99)
+CURVE = Curve(bias=-11.0, pixels=3.0, visible=4.0, blur=5.0, most=0.99)
 
 
 def with_curve(workspace: Workspace, curve: Curve | None, exposure: float = 0.0) -> Workspace:
@@ -72,7 +72,7 @@ def of_curve(sight: dict[str, float]) -> float:
     if sight["pixels"] is None:
         assert sight["probability"] == 0.0
         return 0.0
-    z = -7.0 + 3.0 * log(sight["pixels"]) + 4.0 * log(sight["visible"]) - 5.0 * sight["blur"] / sight["pixels"]
+    z = -11.0 + 3.0 * log(sight["pixels"]) + 4.0 * sight["visible"] - 5.0 * sight["blur"] / sight["pixels"]
     assert sight["probability"] == pytest.approx(0.99 / (1.0 + exp(-z)))
     return sight["probability"]
 

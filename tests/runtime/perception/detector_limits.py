@@ -82,7 +82,7 @@ def marker_rate(pixels: float, incidence: float, trials: int, seed: int = 0) -> 
     with staged([PLATE], [eye]) as stage:
         for trial in range(trials):
             center = depth * np.array([*random.uniform((-0.3, -0.25), (0.3, 0.25)), 1.0])
-            stage.put("plate", eye.X_FC @ pose(_tilted(center, incidence, random), center))
+            stage.put("plate", eye.X_FC @ pose(tilted(center, incidence, random), center))
             found += any(marker.id == MARKER.id for marker in find_markers(stage.frame("cam", trial).image))
     return found / trials
 
@@ -181,7 +181,7 @@ def _screen_from(eye: Camera, across: Array, edge: float, middle: Array, depth: 
     return eye.X_FC @ pose(R, on_edge + SCREEN.size[0] / 2 * R[:, 0])
 
 
-def _tilted(center: Array, incidence: float, random: np.random.Generator) -> Array:
+def tilted(center: Array, incidence: float, random: np.random.Generator) -> Array:
     """A random rotation whose z axis is tilted by an angle against the direction from `center` to the camera."""
     towards = -center / np.linalg.norm(center)
     side = _perpendicular(towards, random)

@@ -1,0 +1,156 @@
+"""Detectors calibrated with labelled frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sqrp_cli.api.answer import Answer, how_many
+from sqrp_cli.api.arguments import check_progress, checked_path, optional_path
+from sqrp_cli.api.cell import OpenCell, silent
+from sqrp_cli.errors import InputError, Place, Problem
+
+if TYPE_CHECKING:
+    from sqrp_cli.calibrating.fit import DetectorLooks
+    from sqrp_cli.calibrating.labelled import LabelledImages
+    from sqrp_cli.report.documents.calibration import CalibratedDetector, CalibrateDocument
+    from sqrp_cli.scoring.scorecard import Progress
+
+
+def calibrate(
+    frames: str | Path,
+    *,
+    workspace: str | Path | None = None,
+    program: str | Path | None = None,
+    progress: Progress = silent,
+) -> LearnedCurves:
+    """Learn from labelled frames how likely detectors see.
+
+    frames: a folder of PNG files with `frames.csv` and the program that was run (as `run(frames=...)` keeps them), or
+    with `labels.csv`; or a recording that `audit` reads. workspace: of frames with labels. program: that was run, where
+    it is not beside the frames. Raises InputError
+    for frames that cannot be used, or from which nothing can be learned.
+    """
+    from sqrp_cli.runtime.cell.requirements import check_packages
+
+    check_packages()
+    from sqrp_cli.calibrating.look import look_at_frames
+
+    folder = checked_path(frames, "frames")
+    check_progress(progress)
+    cell, labelled = _labelled(folder, optional_path(workspace, "workspace"), optional_path(program, "program"))
+    images = sum(len(together.images) for together in labelled)
+    with progress(f"Looking at {folder}", images) as advance:
+        looks = look_at_frames(cell.cell, labelled, lambda: advance(1))
+    found = LearnedCurves(cell, images, looks)
+    if not any(one.curve for one in found.detectors.values()):
+        reasons = "; ".join(f"`{name}`: {one.reason}" for name, one in found.detectors.items())
+        message = f"these frames teach nothing about a detector: {reasons or 'nothing in them is looked for'}"
+        raise InputError(Problem("too-few-frames", message, Place(folder)))
+    return found
+
+
+def _labelled(folder: Path, workspace: Path | None, program: Path | None) -> tuple[OpenCell, list[LabelledImages]]:
+    from sqrp_cli.api.program import PROGRAM, open_program
+    from sqrp_cli.calibrating.labelled import of_labels, of_program
+    from sqrp_cli.calibrating.labels_file import LABELS
+    from sqrp_cli.knowledge.text.input_file import missing_file
+
+    if not folder.exists():
+        raise InputError(missing_file(folder))
+    if (folder / LABELS).is_file() and program is None:
+        if workspace is None:
+            message = f"{LABELS} does not say which cell it is about"
+            mend = f"sqrp calibrate {folder} --workspace WORKSPACE"
+            raise InputError(Problem("missing-option", message, Place(folder / LABELS), mend=mend))
+        cell = _opened(workspace)
+        return cell, list(of_labels(cell.workspace, folder))
+    if workspace is not None:
+        message = f"--workspace goes with frames that have a {LABELS}, and there is none"
+        raise InputError(Problem("bad-option", message, Place(folder)))
+    file = program or folder / PROGRAM
+    if not file.is_file() and program is None:
+        message = f"there is neither a {LABELS} in this folder nor a {PROGRAM}, so it is not known what the frames show"
+        mend = f"sqrp calibrate {folder} --program FILE, with the program that was run"
+        raise InputError(Problem("no-labels", message, Place(folder), mend=mend))
+    opened = open_program(file)
+    return opened.cell, list(of_program(opened.program, opened.workspace, opened.footage(folder, {})))
+
+
+def _opened(workspace: Path) -> OpenCell:
+    from sqrp_cli.api.cell import open_cell
+
+    return open_cell(workspace)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LearnedCurves(Answer["CalibrateDocument"]):
+    """What labelled frames say about the detectors of a cell."""
+
+    cell: OpenCell
+    images: int
+    """How many were looked at."""
+    looks: Mapping[str, DetectorLooks]
+    """Of each detector, by name."""
+
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        curves = [name for name, one in self.detectors.items() if one.curve is not None]
+        return f"{self.cell.workspace.name}: {how_many(curves, 'curve')} from {self.images} images"
+
+    @cached_property
+    def detectors(self) -> Mapping[str, CalibratedDetector]:
+        """What was learned about each detector, by name."""
+        return {name: _calibrated(self.cell, name, looks) for name, looks in self.looks.items()}
+
+    @cached_property
+    def document(self) -> CalibrateDocument:
+        """The document of `sqrp calibrate`."""
+        from sqrp_cli.report.documents.calibration import CalibrateDocument
+
+        return CalibrateDocument(
+            workspace=self.cell.workspace.name, images=self.images, detectors=self.detectors, patch=self.patch
+        )
+
+    @cached_property
+    def patch(self) -> str:
+        """A unified diff from the workspace file to the one with these curves."""
+        from sqrp_cli.knowledge.text.yaml_edit import patch
+        from sqrp_cli.knowledge.workspace.edits import with_curve
+        from sqrp_cli.knowledge.workspace.load import read_workspace_document
+        from sqrp_cli.scoring.sweep import from_here
+
+        document = read_workspace_document(self.cell.workspace.whole_file.file)
+        content = document.content
+        for name, one in self.detectors.items():
+            if one.curve is not None:
+                content = with_curve(read_workspace_document(document.path, content), name, one.curve)
+        return patch(document, content, from_here(document.path))
+
+    def show(self) -> None:
+        """Print what `sqrp calibrate` prints."""
+        from sqrp_cli.terminal.calibration_table import print_calibration
+
+        print_calibration(self.document)
+
+
+def _calibrated(cell: OpenCell, name: str, looks: DetectorLooks) -> CalibratedDetector:
+    from sqrp_cli.calibrating.fit import LEAST_LOOKS, fit, held_out, judge
+    from sqrp_cli.report.documents.calibration import CalibratedDetector
+
+    detector, seen = cell.workspace.detectors[name], int(looks.seen.sum())
+    reason = None
+    if min(seen, len(looks) - seen) < LEAST_LOOKS:
+        reason = f"it saw {seen} of {len(looks)} boxes, expected {LEAST_LOOKS} or more that it sees, and that it misses"
+    return CalibratedDetector(
+        looks=len(looks),
+        seen=seen / max(len(looks), 1),
+        curve=None if reason else fit(looks, detector),
+        held_out=None if reason else judge(held_out(looks, detector), looks.seen),
+        limits=judge(looks.covered.astype(float), looks.seen),
+        reason=reason,
+    )

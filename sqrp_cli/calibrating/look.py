@@ -1,0 +1,121 @@
+"""Looks at labelled frames: what detectors said of each box, and how the camera saw it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from operator import attrgetter
+from typing import NamedTuple
+
+import numpy as np
+
+from sqrp_cli.calibrating.fit import DetectorLooks
+from sqrp_cli.calibrating.labelled import LabelledImage, LabelledImages
+from sqrp_cli.geometry import Array
+from sqrp_cli.knowledge.camera.curve import COEFFICIENTS, BoxSights, Curve
+from sqrp_cli.knowledge.frames import frame_poses
+from sqrp_cli.knowledge.text.entries import completed
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.logic.truth import Truth
+from sqrp_cli.program.record import ProgramTarget
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.likelihood import Shutter, likelihoods
+from sqrp_cli.programming.sensing.observer import Observer
+from sqrp_cli.programming.sensing.scene_states import SceneStates, fixed_frame
+from sqrp_cli.programming.targets import SoughtBox, Target
+from sqrp_cli.runtime.audit.frame_audit import detected
+from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, Detection
+from sqrp_cli.runtime.perception.detector_pool import DetectorPool
+from sqrp_cli.runtime.robot_body import RobotBody
+
+_EVERY_TERM = Curve(bias=0.0, **dict.fromkeys(COEFFICIENTS, 0.0))
+"""A curve that replaces every limit: how a box is seen counts everywhere."""
+
+
+class _BoxLooks(NamedTuple):
+    """One box in several images of a camera."""
+
+    detector: str
+    looks: DetectorLooks
+
+
+def look_at_frames(
+    cell: Cell, folder: Sequence[LabelledImages], image_done: Callable[[], None]
+) -> dict[str, DetectorLooks]:
+    """What each detector saw, by its name. Raises InputError for an image that cannot be looked at."""
+    workspace = cell.workspace
+    robot, found = RobotBody.load(workspace.robot), dict[str, list[DetectorLooks]]()
+    with DetectorPool(CellModel.of(workspace, robot)) as pool:
+        for together in folder:
+            pool.watch(together.sought)
+            images = {image.frame: image for image in together.images}
+            shown: list[tuple[LabelledImage, Detection]] = []
+            for frame, detection in detected(pool, together.source, images, attrgetter("believed")):
+                shown.append((images[frame], detection))
+                image_done()
+            for name in workspace.cameras:
+                of_camera = [one for one in shown if one[0].frame.camera == name and not one[1].frozen]
+                if of_camera:
+                    for box in _of_camera(cell, robot, together, of_camera):
+                        found.setdefault(box.detector, []).append(box.looks)
+    return {name: DetectorLooks.joined(looks) for name, looks in sorted(found.items())}
+
+
+def _of_camera(
+    cell: Cell, robot: RobotBody, together: LabelledImages, shown: Sequence[tuple[LabelledImage, Detection]]
+) -> Iterator[_BoxLooks]:
+    """The boxes in the images of one camera, those looks alone that count."""
+    images = [image for image, _ in shown]
+    camera = cell.workspace.cameras[images[0].frame.camera]
+    observer = Observer((camera,), cell.observer.solids)
+    starts = together.sought.starts
+    states, opens, closes = (
+        _states(robot, [getattr(image, when) for image in images], starts) for when in ("believed", "opens", "closes")
+    )
+    targets = [_target(cell, atom, target) for atom, target in together.sought.targets.items()]
+    shutters = {camera.exposure: Shutter(opens, closes)} if camera.exposure else {}
+    free = likelihoods(observer, [_without_limits(target) for target in targets], states, shutters)
+    limited = observer.verdicts(targets, states, shares=False)
+    pose = np.array([image.pose for image in images])
+    for target, boxes, verdicts in zip(targets, free, limited, strict=True):
+        atom = str(target.atom)
+        true = np.array([Truth.TRUE if image.holds[atom] else Truth.FALSE for image in images])
+        for box, of_box, verdict in zip(target.boxes, boxes, verdicts, strict=True):
+            assert of_box.sights is not None  # noqa: S101 - every box has a curve here
+            said = np.array([_evidence(detection, atom, box.name) for _, detection in shown])
+            looks = DetectorLooks(
+                sights=BoxSights(*(values[:, 0] for values in of_box.sights)),
+                seen=said == true,
+                covered=verdict.cause[:, 0] == Cause.NONE,
+                pose=pose,
+            )
+            yield _BoxLooks(box.detector, looks.some(of_box.probability[:, 0] > 0))
+
+
+def _evidence(detection: Detection, atom: str, box: str) -> Truth:
+    """What an image shows of a box."""
+    return next(found.evidence for found in detection.boxes[atom] if found.name == box)
+
+
+def _states(robot: RobotBody, believed: Sequence[BelievedState], starts: Mapping[str, Array]) -> SceneStates:
+    """Where everything was in several images."""
+    X_WL = [robot.link_poses(one.joints) for one in believed]
+    links = {link: np.stack([X[link] for X in X_WL]) for link in X_WL[0]}
+    objects = {name: np.stack([one.X_WO[name] for one in believed]) for name in believed[0].X_WO}
+    fixed = {name: fixed_frame(X) for name, X in starts.items()}
+    return SceneStates(len(believed), frame_poses(links, objects, fixed, fixed_frame()))
+
+
+def _target(cell: Cell, atom: str, target: ProgramTarget) -> Target:
+    workspace = cell.workspace
+    boxes = (
+        completed(SoughtBox, box, limits=workspace.detectors[box.detector]).with_color(atom, workspace.objects)
+        for box in target.boxes
+    )
+    return Target(Atom.of(atom), target.cameras, tuple(boxes))
+
+
+def _without_limits(target: Target) -> Target:
+    boxes = (replace(box, limits=replace(box.limits, curve=_EVERY_TERM)) for box in target.boxes)
+    return replace(target, boxes=tuple(boxes))

@@ -1,0 +1,101 @@
+"""`sqrp calibrate`: labelled frames in, curves and how good they are out."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+import jsonschema
+import pytest
+
+from sqrp_cli.knowledge.camera.curve import Curve
+from sqrp_cli.knowledge.workspace.edits import with_curve
+from sqrp_cli.knowledge.workspace.load import load_workspace, read_workspace_document
+from sqrp_cli.report.documents.schemas import schema_of
+from tests.detectors.frames import shots, write_frames, write_workspace
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A cell, and frames of a marker in it."""
+    base = tmp_path_factory.mktemp("calibrate")
+    workspace = write_workspace(base / "cell")
+    write_frames(workspace, base / "frames", shots(workspace, "plate", 60, 3), 3, "aruco")
+    return base
+
+
+@pytest.fixture(scope="module")
+def outcome(sqrp, folder):
+    """Of the command with a patch."""
+    found = sqrp(
+        "calibrate", folder / "frames", "--workspace", folder / "cell", "--patch", folder / "curves.patch", "--json"
+    )
+    assert found.code == 0
+    return found
+
+
+def test_frames_with_labels_give_a_curve_and_say_how_good_it_is(outcome):
+    found = outcome.document["detectors"]["aruco"]
+    assert outcome.document["images"] == 60
+    assert found["held_out"]["brier"] < found["limits"]["brier"]
+    bins = found["held_out"]["bins"]
+    assert sum(one["looks"] for one in bins) == found["looks"]
+    error = sum(one["looks"] * abs(one["told"] - one["seen"]) for one in bins) / found["looks"]
+    assert found["held_out"]["calibration_error"] == pytest.approx(error)
+    assert found["seen"] == pytest.approx(sum(one["looks"] * one["seen"] for one in bins) / found["looks"])
+    assert found["curve"]["pixels"] > 0
+
+
+def test_the_document_fits_its_schema(outcome):
+    jsonschema.validate(outcome.document, schema_of("calibrate"), cls=jsonschema.Draft202012Validator)
+
+
+def test_the_patch_gives_the_workspace_the_curve(outcome, folder):
+    patch = (folder / "curves.patch").read_text()
+    assert patch.endswith(outcome.document["patch"])
+    (added,) = [line[1:] for line in patch.splitlines() if line.startswith("+ ")]
+    content = (folder / "cell/workspace.yaml").read_text()
+    before = "    min_pixels: 24\n"
+    learned = load_workspace(folder / "cell", content.replace(before, f"{before}{added}\n").encode())
+    stated = outcome.document["detectors"]["aruco"]["curve"]
+    assert asdict(learned.detectors["aruco"].curve) == stated
+
+
+def test_a_curve_that_is_there_is_replaced(folder):
+    document = read_workspace_document(folder / "cell/workspace.yaml")
+    for bias in (-3.0, -5.0):
+        content = with_curve(document, "aruco", Curve(bias=bias, pixels=1.0))
+        document = read_workspace_document(document.path, content)
+    assert content.decode().count("curve:") == 1
+    assert load_workspace(folder / "cell", content).detectors["aruco"].curve == Curve(bias=-5.0, pixels=1.0)
+
+
+def test_the_table_compares_limits_and_curve(sqrp, folder):
+    outcome = sqrp("calibrate", folder / "frames", "--workspace", folder / "cell")
+    assert outcome.out.startswith("Detectors of cell in 60 images")
+    assert "curve, poses held out" in outcome.out
+    assert all(len(line) <= 80 for line in outcome.out.splitlines())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["frames"], "labels.csv does not say which cell it is about"),
+        (["nowhere"], "no such file or folder"),
+        (["cell"], "neither a labels.csv in this folder nor a program.yaml"),
+        (["cell", "--workspace", "cell"], "--workspace goes with frames that have a labels.csv"),
+        (["few", "--workspace", "cell"], "expected 10 or more that it sees, and that it misses"),
+    ],
+)
+def test_what_cannot_be_used_is_told(sqrp, folder, monkeypatch, arguments, says):
+    few = folder / "few"
+    if not few.exists():
+        few.mkdir()
+        lines = (folder / "frames/labels.csv").read_text().splitlines()[:7]
+        (few / "labels.csv").write_text("\n".join(lines) + "\n")
+        for image in sorted((folder / "frames").glob("*.png"))[:3]:
+            (few / image.name).write_bytes(image.read_bytes())
+    monkeypatch.chdir(folder)
+    outcome = sqrp("calibrate", *arguments)
+    assert outcome.code == 2
+    assert says in outcome.err
