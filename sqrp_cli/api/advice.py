@@ -50,8 +50,7 @@ from sqrp_cli.report.documents.advice import (
     nearest_of,
 )
 from sqrp_cli.scoring.sweep import from_here
-from sqrp_cli.scoring.work.results import Results
-from sqrp_cli.scoring.work.searches import KeptSearches
+from sqrp_cli.scoring.work.results import KeptSearches, Results
 
 if TYPE_CHECKING:
     from sqrp_cli.api.session import Session

@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
-import json
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Callable, Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass, fields
-
-import numpy as np
 
 from sqrp_cli.errors import Infeasible, InputError
 from sqrp_cli.geometry import Mask
@@ -27,8 +22,8 @@ from sqrp_cli.scoring.work.cluster import Cluster, DaskWorkers
 from sqrp_cli.scoring.work.dispatcher import Dispatcher, Done
 from sqrp_cli.scoring.work.identity import digest_of, program_digest
 from sqrp_cli.scoring.work.job import Job, PackedWorkspace
+from sqrp_cli.scoring.work.records import as_line, from_line
 from sqrp_cli.scoring.work.results import Results
-from sqrp_cli.shown import json_line
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,9 +67,7 @@ class ClusterVerdicts:
         def keep(finished: Done) -> None:
             if finished.problems:
                 raise InputError(*finished.problems)
-            sees = from_line(finished.outcomes[0])
-            assert sees is not None  # noqa: S101 - it was written a moment ago
-            done(number[id(finished.job)], sees)
+            done(number[id(finished.job)], from_line(finished.outcomes[0]))
 
         with closing(DaskWorkers(self.cluster)) as workers:
             dispatcher = Dispatcher(workers, keep)
@@ -117,8 +110,7 @@ class KeptVerdicts:
         keys = [self._key(part) for part in parts]
         missing = []
         for number, (key, part) in enumerate(zip(keys, parts, strict=True)):
-            text = self.results.get(key)
-            sees = None if text is None else from_line(text)
+            sees = self._known(key)
             if sees is None or sees.shape != (len(part.lenses), len(part.views), len(part.way.items[0])):
                 missing.append(number)
             else:
@@ -130,6 +122,13 @@ class KeptVerdicts:
 
         if missing:
             self.others.of([parts[number] for number in missing], keep)
+
+    def _known(self, key: str) -> Mask | None:
+        """What is kept under a key; None if nothing is, or its file is damaged."""
+        with suppress(ValueError):
+            sees: Mask = from_line(self.results.get(key) or "")
+            return sees
+        return None
 
     def _key(self, part: Portion) -> str:
         """Digest of all that the verdicts depend on."""
@@ -167,29 +166,3 @@ def _lens(lens: LensChoice) -> list[object]:
         own.distortion.tolist(),
         sensing,
     ]
-
-
-def as_line(sees: Mask) -> str:
-    """Verdicts as a line of JSON."""
-    bits = base64.b64encode(np.packbits(sees).tobytes()).decode()
-    document: Mapping[str, object] = {"shape": list(sees.shape), "bits": bits}
-    return json_line({**document, "checksum": _checksum(document)}) + "\n"
-
-
-def from_line(text: str) -> Mask | None:
-    """The verdicts that `as_line` wrote; None for any other text."""
-    try:
-        document = json.loads(text)
-        known = document.pop("checksum")
-        if known != _checksum(document):
-            return None
-        shape = tuple(document["shape"])
-        bits = np.frombuffer(base64.b64decode(document["bits"]), dtype=np.uint8)
-        sees: Mask = np.unpackbits(bits, count=int(np.prod(shape))).astype(bool).reshape(shape)
-    except (ValueError, LookupError, TypeError, AttributeError):
-        return None
-    return sees
-
-
-def _checksum(document: Mapping[str, object]) -> str:
-    return hashlib.sha256(json_line(document).encode()).hexdigest()

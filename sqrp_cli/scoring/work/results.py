@@ -3,29 +3,32 @@
 from __future__ import annotations
 
 import errno
-import hashlib
 import os
-from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import IO, Annotated, Any, Literal
+from typing import IO, TYPE_CHECKING, Annotated, Literal
 
-import numpy as np
 from pydantic import Field
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.text.entries import Entry
 from sqrp_cli.knowledge.text.input_file import read_text
-from sqrp_cli.knowledge.text.json_file import parse_json
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.platform.files import make_folder, naming, write_atomically
-from sqrp_cli.program.record import FaultMetrics
-from sqrp_cli.programming.coverage.assessment import Assessment, BlindEnd, WayFigures, WaysFound
+from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.blind_spans import BlindSpan, Coverage, TargetCoverage
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.task import Candidate
-from sqrp_cli.shown import json_line
+from sqrp_cli.scoring.work.identity import digest_of, program_digest
+from sqrp_cli.scoring.work.records import as_line, from_line, plain_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from sqrp_cli.knowledge.skill.skill import Skill
+    from sqrp_cli.programming.advice.advise import Answer
+    from sqrp_cli.programming.advice.change import Kind
 
 LOCK = ".lock"
 
@@ -33,10 +36,6 @@ MAX_BYTES = 10_000_000
 """Largest outcome that is read; an hour's motion takes less than a megabyte."""
 
 _NOT_KEPT = "results cannot be kept in this folder"
-
-_RECORDS = ("candidate", "faults", "recalibrated", "ways", "best_way", "steps")
-_PLAIN = tuple(f.name for f in fields(Assessment) if f.name not in _RECORDS)
-"""An assessment in numbers and texts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,76 +48,14 @@ class Outcome:
 
     def to_text(self) -> str:
         """One line of JSON, the same for the same figures."""
-        coverage = None if self.coverage is None else CoverageRecord.of(self.coverage).model_dump(mode="json")
-        document = {**_figures_record(self.assessment), "coverage": coverage}
-        return json_line({**document, "checksum": _checksum(document)}) + "\n"
+        return as_line((self.assessment, self.coverage and CoverageRecord.of(self.coverage).model_dump(mode="json")))
 
     @staticmethod
     def from_text(text: str, candidate: Candidate) -> Outcome:
         """Reads what `to_text` wrote. Raises ValueError for any other text."""
-        try:
-            document = parse_json(Path("outcome"), text)
-            if document.pop("checksum") != _checksum(document):
-                raise ValueError("this outcome of a candidate is not as it was written")
-            assessment = _figures(document, candidate)
-            numbers = document["coverage"]
-            return Outcome(assessment, None if numbers is None else CoverageRecord.model_validate(numbers).coverage())
-        except (InputError, LookupError, TypeError, AttributeError) as error:
-            raise ValueError(f"no outcome of a candidate: {error!r}") from error
-
-
-def _figures_record(assessment: Assessment) -> dict[str, object]:
-    """An assessment in plain lists and numbers, without its candidate."""
-    return {
-        **{name: getattr(assessment, name) for name in _PLAIN},
-        "faults": {name: asdict(fault) for name, fault in assessment.faults.items()},
-        "ways": None if assessment.ways is None else asdict(assessment.ways),
-        "best_way": None if assessment.best_way is None else _way_record(assessment.best_way),
-        "steps": list(map(_figures_record, assessment.steps)),
-    }
-
-
-def _figures(record: Mapping[str, Any], candidate: Candidate) -> Assessment:
-    """The assessment of a candidate that `_figures_record` wrote."""
-    return Assessment(
-        candidate=candidate,
-        faults={name: FaultMetrics(**numbers) for name, numbers in record["faults"].items()},
-        ways=_ways(record["ways"]),
-        best_way=_way(record["best_way"], candidate),
-        # an infeasible step is the last one
-        steps=tuple(_figures(one, step) for one, step in zip(record["steps"], candidate.steps, strict=False)),
-        **{name: _plain(record[name]) for name in _PLAIN},
-    )
-
-
-def _way_record(way: Candidate) -> dict[str, object]:
-    """What sets a way apart from its candidate, in plain lists and numbers."""
-    vias = {name: via.tolist() for name, via in way.vias.items()}
-    record: dict[str, object] = {"values": dict(way.values), "branch": dict(way.branch), "vias": vias}
-    return {**record, "steps": list(map(_way_record, way.steps))} if way.steps else record
-
-
-def _way(record: Mapping[str, Any] | None, candidate: Candidate) -> Candidate | None:
-    """The way of a candidate that `_way_record` wrote."""
-    if record is None:
-        return None
-    vias = {name: np.array(via) for name, via in record["vias"].items()}
-    steps = [_way(one, step) or step for one, step in zip(record.get("steps", ()), candidate.steps, strict=True)]
-    return replace(candidate, values=record["values"], branch=record["branch"], vias=vias, steps=tuple(steps))
-
-
-def _ways(record: Mapping[str, Any] | None) -> WaysFound | None:
-    """The ways that were found, as they were written."""
-    if record is None:
-        return None
-    pareto = tuple(WayFigures(**figures) for figures in record["pareto"])
-    blind_ends = tuple(BlindEnd(**end) for end in record["blind_ends"])
-    return WaysFound(tried=record["tried"], feasible=record["feasible"], pareto=pareto, blind_ends=blind_ends)
-
-
-def _checksum(document: Mapping[str, object]) -> str:
-    """A checksum that reveals damage and edits, even where the text still reads as an outcome."""
-    return hashlib.sha256(json_line(document).encode()).hexdigest()
+        assessment, numbers = from_line(text, [step.skill for step in (candidate, *candidate.steps)])
+        coverage = None if numbers is None else CoverageRecord.model_validate(numbers).coverage()
+        return Outcome(replace(assessment, candidate=candidate), coverage)
 
 
 Seconds = Annotated[float, Field(ge=0)]
@@ -192,10 +129,6 @@ def _target_record(target: TargetCoverage) -> _TargetRecord:
     )
 
 
-def _plain(value: Any) -> Any:  # noqa: ANN401 # JSON has no tuples
-    return tuple(map(_plain, value)) if isinstance(value, list) else value
-
-
 def _ends(stretch: Stretch) -> tuple[float, float]:
     return _rounded(stretch.start), _rounded(stretch.end)
 
@@ -255,6 +188,34 @@ class Results:
     @staticmethod
     def _path(folder: Path, key: str) -> Path:
         return folder / key[:2] / f"{key}.json"
+
+
+@dataclass(frozen=True, eq=False)
+class KeptSearches:
+    """Answers by kind; see `advise.Kept`."""
+
+    results: Results
+    about: tuple[object, ...]
+    """All that an answer depends on beside the kind and the program, in numbers and texts."""
+    skills: Mapping[str, Skill]
+    """Of the workspace, by name: they are not written."""
+
+    def get(self, kind: Kind) -> Answer | None:
+        """The answer that was kept; None if there is none, or its file is damaged or another's."""
+        text = self.results.get(self._key(kind))
+        if text is None:
+            return None
+        with suppress(ValueError):
+            answer: Answer = from_line(text, [*self.skills.values()])
+            return answer
+        return None
+
+    def keep(self, kind: Kind, answer: Answer) -> None:
+        """Keep an answer. Raises InputError where it cannot be written."""
+        self.results.keep(self._key(kind), as_line(answer))
+
+    def _key(self, kind: Kind) -> str:
+        return digest_of([program_digest(), "advise", kind, plain_of(self.about)])
 
 
 def _make_way(path: Path) -> None:
