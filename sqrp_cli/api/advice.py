@@ -17,13 +17,7 @@ from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.geometry import inverse, read_only
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.yaml_edit import patch
-from sqrp_cli.knowledge.workspace.edits import (
-    stated_look_at,
-    with_camera,
-    with_further_camera,
-    with_object,
-    with_task,
-)
+from sqrp_cli.knowledge.workspace.edits import stated_look_at, with_camera, with_further_camera, with_object, with_task
 from sqrp_cli.knowledge.workspace.load import read_workspace_document
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask, Workspace
 from sqrp_cli.platform.files import write_atomically

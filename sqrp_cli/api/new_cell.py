@@ -73,9 +73,5 @@ def first_run(folder: Path, task: str) -> FirstRun | None:
         report = open_program(program).run(witnessed=False).report
     promised = report.total.tp + report.total.fp
     return FirstRun(
-        outcome=report.outcome,
-        reason=report.reason,
-        time=report.time,
-        promised=promised,
-        seen=report.total.tp,
+        outcome=report.outcome, reason=report.reason, time=report.time, promised=promised, seen=report.total.tp
     )

@@ -110,8 +110,7 @@ SaveBaseline = Annotated[
     Path | None, typer.Option("--save-baseline", metavar="FILE", help="Write the scores, to compare later ones with.")
 ]
 Allow = Annotated[
-    float,
-    typer.Option("--allow", metavar="POINTS", min=0.0, help="What may get worse: points of Q, percent of times."),
+    float, typer.Option("--allow", metavar="POINTS", min=0.0, help="What may get worse: points of Q, percent of times.")
 ]
 AllowMissing = Annotated[
     bool, typer.Option("--allow-missing", help="Pass though the baseline has workspaces or tasks that are gone.")

@@ -8,22 +8,7 @@ from itertools import product
 from math import prod
 from typing import TypeAlias
 
-from sqrp_cli.logic.domain import (
-    Action,
-    Condition,
-    Conjunction,
-    Constant,
-    Disjunction,
-    Domain,
-    Equal,
-    Exists,
-    ForAll,
-    Holds,
-    Negation,
-    Parameter,
-    Term,
-    Variable,
-)
+from sqrp_cli.logic import domain as pddl
 from sqrp_cli.logic.literal import Atom, Literal
 
 Objects = Mapping[str, frozenset[str]]
@@ -51,7 +36,7 @@ UnmetPart: TypeAlias = Literal | UnmetCondition
 
 
 def failing_literals(
-    action: Action, binding: Binding, facts: frozenset[Atom], objects: Objects, domain: Domain
+    action: pddl.Action, binding: Binding, facts: frozenset[Atom], objects: Objects, domain: pddl.Domain
 ) -> tuple[UnmetPart, ...]:
     """The parts of the grounded precondition that do not hold, once each, from left to right; empty if it holds.
 
@@ -61,7 +46,7 @@ def failing_literals(
 
 
 def failures(
-    condition: Condition, binding: Binding, facts: frozenset[Atom], objects: Objects, domain: Domain
+    condition: pddl.Condition, binding: Binding, facts: frozenset[Atom], objects: Objects, domain: pddl.Domain
 ) -> Iterator[UnmetPart]:
     """The parts of a condition that do not hold, from left to right; none if the condition holds."""
     ground = ground_condition(condition, binding, objects, domain)
@@ -81,19 +66,19 @@ def failures(
     return failing(ground)
 
 
-def apply_effect(action: Action, binding: Binding, facts: frozenset[Atom]) -> frozenset[Atom]:
+def apply_effect(action: pddl.Action, binding: Binding, facts: frozenset[Atom]) -> frozenset[Atom]:
     """The facts after the action: first without what it deletes, then with what it adds."""
     deletes = {ground_atom(change, binding) for change in action.effect.deletes}
     adds = {ground_atom(change, binding) for change in action.effect.adds}
     return (facts - deletes) | adds
 
 
-def ground_atom(use: Holds, binding: Binding) -> Atom:
+def ground_atom(use: pddl.Holds, binding: Binding) -> Atom:
     """The ground atom of a use of a predicate."""
     return Atom(use.predicate, tuple(_object(term, binding) for term in use.terms))
 
 
-def fitting_objects(parameter: Parameter, objects: Objects, domain: Domain) -> tuple[str, ...]:
+def fitting_objects(parameter: pddl.Parameter, objects: Objects, domain: pddl.Domain) -> tuple[str, ...]:
     """The objects that fit a variable's type, in the order of `objects`."""
     return tuple(name for name, types in objects.items() if domain.fits(types, parameter.type))
 
@@ -119,63 +104,67 @@ GroundCondition: TypeAlias = Literal | All | Some
 """A condition about objects in negation normal form, quantifiers expanded and equalities decided."""
 
 
-def ground_condition(condition: Condition, binding: Binding, objects: Objects, domain: Domain) -> GroundCondition:
+def ground_condition(
+    condition: pddl.Condition, binding: Binding, objects: Objects, domain: pddl.Domain
+) -> GroundCondition:
     """The condition for the objects of the binding, with negations pushed down to the literals."""
 
-    def ground(part: Condition, bound: Binding, positive: bool) -> GroundCondition:
+    def ground(part: pddl.Condition, bound: Binding, positive: bool) -> GroundCondition:
         def combine(parts: Iterator[GroundCondition], every: bool) -> GroundCondition:
             return All(tuple(parts)) if every else Some(tuple(parts), _text(part, bound, positive))
 
         match part:
-            case Holds():
+            case pddl.Holds():
                 return Literal(ground_atom(part, bound), positive)
-            case Equal(left, right):
+            case pddl.Equal(left, right):
                 holds = (_object(left, bound) == _object(right, bound)) == positive
                 return All(()) if holds else Some((), _text(part, bound, positive))
-            case Negation(inner):
+            case pddl.Negation(inner):
                 return ground(inner, bound, not positive)
-            case Conjunction(parts):
+            case pddl.Conjunction(parts):
                 return combine((ground(inner, bound, positive) for inner in parts), every=positive)
-            case Disjunction(parts):
+            case pddl.Disjunction(parts):
                 return combine((ground(inner, bound, positive) for inner in parts), every=not positive)
-            case ForAll(variables, body):
+            case pddl.ForAll(variables, body):
                 bindings = _extensions(bound, variables, objects, domain)
                 return combine((ground(body, inner, positive) for inner in bindings), every=positive)
-            case Exists(variables, body):
+            case pddl.Exists(variables, body):
                 bindings = _extensions(bound, variables, objects, domain)
                 return combine((ground(body, inner, positive) for inner in bindings), every=not positive)
 
     return ground(condition, binding, True)
 
 
-def literal_count(condition: Condition, objects: Objects, domain: Domain) -> int:
+def literal_count(condition: pddl.Condition, objects: Objects, domain: pddl.Domain) -> int:
     """Number of literals and equalities in the result of `ground_condition`, without computing it.
 
     A quantifier multiplies its body by the product of its variables' domain sizes.
     """
     match condition:
-        case Negation(part):
+        case pddl.Negation(part):
             return literal_count(part, objects, domain)
-        case Conjunction(parts) | Disjunction(parts):
+        case pddl.Conjunction(parts) | pddl.Disjunction(parts):
             return sum(literal_count(part, objects, domain) for part in parts)
-        case ForAll(variables, body) | Exists(variables, body):
+        case pddl.ForAll(variables, body) | pddl.Exists(variables, body):
             return prod(domain_sizes(variables, objects, domain)) * literal_count(body, objects, domain)
     return 1
 
 
-def domain_sizes(variables: Sequence[Parameter], objects: Objects, domain: Domain) -> list[int]:
+def domain_sizes(variables: Sequence[pddl.Parameter], objects: Objects, domain: pddl.Domain) -> list[int]:
     """Number of objects that fit each variable."""
     return [len(fitting_objects(variable, objects, domain)) for variable in variables]
 
 
-def largest_quantifier(condition: Condition, objects: Objects, domain: Domain) -> ForAll | Exists | None:
+def largest_quantifier(
+    condition: pddl.Condition, objects: Objects, domain: pddl.Domain
+) -> pddl.ForAll | pddl.Exists | None:
     """The quantifier whose variables have the largest product of domain sizes; None if there is no quantifier."""
     match condition:
-        case Negation(part):
+        case pddl.Negation(part):
             return largest_quantifier(part, objects, domain)
-        case Conjunction(parts) | Disjunction(parts):
+        case pddl.Conjunction(parts) | pddl.Disjunction(parts):
             found = [largest_quantifier(part, objects, domain) for part in parts]
-        case ForAll(_, body) | Exists(_, body):
+        case pddl.ForAll(_, body) | pddl.Exists(_, body):
             found = [condition, largest_quantifier(body, objects, domain)]
         case _:
             return None
@@ -184,40 +173,40 @@ def largest_quantifier(condition: Condition, objects: Objects, domain: Domain) -
 
 
 def _extensions(
-    binding: Binding, variables: tuple[Parameter, ...], objects: Objects, domain: Domain
+    binding: Binding, variables: tuple[pddl.Parameter, ...], objects: Objects, domain: pddl.Domain
 ) -> Iterator[Binding]:
     names = [variable.name for variable in variables]
     for chosen in product(*(fitting_objects(variable, objects, domain) for variable in variables)):
         yield {**binding, **dict(zip(names, chosen, strict=True))}
 
 
-def _object(term: Term, binding: Binding) -> str:
-    return term.name if isinstance(term, Constant) else binding[term.name]
+def _object(term: pddl.Term, binding: Binding) -> str:
+    return term.name if isinstance(term, pddl.Constant) else binding[term.name]
 
 
-def _text(condition: Condition, binding: Binding, positive: bool) -> str:
+def _text(condition: pddl.Condition, binding: Binding, positive: bool) -> str:
     """The condition in words, with objects in place of the variables that are bound."""
 
-    def replace(term: Term) -> Term:
-        return Constant(binding[term.name]) if isinstance(term, Variable) and term.name in binding else term
+    def replace(term: pddl.Term) -> pddl.Term:
+        return pddl.Constant(binding[term.name]) if isinstance(term, pddl.Variable) and term.name in binding else term
 
     bound = _substitute(condition, replace)
-    return str(bound if positive else Negation(bound))
+    return str(bound if positive else pddl.Negation(bound))
 
 
-def _substitute(condition: Condition, replace: Callable[[Term], Term]) -> Condition:
+def _substitute(condition: pddl.Condition, replace: Callable[[pddl.Term], pddl.Term]) -> pddl.Condition:
     match condition:
-        case Holds(predicate, terms):
-            return Holds(predicate, tuple(map(replace, terms)))
-        case Equal(left, right):
-            return Equal(replace(left), replace(right))
-        case Negation(part):
-            return Negation(_substitute(part, replace))
-        case Conjunction(parts):
-            return Conjunction(tuple(_substitute(part, replace) for part in parts))
-        case Disjunction(parts):
-            return Disjunction(tuple(_substitute(part, replace) for part in parts))
-        case ForAll(variables, body):
-            return ForAll(variables, _substitute(body, replace))
-        case Exists(variables, body):
-            return Exists(variables, _substitute(body, replace))
+        case pddl.Holds(predicate, terms):
+            return pddl.Holds(predicate, tuple(map(replace, terms)))
+        case pddl.Equal(left, right):
+            return pddl.Equal(replace(left), replace(right))
+        case pddl.Negation(part):
+            return pddl.Negation(_substitute(part, replace))
+        case pddl.Conjunction(parts):
+            return pddl.Conjunction(tuple(_substitute(part, replace) for part in parts))
+        case pddl.Disjunction(parts):
+            return pddl.Disjunction(tuple(_substitute(part, replace) for part in parts))
+        case pddl.ForAll(variables, body):
+            return pddl.ForAll(variables, _substitute(body, replace))
+        case pddl.Exists(variables, body):
+            return pddl.Exists(variables, _substitute(body, replace))

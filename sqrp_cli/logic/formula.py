@@ -47,7 +47,7 @@ class _Printed:
     """A formula; `str` prints it in ASCII such that parsing gives the same formula back."""
 
     def __str__(self) -> str:
-        return _print(self, _ASCII)  # type: ignore[arg-type]
+        return _print(self)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -148,23 +148,24 @@ def with_children(formula: Formula, parts: tuple[Formula, ...]) -> Formula:
             return Eventually(interval, parts[0], origin)
 
 
-def to_unicode(formula: Formula) -> str:
-    """The formula with the signs □ ◇ ¬ ∧ ∨ →; parsing gives the same formula back."""
-    return _print(formula, _UNICODE)
-
-
-_ASCII = {Not: "not ", And: " and ", Or: " or ", Implies: " -> ", Always: "always", Eventually: "eventually"}
-_UNICODE = {Not: "¬", And: " ∧ ", Or: " ∨ ", Implies: " → ", Always: "□", Eventually: "◇"}
+_SIGNS = {
+    Not: "not ",
+    And: " and ",
+    Or: " or ",
+    Implies: " -> ",
+    Always: "always",
+    Eventually: "eventually",
+}
 _BINDING = {Implies: 0, Or: 1, And: 2, Not: 3, Always: 3, Eventually: 3, Predicate: 4}
 """How tightly each kind of formula binds."""
 
 
-def _print(formula: Formula, signs: dict[type, str]) -> str:
+def _print(formula: Formula) -> str:
     def enclosed(part: Formula, least_binding: int) -> str:
-        text = _print(part, signs)
+        text = _print(part)
         return text if _BINDING[type(part)] >= least_binding else f"({text})"
 
-    sign = signs.get(type(formula), "")
+    sign = _SIGNS.get(type(formula), "")
     match formula:
         case Predicate(name, arguments):
             return name if not arguments else f"{name}({', '.join(arguments)})"

@@ -8,28 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from sqrp_cli.errors import Problem, expected_names
-from sqrp_cli.logic.domain import (
-    Action,
-    Condition,
-    Conjunction,
-    Constant,
-    Disjunction,
-    Domain,
-    Equal,
-    Exists,
-    ForAll,
-    Holds,
-    Negation,
-)
-from sqrp_cli.logic.formula import (
-    Always,
-    Eventually,
-    Formula,
-    Interval,
-    Predicate,
-    children,
-    with_children,
-)
+from sqrp_cli.logic import domain as pddl
+from sqrp_cli.logic import formula as mtl
 from sqrp_cli.logic.source_text import TextOrigin
 
 ArgumentLists = Mapping[str, tuple[tuple[str, ...], ...]]
@@ -37,65 +17,69 @@ ArgumentLists = Mapping[str, tuple[tuple[str, ...], ...]]
 the variable of a quantifier."""
 
 
-def argument_lists(action: Action) -> ArgumentLists:
+def argument_lists(action: pddl.Action) -> ArgumentLists:
     """The predicates of the action's precondition and effect with their arguments."""
     parameters = {parameter.name for parameter in action.parameters}
     lists: dict[str, dict[tuple[str, ...], None]] = {}
     for use in (*_uses(action.precondition), *action.effect.adds, *action.effect.deletes):
         arguments = tuple(
-            term.name if isinstance(term, Constant) or term.name in parameters else str(term) for term in use.terms
+            term.name if isinstance(term, pddl.Constant) or term.name in parameters else str(term) for term in use.terms
         )
         lists.setdefault(use.predicate, {})[arguments] = None
     return {predicate: tuple(found) for predicate, found in lists.items()}
 
 
-def _uses(condition: Condition) -> tuple[Holds, ...]:
+def _uses(condition: pddl.Condition) -> tuple[pddl.Holds, ...]:
     match condition:
-        case Holds():
+        case pddl.Holds():
             return (condition,)
-        case Equal():
+        case pddl.Equal():
             return ()
-        case Negation(part) | ForAll(body=part) | Exists(body=part):
+        case pddl.Negation(part) | pddl.ForAll(body=part) | pddl.Exists(body=part):
             return _uses(part)
-        case Conjunction(parts) | Disjunction(parts):
+        case pddl.Conjunction(parts) | pddl.Disjunction(parts):
             return tuple(use for part in parts for use in _uses(part))
 
 
-def check_formula(formula: Formula, domain: Domain, action: Action, primitives: Sequence[str]) -> tuple[Problem, ...]:
+def check_formula(
+    formula: mtl.Formula, domain: pddl.Domain, action: pddl.Action, primitives: Sequence[str]
+) -> tuple[Problem, ...]:
     """Problems with the names and intervals of a skill's formula; empty if there are none.
 
     primitives: names of the skill's primitive actions, in order of execution.
     """
-    if isinstance(formula, Predicate):
+    if isinstance(formula, mtl.Predicate):
         return _check_predicate(formula, domain, action)
-    problems = [problem for part in children(formula) for problem in check_formula(part, domain, action, primitives)]
-    if isinstance(formula, Always | Eventually):
+    problems = [
+        problem for part in mtl.children(formula) for problem in check_formula(part, domain, action, primitives)
+    ]
+    if isinstance(formula, mtl.Always | mtl.Eventually):
         problems = [*_check_interval(formula.interval, primitives), *problems]
     return tuple(problems)
 
 
-def bind(formula: Formula, binding: Mapping[str, str], lists: ArgumentLists) -> Formula:
+def bind(formula: mtl.Formula, binding: Mapping[str, str], lists: ArgumentLists) -> mtl.Formula:
     """The formula about objects: left-out arguments filled in, and parameters replaced by their objects.
 
     binding: object name by parameter name; names that are not in it (constants, objects) stay. lists: of the skill's
     action, see `argument_lists`. Raises ValueError for arguments that cannot be filled in; `check_formula` reports such
     formulas to the user.
     """
-    if not isinstance(formula, Predicate):
-        return with_children(formula, tuple(bind(part, binding, lists) for part in children(formula)))
+    if not isinstance(formula, mtl.Predicate):
+        return mtl.with_children(formula, tuple(bind(part, binding, lists) for part in mtl.children(formula)))
     arguments = formula.arguments
     if arguments is None:
         if len(lists.get(formula.name, ())) != 1:
             raise ValueError(f"the arguments of `{formula.name}` cannot be left out")
         arguments = lists[formula.name][0]
-    return Predicate(formula.name, tuple(binding.get(name, name) for name in arguments), formula.origin)
+    return mtl.Predicate(formula.name, tuple(binding.get(name, name) for name in arguments), formula.origin)
 
 
 def _problem(origin: TextOrigin | None, code: str, message: str) -> Problem:
     return origin.problem(code, message) if origin else Problem(code, message)
 
 
-def _check_predicate(use: Predicate, domain: Domain, action: Action) -> tuple[Problem, ...]:
+def _check_predicate(use: mtl.Predicate, domain: pddl.Domain, action: pddl.Action) -> tuple[Problem, ...]:
     lists = argument_lists(action)
     if use.name not in lists:
         message = f"action `{action.name}` does not use a predicate `{use.name}`; {expected_names(use.name, lists)}"
@@ -123,7 +107,7 @@ def _check_predicate(use: Predicate, domain: Domain, action: Action) -> tuple[Pr
     return tuple(problems)
 
 
-def _check_interval(interval: Interval, primitives: Sequence[str]) -> tuple[Problem, ...]:
+def _check_interval(interval: mtl.Interval, primitives: Sequence[str]) -> tuple[Problem, ...]:
     bounds = (interval.start, interval.end)
     unknown = [bound for bound in bounds if bound.primitive is not None and bound.primitive not in primitives]
     if unknown:
@@ -142,7 +126,7 @@ def _check_interval(interval: Interval, primitives: Sequence[str]) -> tuple[Prob
     return ()
 
 
-def _surely_empty(interval: Interval, primitives: Sequence[str]) -> bool:
+def _surely_empty(interval: mtl.Interval, primitives: Sequence[str]) -> bool:
     """Whether the interval ends before it starts, whatever the durations of the primitive actions."""
     start, end = interval.start, interval.end
     if start.primitive is None or end.primitive is None:

@@ -7,20 +7,7 @@ from dataclasses import dataclass
 from typing import Literal as OneOf
 
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.logic.formula import (
-    Always,
-    And,
-    Eventually,
-    Formula,
-    Implies,
-    Instant,
-    Interval,
-    Not,
-    Or,
-    Predicate,
-    children,
-    with_children,
-)
+from sqrp_cli.logic import formula as mtl
 from sqrp_cli.logic.literal import Literal
 
 SAME_INSTANT = 1e-9
@@ -68,22 +55,22 @@ class GroundOperator:
         return Stretch(self.start, self.end)
 
 
-def with_times(formula: Formula, spans: Mapping[str, tuple[float, float]]) -> Formula:
+def with_times(formula: mtl.Formula, spans: Mapping[str, tuple[float, float]]) -> mtl.Formula:
     """The formula with every bound of an interval as a number of seconds.
 
     spans: start and end of each primitive action [s]. Raises InputError for an interval that ends before it starts.
     """
-    parts = tuple(with_times(part, spans) for part in children(formula))
+    parts = tuple(with_times(part, spans) for part in mtl.children(formula))
     match formula:
-        case Always(interval, _, origin):
-            return Always(_with_times(interval, spans), parts[0], origin)
-        case Eventually(interval, _, origin):
-            return Eventually(_with_times(interval, spans), parts[0], origin)
-    return with_children(formula, parts)
+        case mtl.Always(interval, _, origin):
+            return mtl.Always(_with_times(interval, spans), parts[0], origin)
+        case mtl.Eventually(interval, _, origin):
+            return mtl.Eventually(_with_times(interval, spans), parts[0], origin)
+    return mtl.with_children(formula, parts)
 
 
 def ground_operators(
-    formula: Formula, spans: Mapping[str, tuple[float, float]], total: float
+    formula: mtl.Formula, spans: Mapping[str, tuple[float, float]], total: float
 ) -> tuple[GroundOperator, ...]:
     """The temporal operators of a bound formula, outer before inner, from left to right, with their times.
 
@@ -96,7 +83,7 @@ def ground_operators(
     entries = [
         GroundOperator(
             text=str(operator),
-            operator="always" if isinstance(operator, Always) else "eventually",
+            operator="always" if isinstance(operator, mtl.Always) else "eventually",
             start=min(max(when.start, 0.0), total),
             end=min(max(when.end, 0.0), total),
             literals=tuple(dict.fromkeys(_own_literals(operator.operand, positive=True))),
@@ -110,7 +97,7 @@ def ground_operators(
     return tuple(entries)
 
 
-def operators_outside(formula: Formula, spans: Mapping[str, tuple[float, float]], total: float) -> tuple[int, ...]:
+def operators_outside(formula: mtl.Formula, spans: Mapping[str, tuple[float, float]], total: float) -> tuple[int, ...]:
     """Which temporal operators of a formula, bound or not, have no entry in `ground_operators`.
 
     They are never looked at. Each by its place in `operators`. Arguments and errors are those of `ground_operators`.
@@ -119,10 +106,10 @@ def operators_outside(formula: Formula, spans: Mapping[str, tuple[float, float]]
     return tuple(index for index, (_, when) in enumerate(timed) if _is_outside(when, total))
 
 
-def operators(formula: Formula) -> tuple[Always | Eventually, ...]:
+def operators(formula: mtl.Formula) -> tuple[mtl.Always | mtl.Eventually, ...]:
     """The temporal operators of a formula, outer before inner, from left to right."""
-    own = (formula,) if isinstance(formula, Always | Eventually) else ()
-    return (*own, *(operator for part in children(formula) for operator in operators(part)))
+    own = (formula,) if isinstance(formula, mtl.Always | mtl.Eventually) else ()
+    return (*own, *(operator for part in mtl.children(formula) for operator in operators(part)))
 
 
 def merge(stretches: Iterable[Stretch]) -> tuple[Stretch, ...]:
@@ -141,11 +128,6 @@ def union_length(stretches: Iterable[Stretch]) -> float:
     return sum(stretch.length for stretch in merge(stretches))
 
 
-def formula_time(operators: Iterable[GroundOperator]) -> tuple[Stretch, ...]:
-    """The stretches in which some formula applies."""
-    return merge(operator.stretch for operator in operators)
-
-
 def events_of_interest(operators: Iterable[GroundOperator]) -> tuple[Stretch, ...]:
     """The stretches of the events of interest: of every `eventually`."""
     return merge(operator.stretch for operator in operators if operator.operator == "eventually")
@@ -157,49 +139,50 @@ def _is_outside(when: Stretch, total: float) -> bool:
 
 
 def _timed_operators(
-    formula: Formula, spans: Mapping[str, tuple[float, float]], evaluated: Stretch
-) -> Iterator[tuple[Always | Eventually, Stretch]]:
+    formula: mtl.Formula, spans: Mapping[str, tuple[float, float]], evaluated: Stretch
+) -> Iterator[tuple[mtl.Always | mtl.Eventually, Stretch]]:
     """The operators in a formula that is evaluated at all instants of a stretch, each with its interval, not clipped.
 
     In the order of `operators`.
     """
-    if isinstance(formula, Always | Eventually):
+    if isinstance(formula, mtl.Always | mtl.Eventually):
         interval = _with_times(formula.interval, spans)
         evaluated = Stretch(evaluated.start + interval.start.offset, evaluated.end + interval.end.offset)
         yield formula, evaluated
-    for part in children(formula):
+    for part in mtl.children(formula):
         yield from _timed_operators(part, spans, evaluated)
 
 
-def _own_literals(formula: Formula, positive: bool) -> Iterator[Literal]:
+def _own_literals(formula: mtl.Formula, positive: bool) -> Iterator[Literal]:
     """Literals outside any temporal operator; under an odd number of negations if `positive` is false."""
     match formula:
-        case Predicate():
+        case mtl.Predicate():
             yield Literal(formula.atom, positive)
-        case Not(operand):
+        case mtl.Not(operand):
             yield from _own_literals(operand, not positive)
-        case And(operands) | Or(operands):
+        case mtl.And(operands) | mtl.Or(operands):
             for operand in operands:
                 yield from _own_literals(operand, positive)
-        case Implies(premise, conclusion):
+        case mtl.Implies(premise, conclusion):
             yield from _own_literals(premise, not positive)
             yield from _own_literals(conclusion, positive)
-        case Always() | Eventually():
+        case mtl.Always() | mtl.Eventually():
             pass
 
 
-def _with_times(interval: Interval, spans: Mapping[str, tuple[float, float]]) -> Interval:
+def _with_times(interval: mtl.Interval, spans: Mapping[str, tuple[float, float]]) -> mtl.Interval:
     start, end = _seconds(interval.start, spans), _seconds(interval.end, spans)
     if end < start - SAME_INSTANT:
         code, message = "mtl-empty-interval", f"the interval {interval} is empty: from {start:g} s to {end:g} s"
         origin = interval.start.origin
         raise InputError(origin.problem(code, message) if origin else Problem(code, message))
-    return Interval(
-        Instant(offset=start, origin=interval.start.origin), Instant(offset=max(start, end), origin=interval.end.origin)
+    return mtl.Interval(
+        mtl.Instant(offset=start, origin=interval.start.origin),
+        mtl.Instant(offset=max(start, end), origin=interval.end.origin),
     )
 
 
-def _seconds(instant: Instant, spans: Mapping[str, tuple[float, float]]) -> float:
+def _seconds(instant: mtl.Instant, spans: Mapping[str, tuple[float, float]]) -> float:
     if instant.primitive is None:
         return instant.offset
     start, end = spans[instant.primitive]

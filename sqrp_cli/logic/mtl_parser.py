@@ -18,18 +18,7 @@ from importlib.resources import files
 from typing import TYPE_CHECKING
 
 from sqrp_cli.errors import InputError, Place, Problem, nearest
-from sqrp_cli.logic.formula import (
-    Always,
-    And,
-    Eventually,
-    Formula,
-    Implies,
-    Instant,
-    Interval,
-    Not,
-    Or,
-    Predicate,
-)
+from sqrp_cli.logic import formula as mtl
 from sqrp_cli.logic.source_text import SourceText, TextOrigin, character_name, depth, is_token
 
 if TYPE_CHECKING:
@@ -73,7 +62,7 @@ _KEYWORDS = {
 }
 
 
-def parse_formula(text: str, place: Place, indent: int = 0) -> Formula:
+def parse_formula(text: str, place: Place, indent: int = 0) -> mtl.Formula:
     """Reads a formula of the language described above.
 
     place: where the text starts. indent: columns before every further line of the text in the file that are not part of
@@ -108,11 +97,11 @@ def _parser() -> Lark:
     return Lark(grammar, parser="lalr", maybe_placeholders=False)
 
 
-def _formula(tree: Tree[Token], source: SourceText) -> Formula:
+def _formula(tree: Tree[Token], source: SourceText) -> mtl.Formula:
     def origin(token: Token) -> TextOrigin:
         return TextOrigin(source, token.start_pos or 0)
 
-    def instant(node: Tree[Token]) -> Instant:
+    def instant(node: Tree[Token]) -> mtl.Instant:
         tokens = [part for part in node.children if is_token(part)]
         seconds = 0.0
         if tokens[-1].type == "NUMBER":
@@ -121,31 +110,31 @@ def _formula(tree: Tree[Token], source: SourceText) -> Formula:
                 problem = origin(tokens[-1]).problem("mtl-number", f"`{tokens[-1]}` is too large for a time in seconds")
                 raise InputError(problem)
         if node.data == "time":
-            return Instant(offset=seconds, origin=origin(tokens[0]))
+            return mtl.Instant(offset=seconds, origin=origin(tokens[0]))
         if len(tokens) > 2 and tokens[2] != "+":
             seconds = -seconds
-        return Instant(str(tokens[0]), str(tokens[1]), seconds, origin(tokens[0]))
+        return mtl.Instant(str(tokens[0]), str(tokens[1]), seconds, origin(tokens[0]))
 
     trees = [part for part in tree.children if not is_token(part)]
     tokens = [part for part in tree.children if is_token(part)]
     match tree.data:
         case "bare_predicate":
-            return Predicate(str(tokens[0]), None, origin(tokens[0]))
+            return mtl.Predicate(str(tokens[0]), None, origin(tokens[0]))
         case "predicate":
-            return Predicate(str(tokens[0]), tuple(map(str, tokens[1:])), origin(tokens[0]))
+            return mtl.Predicate(str(tokens[0]), tuple(map(str, tokens[1:])), origin(tokens[0]))
         case "always" | "eventually" as kind:
             start, end = (instant(bound) for bound in trees[0].children if not is_token(bound))
-            operator = Always if kind == "always" else Eventually
-            return operator(Interval(start, end), _formula(trees[1], source), origin(tokens[0]))
+            operator = mtl.Always if kind == "always" else mtl.Eventually
+            return operator(mtl.Interval(start, end), _formula(trees[1], source), origin(tokens[0]))
     parts = tuple(_formula(part, source) for part in trees)
     match tree.data:
         case "not_":
-            return Not(*parts)
+            return mtl.Not(*parts)
         case "and_":
-            return And(parts)
+            return mtl.And(parts)
         case "or_":
-            return Or(parts)
-    return Implies(*parts)
+            return mtl.Or(parts)
+    return mtl.Implies(*parts)
 
 
 def _syntax_problem(source: SourceText, error: UnexpectedInput) -> Problem:

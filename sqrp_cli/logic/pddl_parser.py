@@ -9,26 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
-from sqrp_cli.logic.domain import (
-    OBJECT,
-    Action,
-    Condition,
-    Conjunction,
-    Constant,
-    Disjunction,
-    Domain,
-    Effect,
-    Equal,
-    Exists,
-    ForAll,
-    Holds,
-    Negation,
-    Parameter,
-    Signature,
-    Term,
-    Variable,
-    with_ancestors,
-)
+from sqrp_cli.logic import domain as pddl
 from sqrp_cli.logic.nested_lists import Node, Word, WordList, read_list
 from sqrp_cli.logic.source_text import SourceText
 
@@ -54,7 +35,7 @@ _CONNECTIVES = ("and", "or", "not", "imply", "forall", "exists", "=", "when")
 _NUMERIC = ("increase", "decrease", "assign", "scale-up", "scale-down", "<", ">", "<=", ">=")
 
 
-def parse_domain(text: str, path: Path) -> Domain:
+def parse_domain(text: str, path: Path) -> pddl.Domain:
     """The domain that a PDDL file defines, with one or more actions.
 
     Supported: typing, constants, equality, negative, disjunctive and quantified preconditions, unconditional effects; a
@@ -82,7 +63,7 @@ MAX_PROBLEMS = 100
 class TypedTerm(NamedTuple):
     """A term with its type."""
 
-    term: Term
+    term: pddl.Term
     type: str | None
     """None of an unknown name."""
 
@@ -96,8 +77,8 @@ class _Reader:
     requirements: set[str] = field(default_factory=set)
     types: dict[str, str] = field(default_factory=dict)
     constants: dict[str, str] = field(default_factory=dict)
-    predicates: dict[str, Signature] = field(default_factory=dict)
-    actions: dict[str, Action] = field(default_factory=dict)
+    predicates: dict[str, pddl.Signature] = field(default_factory=dict)
+    actions: dict[str, pddl.Action] = field(default_factory=dict)
 
     def report(self, code: str, message: str, node: Node, mend: str | None = None) -> None:
         """Records a problem and continues; at most `MAX_PROBLEMS`."""
@@ -120,7 +101,7 @@ class _Reader:
         except InputError as error:
             self.problems += error.problems
 
-    def read(self, top: WordList) -> Domain:
+    def read(self, top: WordList) -> pddl.Domain:
         name_list = top.items[1] if len(top.items) > 1 else None
         if top.head != "define" or not isinstance(name_list, WordList) or name_list.head not in ("domain", "problem"):
             raise self.failure("expected `(define (domain NAME) ...)`", top)
@@ -141,7 +122,7 @@ class _Reader:
             self.attempt(self.read_action, section)
         if not sections[":action"] and not self.problems:
             raise self.failure("the domain has no action; expected `(:action NAME ...)`", top)
-        return Domain(
+        return pddl.Domain(
             name=name.text,
             path=self.source.place.file,
             requirements=frozenset(self.requirements),
@@ -179,12 +160,12 @@ class _Reader:
         declared = self.typed_list(section.items[1:], "a type")
         where = {word.text: word for word, _ in declared}
         for word, parent in declared:
-            if word.text in self.types or word.text == OBJECT:
+            if word.text in self.types or word.text == pddl.OBJECT:
                 self.report("pddl-duplicate", f"type `{word.text}` is declared twice", word)
-            elif parent and parent.text not in where and parent.text != OBJECT:
-                self.report("pddl-unknown-type", self.unknown("type", parent.text, [*where, OBJECT]), parent)
+            elif parent and parent.text not in where and parent.text != pddl.OBJECT:
+                self.report("pddl-unknown-type", self.unknown("type", parent.text, [*where, pddl.OBJECT]), parent)
             else:
-                self.types[word.text] = parent.text if parent else OBJECT
+                self.types[word.text] = parent.text if parent else pddl.OBJECT
         for name in self.types:
             chain = [name]
             while chain[-1] in self.types and len(chain) <= len(self.types):
@@ -208,7 +189,7 @@ class _Reader:
                 self.report("pddl-syntax", f"`{word.text}` cannot be the name of a predicate", word)
             if word.text in self.predicates:
                 self.report("pddl-duplicate", f"predicate `{word.text}` is declared twice", word)
-            self.predicates[word.text] = Signature(word.text, self.parameters(node.items[1:], {}))
+            self.predicates[word.text] = pddl.Signature(word.text, self.parameters(node.items[1:], {}))
 
     def read_action(self, section: WordList) -> None:
         if len(section.items) < 2:
@@ -233,16 +214,16 @@ class _Reader:
                 raise self.failure(f"action `{name.text}` has no `{required}`", name)
         scope: Scope = {}
         parameters = self.parameters(parts[":parameters"].items, scope)
-        precondition: Condition = Conjunction()
+        precondition: pddl.Condition = pddl.Conjunction()
         if ":precondition" in parts and parts[":precondition"].items:
             precondition = self.condition(parts[":precondition"], scope)
         effect = self.effect(parts[":effect"], scope)
         place = self.source.place_at(name.offset)
-        self.actions[name.text] = Action(
+        self.actions[name.text] = pddl.Action(
             name=name.text, parameters=parameters, precondition=precondition, effect=effect, place=place
         )
 
-    def parameters(self, nodes: Sequence[Node], scope: Scope) -> tuple[Parameter, ...]:
+    def parameters(self, nodes: Sequence[Node], scope: Scope) -> tuple[pddl.Parameter, ...]:
         """Reads a typed list of variables and adds them to the scope."""
         found = []
         for word, type_word in self.typed_list(nodes, "a variable such as `?object`"):
@@ -250,7 +231,7 @@ class _Reader:
             if name in scope:
                 self.report("pddl-duplicate", f"variable `{word.text}` is declared twice", word)
             scope[name] = self.type_of(type_word)
-            found.append(Parameter(name, scope[name]))
+            found.append(pddl.Parameter(name, scope[name]))
         return tuple(found)
 
     def typed_list(self, nodes: Sequence[Node], what: str) -> list[tuple[Word, Word | None]]:
@@ -272,28 +253,30 @@ class _Reader:
             untyped = []
         return found + [(word, None) for word in untyped]
 
-    def condition(self, node: Node, scope: Scope) -> Condition:
+    def condition(self, node: Node, scope: Scope) -> pddl.Condition:
         if not isinstance(node, WordList) or not node.items:
             raise self.failure("expected a condition such as `(hold ?object)`", node)
         arguments = node.items[1:]
         match node.head:
             case "and":
-                return Conjunction(tuple(self.condition(part, scope) for part in arguments))
+                return pddl.Conjunction(tuple(self.condition(part, scope) for part in arguments))
             case "or":
                 self.need(node, "`or`", ":disjunctive-preconditions")
-                return Disjunction(tuple(self.condition(part, scope) for part in arguments))
+                return pddl.Disjunction(tuple(self.condition(part, scope) for part in arguments))
             case "imply":
                 self.need(node, "`imply`", ":disjunctive-preconditions")
                 premise, conclusion = self.exactly(2, node)
-                return Disjunction((Negation(self.condition(premise, scope)), self.condition(conclusion, scope)))
+                return pddl.Disjunction(
+                    (pddl.Negation(self.condition(premise, scope)), self.condition(conclusion, scope))
+                )
             case "not":
                 (part,) = self.exactly(1, node)
                 negated = self.condition(part, scope)
-                if isinstance(negated, Holds | Equal):
+                if isinstance(negated, pddl.Holds | pddl.Equal):
                     self.need(node, "`not` in a precondition", ":negative-preconditions", ":disjunctive-preconditions")
                 else:
                     self.need(node, "`not` of more than a predicate", ":disjunctive-preconditions")
-                return Negation(negated)
+                return pddl.Negation(negated)
             case "forall" | "exists" as quantifier:
                 own = ":universal-preconditions" if quantifier == "forall" else ":existential-preconditions"
                 self.need(node, f"`{quantifier}`", own, ":quantified-preconditions")
@@ -302,17 +285,17 @@ class _Reader:
                     raise self.failure(f"expected a list of variables after `{quantifier}`", variable_list)
                 inner = dict(scope)
                 variables = self.parameters(variable_list.items, inner)
-                kind = ForAll if quantifier == "forall" else Exists
+                kind = pddl.ForAll if quantifier == "forall" else pddl.Exists
                 return kind(variables, self.condition(body, inner))
             case "=":
                 self.need(node, "`=`", ":equality")
                 left, right = self.exactly(2, node)
-                return Equal(self.term(left, scope).term, self.term(right, scope).term)
+                return pddl.Equal(self.term(left, scope).term, self.term(right, scope).term)
         return self.holds(node, scope)
 
-    def effect(self, node: WordList, scope: Scope) -> Effect:
-        adds: dict[Holds, None] = {}
-        deletes: dict[Holds, None] = {}
+    def effect(self, node: WordList, scope: Scope) -> pddl.Effect:
+        adds: dict[pddl.Holds, None] = {}
+        deletes: dict[pddl.Holds, None] = {}
         for part in node.items[1:] if node.head == "and" else (node,) if node.items else ():
             if not isinstance(part, WordList) or not part.items:
                 raise self.failure("expected an effect such as `(hold ?object)`", part)
@@ -332,9 +315,9 @@ class _Reader:
                 message = f"the effect makes `{change}` both true and false"
                 self.report("pddl-contradictory-effect", message, part)
             changed[change] = None
-        return Effect(tuple(adds), tuple(deletes))
+        return pddl.Effect(tuple(adds), tuple(deletes))
 
-    def holds(self, node: WordList, scope: Scope) -> Holds:
+    def holds(self, node: WordList, scope: Scope) -> pddl.Holds:
         word = self.word(node.items[0], "a predicate's name")
         if word.text in _NUMERIC:
             raise self.failure(f"numbers (`{word.text}`) are not supported", node, "pddl-unsupported")
@@ -349,10 +332,10 @@ class _Reader:
             self.report("pddl-arity", mismatch, node)
         else:
             for item, (term, found), parameter in zip(node.items[1:], terms, signature.parameters, strict=True):
-                if found is not None and parameter.type not in with_ancestors(found, self.types):
+                if found is not None and parameter.type not in pddl.with_ancestors(found, self.types):
                     message = f"`{term}` is of type `{found}`, but `{word.text}` expects `{parameter.type}`"
                     self.report("pddl-type", message, item)
-        return Holds(word.text, tuple(term for term, _ in terms))
+        return pddl.Holds(word.text, tuple(term for term, _ in terms))
 
     def term(self, node: Node, scope: Scope) -> TypedTerm:
         """A term with its type."""
@@ -362,18 +345,18 @@ class _Reader:
             if name not in scope:
                 message = self.unknown("variable", word.text, [f"?{variable}" for variable in scope])
                 self.report("pddl-unknown-variable", message, word)
-            return TypedTerm(Variable(name), scope.get(name))
+            return TypedTerm(pddl.Variable(name), scope.get(name))
         if word.text not in self.constants:
             message = self.unknown("constant", word.text, [*self.constants, *(f"?{variable}" for variable in scope)])
             self.report("pddl-unknown-constant", message, word)
-        return TypedTerm(Constant(word.text), self.constants.get(word.text))
+        return TypedTerm(pddl.Constant(word.text), self.constants.get(word.text))
 
     def type_of(self, word: Word | None) -> str:
         if word is None:
-            return OBJECT
-        if word.text != OBJECT and word.text not in self.types:
-            self.report("pddl-unknown-type", self.unknown("type", word.text, [*self.types, OBJECT]), word)
-            return OBJECT
+            return pddl.OBJECT
+        if word.text != pddl.OBJECT and word.text not in self.types:
+            self.report("pddl-unknown-type", self.unknown("type", word.text, [*self.types, pddl.OBJECT]), word)
+            return pddl.OBJECT
         return word.text
 
     def need(self, node: Node, what: str, *requirements: str) -> None:

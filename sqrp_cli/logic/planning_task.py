@@ -23,17 +23,7 @@ from sqrp_cli.logic.conditions import (
     ground_condition,
     literal_count,
 )
-from sqrp_cli.logic.domain import (
-    Action,
-    Condition,
-    Conjunction,
-    Constant,
-    Domain,
-    Equal,
-    Holds,
-    Negation,
-    Variable,
-)
+from sqrp_cli.logic.domain import Action, Condition, Conjunction, Constant, Domain, Equal, Holds, Negation, Variable
 from sqrp_cli.logic.literal import Atom, Literal
 
 

@@ -174,11 +174,7 @@ def read_versions(before: Path, after: Path) -> Versions:
 
 
 def difference(
-    before: ScoredCell,
-    after: ScoredCell,
-    computer: Computer,
-    allowance: float,
-    progress: Progress,
+    before: ScoredCell, after: ScoredCell, computer: Computer, allowance: float, progress: Progress
 ) -> Scorecard:
     """How the tasks of `after` compare with those of `before`; allowance: see `compare`.
 

@@ -231,8 +231,7 @@ def _told_apart(draft: Path, layout: Layout) -> Layout:
     numbers = [colors[: index + 1].count(color) for index, color in enumerate(colors)]
     painted = zip(layout.cubes, colors, numbers, strict=True)
     return replace(
-        layout,
-        cubes=[replace(cube, name=f"{color[0]}{number}", color=color) for cube, color, number in painted],
+        layout, cubes=[replace(cube, name=f"{color[0]}{number}", color=color) for cube, color, number in painted]
     )
 
 

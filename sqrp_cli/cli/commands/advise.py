@@ -46,9 +46,7 @@ Apply = Annotated[
 Patch = Annotated[
     Path | None,
     typer.Option(
-        "--patch",
-        metavar="FILE",
-        help="Write the first change that has one, or that of --apply, as a patch instead.",
+        "--patch", metavar="FILE", help="Write the first change that has one, or that of --apply, as a patch instead."
     ),
 ]
 

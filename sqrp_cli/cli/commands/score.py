@@ -119,13 +119,7 @@ def command(
 
 
 def _score(
-    paths: Sequence[str],
-    expected: Expected,
-    outputs: Outputs,
-    means: Means,
-    arguments: Sequence[str],
-    *,
-    as_json: bool,
+    paths: Sequence[str], expected: Expected, outputs: Outputs, means: Means, arguments: Sequence[str], *, as_json: bool
 ) -> ExitCode:
     """Score all, compare with the baseline, write the requested files and print; arguments: of the command.
 

@@ -30,12 +30,7 @@ from sqrp_cli.knowledge.camera.calibration_formats import (
     format_of,
 )
 from sqrp_cli.knowledge.camera.calibration_text import CalibrationText, no_calibration, part_of, read_calibration_text
-from sqrp_cli.knowledge.camera.camera import (
-    DISTORTION_LENGTHS,
-    CalibrationFile,
-    DistortionModel,
-    Intrinsics,
-)
+from sqrp_cli.knowledge.camera.camera import DISTORTION_LENGTHS, CalibrationFile, DistortionModel, Intrinsics
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument
 from sqrp_cli.knowledge.text.validation import validate
 

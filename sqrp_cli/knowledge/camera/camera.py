@@ -19,12 +19,7 @@ from sqrp_cli.knowledge.text.units import ANGLE, FREQUENCY, PIXELS
 
 DistortionModel = Literal["none", "plumb_bob", "rational_polynomial", "equidistant"]
 
-DISTORTION_LENGTHS: dict[DistortionModel, int] = {
-    "none": 0,
-    "plumb_bob": 5,
-    "rational_polynomial": 8,
-    "equidistant": 4,
-}
+DISTORTION_LENGTHS: dict[DistortionModel, int] = {"none": 0, "plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
 """Number of coefficients of each distortion model, in the order of ROS camera calibration files."""
 
 
@@ -214,11 +209,7 @@ class CalibrationEntry(Stored):
         CameraPose | None, Field(description="Pose of the optical frame (z forward, x right, y down) in `frame`.")
     ] = None
     hand_eye: Annotated[
-        Annotated[
-            Annotated[PoseFile, Tag("<mapping>")] | Annotated[Text, Tag("<else>")],
-            mapping_or_else(),
-        ]
-        | None,
+        Annotated[Annotated[PoseFile, Tag("<mapping>")] | Annotated[Text, Tag("<else>")], mapping_or_else()] | None,
         Field(
             description="A file with the pose, instead of `pose`: of easy_handeye, TF messages, a launch file with a "
             "static_transform_publisher, or a recording with /tf_static; as `{file, camera}` where it has several."
@@ -231,10 +222,7 @@ class CalibrationEntry(Stored):
         None
     )
     calibration: Annotated[
-        Annotated[
-            Annotated[CalibrationFile, Tag("<mapping>")] | Annotated[Text, Tag("<else>")],
-            mapping_or_else(),
-        ]
+        Annotated[Annotated[CalibrationFile, Tag("<mapping>")] | Annotated[Text, Tag("<else>")], mapping_or_else()]
         | None,
         Field(
             description="A calibration file, instead of `image`: of ROS, OpenCV, Kalibr, VINS or COLMAP; as "

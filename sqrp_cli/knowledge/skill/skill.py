@@ -20,16 +20,7 @@ from sqrp_cli.knowledge.frames import TOOL, WORLD
 from sqrp_cli.knowledge.skill import settings
 from sqrp_cli.knowledge.skill.settings import Kind, MotionParameter, MotionValue, MotionValues
 from sqrp_cli.knowledge.skill.target_box import TargetSpec
-from sqrp_cli.knowledge.text.entries import (
-    Entry,
-    Name,
-    Pose,
-    Text,
-    Time,
-    list_or_else,
-    mapping_or_else,
-    one_of,
-)
+from sqrp_cli.knowledge.text.entries import Entry, Name, Pose, Text, Time, list_or_else, mapping_or_else, one_of
 from sqrp_cli.knowledge.text.source import KeyPath, dotted
 from sqrp_cli.logic.domain import Action, Domain
 from sqrp_cli.logic.formula import Formula

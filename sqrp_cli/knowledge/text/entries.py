@@ -123,8 +123,7 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Row = Annotated[tuple[Finite, ...], Field(min_length=4, max_length=4)]
 
 PoseMatrix = Annotated[
-    Array,
-    Written(Annotated[tuple[_Row, ...], Field(min_length=4, max_length=4)], read_only, np.ndarray.tolist),
+    Array, Written(Annotated[tuple[_Row, ...], Field(min_length=4, max_length=4)], read_only, np.ndarray.tolist)
 ]
 """A pose, shape (4, 4), which a file writes as nested rows; whether it is one is not checked."""
 
@@ -252,12 +251,7 @@ AnyQuantity = Annotated[
     Quantity,
     BeforeValidator(_joint_quantity),
     PlainSerializer(lambda quantity: quantity.value),
-    WithJsonSchema(
-        {
-            "anyOf": [_A_NUMBER, {"type": "string"}],
-            "description": "A number, or one with its unit.",
-        }
-    ),
+    WithJsonSchema({"anyOf": [_A_NUMBER, {"type": "string"}], "description": "A number, or one with its unit."}),
 ]
 """A quantity whose dimension is checked later, where it is used."""
 

@@ -338,11 +338,7 @@ def read_mounts(path: Path, workspace: Workspace, links: tuple[str, ...]) -> Mou
             message = f"found `{task}`, which is no task of the workspace; {expected_names(task, listed)}"
             raise InputError(document.problem("unknown-task", ("weights",), message))
     return Mounts(
-        path=path,
-        spots=spots,
-        lenses=tuple(lenses.values()),
-        weights=dict(file.weights),
-        content=document.content,
+        path=path, spots=spots, lenses=tuple(lenses.values()), weights=dict(file.weights), content=document.content
     )
 
 

@@ -20,18 +20,7 @@ from sqrp_cli.knowledge.robot.robot import Robot, RobotEntry
 from sqrp_cli.knowledge.scene import ObjectEntry, SceneObject
 from sqrp_cli.knowledge.skill.skill import Skill
 from sqrp_cli.knowledge.text.bounds import LARGEST
-from sqrp_cli.knowledge.text.entries import (
-    Entry,
-    Finite,
-    In,
-    Name,
-    PoseMatrix,
-    Share,
-    Stored,
-    Text,
-    Written,
-    refused,
-)
+from sqrp_cli.knowledge.text.entries import Entry, Finite, In, Name, PoseMatrix, Share, Stored, Text, Written, refused
 from sqrp_cli.knowledge.text.input_file import SourceFile, digest_of
 from sqrp_cli.knowledge.text.source import LeafValue
 from sqrp_cli.knowledge.text.units import LENGTH, TIME
@@ -74,11 +63,6 @@ class ExpectedTask(Stored):
             raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `task`, `steps`")
         if self.steps:
             object.__setattr__(self, "task", " then ".join(self.steps))
-
-    @property
-    def has_steps(self) -> bool:
-        """Whether it is one of several steps."""
-        return " then " in self.task
 
 
 class WorkspaceFile(Entry):

@@ -205,12 +205,7 @@ def _solutions_near(model: RobotModel, X_WT: Array, seeds: Array) -> Array:
 
 
 def _solutions_from(
-    model: RobotModel,
-    X_WT: Array,
-    starts: Array,
-    moving: Mask,
-    steps: int,
-    within: tuple[Array, Array] | None = None,
+    model: RobotModel, X_WT: Array, starts: Array, moving: Mask, steps: int, within: tuple[Array, Array] | None = None
 ) -> Array:
     """The solutions that the search finds from starting points (m, n), possibly repeated, (k, n)."""
     reached, errors = descend(model, X_WT, starts, moving, steps, within=within)

@@ -84,11 +84,7 @@ class HeldPart:
 
 
 def onset(
-    stage: Stage,
-    observer: Observer,
-    literals: Sequence[Literal],
-    targets: Mapping[Atom, Target],
-    interval: Stretch,
+    stage: Stage, observer: Observer, literals: Sequence[Literal], targets: Mapping[Atom, Target], interval: Stretch
 ) -> Onset:
     """From when on images show a fault that becomes true at a time of an interval.
 

@@ -190,16 +190,8 @@ def stretches(blind: Mask) -> Iterator[Indices]:
     yield from (run for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if len(run))
 
 
-def explain_stretch(cell: Cell, study: Study, rows: Indices) -> BlindStretch:
-    """The lost literal in a run of uncovered samples, and why.
-
-    Of several literals, the one lost in most of a few samples.
-    """
-    return explain_stretches(cell, [(study, rows)])[0]
-
-
 def explain_stretches(cell: Cell, lost: Sequence[tuple[Study, Indices]]) -> list[BlindStretch]:
-    """As `explain_stretch` of each of several studies, which is faster together."""
+    """The lost literal in each run of uncovered samples, and why; of several literals, that lost in most of a few."""
     if not lost:
         return []
     looks = [_CauseLook.of(study, rows) for study, rows in lost]

@@ -222,12 +222,7 @@ def _guarded(
 
 
 def _ground(
-    primitive: PrimitiveAction,
-    to: str | None,
-    X_start: Array,
-    X_end: Array,
-    use: SkillUse,
-    world: World,
+    primitive: PrimitiveAction, to: str | None, X_start: Array, X_end: Array, use: SkillUse, world: World
 ) -> GroundPrimitive:
     values = use.values
     ground = GroundPrimitive(

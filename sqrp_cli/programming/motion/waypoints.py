@@ -150,11 +150,7 @@ class WaypointGrounder:
 
 
 def put_pose(
-    size: tuple[float, float, float],
-    surface: tuple[float, float, float],
-    along: float,
-    across: float,
-    yaw: float,
+    size: tuple[float, float, float], surface: tuple[float, float, float], along: float, across: float, yaw: float
 ) -> Array:
     """The pose X_BO of an object that stands upright on top of another one, both boxes of full extents [m], (4, 4).
 

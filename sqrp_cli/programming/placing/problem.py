@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.programming.advice.wish import Wish
-from sqrp_cli.programming.placing.cover import Cover, CoveredWay
+from sqrp_cli.programming.placing.cover import Cover
 
 Objective = Literal["least", "mean"]
 OBJECTIVES: tuple[Objective, ...] = ("least", "mean")
@@ -96,9 +95,6 @@ class Placing:
         together = [*choice.options, *sorted(self.kept)]
         return max(self.cover.delay(way, covered), float(self.late[way.number, together].max(initial=0.0)))
 
-    def ways_of(self, candidate: int) -> Sequence[CoveredWay]:
-        """The ways of a candidate."""
-        return [self.cover.ways[number] for number in self.candidates[candidate]]
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,12 +58,7 @@ LEFT = 6
 
 
 def seen_ways(
-    cell: Cell,
-    scenes: Sequence[Rehearsal],
-    sampling: Sampling,
-    *,
-    longest: float = np.inf,
-    interest_first: bool = True,
+    cell: Cell, scenes: Sequence[Rehearsal], sampling: Sampling, *, longest: float = np.inf, interest_first: bool = True
 ) -> list[Study]:
     """Ways with paths of joint moves along which the cameras lose sight of less, each studied exactly.
 

@@ -75,12 +75,7 @@ def check_limits(
     left, right, top, bottom = u.argmin(axis=0), u.argmax(axis=0), v.argmin(axis=0), v.argmax(axis=0)
     extremes = entries_at((u, v), (left, right, top, bottom))
     beyond = np.stack(
-        [
-            -0.5 - extremes[0, 0],
-            extremes[0, 1] - (width - 0.5),
-            -0.5 - extremes[1, 2],
-            extremes[1, 3] - (height - 0.5),
-        ]
+        [-0.5 - extremes[0, 0], extremes[0, 1] - (width - 0.5), -0.5 - extremes[1, 2], extremes[1, 3] - (height - 0.5)]
     )
     outside = beyond.max(axis=0)
 

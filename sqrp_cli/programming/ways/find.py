@@ -292,12 +292,7 @@ def _place(way: Prospect | Assessment, by: Criterion) -> tuple[float, ...]:
 
 
 def _with_seen_paths(
-    cell: Cell,
-    studies: Sequence[Study],
-    scenes: Sequence[Rehearsal],
-    sampling: Sampling,
-    longest: float,
-    by: Criterion,
+    cell: Cell, studies: Sequence[Study], scenes: Sequence[Rehearsal], sampling: Sampling, longest: float, by: Criterion
 ) -> list[Study]:
     """Studies of direct ways, and of the ways with better paths than those of the scenes; a path is `any` in none."""
     from sqrp_cli.programming.seen.seen_ways import seen_ways

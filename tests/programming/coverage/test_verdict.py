@@ -12,7 +12,7 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study, study
 from sqrp_cli.programming.coverage.blind_spans import cause_totals, sample_weights
 from sqrp_cli.programming.coverage.sampling import Adaptive
-from sqrp_cli.programming.coverage.verdict import explain_stretch, stretches, verdict
+from sqrp_cli.programming.coverage.verdict import explain_stretches, stretches, verdict
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.task import read_task
@@ -87,7 +87,7 @@ def test_a_cell_whose_only_camera_is_hidden_names_the_occluder(cell: Cell, studi
     ]
     row, index = hidden[0]
     alone = dataclasses.replace(cell, observer=Observer((cell.observer.cameras[index],), cell.observer.solids))
-    stretch = explain_stretch(alone, found, np.array([row]))
+    (stretch,) = explain_stretches(alone, [(found, np.array([row]))])
     assert stretch.causes[0].cause is Cause.HIDDEN
     assert stretch.causes[0].by in {*cell.model.links, *cell.workspace.objects}
     assert f"behind {stretch.causes[0].by}" in str(stretch)
@@ -109,7 +109,7 @@ def test_where_two_cameras_are_needed_each_is_reported_with_whether_it_sees_for_
         stage=found.stage,
         targets=[dataclasses.replace(found.targets[0], cameras=2)],
     )
-    stretch = explain_stretch(cell, asked, rows)
+    (stretch,) = explain_stretches(cell, [(asked, rows)])
     share = dict(zip(cell.workspace.cameras, sees[rows].mean(axis=0), strict=True))
     partly = {camera for camera, seen in share.items() if 0.0 < seen < 1.0}
     assert partly
