@@ -20,8 +20,7 @@ from sqrp_cli.knowledge.camera.camera import Camera, CameraEntry
 from sqrp_cli.knowledge.camera.hand_eye import HandEye, read_hand_eye
 from sqrp_cli.knowledge.fixture.fixture_file import FixturesEntry, read_fixtures
 from sqrp_cli.knowledge.frames import TOOL, WORLD, link_called
-from sqrp_cli.knowledge.mesh.mesh_extent import bounds_of
-from sqrp_cli.knowledge.mesh.mesh_file import check_mesh, mesh_of
+from sqrp_cli.knowledge.mesh.mesh_file import bounds_of, check_mesh, mesh_of
 from sqrp_cli.knowledge.robot.read_urdf import read_urdf
 from sqrp_cli.knowledge.robot.robot_source import RobotSource
 from sqrp_cli.knowledge.scene import NO_SIZE, Held, ObjectEntry, SceneObject

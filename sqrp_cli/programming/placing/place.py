@@ -23,7 +23,6 @@ from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.placing.choose import Chosen, Search
 from sqrp_cli.programming.placing.cover import Cover
 from sqrp_cli.programming.placing.gain import qualities_alone
-from sqrp_cli.programming.placing.obstacle import obstacle, unusable
 from sqrp_cli.programming.placing.placement import (
     ROUNDED,
     FewerCameras,
@@ -34,7 +33,7 @@ from sqrp_cli.programming.placing.placement import (
     Unseen,
     WithoutSpare,
 )
-from sqrp_cli.programming.placing.problem import Choice, Demand, Hiding, Placing, worth_of
+from sqrp_cli.programming.placing.problem import Choice, Demand, Hiding, Placing, obstacle, unusable, worth_of
 from sqrp_cli.programming.placing.refine import CameraSeat, refined
 from sqrp_cli.programming.placing.room import blocked, hidden_by, pairs_apart
 from sqrp_cli.programming.placing.scenes import JudgedWay, judged, middle_of, of_first_grip, varied

@@ -9,7 +9,7 @@ from sqrp_cli.geometry import axis_rotation, pose
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.ways.symmetry import ROUND, equal_sides, equal_turns, part_turns, tool_turns
+from sqrp_cli.programming.ways.grips import ROUND, equal_sides, equal_turns, part_turns, tool_turns
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Shape, Sphere
 from tests.conftest import TABLETOP
 
