@@ -129,3 +129,8 @@ def expected_names(name: str, valid: Iterable[str]) -> str:
     shown = ", ".join(f"`{valid_name}`" for valid_name in names[:MOST_NAMES])
     listed = f"expected one of {shown}" + (f" and {more} more" if more > 0 else "")
     return listed if close is None else f"{listed}; did you mean `{close}`?"
+
+
+def no_such(name: str, what: str, known: Iterable[str]) -> str:
+    """The message about a name that nothing of a kind has; what: the kind, such as `link`; known: those that exist."""
+    return f"found `{name}`, which is no {what}; {expected_names(name, known)}"

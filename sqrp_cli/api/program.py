@@ -156,8 +156,7 @@ class OpenProgram:
         if step is None:
             step = 1 + worst_seen(steps)
         if not 1 <= step <= len(steps):
-            message = f"--step is {step}, but {self.path} has {len(steps)} steps"
-            raise InputError(Problem("bad-option", message))
+            raise InputError(Problem("bad-option", f"--step is {step}, but {self.path} has {len(steps)} steps"))
         cell, chosen = Cell.load(self.workspace, self.seed), steps[step - 1]
         assignment = Assignment(cell, chosen.before, Adaptive())
         candidate = candidate_of(chosen, cell)

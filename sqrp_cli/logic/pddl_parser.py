@@ -312,8 +312,7 @@ class _Reader:
                 raise self.failure("expected a predicate after `not` in an effect", atom)
             change = self.holds(atom, scope)
             if change in opposite:
-                message = f"the effect makes `{change}` both true and false"
-                self.report("pddl-contradictory-effect", message, part)
+                self.report("pddl-contradictory-effect", f"the effect makes `{change}` both true and false", part)
             changed[change] = None
         return pddl.Effect(tuple(adds), tuple(deletes))
 
@@ -326,8 +325,7 @@ class _Reader:
         terms = [self.term(item, scope) for item in node.items[1:]]
         signature = self.predicates.get(word.text)
         if signature is None:
-            message = self.unknown("predicate", word.text, self.predicates)
-            self.report("pddl-unknown-predicate", message, word)
+            self.report("pddl-unknown-predicate", self.unknown("predicate", word.text, self.predicates), word)
         elif mismatch := signature.mismatch(terms):
             self.report("pddl-arity", mismatch, node)
         else:

@@ -205,8 +205,7 @@ def _serve(pipe: Connection, prepare: Callable[..., Callable[[Any], Any]], argum
     answer = _tried(prepare, *arguments)
     with suppress(EOFError, ConnectionError):
         while True:
-            message = pipe.recv()
-            pipe.send(answer if isinstance(answer, _Raised) else _tried(answer, message))
+            pipe.send(answer if isinstance(answer, _Raised) else _tried(answer, pipe.recv()))
 
 
 def _tried(work: Callable[..., Any], *arguments: object) -> Any:  # noqa: ANN401 # the result or the exception
@@ -290,8 +289,7 @@ class Team(Generic[Message, Answer]):
 
 def died(computed: str) -> Problem:
     """The problem that two processes died computing the same item."""
-    message = f"the process that computed {computed} died twice; is there enough memory?"
-    return Problem("worker-died", message)
+    return Problem("worker-died", f"the process that computed {computed} died twice; is there enough memory?")
 
 
 class ProcessExecutor(Generic[Item, Result]):

@@ -232,8 +232,7 @@ def _target_flaws(target: ProgramTarget, at: Keys, time: float) -> Iterator[Flaw
     for camera, intervals in target.seen.items():
         edges = list(chain.from_iterable(intervals))
         if any(b < a for a, b in pairwise(edges)) or (edges and edges[-1] > time + SAME_TIME):
-            message = f"expected times in order from 0 to {time:g} s"
-            yield Flaw("program-times", (*at, "seen", camera), message)
+            yield Flaw("program-times", (*at, "seen", camera), f"expected times in order from 0 to {time:g} s")
 
 
 def _break_between(step: Step, following: Step, at: Keys) -> Iterator[Flaw]:

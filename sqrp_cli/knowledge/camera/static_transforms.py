@@ -255,8 +255,7 @@ def _of_options(words: Sequence[str], place: Place) -> StaticTransform:
     options = {name[2:].replace("-", "_"): value for name, value in pairwise(split) if name.startswith("--")}
     for name in ("frame_id", "child_frame_id"):
         if name not in options:
-            message = f"`{PUBLISHER}` lacks `--{name.replace('_', '-')}`"
-            raise InputError(Problem("missing-key", message, place))
+            raise InputError(Problem("missing-key", f"`{PUBLISHER}` lacks `--{name.replace('_', '-')}`", place))
     return _transform(options, options["frame_id"], options["child_frame_id"], place)
 
 
@@ -276,7 +275,6 @@ def _transform(values: Mapping[str, str], parent: str, child: str, place: Place)
     if any(name in values for name in _QUATERNION):
         R = unit_quaternion([number(name) for name in _QUATERNION])
     if R is None:
-        message = "the quaternion is not of length 1 (order qx, qy, qz, qw)"
-        raise InputError(Problem("not-a-rotation", message, place))
+        raise InputError(Problem("not-a-rotation", "the quaternion is not of length 1 (order qx, qy, qz, qw)", place))
     frames = (parent.lstrip("/"), child.lstrip("/"))
     return StaticTransform(*frames, pose(R, [number(name) for name in _POSITION]), place)

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem, expected_names, nearest
+from sqrp_cli.errors import InputError, Place, Problem, expected_names, nearest, no_such
 from sqrp_cli.knowledge.frames import TOOL
 from sqrp_cli.knowledge.skill.settings import (
     ANY,
@@ -162,8 +162,7 @@ class _SkillReader:
     def _known(self, name: str, valid: Collection[str], what: str, path: KeyPath) -> bool:
         if name in valid:
             return True
-        message = f"found `{name}`, which is no {what}; {expected_names(name, valid)}"
-        self._report(f"unknown-{what.replace(' ', '-')}", path, message)
+        self._report(f"unknown-{what.replace(' ', '-')}", path, no_such(name, what, valid))
         return False
 
     def _check_fields(self, entry: Entry, path: KeyPath) -> None:

@@ -74,8 +74,7 @@ def _problems(document: SourceDocument, details: ErrorDetails) -> list[Problem]:
         keys = ", ".join(f"`{key}`" for key in context["keys"])
         return [document.problem("wrong-type", path, f"found {describe(given)}, expected a mapping with {keys}")]
     if kind == "literal_error":
-        message = _wrong_word(given, str(context["expected"]))
-        return [document.problem("wrong-value", path, message + or_mapping)]
+        return [document.problem("wrong-value", path, _wrong_word(given, str(context["expected"])) + or_mapping)]
     if kind in _EXPECTED:
         return [_unexpected(document, path, details, _EXPECTED[kind].format(**context) + or_mapping)]
     if kind == "ambiguous-entry" and isinstance(given, dict):

@@ -88,8 +88,7 @@ class Element:
             expected = "a finite number" if count == 1 else f"{count} finite numbers"
             raise self.error("wrong-value", f"{self}: `{attribute}` is `{text}`, expected {expected}")
         if max(map(abs, numbers)) > most:
-            message = f"{self}: `{attribute}` is `{text}`, expected at most {most:g} in size"
-            raise self.error("wrong-value", message)
+            raise self.error("wrong-value", f"{self}: `{attribute}` is `{text}`, expected at most {most:g} in size")
         return numbers
 
     def number(self, attribute: str, default: float | None = None, most: float = LARGEST) -> float:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from sqrp_cli.errors import Place, Problem, counted, expected_names
+from sqrp_cli.errors import Place, Problem, counted, expected_names, no_such
 from sqrp_cli.knowledge.frames import TOOL, WORLD, WORLD_LINK, link_called
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.skill import FORMER_ENDING, Names, OffsetWaypoint, Skill, marked
@@ -25,13 +25,12 @@ def check_tasks(
         for number, text in enumerate(task.steps or (task.task,)):
             skill = text.split()[0] if text.split() else ""
             if skill not in skills and skill.removesuffix(FORMER_ENDING) not in skills:
-                message = f"found `{skill}`, which is no skill of this workspace; {expected_names(skill, skills)}"
+                message = no_such(skill, "skill of this workspace", skills)
                 at = ("steps", number) if task.steps else ("task",)
                 yield document.problem("unknown-skill", ("tasks", index, *at), message)
         winner = task.winner
         if winner is not None and winner not in objects:
-            message = f"found `{winner}`, which is no object; {expected_names(winner, objects)}"
-            yield document.problem("unknown-object", ("tasks", index, "winner"), message)
+            yield document.problem("unknown-object", ("tasks", index, "winner"), no_such(winner, "object", objects))
 
 
 def check_size(skill: Skill, objects: Mapping[str, SceneObject]) -> Iterator[Problem]:
@@ -95,8 +94,7 @@ def _check_box(
 
     def unknown(kind: str, name: str, what: str, valid: Sequence[str], *key: str | int) -> Iterator[Problem]:
         if name not in valid:
-            message = f"found `{name}`, which is {what}; {expected_names(name, valid)}"
-            yield problem(f"unknown-{kind}", message, *key)
+            yield problem(f"unknown-{kind}", f"found `{name}`, which is {what}; {expected_names(name, valid)}", *key)
 
     if box.frame.at_start:
         what = "no skill parameter or object, as `@start` needs"

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field, Tag
 from pydantic_core import PydanticCustomError
 
-from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.errors import InputError, Place, Problem, expected_names, no_such
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.knowledge.camera.calibration import check_image
 from sqrp_cli.knowledge.camera.camera import ImageEntry, Intrinsics, Sensing
@@ -335,7 +335,7 @@ def read_mounts(path: Path, workspace: Workspace, links: tuple[str, ...]) -> Mou
     listed = [task.task for task in workspace.tasks]
     for task in file.weights:
         if listed and task not in listed:
-            message = f"found `{task}`, which is no task of the workspace; {expected_names(task, listed)}"
+            message = no_such(task, "task of the workspace", listed)
             raise InputError(document.problem("unknown-task", ("weights",), message))
     return Mounts(
         path=path, spots=spots, lenses=tuple(lenses.values()), weights=dict(file.weights), content=document.content
@@ -374,7 +374,7 @@ def _wrong_lenses(document: SourceDocument, file: PlaceFile) -> list[Problem]:
     for name, entry in file.mounts.items():
         for index, lens in enumerate(entry.lenses or ()):
             if lens not in file.lenses:
-                message = f"found `{lens}`, which is no lens of this file; {expected_names(lens, file.lenses)}"
+                message = no_such(lens, "lens of this file", file.lenses)
                 found.append(document.problem("unknown-lens", ("mounts", name, "lenses", index), message))
     for name, one in file.lenses.items():
         if isinstance(one, CatalogueLens) and one.catalogue not in catalogue():

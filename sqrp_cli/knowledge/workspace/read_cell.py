@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.errors import InputError, Place, Problem, expected_names, no_such
 from sqrp_cli.geometry import Array, inverse, pose, read_only
 from sqrp_cli.knowledge.camera.calibration import check_image, doubtful_projection, read_calibration
 from sqrp_cli.knowledge.camera.camera import Camera, CameraEntry
@@ -210,7 +210,7 @@ class CellReader:
             self._report(
                 "unknown-object",
                 (*path, "on"),
-                f"found `{entry.on}`, which is no object; {expected_names(entry.on, others)}",
+                no_such(entry.on, "object", others),
             )
         if isinstance(entry.pose, Held) and (entry.fixed or name not in held):
             why = "the object is fixed" if entry.fixed else f"the tool holds `{held[0]}`"
@@ -229,8 +229,7 @@ class CellReader:
             if not (entry.parts or entry.urdf):  # else their problems are reported
                 place = self.document.key_place(("objects", name))
                 mend = "state it, or `parts` or a `urdf` from which it is taken"
-                message = f"`objects.{name}` lacks the key `size`"
-                self.problems.append(Problem("missing-key", message, place, mend=mend))
+                self.problems.append(Problem("missing-key", f"`objects.{name}` lacks the key `size`", place, mend=mend))
             return completed(SceneObject, entry, name=name, parts=(), size=(1.0, 1.0, 1.0))
         return self._sized(name, entry, parts)
 
@@ -311,7 +310,7 @@ class CellReader:
                 self._report(
                     "unknown-object",
                     path,
-                    f"found `{argument}`, which is no object; {expected_names(argument, self.file.objects)}",
+                    no_such(argument, "object", self.file.objects),
                 )
             elif not domain.fits(entry.types, parameter.type):
                 message = f"`{argument}` is of type `{entry.type}`, expected `{parameter.type}`: {signature}"

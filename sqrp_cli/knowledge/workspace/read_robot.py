@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.errors import InputError, Problem, expected_names, no_such
 from sqrp_cli.geometry import read_only
 from sqrp_cli.knowledge.frames import link_called
 from sqrp_cli.knowledge.robot.joint_tree import driving_joints
@@ -151,8 +151,7 @@ class RobotReader:
             return None
         link = link_called(self.entry.tool.link, self.urdf.links)
         if link not in self.urdf.links:
-            expected = expected_names(link, self.urdf.links)
-            self._report("unknown-link", ("robot", "tool", "link"), f"found `{link}`, which is no link; {expected}")
+            self._report("unknown-link", ("robot", "tool", "link"), no_such(link, "link", self.urdf.links))
         for name in self.tool.links:
             if name in self.urdf.links:
                 message = f"robot and tool both have a link `{name}`"
@@ -165,8 +164,7 @@ class RobotReader:
         """The joints that drive those from the root to the tool frame, in order."""
         frame = self.tool_frame
         if frame not in self.links:
-            expected = expected_names(frame, self.links)
-            self._report("unknown-link", ("robot", "tool_frame"), f"found `{frame}`, which is no link; {expected}")
+            self._report("unknown-link", ("robot", "tool_frame"), no_such(frame, "link", self.links))
             return []
         on_tool: list[UrdfJoint] = []
         if self.tool is not None and self.entry.tool is not None and frame not in self.urdf.links:
@@ -225,9 +223,7 @@ class RobotReader:
         for named, marker in self.entry.markers.items():
             path, link = ("robot", "markers", named), link_called(named, self.links)
             if link not in self.links:
-                self._report(
-                    "unknown-link", path, f"found `{link}`, which is no link; {expected_names(link, self.links)}"
-                )
+                self._report("unknown-link", path, no_such(link, "link", self.links))
             key = (marker.dictionary, marker.id)
             if ids.setdefault(key, link) != link:
                 self._report("repeated-value", (*path, "id"), f"`{ids[key]}` has the marker {marker.id} too")
@@ -243,8 +239,7 @@ class RobotReader:
         if isinstance(entry, str):
             states = self.srdf.states if self.srdf else {}
             if entry not in states:
-                expected = expected_names(entry, states)
-                self._report("unknown-state", path, f"found `{entry}`, which is no named state of an SRDF; {expected}")
+                self._report("unknown-state", path, no_such(entry, "named state of an SRDF", states))
                 return None
             positions = dict(states[entry])
         else:
@@ -267,8 +262,7 @@ class RobotReader:
         for name, quantity in entries.items():
             path = (*path_to, name)
             if name not in joints:
-                message = f"found `{name}`, which is {what}; {expected_names(name, joints)}"
-                self._report("unknown-joint", path, message)
+                self._report("unknown-joint", path, f"found `{name}`, which is {what}; {expected_names(name, joints)}")
                 continue
             dimension = units.LENGTH if joints[name].type == "prismatic" else units.ANGLE
             if quantity.dimension not in (None, dimension):
@@ -363,7 +357,7 @@ class RobotReader:
                 self._report(
                     "unknown-joint",
                     paths[name],
-                    f"found `{name}`, which is no movable joint; {expected_names(name, dimensions)}",
+                    no_such(name, "movable joint", dimensions),
                 )
             elif quantity.dimension not in (None, dimensions[name]):
                 self._wrong_unit(paths[name], quantity, dimensions[name])

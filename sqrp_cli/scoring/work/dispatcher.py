@@ -232,6 +232,5 @@ def _results(future: Future[Outcomes], jobs: Sequence[Job]) -> list[Done] | None
     except (BrokenExecutor, CancelledError):
         return None
     except Exception as error:
-        message = " ".join(f"{type(error).__name__}: {error}".split())
-        problems = (Problem("internal-error", message),)
+        problems = (Problem("internal-error", " ".join(f"{type(error).__name__}: {error}".split())),)
     return [Done(job, problems=problems) for job in jobs]
