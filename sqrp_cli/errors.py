@@ -52,18 +52,13 @@ class Problem:
 
     code: str
     """Stable kebab-case name of the kind of finding, such as `unknown-key`."""
-
     message: str
     """What was found and what was expected, in one sentence."""
-
     place: Place | None = None
     """Where; None for the command line itself."""
-
     severity: Literal["error", "warning"] = "error"
-
     mend: str | None = None
     """What the user can type or change to mend it, if known."""
-
     excerpt: str | None = None
     """The offending line with a caret under it, for inputs with a grammar."""
 
@@ -101,7 +96,6 @@ class Infeasible:
     """Why something cannot be done: sentences with figures, the most useful first."""
 
     reasons: tuple[str, ...]
-
     tried: int = 0
     """How many ways were tried."""
 

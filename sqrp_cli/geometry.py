@@ -217,7 +217,6 @@ class Ranges(NamedTuple):
 
     of: Indices
     """Index of the range that each number is in, shape (k,)."""
-
     number: Indices
     """Shape (k,)."""
 

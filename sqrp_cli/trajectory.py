@@ -25,7 +25,6 @@ class PiecewiseCubic:
 
     breaks: Array
     """Start times of the pieces, and the end of the last one [s], rising from 0, shape (k + 1,)."""
-
     coefficients: Array
     """Coefficients of 1, u, u^2 and u^3 with u = t minus the start of the piece, shape (k, 4)."""
 
@@ -87,7 +86,6 @@ class JointSpan(NamedTuple):
 
     lower: Array
     """Shape (n,) [rad or m]."""
-
     upper: Array
     """Shape (n,) [rad or m]."""
 
@@ -105,7 +103,6 @@ class JointPath:
 
     breaks: Array
     """Starts of the pieces, and the end of the last one, rising from 0 to 1, shape (p + 1,)."""
-
     coefficients: Array
     """Coefficients of T_0..T_d over each piece, mapped to [-1, 1] [rad or m], shape (p, d + 1, n)."""
 
@@ -198,7 +195,6 @@ class JoinedPaths(NamedTuple):
 
     rows: Indices
     """Indices of the paths, shape (b,)."""
-
     path: JointPath
     """One path of all b n joints; those of the first path come first."""
 

@@ -18,7 +18,6 @@ class MarkerDictionary(NamedTuple):
 
     modules: int
     """Along a side of the black square: those of the code, and its border."""
-
     ids: int
     """How many: they are called 0 to one less than this."""
 

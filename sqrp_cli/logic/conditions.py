@@ -17,7 +17,6 @@ Objects = Mapping[str, frozenset[str]]
 Binding = Mapping[str, str]
 """Object name by variable name, without question mark."""
 
-
 MAX_LITERALS = 50_000
 """Most literals of an expanded condition; see `literal_count`."""
 
@@ -95,7 +94,6 @@ class Some:
     """A ground disjunction; without alternatives, never true."""
 
     alternatives: tuple[GroundCondition, ...]
-
     text: str
     """The condition in words, for messages."""
 

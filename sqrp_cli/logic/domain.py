@@ -166,7 +166,6 @@ class Action:
     parameters: tuple[Parameter, ...]
     precondition: Condition
     effect: Effect
-
     place: Place = field(compare=False)
     """Place of its name."""
 
@@ -177,16 +176,12 @@ class Domain:
 
     name: str
     path: Path
-
     requirements: frozenset[str]
     """As declared, such as `:typing`."""
-
     types: Mapping[str, str]
     """Each declared type with its parent; `object` is the root and not among them."""
-
     constants: Mapping[str, str]
     """Each with its type."""
-
     predicates: Mapping[str, Signature]
     actions: Mapping[str, Action]
 

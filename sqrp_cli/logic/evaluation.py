@@ -35,7 +35,6 @@ class Trace:
     Each holds from its time, included, to the next one's, excluded, and the last one up to `end`, included. Before the
     first sample and after `end` everything is unknown.
     """
-
     end: float
     total: float
 

@@ -35,14 +35,11 @@ class GroundOperator:
 
     text: str
     """The operator with its body, as written."""
-
     operator: Operator
     """As written; under a negation an `eventually` stays one."""
-
     start: float
     end: float
     """The closed interval, from the start of the skill [s]."""
-
     literals: tuple[Literal, ...]
     """Those of its body outside any deeper temporal operator, once each, from left to right.
 

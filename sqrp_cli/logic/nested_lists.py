@@ -41,7 +41,6 @@ class WordList:
     """A list."""
 
     items: tuple[Node, ...]
-
     offset: int
     """Offset of its opening parenthesis."""
 

@@ -55,7 +55,6 @@ def parse_domain(text: str, path: Path) -> pddl.Domain:
 Scope = dict[str, str]
 """Type of each variable in scope."""
 
-
 MAX_PROBLEMS = 100
 """Most problems of a file that are reported at once."""
 

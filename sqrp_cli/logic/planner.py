@@ -55,7 +55,6 @@ class GaveUp:
 
     within: str
     """The spent budget, such as `20,000 states`."""
-
     why: str = field(default="", compare=False)
     """Why that is too little, if known, and how to change it."""
 
@@ -81,7 +80,6 @@ class Budget:
 
     states: int = 20_000
     actions: int = 50_000
-
     trials: int = 20_000_000
     """A trial counts once more for every 500 bits of a state, because its time grows with them."""
 

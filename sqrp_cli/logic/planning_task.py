@@ -87,10 +87,8 @@ class PlanningTask:
 
     initial: int
     goal: Need
-
     goal_parts: tuple[tuple[Literal | Some, Need], ...]
     """The conjuncts of the goal, each as bits."""
-
     actions: tuple[GroundAction, ...]
 
 
@@ -109,13 +107,10 @@ class TaskLimits:
 
     actions: int = 50_000
     """Ground actions."""
-
     tried: int = 500_000
     """Choices of objects that are tried, partial ones included."""
-
     literals: int = 1_000_000
     """In all ground conditions together."""
-
     bits: int = 1_000_000_000
     """Of all actions together, two for each atom."""
 

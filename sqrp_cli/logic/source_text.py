@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 LONGEST = 160
 """Characters of a line that an excerpt shows whole."""
 
-
 _UNSEEN = ("Cc", "Cf", "Cn", "Co", "Cs", "Zl", "Zp", "Zs")
 """Unicode's categories of characters that are invisible or look like others."""
 
@@ -37,7 +36,6 @@ class SourceText:
 
     text: str
     place: Place
-
     indent: int = 0
     """Columns in the file before every line but the first that are not part of `text`.
 

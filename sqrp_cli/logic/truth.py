@@ -40,7 +40,6 @@ class Signal:
 
     times: tuple[int, ...]
     """Instants at which the value may change [ns], ascending, from 0 to total."""
-
     values: tuple[Truth, ...]
     """Values at the first time, in the open gap after it, at the second, and so on; 2 n - 1 values for n times."""
 

@@ -18,22 +18,16 @@ class Candidate:
     """One binding of all parameters of a skill."""
 
     skill: Skill
-
     binding: Mapping[str, str]
     """The object of each skill parameter."""
-
     values: Mapping[str, MotionValue]
     """Of each motion parameter."""
-
     name: str
     """Its distinguishing name among the candidates of its task, such as `g1` or `g1 lift=200mm`."""
-
     vias: Mapping[str, Array] = field(default_factory=dict, compare=False)
     """Joint positions that joint moves bend around on their way, shape (k, n) [rad or m], by the primitive's name."""
-
     branch: Mapping[str, MotionValue] = field(default_factory=dict)
     """Of a way: the branch of inverse kinematics, by the parameters that leave it free; see `plan_motion.Branches`."""
-
     steps: tuple[Candidate, ...] = ()
     """Of a task of several steps: what is done in each; the candidate stands for all of them, see `whole_task`."""
 
@@ -91,6 +85,5 @@ class Task:
 
     text: str
     """As it was given."""
-
     skill: Skill
     candidates: tuple[Candidate, ...]

@@ -28,10 +28,8 @@ class Cell:
     model: RobotModel
     collision: CollisionScene
     observer: Observer
-
     self_contacts: SelfContacts | None
     """Links that touch by design, found by sampling positions; None if an SRDF lists them."""
-
     seed: int
     """Seed of all random numbers in planning."""
 

@@ -70,16 +70,12 @@ class Possibility:
     """A task for one binding of objects."""
 
     task: str
-
     skill: str
     """Its name."""
-
     time: float | None
     """Duration of its first feasible candidate [s]; None if none was found."""
-
     allowed: bool
     """Whether its precondition holds."""
-
     reason: str
     """Why it is infeasible; empty if it is feasible."""
 

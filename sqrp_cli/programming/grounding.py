@@ -63,7 +63,6 @@ class FramePose(NamedTuple):
     """A pose with its frame."""
 
     frame: str
-
     X_FB: Array
     """Shape (4, 4)."""
 

@@ -26,14 +26,11 @@ class Piece:
 
     primitive: int
     """Index of the primitive."""
-
     start: float
     end: float
     """[s]; equal where a formula applies at one instant only."""
-
     literals: tuple[Literal, ...]
     """The literals that must be observable, in the order of the formulas."""
-
     of_interest: bool
     """Inside an event of interest."""
 

@@ -38,7 +38,6 @@ class Ranked:
 
     assessment: Assessment
     rank: int | None
-
     pareto: bool
     """No other is at least as good in Q_avg, Q_eoi and time, and better in one of them."""
 
@@ -144,7 +143,6 @@ _CRITERIA: dict[Criterion, _Figure] = {
     "expected_time": _expected_time,
 }
 """What each criterion compares; less is better."""
-
 
 _PROVEN = (_CRITERIA["q_eoi"], _CRITERIA["q_avg"], _CRITERIA["time"])
 """Figures that camera poses do not change, or of which certificates prove something."""

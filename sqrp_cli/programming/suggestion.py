@@ -35,13 +35,10 @@ class SuggestedStep:
 
     task: str
     """Its text, such as `place g2 tray`."""
-
     action: str
     """The same as planners write it."""
-
     world: World | None
     """The world that it starts from; None if a step before it is infeasible."""
-
     assessment: Assessment | None
     """Of its best candidate, or of the first if none is feasible."""
 
@@ -68,13 +65,10 @@ class Suggestion:
     """How planning for a candidate's precondition ended, and the plan if there is one."""
 
     outcome: Literal["satisfied", "plan", "impossible", "gave_up"]
-
     explanation: str
     """One sentence; empty if the precondition holds already."""
-
     steps: tuple[SuggestedStep, ...] | None = None
     """The plan."""
-
     last: SuggestedStep | None = None
     """The candidate itself, after the plan."""
 

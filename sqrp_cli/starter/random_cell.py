@@ -25,7 +25,6 @@ CLEARANCE = 0.05
 HOME_CLEARANCE = 0.25
 """Radius around the tool at home in which nothing tall stands [m]."""
 
-
 HALF_VIEW = 20 * pi / 180
 """Half the angle within which a camera has one cube at least [rad]; its image is wider."""
 

@@ -212,7 +212,6 @@ PerJoint = Annotated[
 ]
 """A limit of joints by name, or of all of them."""
 
-
 Factor = Annotated[float, In(None, 1e-3, 1.0)]
 
 

@@ -207,7 +207,6 @@ class MotionParameter:
     values: tuple[MotionValue, ...]
     kinds: tuple[Kind, ...] = ()
     """The kind of each setting that uses it."""
-
     implicit: bool = False
     """Whether the skill does not list it: a setting that is free, or the path of its joint moves.
 

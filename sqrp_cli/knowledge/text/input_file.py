@@ -115,7 +115,6 @@ class SourceFile:
     """A file that a workspace was read from."""
 
     path: Path
-
     digest: str
     """SHA-256 of its content."""
 

@@ -125,10 +125,8 @@ class _Token:
     """A key, or the beginning of a value."""
 
     text: str
-
     path: KeyPath
     """The path to it."""
-
     is_key: bool
     place: Place
 

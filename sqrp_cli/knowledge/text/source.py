@@ -22,16 +22,12 @@ class SourceDocument:
     """The content of a file, with the place of every key and value."""
 
     path: Path
-
     content: bytes
     """The file's bytes."""
-
     data: dict[str, Any]
     """Nested dicts, lists, text, numbers, booleans and None."""
-
     keys: Mapping[KeyPath, Place]
     """Place of each key; for items of a list, of the item."""
-
     values: Mapping[KeyPath, Place]
     """Start of each value's text."""
 

@@ -24,7 +24,6 @@ class Dimension:
 
     name: str
     units: dict[str, float] = field(repr=False)
-
     example: str
     """An example for messages."""
 

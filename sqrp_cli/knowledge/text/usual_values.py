@@ -26,13 +26,10 @@ class Usual:
 
     `*{key}` only for entries in which that key has another value than `false` and `world`. The first match counts.
     """
-
     least: float
     most: float
     """In SI units."""
-
     dimension: Dimension | None
-
     why: str
     """Why a value beyond them is doubtful."""
 

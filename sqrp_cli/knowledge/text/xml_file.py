@@ -26,7 +26,6 @@ MAX_DEPTH = 64
 MAX_ELEMENTS = 200_000
 """Most elements of a file."""
 
-
 _BUFFER = 1 << 20
 """Size of the parser's text buffer [bytes]."""
 
@@ -41,7 +40,6 @@ class Element:
     attributes: dict[str, str]
     place: Place
     children: list[Element] = field(default_factory=list)
-
     pieces: list[str] = field(default_factory=list)
     """Its text, if the reader keeps it; URDF and SRDF have no text that matters."""
 

@@ -31,10 +31,8 @@ class BranchChoice:
 
     elbow: str = ANY
     """`up` or `down`: the third joint is above or below the line from the second joint to the wrist."""
-
     shoulder: str = ANY
     """`left` or `right`: seen from the first joint's axis towards the wrist, where the second joint is."""
-
     wrist: str = ANY
     """`no_flip` or `flip`: the fifth joint is bent to the same side as at home, or to the other one.
 

@@ -95,7 +95,6 @@ class IkResult:
 
     Some may be within the limits again with whole turns added.
     """
-
     reason: Unreachable | None
     """Why there is no solution; None if there are some."""
 

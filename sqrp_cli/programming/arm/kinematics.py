@@ -93,7 +93,6 @@ class ToolMotion(NamedTuple):
 
     X_WT: Array
     """Shape (m, 4, 4)."""
-
     J: Array
     """Jacobians, shape (m, 6, n): velocity over angular velocity, in world axes."""
 

@@ -50,7 +50,6 @@ class Approach(NamedTuple):
 
     q: Array
     """Joint positions, shape (m, n)."""
-
     errors: Array
     """Remaining pose errors: of `descend`, shape (m, 6); of `newton`, the largest magnitude of each, (m,)."""
 
@@ -71,10 +70,8 @@ class Misses(NamedTuple):
 
     errors: Array
     """What is to become 0: as of `pose_errors`, without the turns that the arm cannot make, shape (m, 6)."""
-
     J: Array
     """How these errors decrease with the joints, shape (m, 6, n)."""
-
     turned_away: Array
     """By how much the tool is turned away beyond what is tolerated [rad], shape (m,); 0 within it."""
 

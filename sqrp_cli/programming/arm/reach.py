@@ -38,7 +38,6 @@ class OutOfReach:
     """The tool frame, turned as required, comes no closer to its place than `distance` [m]."""
 
     distance: float
-
     too_close: bool
     """Whether the arm can reach places behind it: it lies in a hole of the arm's reach; else it lies outside.
 

@@ -42,7 +42,6 @@ class Figures:
 NO_FIGURES = Figures(**{part.name: {} if part.name == "faults" else None for part in fields(Figures)})  # type: ignore[arg-type]
 """Those of an infeasible candidate."""
 
-
 ROUNDING = 1e-9
 """By how much a quality may fall short of a threshold: sums of times are rounded."""
 

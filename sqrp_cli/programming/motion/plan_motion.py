@@ -57,7 +57,6 @@ class Guard:
 
     force: float
     """At the tool [N]."""
-
     trajectory: Trajectory
     """Of the driven joints, over the whole time of the primitive, to where it ends without contact."""
 
@@ -67,26 +66,19 @@ class TimedPrimitive:
     """A primitive action with its place in time."""
 
     name: str
-
     start: float
     end: float
     """[s] from the start of the motion."""
-
     trajectory: Trajectory
     """Of the driven joints, from 0 to end - start."""
-
     held: str | None
     """The object in the tool during it, None if there is none: grasp attaches and release detaches at `end`."""
-
     X_TO: Array | None
     """Pose of the held object in the tool frame, shape (4, 4); None if there is none."""
-
     X_WO: Mapping[str, Array]
     """Poses of the objects that are not held."""
-
     around: str | None = None
     """The link or object that it goes around, None if it is direct."""
-
     guard: Guard | None = None
     """Of a move that ends at contact; its trajectory then ends where contact is expected."""
 
@@ -97,10 +89,8 @@ class Motion:
 
     joint_names: tuple[str, ...]
     """The driven joints, in the order of all joint positions: those of the arm, then those of the fingers."""
-
     primitives: tuple[TimedPrimitive, ...]
     """Without gaps, in order."""
-
     final: World
     """The world after it, with the facts from before; X_WO of a held object is its final pose."""
 
@@ -126,7 +116,6 @@ class BranchMotion:
     branch: Mapping[str, MotionValue]
     """The words of the parameters that leave it free; for an arm without such words the number of the solution of
     inverse kinematics at the end of a joint move, as `a1.solution`."""
-
     motion: Motion
 
 
@@ -136,10 +125,8 @@ class Branches:
 
     tried: int
     """One where no branch reaches its place, or nothing is free."""
-
     feasible: tuple[BranchMotion, ...]
     """Those with a motion, in a fixed order."""
-
     reasons: tuple[str, ...]
     """Why others fail, most useful first; not empty if all fail."""
 

@@ -67,7 +67,6 @@ class ShortestStop(NamedTuple):
 
     duration: Array
     """Shortest time to rest [s], shape (m, n)."""
-
     displacement: Array
     """How far they move meanwhile [rad or m], shape (m, n)."""
 

@@ -22,7 +22,6 @@ STRETCH_MARGIN = 1e-3
 STANDSTILL = 1e-9
 """A joint line on which no joint moves further than this [rad or m] counts as no motion."""
 
-
 SHORTEST_RAMP = 1e-7
 """Least share of the way on which a law accelerates; ruckig cannot resolve much less."""
 

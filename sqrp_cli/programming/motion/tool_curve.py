@@ -109,22 +109,16 @@ class ToolHelix:
 
     X_start: Array
     """Pose X_WT of the tool frame, shape (4, 4)."""
-
     point: Array
     """Any point of the axis, shape (3,) [m]."""
-
     axis: Array
     """Unit vector, shape (3,)."""
-
     angle: float
     """By how much it goes about the axis, right-handed [rad]."""
-
     advance: float
     """How far it goes along the axis meanwhile [m]."""
-
     turn: Array
     """Rotation vector of the tool's turn, in world axes [rad], shape (3,)."""
-
     word: str = "helix"
     """What messages call it."""
 

@@ -61,10 +61,8 @@ MOST_ADDED = 24
 Progress = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
 """A title and the number of parts; yields what counts the finished ones."""
 
-
 Told = Callable[[str, float | None, float], None]
 """Told what a search seeks, the best value so far if there is one, and the bound."""
-
 
 Found = TypeVar("Found")
 

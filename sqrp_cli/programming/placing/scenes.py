@@ -21,7 +21,6 @@ from sqrp_cli.programming.task import Candidate
 EVERY = 3
 """Of the adaptive samples, which no target or link moves more than 1 cm between, every so many-th is judged."""
 
-
 MOST_WAYS = 6
 """Most ways of a candidate to choose from."""
 

@@ -50,7 +50,6 @@ class Closeness:
 
     step: float
     """Time between looks [s], about."""
-
     fewest: int
     most: int
     """Looks at one path."""
@@ -75,13 +74,10 @@ class SeenPath:
 
     vias: Array
     """Shape (k, n); without rows, it is the direct path."""
-
     trajectory: Trajectory
     """Of the arm."""
-
     blind: float = np.inf
     """How long the state is not covered [s]; infinite as long as nobody looked."""
-
     free: bool | None = None
     """Whether it keeps every clearance; None as long as nobody asked."""
 
@@ -96,20 +92,15 @@ class MoveSpace:
     """The paths that a joint move may take."""
 
     move: WatchedMove
-
     q0: Array
     q1: Array
     """Its ends, shape (n,)."""
-
     bounds: JointSpan
     """Of its vias."""
-
     limits: MotionLimits
     scene: PlacedScene
-
     direct: SeenPath
     """Its path in the direct way."""
-
     longest: float
     """Longest duration of interest [s]."""
 

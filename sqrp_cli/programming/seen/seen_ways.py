@@ -101,15 +101,11 @@ class _Runner:
 
     scene: Rehearsal
     """Of the direct way."""
-
     level: int
     """The quality in events of interest that it may reach, in steps of `LEVEL`; 0 where that does not count first."""
-
     blind_elsewhere: float
     """How long the state is not covered outside the moves that are searched [s]."""
-
     searches: tuple[MoveSearch, ...]
-
     weight: float
     """Seconds of motion that a blind second counts for."""
 
@@ -139,10 +135,8 @@ class _Glance:
     """What a few looks at a direct way show, for each of its p primitive actions."""
 
     scene: Rehearsal
-
     blind: Array
     """How long the state is not covered, shape (p,) [s]."""
-
     interest: Array
     """How long it is not covered in events of interest, shape (p,) [s]."""
 

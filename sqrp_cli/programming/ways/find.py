@@ -48,10 +48,8 @@ class WantedWay:
 
     by: Criterion = "q_eoi"
     """What counts first."""
-
     fastest: bool = False
     """Whether the fastest branch with the first grip is taken without a look at others."""
-
     limit: TimeLimit | None = None
     """How long it may take."""
 

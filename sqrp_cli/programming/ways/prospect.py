@@ -34,7 +34,6 @@ class Prospect:
     """A way that can be done, with the most that it may be worth."""
 
     scene: Rehearsal
-
     q_avg: float = 1.0
     q_eoi: float = 1.0
     """At most, in 0..1."""

@@ -19,7 +19,6 @@ class TimeLimit:
 
     seconds: float | None = None
     """[s]; None for a multiple of the fastest way's."""
-
     times: float = 1.0
     """Of the time of the candidate's fastest way, where no seconds are given."""
 

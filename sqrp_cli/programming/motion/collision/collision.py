@@ -163,10 +163,8 @@ class SelfContacts:
 
     at_home: NamePairs
     """At the home position."""
-
     always: NamePairs
     """In `ALWAYS` of the positions tried, or more. Both belong to the robot and are not checked."""
-
     never: NamePairs
     """In none of them; that proves little, so they are still checked."""
 

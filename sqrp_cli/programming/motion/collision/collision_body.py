@@ -42,10 +42,8 @@ class Contact:
     first: str
     second: str
     """Names of links or objects, the outer one of the arm first."""
-
     s: float = 0.0
     """Position on the path, in [0, 1]."""
-
     clearance: float = CLEARANCE
     """Distance that they have to keep [m]."""
 
@@ -67,22 +65,17 @@ class Body:
     name: str
     geometry: CoalGeometry
     hull: CoalGeometry
-
     X_PG: Array
     """Pose of the geometry."""
-
     center: Array
     radius: float
     """Sphere around it."""
-
     centers: Array
     radii: Array
     """Spheres that cover its surface, shape (SPHERES, 3) and (SPHERES,)."""
-
     X_PB: Array
     half: Array
     """Pose and half extents of a box around it."""
-
     corners: Array
     """Points between which all of it lies, shape (V, 3)."""
 

@@ -50,31 +50,23 @@ class PlacedBodies:
     """S bodies, each fixed in a frame F: that of a joint, or the world."""
 
     bodies: tuple[Body, ...]
-
     frame: Indices
     """Index of the joint, -1 for the world, shape (S,)."""
-
     depth: Indices
     """How many joints of the spine move it, (S,); see `MotionBound`."""
-
     X_FG: Array
     """Pose of the geometry, (S, 4, 4)."""
-
     center: Array
     radius: Array
     """Sphere around it, (S, 3) and (S,)."""
-
     centers: Array
     radii: Array
     """Spheres that cover its surface, (S, k, 3) and (S, k)."""
-
     X_FB: Array
     half: Array
     """Pose and half extents of a box around it, (S, 4, 4) and (S, 3)."""
-
     moving: Indices
     """Those that the arm moves, by index."""
-
     rods: tuple[tuple[int, tuple[int, ...]], ...]
     """Those of a linkage, by index among `moving`, with the joints beside the spine that move them."""
 
@@ -137,23 +129,17 @@ class BodyPairs:
 
     inner: Indices
     outer: Indices
-
     clearance: Array
     """Distance that they have to keep [m]."""
-
     boxed: Indices
     covered: Indices
     """The larger of the two, bounded by a box in culling, and the other one, covered by spheres."""
-
     mover: Indices
     """Index of the outer one among `PlacedBodies.moving`."""
-
     inner_mover: Indices
     """That of the inner one, -1 if it rests."""
-
     reach: Array
     """Distance of the centres of their spheres from which the clearance is certain [m]."""
-
     low: Indices
     """Which of `LowBodies` the outer one is if the inner one is larger and rests; -1 otherwise."""
 

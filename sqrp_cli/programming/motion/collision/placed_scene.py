@@ -229,15 +229,11 @@ class _Near:
 
     combination: int
     """Its number; see `Stretches`."""
-
     stretch: int
-
     bound: float
     """How far the pair can move against each other from the middle of the stretch [m]."""
-
     touches: bool
     """Whether it counts as a contact."""
-
     contact: Contact
     """The contact that it would be."""
 
@@ -293,20 +289,15 @@ class Stretches:
 
     course: Indices
     """Which path each stretch belongs to, in ascending order, shape (m,)."""
-
     s: Array
     half: Array
     """Middle and half length of each stretch, shape (m,); in ascending order along each path."""
-
     q: Array
     """Joint positions in the middle, shape (m, n)."""
-
     variation: Array
     """Largest change of each joint from there within the stretch, shape (m, n)."""
-
     pairs: int
     """How many pairs there are. The combination of stretch k with pair p has the number k * pairs + p."""
-
     open: Indices | None
     """The open combinations in ascending order; None if all are."""
 

@@ -24,7 +24,6 @@ class Station:
     q_start: Array
     q_end: Array
     """Shape (k, n)."""
-
     duration: Array
     """Between them, shape (k,) [s]."""
 
@@ -78,10 +77,8 @@ class _Sequence:
     bound: float
     key: tuple[float, ...]
     chosen: tuple[int, ...]
-
     around: bool
     """Whether the last move is to be a way around."""
-
     spent: float
 
     @property

@@ -41,10 +41,8 @@ class Section:
     """A joint move (none at the start of the motion) and the primitives tied to its end, up to the next joint move."""
 
     move: GroundPrimitive | None
-
     first: int
     """Index of the first tied primitive in the skill."""
-
     tied: tuple[GroundPrimitive, ...]
 
     @property
@@ -68,10 +66,8 @@ class Branch:
 
     q: Array
     trajectories: tuple[Trajectory, ...]
-
     turns: Array
     """Offsets by whole turns of joints that keep all of it within the joints' limits, shape (k, n)."""
-
     solution: int
     """Number of the solution of inverse kinematics at its start, in their order; 0 where the start is given."""
 
@@ -92,10 +88,8 @@ class Ways(Station):
 
     branches: tuple[Branch, ...]
     """Some of one or more ways."""
-
     of: Indices
     """Index of the branch of each way, shape (k,)."""
-
     turns: Array
     """Of each, shape (k, n)."""
 

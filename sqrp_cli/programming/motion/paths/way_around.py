@@ -49,7 +49,6 @@ class WaySearch:
 
     trajectory: Trajectory | None
     """The motion, None if none was found, which does not prove that there is none."""
-
     tries: int
     """Straight pieces that the planner checked."""
 

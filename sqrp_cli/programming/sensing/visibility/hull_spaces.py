@@ -31,7 +31,6 @@ _EDGES = _edges()
 _ROUNDING = 1e-9
 """Share by which a least depth may be too large."""
 
-
 _SURE = 1e-6
 """Least depth of a witness below the faces of a view hull [m], well above rounding."""
 
