@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from sqrp_cli.programming.placing.cover import NEVER, CoveredWay, FaultSamples
 from sqrp_cli.programming.placing.every import EverySet
 from sqrp_cli.programming.placing.gain import improved, with_useful_cameras
 from sqrp_cli.programming.placing.problem import Choice, Demand, Placing, worth_of
-from sqrp_cli.programming.placing.solver import LinearProgram, Solution, Terms, Watch
+from sqrp_cli.programming.placing.solver import LinearProgram, Solution, Terms
 
 SLACK = 1e-7
 """By how much a later aim may worsen an earlier one: figures of the solver are rounded."""
@@ -136,7 +137,7 @@ class Search:
             if self._values is None:
                 return self._chosen(0.0)
             fewest = round(-count.bound) if count.proven else int(np.ceil(-count.bound - SLACK))
-            self._program.row(dict.fromkeys(self._parts.free.values(), 1.0), most=self._chosen_count())
+            self._program.row(dict.fromkeys(self._parts.free.values(), 1.0), most=float(len(self._choice().options)))
         else:
             self._start()
         bound = self._first_bound()
@@ -190,31 +191,18 @@ class Search:
 
     def _next(self, title: str, terms: Terms) -> Solution:
         """Improve one aim; keeps the values if there are better ones."""
-
-        def watch(best: float | None, bound: float) -> None:
-            self._watch(title, best, bound)
-
-        call: Watch = watch
-        found = self._program.maximized(terms, self._padded(), call)
+        known = self._values if self._values is not None and len(self._values) == len(self._program.lower) else None
+        found = self._program.maximized(terms, known, partial(self._watch, title))
         if found.values is not None:
             self._values = found.values
         self._interrupted |= found.interrupted
         self._proven &= found.proven
         return found
 
-    def _padded(self) -> Array | None:
-        if self._values is None:
-            return None
-        missing = len(self._program.lower) - len(self._values)
-        return self._values if not missing else None
-
     def _hold(self, terms: Terms) -> None:
         """No later aim may worsen this one."""
         if self._values is not None:
             self._program.row(terms, least=sum(f * self._values[n] for n, f in terms.items()) - SLACK)
-
-    def _chosen_count(self) -> float:
-        return float(len(self._choice().options)) if self._values is not None else 0.0
 
     def _choice(self) -> Choice:
         values, parts = self._values, self._parts
@@ -242,7 +230,7 @@ class Search:
         """Choices that may meet the wish."""
         if self._known is not None:
             yield self._known
-        most = self._demand.most if self._demand.most is not None else _MOST_TRIED
+        most = _MOST_TRIED if self._demand.most is None else self._demand.most
         yield from (improved(self._problem, self._demand, count) for count in range(1, most + 1))
 
     def _meets(self, choice: Choice) -> bool:
@@ -305,8 +293,7 @@ class Search:
 
     def _shorten_delay(self) -> None:
         """The shortest longest delay, by bisection over the values that it can have; each step is a program."""
-        shortest = min(self._problem.cover.responses, default=0.0)
-        if self._delay() <= shortest + SLACK and not any(map(self._may_improve, self._further())):
+        if self._delay() <= self._problem.cover.quickest + SLACK and not any(map(self._may_improve, self._further())):
             return
         low, high = 0, len(values := self._delays()) - 1
         if high < 0:
@@ -350,8 +337,7 @@ class Search:
                 found |= set(np.round(gaps[gaps > 0], 6).tolist())
         found |= set(np.round(tiers, 6).tolist()) if found else set()
         found |= set(np.round(self._problem.late, 6).ravel().tolist())
-        shortest = min(tiers, default=0.0)
-        return np.array(sorted(value for value in found if value >= shortest - SLACK))
+        return np.array(sorted(value for value in found if value >= self._problem.cover.quickest - SLACK))
 
 
 @dataclass(eq=False)

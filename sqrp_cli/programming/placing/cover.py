@@ -150,6 +150,11 @@ class Cover:
         implied = table.implied()
         return cls(tuple(replace(way, groups=_without(way.groups, implied)) for way in covered), table, tiers)
 
+    @property
+    def quickest(self) -> float:
+        """The shortest response of any option [s]; 0 without options."""
+        return min(self.responses, default=0.0)
+
     def quality(self, way: CoveredWay, covered: Mask) -> tuple[float | None, float | None]:
         """Q_eoi and Q_avg of a way if some rows are covered, shape (rows,)."""
         seen = [group for group in way.groups if all(row != NEVER and covered[row] for row in group.rows)]

@@ -38,7 +38,7 @@ from sqrp_cli.programming.placing.refine import CameraSeat, refined
 from sqrp_cli.programming.placing.room import blocked, hidden_by, pairs_apart
 from sqrp_cli.programming.placing.scenes import JudgedWay, judged, middle_of, of_first_grip, varied
 from sqrp_cli.programming.placing.tensor import LocalVerdicts, joined_items, portions, seen_by
-from sqrp_cli.programming.placing.views import Option, View, camera_of, options_of, price_of, views_of
+from sqrp_cli.programming.placing.views import Option, View, options_of, price_of, views_of
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.ways.find import WantedWay, find_way, planned_ways, with_branch
 from sqrp_cli.programming.ways.time_limit import TimeLimit
@@ -75,6 +75,9 @@ class Placer:
         self.question, self._progress, self._watch = question, progress, watch or (lambda _title, _best, _bound: None)
         self.spots = list(question.mounts.spots)
         self.lenses = list(question.mounts.lenses)
+        self.views: list[View] = []
+        self.options: list[Option] = []
+        self.kept: list[int] = []
         self.ways: list[JudgedWay] = []
         self.candidates: list[tuple[int, ...]] = []
         self.infeasible: list[tuple[str, Assessment]] = []
@@ -192,13 +195,8 @@ class Placer:
         if chosen.choice is None:
             return True
         worth = worth_of(problem, chosen.choice)
-        imperfect = worth.least < 1.0 - ROUNDED or worth.delay > self._quickest(problem) + CLOSE
+        imperfect = worth.least < 1.0 - ROUNDED or worth.delay > problem.cover.quickest + CLOSE
         return imperfect or len(chosen.choice.options) > problem.at_least(self.question.demand)
-
-    @staticmethod
-    def _quickest(problem: Placing) -> float:
-        """The shortest response of any camera that may be chosen or stays [s]."""
-        return min(problem.cover.responses, default=0.0)
 
     def _add_ways(self) -> None:
         """Let other ways be chosen, too."""
@@ -292,23 +290,17 @@ class Placer:
         middles = [middle_of([way]) for way in self._aimed_at]
         self.views = views_of(self.spots, middle_of(self._aimed_at), middles)
         self.options = options_of(self.spots, self.views, self.lenses)
-        self.kept = []
         for name in question.keep:
             camera = workspace.cameras[name]
             lens = completed(LensChoice, camera, image=image_of(camera), price=0.0)
             entry = MountEntry(points=[tuple(camera.X_FC[:3, 3].tolist())], body=1e-3)
-            spot = Spot(
-                mount=name,
-                name=name,
-                frame=camera.frame,
-                position=camera.X_FC[:3, 3],
-                entry=entry,
-                lenses=(lens,),
-            )
+            at, position = len(self.spots), camera.X_FC[:3, 3]
             self.kept.append(len(self.options))
             self.options.append(Option(len(self.views), len(self.lenses)))
-            self.views.append(View(len(self.spots), camera.X_FC, None, np.array([0.0, 0.0, 1.0])))
-            self.spots.append(spot)
+            self.views.append(View(at, camera.X_FC, None, np.array([0.0, 0.0, 1.0])))
+            self.spots.append(
+                Spot(mount=name, name=name, frame=camera.frame, position=position, entry=entry, lenses=(lens,))
+            )
             self.lenses.append(lens)
 
     def _verdicts(self, ways: Sequence[JudgedWay]) -> list[Mask]:
@@ -378,18 +370,19 @@ class Placer:
             self._camera(plain, choice, option, name) for option, name in zip(choice.options, names, strict=False)
         )
 
+    def _seat(self, option: int) -> CameraSeat:
+        view = self.views[self.options[option].view]
+        return CameraSeat(self.spots[view.spot], view, self.lenses[self.options[option].lens])
+
     def _camera(self, plain: Placing, choice: Choice, option: int, name: str) -> PlacedCamera:
         """A chosen camera; plain: the problem if no camera may fail."""
-        view, lens = self.views[self.options[option].view], self.lenses[self.options[option].lens]
-        spot, objective = self.spots[view.spot], self.question.demand.objective
+        seat, objective = self._seat(option), self.question.demand.objective
         alone = worth_of(replace(plain, kept=frozenset()), Choice((option,), choice.ways))
         without = worth_of(plain, Choice(tuple(o for o in choice.options if o != option), choice.ways))
         return PlacedCamera(
-            camera=camera_of(name, spot, view, lens),
-            spot=spot,
-            lens=lens,
-            view=view,
-            price=price_of(spot, lens),
+            camera=seat.camera(name),
+            **vars(seat),
+            price=price_of(seat.spot, seat.lens),
             alone=alone.of(objective),
             loss=max(0.0, worth_of(plain, choice).of(objective) - without.of(objective)),
         )
@@ -409,10 +402,10 @@ class Placer:
 
     def _camera_at(self, option: int) -> Camera:
         """The camera of an option; one that stays has its name."""
-        view, lens = self.views[self.options[option].view], self.lenses[self.options[option].lens]
-        spot = self.spots[view.spot]
-        stays = option in self.kept
-        return self.question.cell.workspace.cameras[spot.name] if stays else camera_of(f"at {option}", spot, view, lens)
+        seat = self._seat(option)
+        if option in self.kept:
+            return self.question.cell.workspace.cameras[seat.spot.name]
+        return seat.camera(f"at {option}")
 
     def _studies_with(self, cameras: Sequence[Camera], choice: Choice) -> list[Study]:
         """The exact studies of the chosen ways with these cameras and no others."""
@@ -434,7 +427,7 @@ class Placer:
         moved = tuple(
             replace(
                 placed,
-                camera=camera_of(placed.camera.name, seat.spot, seat.view, seat.lens),
+                camera=seat.camera(placed.camera.name),
                 view=seat.view,
                 moved=float(np.linalg.norm(seat.spot.position - placed.spot.position)),
             )
@@ -528,15 +521,20 @@ class Placer:
                         needed=int(needed[item]),
                     )
 
+    def _aside(self, demand: Demand, *, first_only: bool = False) -> tuple[Placing, Chosen]:
+        """The best choice for another demand; the samples that the proof of the choice is about stay as they are."""
+        proven = list(self.ways), list(self.sees)
+        found = self._sharpened(demand, first_only=first_only)
+        self.ways, self.sees = proven
+        return found
+
     def _fewer(self, problem: Placing, choice: Choice) -> FewerCameras | None:
         """What one camera less could do."""
         cameras = len(choice.options) - 1
         if cameras < max(1, problem.at_least(self.question.demand)):
             return None
         demand = replace(self.question.demand, wish=None, most=cameras)
-        proven = list(self.ways), list(self.sees)
-        sharper, found = self._sharpened(demand, first_only=True)
-        self.ways, self.sees = proven  # the samples that the proof of the choice is about
+        sharper, found = self._aside(demand, first_only=True)
         best = 0.0 if found.choice is None else worth_of(sharper, found.choice).of(demand.objective)
         return FewerCameras(cameras=cameras, objective=best, bound=max(best, found.bound))
 
@@ -545,9 +543,7 @@ class Placer:
         demand = self.question.demand
         if not demand.survive:
             return None
-        proven = list(self.ways), list(self.sees)
-        problem, found = self._sharpened(replace(demand, survive=0))
-        self.ways, self.sees = proven
+        problem, found = self._aside(replace(demand, survive=0))
         if found.choice is None:
             return None
         worth = worth_of(problem, found.choice)
@@ -611,39 +607,34 @@ class Placer:
     def _nothing(self) -> Placement:
         """The answer where no candidate can be done."""
         count = len(self.question.mounts.spots)
-        return Placement(
-            question=self.question,
-            infeasible=tuple(self.infeasible),
-            ways=0,
-            samples=0,
-            options=0,
-            seen=np.zeros(count),
-            shut=np.zeros(count, dtype=bool),
-            cell=self.cell_with(()),
-            met=False,
-            why="no candidate can be done" + (" in that time" if self._too_slow else ""),
-            too_slow=self._too_slow,
-        )
+        why = "no candidate can be done" + (" in that time" if self._too_slow else "")
+        return replace(self._empty(np.zeros(count), np.zeros(count, dtype=bool)), met=False, why=why)
 
-    def _so_far(self, problem: Placing, chosen: Chosen) -> Placement:
-        """What is known without the chosen cameras."""
-        count = len(self.question.mounts.spots)
+    def _empty(self, seen: Array, shut: Mask) -> Placement:
+        """The answer without cameras. seen, shut: see `Placement`."""
         return Placement(
             question=self.question,
             infeasible=tuple(self.infeasible),
             ways=len(self.ways),
             samples=self._sample_count,
             options=len(self.options) - len(self.kept),
-            seen=self._seen_alone(problem),
-            shut=np.isin(np.arange(count), sorted(unusable(problem))),
+            seen=seen,
+            shut=shut,
             cell=self.cell_with(()),
+            too_slow=self._too_slow,
+        )
+
+    def _so_far(self, problem: Placing, chosen: Chosen) -> Placement:
+        """What is known without the chosen cameras."""
+        shut = np.isin(np.arange(len(self.question.mounts.spots)), sorted(unusable(problem)))
+        return replace(
+            self._empty(self._seen_alone(problem), shut),
             interrupted=chosen.interrupted,
             proven=chosen.proven,
             bound=chosen.bound,
             fewest=chosen.fewest,
             met=not self._too_slow,
-            too_slow=self._too_slow,
-            quickest=self._quickest(problem),
+            quickest=problem.cover.quickest,
             fastest=len(self.ways) == len(self.candidates),
         )
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.programming.advice.wish import Wish
-from sqrp_cli.programming.placing.cover import Cover
+from sqrp_cli.programming.placing.cover import Cover, CoveredWay
 
 Objective = Literal["least", "mean"]
 OBJECTIVES: tuple[Objective, ...] = ("least", "mean")
@@ -94,7 +94,6 @@ class Placing:
         """The longest time until a fault is noticed in a way [s]: at the samples, and not before it is shown."""
         together = [*choice.options, *sorted(self.kept)]
         return max(self.cover.delay(way, covered), float(self.late[way.number, together].max(initial=0.0)))
-
 
 
 @dataclass(frozen=True, eq=False)
