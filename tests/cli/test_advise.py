@@ -459,7 +459,7 @@ def test_a_moved_part_stays_on_its_table(others):
 
 def test_the_page_has_a_row_as_it_is_and_one_for_each_change(others, page):
     overview = carried(page, "overview")
-    assert overview["title"] == "what would help: pickup g3 in tabletop"
+    assert overview["title"] == "What would help: pickup g3 in tabletop"
     count = len(others["advice"])
     assert overview["summary"] == f"g3 is to have Q_eoi 100 %: {count} changes meet it, each on its own."
     rows = overview["entries"]

@@ -249,6 +249,19 @@ def test_the_page_of_a_run_says_what_is_true_and_who_does_not_know_it(played):
     assert opened.texts("#legend span")[-1] == "nothing has to be seen"
 
 
+def test_robot_and_rows_are_on_one_screen(played, browser):
+    opened = Opened(browser, played.folder / "page.html")
+    opened.page.set_viewport_size({"width": 1400, "height": 900})
+    bottoms = opened.js(
+        "() => [...document.querySelectorAll('#summary, #moments, #view, .row')]"
+        ".map((e) => e.getBoundingClientRect().bottom)"
+    )
+    assert len(bottoms) > 8
+    assert 0 < max(bottoms) <= 900
+    assert opened.js("sqrp.time") == pytest.approx(played.document["faults"][0]["happened"], abs=1e-6)
+    opened.context.close()
+
+
 def test_fast_clicks_on_the_page_of_a_run_leave_it_as_it_was(played, browser):
     opened = Opened(browser, played.folder / "page.html")
     click_at_random(opened, 3)

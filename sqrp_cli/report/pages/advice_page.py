@@ -69,7 +69,7 @@ def write_advice(shown: AdviceShown, path: Path, *, arguments: Sequence[str], jo
     if feasible := [Ranked(row.found, 1, pareto=False) for row in rows if row.found.feasible]:
         about.append(("accuracy", accuracy(original.sampling, feasible)))
     about += [(KIND_WORDS[kind.kind], kind.why) for kind in document.kinds if kind.why is not None]
-    title = f"what would help: {document.task} in {document.workspace}"
+    title = f"What would help: {document.task} in {document.workspace}"
     write_page(PageContent(title, _summary(shown), "Changes", about, entries, scenes), path)
 
 

@@ -56,7 +56,7 @@ def write_placement(
     if found.candidates:
         judged = [Ranked(one.found, 1, pareto=False) for one in found.candidates]
         about.append(("accuracy", accuracy(question.sampling, judged)))
-    title = f"where cameras go: {', '.join(document.tasks)} in {document.workspace}"
+    title = f"Where cameras go: {', '.join(document.tasks)} in {document.workspace}"
     said = (unmet_in_words(document, question.demand.wish), document.proof, moved_in_words(document))
     summary = " ".join(filter(None, said))
     scenes = [cell_scene(found.cell)]

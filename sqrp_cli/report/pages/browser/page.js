@@ -136,7 +136,6 @@ class Page {
     byId('time').max = this.motion.time;
     this.scene?.load(this.motion);
     this.seek(Math.min(this.time, this.motion.time));
-    byId('words').replaceChildren(...glossary());
   }
 
   // The motion of an entry, decoded once.

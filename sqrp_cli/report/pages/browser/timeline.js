@@ -18,6 +18,7 @@ class Timeline {
     this.cursor = make('i', {});
     byId('timeline').replaceChildren(this.grid, make('div', { id: 'cursor' }, this.cursor));
     byId('legend').replaceChildren(...this.legend());
+    showWords();
     this.grid.addEventListener('keydown', (event) => this.move(event));
     this.grid.addEventListener('click', (event) => {
       const lane = event.target.closest('.lane');

@@ -14,7 +14,8 @@ const TERMS = {
   'event of interest': 'When a fault may happen that the skill looks for: the interval of its “eventually” formula.',
   fault: 'What may go wrong, as the skill says it. The worst is the one that may be seen latest.',
   seen: 'How long after a fault an image shows it, on average over all times at which it may happen. Of several faults: the longest.',
-  'at worst': 'The longest that it may take until an image shows the fault, whenever it happens.',
+  'at worst':
+    'The longest that it may take until an image shows the fault. Where all is covered, too: a lost part has to be clear of the tool before an image tells.',
   'longest blind stretch': 'The longest time within the event of interest in which the cameras do not see all of it.',
   'all done': 'When the task is done if the fault happens: seen, stopped, moved back and done once more; on average.',
   'in truth': 'What was so in the simulation. The monitors do not know it: they judge by images alone.',
@@ -32,10 +33,11 @@ function term(name, text = name, stops = true) {
   return word;
 }
 
-// The words that this page uses, as a list.
-function glossary() {
+// List the words that this page uses.
+function showWords() {
   const used = Object.keys(TERMS).filter((name) => explained.has(name));
-  return used.flatMap((name) => [make('dt', {}, name), make('dd', {}, TERMS[name])]);
+  if (byId('words').children.length === 2 * used.length) return;
+  byId('words').replaceChildren(...used.flatMap((name) => [make('dt', {}, name), make('dd', {}, TERMS[name])]));
 }
 
 // A tip that follows pointer and keyboard focus. text: what it says at a place of the window; nothing: there is none.
