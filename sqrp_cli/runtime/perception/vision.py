@@ -135,13 +135,18 @@ def blobs(mask: Mask) -> list[Blob]:
 
 def find_markers(image: ImageArray, dictionary: str = ORIGINAL) -> list[FoundMarker]:
     """The markers of a dictionary in an image, by id."""
-    corners, ids, _ = _marker_detector(dictionary).detectMarkers(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    framed = cv2.copyMakeBorder(grey, _FRAME, _FRAME, _FRAME, _FRAME, cv2.BORDER_CONSTANT, value=255)
+    corners, ids, _ = _marker_detector(dictionary).detectMarkers(framed)
     if ids is None:
         return []
     # OpenCV's corners are those of pixels' edges, half a pixel off from their centres.
-    found = [FoundMarker(int(i), c[0].astype(float)) for i, c in zip(ids.ravel(), corners, strict=True)]
+    found = [FoundMarker(int(i), c[0].astype(float) - _FRAME) for i, c in zip(ids.ravel(), corners, strict=True)]
     return sorted(found, key=lambda marker: marker.id)
 
+
+_FRAME = 8
+"""Width of a white frame around the image [pixels]: the margin of a marker at the edge."""
 
 BRIGHT = 90
 """Percentile of the pixels around a marker that is as bright as its margin."""
@@ -162,6 +167,7 @@ def _marker_detector(name: str) -> Any:  # noqa: ANN401
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, opencv_name(name)))
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    parameters.minDistanceToBorder = 0  # the default, 3, misses what is whole, but at the edge of the image
     parameters.perspectiveRemovePixelPerCell = 8  # the default, 4, misses one in twenty of the smallest
     return cv2.aruco.ArucoDetector(dictionary, parameters)
 
