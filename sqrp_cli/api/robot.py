@@ -83,7 +83,9 @@ def served_as(how: Served, joints: Sequence[str], cell: OpenCell, network: str |
 
     if how == "ros1":
         trajectory = TrajectoryEntry(action="/joint_trajectory_controller/follow_joint_trajectory")
-        return served_file(cell.workspace, joints, {"transport": "ros1", "trajectory": trajectory})
+        master = os.environ.get("ROS_MASTER_URI", "http://127.0.0.1:11311")
+        reached = {"transport": "ros1", "master": master, "trajectory": trajectory}
+        return served_file(cell.workspace, joints, reached)
     trajectory = TrajectoryEntry(topic="/joint_trajectory_controller/joint_trajectory")
     chosen = {"domain": _free_domain() if domain is None else domain, "network": network or LOOPBACK}
     return served_file(cell.workspace, joints, {**chosen, "trajectory": trajectory})

@@ -10,11 +10,15 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.ros.messages import Message, MessageTypes, message_types
 from sqrp_cli.ros.transport import Inbox, Send, Topic
+
+if TYPE_CHECKING:
+    from sqrp_cli.ros.action1 import TrajectoryActionServer
 
 DEBIAN = Path("/usr/lib/python3/dist-packages")
 """Where Debian has the packages, which Python of another place does not look at."""
@@ -30,6 +34,9 @@ class Ros1Transport:
         """master: its address, by default ROS_MASTER_URI. Raises InputError without rospy or a master."""
         if master is not None:
             os.environ["ROS_MASTER_URI"] = master
+        here = urlsplit(os.environ.get("ROS_MASTER_URI", "")).hostname in ("localhost", "127.0.0.1")
+        if here and not os.environ.get("ROS_HOSTNAME"):
+            os.environ.setdefault("ROS_IP", "127.0.0.1")  # the name of this computer may lead nowhere
         self._rospy = _rospy()
         self.types: MessageTypes = message_types(1)
         self._heard = threading.Event()
@@ -60,6 +67,12 @@ class Ros1Transport:
         )
         self._subscribers.append(subscriber)
         return inbox
+
+    def serve_trajectories(self, name: str, inbox: Inbox, cancel: Callable[[], None]) -> TrajectoryActionServer:
+        """An action server whose trajectories go to an inbox; cancel: called where the last one is cancelled."""
+        from sqrp_cli.ros.action1 import TrajectoryActionServer
+
+        return TrajectoryActionServer(name, self.types, inbox, cancel)
 
     def readers(self, topic: Topic) -> int:
         """As `Transport` says."""

@@ -23,9 +23,6 @@ TransportName = Literal["dds", "rclpy", "ros1"]
 ToolType = Literal["std_msgs/msg/Bool", "std_msgs/msg/Float64", "std_msgs/msg/Float64MultiArray"]
 ImageType = Literal["sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"]
 
-ACTION = "control_msgs/msg/FollowJointTrajectory"
-"""What an action of joint trajectories is called."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class TrajectoryEntry(Stored):
@@ -153,7 +150,7 @@ def read_robot_file(path: Path, workspace: Workspace, program: Program) -> Robot
 def _camera_problems(file: RobotFile, workspace: Workspace, path: Path) -> list[Problem]:
     cameras = workspace.cameras
     unknown = [
-        Problem("unknown-name", f"there is no camera `{name}`; {expected_names(name, cameras)}", Place(path))
+        Problem("unknown-camera", f"there is no camera `{name}`; {expected_names(name, cameras)}", Place(path))
         for name in file.cameras
         if name not in cameras
     ]
@@ -167,7 +164,7 @@ def _camera_problems(file: RobotFile, workspace: Workspace, path: Path) -> list[
 def _joint_problems(file: RobotFile, program: Program, path: Path) -> list[Problem]:
     return [
         Problem(
-            "unknown-name", f"the program has no joint `{name}`; {expected_names(name, program.joints)}", Place(path)
+            "unknown-joint", f"the program has no joint `{name}`; {expected_names(name, program.joints)}", Place(path)
         )
         for name in file.joints or {}
         if name not in program.joints

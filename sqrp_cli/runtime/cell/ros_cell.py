@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -45,6 +45,10 @@ _REMEMBERED = 2000
 
 CLOCK = Topic(name="/clock", type="rosgraph_msgs/msg/Clock", depth=1)
 _JOINT_STATE, _TRAJECTORY = "sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory"
+_GOAL, _GOAL_ID = "control_msgs/msg/FollowJointTrajectoryActionGoal", "actionlib_msgs/msg/GoalID"
+_RESULT = "control_msgs/msg/FollowJointTrajectoryActionResult"
+_GIVEN_UP = (4, 5, 9)
+"""Aborted, rejected and lost, as `actionlib_msgs/GoalStatus` has them."""
 _POINT = "trajectory_msgs/msg/JointTrajectoryPoint"
 
 
@@ -193,6 +197,8 @@ class RosCell:
         self.commands: list[Topic] = []
         """The topics that the robot obeys."""
         self._tool = self._tool_sender(transport)
+        self._goal, self._results = "", cast("Inbox | None", None)
+        self._cancel: Send | None = None
         self._send_trajectory = self._trajectory_sender(transport)
         self._floods = [_Flood(self.states, MOST_JOINT_STATES)]
         rates = {name: FLOOD_FACTOR * max(workspace.cameras[name].rate, 5.0) for name in self.images}
@@ -258,6 +264,8 @@ class RosCell:
                 for arrived in self._force.take():
                     force = arrived.message.wrench.force
                     self._newton = float(np.linalg.norm([force.x, force.y, force.z]))
+            for arrived in self._results.take() if self._results is not None else ():
+                self._note_result(arrived.message)
             for name, inbox in self.images.items():
                 for arrived in inbox.take():
                     image = self._image(self.cameras[name], arrived.message)
@@ -270,6 +278,13 @@ class RosCell:
         for flood in self._floods:
             if (found := flood.check()) is not None:
                 self._trouble = self._trouble or Stopped(found)
+
+    def _note_result(self, message: Message) -> None:
+        """The controller is done with a goal."""
+        status, result = message.status, message.result
+        if status.goal_id.id == self._goal and status.status in _GIVEN_UP:
+            why = result.error_string or status.text or f"error code {result.error_code}"
+            self._trouble = self._trouble or Stopped(f"the controller gave up: {why}")
 
     def grasp(self) -> None:
         """As `Cell` says."""
@@ -315,6 +330,8 @@ class RosCell:
                 while self.t < stands and time.monotonic() < patience:
                     self.clock.read()
                     self.transport.wait(TICK)
+                if self._cancel is not None:  # nothing is left to follow
+                    self._cancel(self._types.make(_GOAL_ID))
         finally:
             self.transport.close()
 
@@ -375,10 +392,27 @@ class RosCell:
         self._send_trajectory(types.make(_TRAJECTORY, joint_names=list(self._wire_names), points=points))
 
     def _trajectory_sender(self, transport: Transport) -> Send:
-        topic = self.file.trajectory.topic
-        assert topic is not None  # noqa: S101 - as the file was checked
+        topic, action = self.file.trajectory.topic, self.file.trajectory.action
+        if topic is None:
+            assert action is not None  # noqa: S101 - one of the two is given
+            return self._action_sender(transport, action.rstrip("/"))
         self.commands.append(Topic(name=topic, type=_TRAJECTORY, depth=1, reliable=True))
         return transport.publish(self.commands[-1])
+
+    def _action_sender(self, transport: Transport, action: str) -> Send:
+        """Sends a trajectory as a goal, which replaces the one before; a goal that is given up is trouble."""
+        types = transport.types
+        self.commands.append(Topic(name=f"{action}/goal", type=_GOAL, depth=1, reliable=True))
+        send = transport.publish(self.commands[-1])
+        self._results = transport.subscribe(Topic(name=f"{action}/result", type=_RESULT, reliable=True))
+        self._cancel = transport.publish(Topic(name=f"{action}/cancel", type=_GOAL_ID, reliable=True))
+
+        def say(trajectory: Message) -> None:
+            self._goal = f"sqrp-{time.time_ns()}"
+            goal = types.make("control_msgs/msg/FollowJointTrajectoryGoal", trajectory=trajectory)
+            send(types.make(_GOAL, goal_id=types.make(_GOAL_ID, id=self._goal), goal=goal))
+
+        return say
 
     def _tool_sender(self, transport: Transport) -> Send:
         about = self.file.tool

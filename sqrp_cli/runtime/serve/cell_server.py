@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import count
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -16,8 +17,10 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Step
+from sqrp_cli.ros.action1 import TrajectoryActionServer
 from sqrp_cli.ros.messages import Message, MessageError, MessageTypes, nanoseconds
 from sqrp_cli.ros.poses import transform_message
+from sqrp_cli.ros.ros1 import Ros1Transport
 from sqrp_cli.ros.transport import Inbox, Send, Topic, Transport
 from sqrp_cli.runtime.cell.robot_file import ImageTopicEntry, RobotFile, ToolEntry
 from sqrp_cli.runtime.cell.ros_cell import CLOCK
@@ -31,6 +34,9 @@ STEP = 0.004
 
 JOINTS_EVERY = 2
 """Joint states are published with every second step."""
+
+STANDS, STILL_FOR = 0.002, 5
+"""An arm whose joints are all slower [rad/s] for so many steps stands."""
 
 SAME_START = 0.002
 """A motion that begins this close to where a step was planned to begin is that step [rad]."""
@@ -86,12 +92,16 @@ class CellServer:
         fixed = {} if workspace.robot.fingers is None else dict(workspace.robot.fingers.open)
         self.reference = FollowedTrajectory({wire: name for name, wire in joints.items()}, at, fixed)
         self._origin = time.time_ns()
+        tell(f"time 0 is {self._origin * 1e-9:.6f} s of `/clock`")
         self._steps = 0
         self._exposures = dict.fromkeys(workspace.cameras, 0)
         self._later: list[_Later] = []
         self._numbers = count()
         self._last: dict[str, ImageArray] = {}
         self._frozen: Mapping[str, float] | None = None
+        self._q = np.array([at[name] for name in joints])
+        self._stood, self._still = True, STILL_FOR
+        self._cancelled = Event()
         self._open_topics()
 
     def _open_topics(self) -> None:
@@ -110,7 +120,15 @@ class CellServer:
         }
         self._tf = publish(Topic(name="/tf_static", type=_TF, depth=1, reliable=True, latched=True))
         self._tool: Inbox = subscribe(Topic(name=file.tool.topic, type=_BOOL, reliable=True))
-        self._trajectories: Inbox = subscribe(Topic(name=file.trajectory.topic or "", type=_TRAJECTORY, reliable=True))
+        self._action: TrajectoryActionServer | None = None
+        about = Topic(name=file.trajectory.topic or "/trajectory", type=_TRAJECTORY, reliable=True)
+        if file.trajectory.action is None:
+            self._trajectories: Inbox = subscribe(about)
+        else:
+            assert isinstance(self._transport, Ros1Transport)  # noqa: S101 - which alone serves actions
+            self._trajectories = Inbox(about, self._types, lambda: None)
+            serve = self._transport.serve_trajectories
+            self._action = serve(file.trajectory.action, self._trajectories, self._cancelled.set)
         self._send_transforms()
 
     @property
@@ -141,13 +159,32 @@ class CellServer:
             self._happen(fault)
         self._steps += 1
         self._cell.advance(self.t, self.reference)
+        self._note_motion()
         self._publish()
+
+    def _note_motion(self) -> None:
+        """Say when the arm begins to move, and when it stands."""
+        found = self._cell.measured_joints()
+        q = np.array([found[name] for name in self._file.joints or {}])
+        moves = float(np.abs(q - self._q).max(initial=0.0)) > STANDS * STEP
+        self._q = q
+        self._still = 0 if moves else self._still + 1
+        if moves and self._stood:
+            self._tell(f"{self.t:.3f} s: the arm moves")
+        elif self._still == STILL_FOR:
+            self._tell(f"{self.t - STILL_FOR * STEP:.3f} s: the arm stands")
+        self._stood = not moves and (self._stood or self._still >= STILL_FOR)
 
     def _obey(self) -> None:
         """Take in trajectories and commands to the tool."""
         try:
             for arrived in self._trajectories.take():
                 self.follow(arrived.message)
+            if self._cancelled.is_set():
+                self._cancelled.clear()
+                self.reference.hold(self.t)
+            if self._action is not None and self._action.busy and self.reference.ends <= self.t:
+                self._action.succeed()
             for arrived in self._tool.take():
                 (self._cell.grasp if arrived.message.data else self._cell.release)()
                 self._tell(f"{self.t:.2f} s: the tool {'holds' if arrived.message.data else 'lets go'}")
@@ -166,9 +203,11 @@ class CellServer:
             self.reference.replace(message, self.t, start)
         except RefusedTrajectory as error:
             self._tell(f"{self.t:.2f} s: a trajectory is refused: {error}")
+            if self._action is not None:
+                self._action.refuse(str(error))
 
     def _happen(self, fault: InjectedFault) -> None:
-        self._tell(f"{self.t:.2f} s: {fault.text} is made to happen")
+        self._tell(f"{self.t:.3f} s: {fault.text} is made to happen")
         match fault.kind:
             case "slip":
                 self._cell.slip()

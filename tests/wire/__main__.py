@@ -1,0 +1,244 @@
+"""Trials of a cell on the wire, each in processes of their own: `python -m tests.wire [ros2|ros1] [--n 20] [--only PART]`.
+
+slips: as many slips as in simulation, seen within a frame and 20 ms of when they are seen there, with the same outcome.
+losses: cameras and joint states that stay out, repeat themselves or are late; the arm stands within 0.5 s, by the cell.
+kills: `kill -9` of the run; the arm stands within a second of the cell's own clock.
+refusals: cells that are not as the program says; each is refused with the figure.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+ROOT = Path(__file__).parents[2]
+FRAME, PROCESSING = 0.1, 0.02
+CAMERAS = ("cam3", "cam6")
+LOSSES = (
+    "camera-loss:cam3@{}", "frozen:cam6@{}", "latency:cam3=0.4", "joints-loss@{}", "joints-frozen@{}",
+    "joints-latency=0.4",
+)  # fmt: skip
+STANDING, AFTER_A_KILL = 0.5, 1.0
+
+
+def sqrp(*words: object) -> list[str]:
+    return [sys.executable, "-m", "sqrp_cli", *map(str, words)]
+
+
+def small_cell(folder: Path) -> Path:
+    """`tabletop` with two cameras and small images, which a busy computer can simulate in time."""
+    source = ROOT / "workspaces" / "tabletop" / "workspace.yaml"
+    document = yaml.safe_load(re.sub(r"\bon:", "'on':", source.read_text()))
+    document["cameras"] = {name: document["cameras"][name] for name in CAMERAS}
+    for camera in document["cameras"].values():
+        camera["image"].update(width=320, height=240)
+    document["robot"]["tool"]["urdf"] = str(ROOT / "workspaces" / "robots" / "suction_cup.urdf")
+    document["skills"] = [str(ROOT / "skills" / "pickup")]
+    (folder / "cell").mkdir(exist_ok=True)
+    path = folder / "cell" / "workspace.yaml"
+    path.write_text(yaml.safe_dump(document, sort_keys=False))
+    return path
+
+
+@dataclass
+class Served:
+    """A cell that is served, and what it has said."""
+
+    process: subprocess.Popen[str]
+    config: Path
+    log: Path
+
+    def times(self, what: str) -> list[float]:
+        return [float(found[1]) for found in re.finditer(rf"([\d.]+) s: [^\n]*{what}", self.log.read_text())]
+
+
+class Trials:
+    def __init__(self, how: str, pace: float, folder: Path) -> None:
+        self.how, self.pace, self.folder = how, pace, folder
+        self.workspace = small_cell(folder)
+        self.program = folder / "pick.yaml"
+        subprocess.run(sqrp("rank", self.workspace, "pickup g2", "--program", self.program), check=True, stdout=-3)
+        self.number = 0
+
+    @contextmanager
+    def served(self, *faults: str, workspace: Path | None = None, program: bool = True) -> Iterator[Served]:
+        self.number += 1
+        config, log = self.folder / f"{self.number}.yaml", self.folder / f"{self.number}.log"
+        words = ["cell", workspace or self.workspace, "--serve", self.how, "--config", config, "--pace", self.pace]
+        words += ["--program", self.program] if program else []
+        with log.open("w") as out:
+            process = subprocess.Popen(
+                sqrp(*words, *(word for fault in faults for word in ("--fault", fault))), stderr=out, text=True
+            )
+            while not config.exists():
+                assert process.poll() is None, log.read_text()
+                time.sleep(0.1)
+            try:
+                yield Served(process, config, log)
+            finally:
+                process.kill()
+                process.wait()
+
+    def run(self, cell: Served, *more: object) -> tuple[int, dict, str]:
+        found = subprocess.run(
+            sqrp("run", self.program, "--robot", cell.config, "--yes", "--json", *more), capture_output=True, text=True
+        )
+        return found.returncode, json.loads(found.stdout) if found.stdout.strip() else {}, found.stderr
+
+    def slips(self, count: int) -> bool:
+        """Slips in the middles of equal parts of the lift, against a sweep in simulation."""
+        sweep = subprocess.run(
+            sqrp("run", self.program, "--sim", "--sweep", "slip@a4", "--n", count, "--json"), capture_output=True, text=True
+        )
+        good = 0
+        for one in json.loads(sweep.stdout)["runs"]:
+            x, fault = one["x"], one["faults"][0] if "faults" in one else one["fault"]
+            log = self.folder / "run.jsonl"
+            with self.served(f"slip@{x:.3f}") as cell:
+                code, document, err = self.run(cell, "--log", log)
+            started = next(e["t"] for e in map(json.loads, log.open()) if e.get("event") == "primitive")
+            log.unlink()
+            seen = [f["detected"] for f in document.get("faults", []) if f["detected"] is not None]
+            there = None if fault["detected"] is None else fault["detected"] - fault["injected"] + x
+            here = seen[0] - started if seen else None
+            close = there == here if None in (here, there) else abs(here - there) <= FRAME + PROCESSING
+            same = code == (0 if one.get("outcome", "done") == "done" else 3)
+            good += close and same
+            print(f"slip {x:6.3f}  sim {there}  wire {here}  exit {code}  {'ok' if close and same else 'NO ' + err[-200:]}", flush=True)
+        print(f"slips: {good} of {count} as in simulation")
+        return good == count
+
+    def losses(self, count: int) -> bool:
+        good, draw = 0, random.Random(0)  # noqa: S311 # of trials
+        for number in range(count):
+            fault = LOSSES[number % len(LOSSES)].format(f"{draw.uniform(0.8, 2.4):.3f}")
+            with self.served(fault) as cell:
+                code, document, err = self.run(cell)
+                time.sleep(1.0 / self.pace)
+                happened, stands = cell.times("made to happen"), cell.times("the arm stands")
+            late = stands[-1] - happened[0] if happened and stands else float("inf")
+            well = code == 3 and late <= STANDING
+            good += well
+            print(f"{fault:24} exit {code}  standing after {late:.3f} s: {document.get('reason', err[-200:])}  {'ok' if well else 'NO'}", flush=True)
+        print(f"losses: {good} of {count} standing within {STANDING} s")
+        return good == count
+
+    def kills(self, count: int) -> bool:
+        good, draw = 0, random.Random(1)  # noqa: S311 # of trials
+        for _ in range(count):
+            with self.served() as cell:
+                run = subprocess.Popen(sqrp("run", self.program, "--robot", cell.config, "--yes"), stdout=-3, stderr=-3)
+                while not cell.times("the arm moves"):
+                    time.sleep(0.02)
+                    assert run.poll() is None
+                time.sleep(draw.uniform(0.2, 2.0) / self.pace)
+                killed = cell_time(cell)
+                run.send_signal(signal.SIGKILL)
+                run.wait()
+                time.sleep(1.5 / self.pace + 0.5)
+                late = cell.times("the arm stands")[-1] - killed
+            good += late <= AFTER_A_KILL
+            print(f"killed at {killed:.2f} s: stands {late:.3f} s later  {'ok' if late <= AFTER_A_KILL else 'NO'}", flush=True)
+        print(f"kills: {good} of {count} standing within {AFTER_A_KILL} s")
+        return good == count
+
+    def refusals(self) -> bool:
+        """Cells that differ from the workspace of the program in one thing each."""
+        document = yaml.safe_load(self.workspace.read_text())
+        cases = {
+            "a joint is off by 1 degree": ("1.00 deg from where the program starts", ("robot", "home", "elbow_joint"), "111 deg"),
+            "wrong K": ("fx of its CameraInfo", ("cameras", "cam3", "image", "horizontal_fov"), "35 deg"),
+            "wrong resolution": ("160x120", ("cameras", "cam3", "image", "width"), 160),
+            "a camera moved by 2 cm": ("20.0 mm", ("cameras", "cam6", "pose", "position", 2), 0.539),
+            "half the images": ("images a second", ("cameras", "cam3", "rate"), 5),
+        }  # fmt: skip
+        good = 0
+        for what, (figure, keys, value) in cases.items():
+            other = json.loads(json.dumps(document))
+            at = other
+            for key in keys[:-1]:
+                at = at[key]
+            at[keys[-1]] = value
+            if what == "wrong resolution":
+                at["height"] = 120
+            folder = self.folder / what.replace(" ", "-")
+            folder.mkdir()
+            (folder / "workspace.yaml").write_text(yaml.safe_dump(other, sort_keys=False))
+            with self.served(workspace=folder / "workspace.yaml", program=False) as cell:
+                code, _, err = self.run(cell)
+            well = code == 2 and figure in err
+            good += well
+            said = next((line for line in err.splitlines() if figure in line), err[-300:])
+            print(f"{what:28} exit {code}  {said}  {'ok' if well else 'NO'}", flush=True)
+        print(f"refusals: {good} of {len(cases)}")
+        return good == len(cases)
+
+
+def cell_time(cell: Served) -> float:
+    """The time of a cell that is served by ROS 2, from its beginning [s]; of ROS 1, by its last words."""
+    from sqrp_cli.ros.connect import connect
+    from sqrp_cli.ros.messages import nanoseconds
+    from sqrp_cli.runtime.cell.ros_cell import CLOCK
+
+    about = yaml.safe_load(cell.config.read_text())
+    transport = connect(about.get("transport", "dds"), domain=about.get("domain", 0), network="127.0.0.1", master=about.get("master"))
+    inbox = transport.subscribe(CLOCK)
+    while not inbox.count:
+        transport.wait(0.1)
+    now = nanoseconds(inbox.take()[-1].message.clock)
+    transport.close()
+    return now * 1e-9 - float(re.search(r"time 0 is ([\d.]+)", cell.log.read_text())[1])
+
+
+@contextmanager
+def master(how: str) -> Iterator[None]:
+    """A master of ROS 1 where one is needed, on a port of its own."""
+    if how != "ros1":
+        yield
+        return
+    port = 20000 + os.getpid() % 20000
+    os.environ["ROS_MASTER_URI"] = f"http://127.0.0.1:{port}"
+    core = subprocess.Popen(["roscore", "-p", str(port)], stdout=-3, stderr=-3)  # noqa: S607
+    time.sleep(5.0)
+    try:
+        yield
+    finally:
+        core.terminate()
+        core.wait()
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("how", nargs="?", default="ros2", choices=("ros2", "ros1"))
+    parser.add_argument("--n", type=int, default=20)
+    parser.add_argument("--pace", type=float, default=0.5)
+    parser.add_argument("--only", choices=("slips", "losses", "kills", "refusals"))
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder, master(given.how):
+        trials = Trials(given.how, given.pace, Path(folder))
+        parts = {
+            "refusals": trials.refusals,
+            "losses": lambda: trials.losses(given.n),
+            "kills": lambda: trials.kills(max(1, given.n // 4)),
+            "slips": lambda: trials.slips(given.n),
+        }
+        found = [part() for name, part in parts.items() if given.only in (None, name)]
+    return 0 if all(found) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
