@@ -36,6 +36,7 @@ def test_every_command_has_its_section(site: Path) -> None:
         "place",
         "program",
         "run",
+        "cell",
         "audit",
         "score",
         "diff",

@@ -102,7 +102,9 @@ class Trials:
     def slips(self, count: int) -> bool:
         """Slips in the middles of equal parts of the lift, against a sweep in simulation."""
         sweep = subprocess.run(
-            sqrp("run", self.program, "--sim", "--sweep", "slip@a4", "--n", count, "--json"), capture_output=True, text=True
+            sqrp("run", self.program, "--sim", "--sweep", "slip@a4", "--n", count, "--json"),
+            capture_output=True,
+            text=True,
         )
         good = 0
         for one in json.loads(sweep.stdout)["runs"]:
@@ -118,7 +120,10 @@ class Trials:
             close = there == here if None in (here, there) else abs(here - there) <= FRAME + PROCESSING
             same = code == (0 if one.get("outcome", "done") == "done" else 3)
             good += close and same
-            print(f"slip {x:6.3f}  sim {there}  wire {here}  exit {code}  {'ok' if close and same else 'NO ' + err[-200:]}", flush=True)
+            print(
+                f"slip {x:6.3f}  sim {there}  wire {here}  exit {code}  {'ok' if close and same else 'NO ' + err[-200:]}",
+                flush=True,
+            )
         print(f"slips: {good} of {count} as in simulation")
         return good == count
 
@@ -133,7 +138,10 @@ class Trials:
             late = stands[-1] - happened[0] if happened and stands else float("inf")
             well = code == 3 and late <= STANDING
             good += well
-            print(f"{fault:24} exit {code}  standing after {late:.3f} s: {document.get('reason', err[-200:])}  {'ok' if well else 'NO'}", flush=True)
+            print(
+                f"{fault:24} exit {code}  standing after {late:.3f} s: {document.get('reason', err[-200:])}  {'ok' if well else 'NO'}",
+                flush=True,
+            )
         print(f"losses: {good} of {count} standing within {STANDING} s")
         return good == count
 
@@ -152,7 +160,10 @@ class Trials:
                 time.sleep(1.5 / self.pace + 0.5)
                 late = cell.times("the arm stands")[-1] - killed
             good += late <= AFTER_A_KILL
-            print(f"killed at {killed:.2f} s: stands {late:.3f} s later  {'ok' if late <= AFTER_A_KILL else 'NO'}", flush=True)
+            print(
+                f"killed at {killed:.2f} s: stands {late:.3f} s later  {'ok' if late <= AFTER_A_KILL else 'NO'}",
+                flush=True,
+            )
         print(f"kills: {good} of {count} standing within {AFTER_A_KILL} s")
         return good == count
 
@@ -195,7 +206,9 @@ def cell_time(cell: Served) -> float:
     from sqrp_cli.runtime.cell.ros_cell import CLOCK
 
     about = yaml.safe_load(cell.config.read_text())
-    transport = connect(about.get("transport", "dds"), domain=about.get("domain", 0), network="127.0.0.1", master=about.get("master"))
+    transport = connect(
+        about.get("transport", "dds"), domain=about.get("domain", 0), network="127.0.0.1", master=about.get("master")
+    )
     inbox = transport.subscribe(CLOCK)
     while not inbox.count:
         transport.wait(0.1)

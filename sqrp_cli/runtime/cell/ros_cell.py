@@ -96,7 +96,7 @@ class JointLog:
         self._log: deque[tuple[float, Mapping[str, float]]] = deque(maxlen=_REMEMBERED)
         self.changed = 0.0
         """Stamp of the first message that said what the last one says [s]."""
-        self.came = -float("inf")
+        self.came = 0.0
         """When the last one came [s]."""
 
     def add(self, t: float, message: Message, now: float) -> None:
@@ -118,8 +118,8 @@ class JointLog:
 
     @property
     def newest(self) -> float:
-        """Time of the last one [s]."""
-        return self._log[-1][0] if self._log else -float("inf")
+        """Time of the last one [s]; 0 before any."""
+        return self._log[-1][0] if self._log else 0.0
 
     @property
     def known(self) -> bool:
@@ -237,7 +237,7 @@ class RosCell:
 
     def advance(self, t: float, reference: StoppableReference) -> float:
         """As `Cell` says; returns sooner where no time passes any more."""
-        if self._reference is None:
+        if self._reference is None and reference.rests_at < t:
             self._portions.begin(reference)
         self._reference = reference
         while True:

@@ -170,10 +170,8 @@ def _age(cell: RosCell, about: str, ages: list[float], latency: float) -> CellCh
     problem = None
     if abs(off) > limit:
         which = "behind" if off > 0 else "ahead"
-        problem = (
-            f"{about}: {1e3 * age:.0f} ms old when they come, the workspace says {1e3 * latency:.0f} ms; the clock"
-        )
-        problem += f" is {1e3 * abs(off):.0f} ms {which}, or they are late"
+        said = f"{about}: {1e3 * age:.0f} ms old when they come, the workspace says {1e3 * latency:.0f} ms"
+        problem = f"{said}; their clock is {1e3 * abs(off):.0f} ms {which}, or they are late"
     return CellCheck(about, "age", f"{1e3 * age:.0f} ms", f"{1e3 * latency:.0f} ms", problem)
 
 
@@ -235,9 +233,7 @@ def _camera_pose(
     turned = float(np.arccos(np.clip((np.trace(off[:3, :3]) - 1) / 2, -1, 1)))
     limits, problem = cell.file.tolerances, None
     if far > limits.position or turned > limits.rotation:
-        problem = (
-            f"TF has `{camera.name}` {1e3 * far:.1f} mm and {np.degrees(turned):.2f} deg from where the workspace does"
-        )
+        problem = f"TF has `{camera.name}` {1e3 * far:.1f} mm and {np.degrees(turned):.2f} deg from where the workspace has it"
     expected = f"{1e3 * limits.position:.0f} mm, {np.degrees(limits.rotation):.2f} deg at most"
     yield CellCheck(camera.name, "pose", f"{1e3 * far:.1f} mm, {np.degrees(turned):.2f} deg off", expected, problem)
 

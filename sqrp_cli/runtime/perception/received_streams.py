@@ -160,8 +160,9 @@ class ReceivedStreams(Streams):
     def failure(self, t: float) -> MonitoringLost | None:
         """As `Streams` says. The worst reason counts: no images, then old ones, then nobody who looks at them."""
         streams = self._streams.values()
-        lost = {one.camera.name: t - one.newest for one in streams if t > one.came + one.overdue + SLACK}
-        late = {one.camera.name: t - one.newest for one in streams if t > one.newest + one.patience + SLACK}
+        old = [one for one in streams if t > min(one.newest + one.patience, one.came + one.overdue) + SLACK]
+        lost = {one.camera.name: t - one.newest for one in old if t > one.came + 1.0 / one.camera.rate}
+        late = {one.camera.name: t - one.newest for one in old}
         slow = {one.camera.name: t - one.seen for one in streams if t > one.seen + one.patience + LOOKING_SLACK}
         failed = list(lost or late or slow)
         if not failed:

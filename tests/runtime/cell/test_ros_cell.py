@@ -1,0 +1,304 @@
+"""A cell behind topics: what comes is taken in, what is wrong is told, and the robot is left standing."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags")
+
+from sqrp_cli.errors import InputError
+from sqrp_cli.ros.messages import Message, message_types, nanoseconds
+from sqrp_cli.ros.transport import Inbox, Topic
+from sqrp_cli.runtime.cell import ros_cell
+from sqrp_cli.runtime.cell.robot_file import RobotFile, read_robot_file
+from sqrp_cli.runtime.cell.ros_cell import CLOCK, RosCell
+from sqrp_cli.runtime.cell.ros_checks import check_cell
+from tests.runtime.run.test_arm_motion import Q0, playback
+
+NS = 1_000_000_000
+START = 1_700_000_000 * NS
+K = np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]])
+CAMERA = SimpleNamespace(
+    name="cam", width=8, height=6, rate=10.0, latency=0.05, matrix=K, distortion=(), frame="world", X_FC=np.eye(4)
+)
+FILE = {
+    "use_sim_time": True,
+    "reliable": True,
+    "trajectory": {"topic": "/arm/joint_trajectory"},
+    "joint_states": "/joint_states",
+    "cameras": {"cam": {"image": "/cam/image", "info": "/cam/info"}},
+    "tool": {"topic": "/suction"},
+}
+
+
+class Wire:
+    """Topics within one process, with a clock that passes while the cell waits."""
+
+    def __init__(self, ros: int = 2) -> None:
+        self.types = message_types(ros)
+        self.inboxes: dict[str, Inbox] = {}
+        self.sent: list[tuple[str, Message]] = []
+        self.t, self.closed, self.each = 0.0, False, lambda: None
+        self.kinds: dict[str, str] = {}
+
+    def publish(self, topic: Topic):
+        return lambda message: self.sent.append((topic.name, message))
+
+    def subscribe(self, topic: Topic) -> Inbox:
+        return self.inboxes.setdefault(topic.name, Inbox(topic, self.types, lambda: None))
+
+    def readers(self, _topic: Topic) -> int:
+        return 1
+
+    def senders(self, topic: Topic) -> list[str]:
+        return [self.kinds.get(topic.name, topic.type)]
+
+    def wait(self, _seconds: float) -> None:
+        self.tick()
+
+    def close(self) -> None:
+        self.closed = True
+
+    def say(self, topic: str, kind: str, **fields: Message) -> None:
+        self.inboxes[topic].put(self.types.encode(self.types.make(kind, **fields)))
+
+    def tick(self) -> None:
+        self.t = round(self.t + 0.004, 6)
+        self.say("/clock", CLOCK.type, clock=self.types.time(START + round(self.t * NS)))
+        self.each()
+
+    def joints(self, q: np.ndarray, late: float = 0.0) -> None:
+        header = self.types.header(START + round((self.t - late) * NS))
+        self.say("/joint_states", "sensor_msgs/msg/JointState", header=header, name=["a", "b"], position=np.array(q))
+
+    def image(self, late: float = 0.05, **fields: Message) -> None:
+        header = self.types.header(START + round((self.t - late) * NS), "cam_optical")
+        data = np.zeros(8 * 6 * 3, np.uint8)
+        whole = {"height": 6, "width": 8, "step": 24, "encoding": "rgb8", "data": data, **fields}
+        self.say("/cam/image", "sensor_msgs/msg/Image", header=header, **whole)
+
+
+def cell(wire: Wire, **more: object) -> RosCell:
+    file = RobotFile.model_validate({**FILE, **more})
+    found = RosCell(file, {"a": "a", "b": "b"}, SimpleNamespace(cameras={"cam": CAMERA}), wire)
+    wire.tick()
+    found.begin()
+    wire.t0 = wire.t
+    return found
+
+
+def follow(wire: Wire, robot: RosCell, until: float, states=None) -> None:
+    """A motion that begins at 1 s, followed by joint states as they should be unless `states` gives others."""
+    motion = playback()
+
+    def each() -> None:
+        now = wire.t - wire.t0
+        if states is None:
+            wire.joints(motion.state(now - 0.01)[0])
+        else:
+            states(now, motion.state(now)[0])
+
+    wire.each = each
+    each()
+    now = 0.0
+    while now < until and robot.trouble() is None:
+        now = robot.advance(now + 0.02, motion)
+
+
+def test_a_motion_is_sent_in_portions_and_ctrl_c_leaves_the_robot_braking() -> None:
+    wire = Wire()
+    with pytest.raises(KeyboardInterrupt), cell(wire) as robot:
+        follow(wire, robot, 2.0)
+        assert robot.trouble() is None
+        sent = [message for name, message in wire.sent if name == "/arm/joint_trajectory"]
+        raise KeyboardInterrupt
+    last = wire.sent[-1][1]
+    assert wire.closed
+    assert len(wire.sent) == len(sent) + 1
+    for message in (*sent[1:], last):  # every one of them ends in standing, in less than a second
+        assert not message.points[-1].velocities.any()
+        assert nanoseconds(message.points[-1].time_from_start) < NS
+    assert nanoseconds(last.points[-1].time_from_start) < 0.4 * NS
+    assert wire.t - wire.t0 > 2.0  # until it stands
+
+
+def test_the_tool_is_told_what_the_file_says() -> None:
+    wire = Wire()
+    tool = {"topic": "/gripper", "type": "std_msgs/msg/Float64MultiArray", "hold": [0.0], "release": [0.04]}
+    robot = cell(wire, tool=tool)
+    robot.grasp()
+    robot.release()
+    assert [(name, list(message.data)) for name, message in wire.sent] == [("/gripper", [0.0]), ("/gripper", [0.04])]
+
+
+@pytest.mark.parametrize(
+    ("states", "reason"),
+    [
+        (lambda wire: lambda t, q: wire.joints(q) if t < 1.5 else None, "joint states are lost: none on"),
+        (lambda wire: lambda t, q: wire.joints(q, 0.0 if t < 1.5 else 0.3), "come too late: the newest are 0."),
+        (lambda wire: lambda t, q: wire.joints(q if t < 1.5 else np.ones(2)), "`a` is .* deg from where it should be"),
+        (lambda wire: lambda t, q: wire.joints(q if t < 1.5 else Q0 + 0.001), "frozen: the same for"),
+    ],
+)
+def test_joint_states_that_stay_out_are_old_or_do_not_follow_are_told_within_a_fifth_of_a_second(
+    states, reason
+) -> None:
+    wire = Wire()
+    robot = cell(wire, tolerances={"tracking": "40 deg"} if "frozen" in reason else {})
+    follow(wire, robot, 3.0, states(wire))
+    with pytest.raises(Exception, match=reason):
+        raise robot.trouble()
+    assert 1.5 <= robot.t <= 1.5 + 0.21
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason"),
+    [
+        (
+            lambda wire: wire.inboxes["/joint_states"].put(b"\0\1\0\0rubbish"),
+            "malformed: 11 bytes that are no sensor_msgs",
+        ),
+        (lambda wire: wire.joints(np.array([np.nan, 0.0])), "positions of joints that are no numbers"),
+        (lambda wire: wire.joints(np.zeros(3)), "2 names of joints with 3 positions"),
+        (lambda wire: wire.image(height=5), "is 8x5, the workspace says 8x6"),
+        (lambda wire: wire.image(data=np.zeros(50, np.uint8)), "fewer bytes than its 8x6 pixels need"),
+        (lambda wire: wire.image(encoding="16UC1"), "has the encoding `16UC1`"),
+    ],
+)
+def test_what_is_no_message_or_no_image_stops_the_robot(spoil, reason) -> None:
+    wire = Wire()
+    robot = cell(wire)
+    wire.joints(Q0)
+    spoil(wire)
+    robot.read()
+    with pytest.raises(Exception, match=reason):
+        raise robot.trouble()
+
+
+def test_a_flood_is_told_and_keeps_little(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ros_cell, "FLOOD_WINDOW", 0.02)
+    wire = Wire()
+    robot = cell(wire)
+    end = time.monotonic() + 0.05
+    while time.monotonic() < end:
+        wire.image()
+    robot.read()
+    with pytest.raises(Exception, match="a flood on `/cam/image`"):
+        raise robot.trouble()
+    assert len(robot._waiting["cam"]) <= 4
+
+
+def test_a_clock_that_stands_still_ends_the_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ros_cell, "CLOCK_STOPS", 0.03)
+    wire = Wire()
+    robot = cell(wire)
+    wire.wait = lambda seconds: time.sleep(seconds)
+    assert robot.advance(5.0, playback()) < 1.0
+    assert "stands still" in str(robot.trouble())
+
+
+def test_a_controller_of_ros_1_that_gives_up_stops_the_robot() -> None:
+    wire = Wire(ros=1)
+    robot = cell(wire, transport="ros1", trajectory={"action": "/arm/follow_joint_trajectory"})
+    follow(wire, robot, 1.5)
+    goal = wire.sent[-1][1]
+    assert wire.sent[-1][0] == "/arm/follow_joint_trajectory/goal"
+    types = wire.types
+    for number, status in (("another", 4), (goal.goal_id.id, 2), (goal.goal_id.id, 4)):
+        assert robot.trouble() is None
+        of = types.make("actionlib_msgs/msg/GoalID", id=number)
+        wire.say(
+            "/arm/follow_joint_trajectory/result",
+            "control_msgs/msg/FollowJointTrajectoryActionResult",
+            status=types.make("actionlib_msgs/msg/GoalStatus", goal_id=of, status=status),
+            result=types.make(
+                "control_msgs/msg/FollowJointTrajectoryResult", error_code=-4, error_string="off the path"
+            ),
+        )
+        robot.read()
+    assert str(robot.trouble()) == "the controller gave up: off the path"
+
+
+def checked(wire: Wire, robot: RosCell, q=Q0, info: dict | None = None, late: float = 0.05) -> list[str]:
+    """What the checks find, with a camera whose `CameraInfo` differs as said."""
+    fields = {"width": 8, "height": 6, "k": K.reshape(-1), **(info or {})}
+
+    def each() -> None:
+        wire.joints(q)
+        if round(wire.t / 0.004) % 25 == 0:
+            wire.image(late)
+            header = wire.types.header(0, "cam_optical")
+            wire.say("/cam/info", "sensor_msgs/msg/CameraInfo", header=header, **fields)
+            transform = wire.types.make(
+                "geometry_msgs/msg/TransformStamped",
+                header=wire.types.header(0, "world"),
+                child_frame_id="cam_optical",
+                transform=wire.types.make(
+                    "geometry_msgs/msg/Transform",
+                    translation=wire.types.make("geometry_msgs/msg/Vector3", x=wire.moved),
+                    rotation=wire.types.make("geometry_msgs/msg/Quaternion", w=1.0),
+                ),
+            )
+            wire.say("/tf_static", "tf2_msgs/msg/TFMessage", transforms=[transform])
+
+    wire.each, wire.moved = each, getattr(wire, "moved", 0.0)
+    start = dict(zip("ab", Q0.tolist(), strict=True))
+    return [one.problem for one in check_cell(robot, start, lambda: None) if one.problem is not None]
+
+
+def test_a_cell_that_is_as_the_program_says_passes() -> None:
+    wire = Wire()
+    assert checked(wire, cell(wire)) == []
+
+
+@pytest.mark.parametrize(
+    ("differs", "problem"),
+    [
+        ({"q": Q0 + [0.0, np.radians(1.0)]}, "`b` is 1.00 deg from where the program starts; 0.50 deg are allowed"),
+        ({"info": {"width": 640, "height": 480}}, "`cam` has images of 640x480 pixels, the workspace says 8x6"),
+        ({"info": {"k": (K * [[1.02], [1], [1]]).reshape(-1)}}, "`cam`: fx of its CameraInfo is 306.0 px, the workspace says 300.0"),
+        ({"late": 0.35}, "350 ms old when they come, the workspace says 50 ms; their clock is 300 ms behind"),
+        ({"late": -0.2}, "their clock is 250 ms ahead"),
+    ],
+)  # fmt: skip
+def test_what_differs_is_named_with_its_figure(differs: dict, problem: str) -> None:
+    wire = Wire()
+    found = checked(wire, cell(wire), **differs)
+    assert len(found) == 1
+    assert problem in found[0]
+
+
+def test_a_camera_that_was_moved_by_2_cm_is_named_with_the_distance() -> None:
+    wire = Wire()
+    wire.moved = 0.02
+    assert checked(wire, cell(wire)) == ["TF has `cam` 20.0 mm and 0.00 deg from where the workspace has it"]
+
+
+def test_a_topic_that_carries_something_else_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sqrp_cli.runtime.cell.ros_checks.PATIENCE", 0.1)
+    wire = Wire()
+    robot = cell(wire)
+    wire.kinds["/cam/image"] = "sensor_msgs/msg/CompressedImage"
+    wire.each = lambda: wire.joints(Q0)
+    found = [one.problem for one in check_cell(robot, {"a": 0.0, "b": 0.5}, lambda: None) if one.problem]
+    assert "`/cam/image` carries sensor_msgs/msg/CompressedImage, not sensor_msgs/msg/Image" in found
+
+
+def test_a_file_that_does_not_fit_says_everything_that_is_wrong(tmp_path: Path) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_text(
+        "trajectory: {action: /a}\njoints: {a: a, elbwo: e}\ncameras:\n  cma: {image: /i}\n"
+        "joint_states: /joint_states\n"
+    )
+    grasp = SimpleNamespace(action="Grasp", guard=None)
+    program = SimpleNamespace(joints=("a", "elbow"), steps=(SimpleNamespace(primitives=(grasp,)),))
+    with pytest.raises(InputError) as caught:
+        read_robot_file(path, SimpleNamespace(cameras={"cam": CAMERA}), program)
+    said = " ".join(problem.message for problem in caught.value.problems)
+    for part in ("no camera `cma`", "lacks `cam`", "no joint `elbwo`", "has no `tool`", "actions need the vendor's"):
+        assert part in said

@@ -1,0 +1,114 @@
+"""When a stream of images that come by themselves counts as failed, and what is made of them."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sqrp_cli.runtime.image import CameraImage
+from sqrp_cli.runtime.perception.received_streams import MOST_WAITING, ReceivedStreams
+
+RATE, LATENCY = 10.0, 0.05
+TOLD = LATENCY + 1.2 / RATE + 0.1
+"""From the last image to the alarm at most [s]."""
+
+
+class Lookers:
+    """Processes that look at images; each image takes them some time [s]."""
+
+    def __init__(self, takes: float = 0.01) -> None:
+        self.takes, self.now, self.busy = takes, 0.0, {}
+
+    def watch(self, _sought: object) -> None:
+        pass
+
+    def submit(self, image: CameraImage, _believed: object) -> None:
+        assert self.is_free(image.camera)
+        self.busy[image.camera] = (self.now + self.takes, image.t)
+
+    def is_free(self, camera: str) -> bool:
+        return camera not in self.busy
+
+    def is_ready(self, camera: str) -> bool:
+        return camera in self.busy and self.busy[camera][0] <= self.now
+
+    def collect(self, camera: str) -> SimpleNamespace:
+        return SimpleNamespace(camera=camera, t=self.busy.pop(camera)[1], frozen=False, seconds=0.0)
+
+
+class Cameras:
+    """Two cameras out of step that send images for a while, in steps of 5 ms."""
+
+    def __init__(self, takes: float = 0.01, late: dict[str, float] | None = None, lost=lambda _name, _t: False) -> None:
+        self.lookers = Lookers(takes)
+        known = {name: SimpleNamespace(name=name, rate=RATE, latency=LATENCY) for name in ("cam1", "cam2")}
+        self.streams = ReceivedStreams(known, self.lookers, lambda: self.lookers.now)
+        self.late, self.lost, self.seen, self.settled = late or {}, lost, [], []
+        self.due = sorted(
+            (k / RATE + phase + LATENCY, k / RATE + phase, name)
+            for name, phase in (("cam1", 0.0), ("cam2", 0.033))
+            for k in range(100)
+        )
+
+    def until(self, end: float):
+        """What fails, and when."""
+        self.streams.resume(0.0)
+        while self.lookers.now < end:
+            self.lookers.now = round(self.lookers.now + 0.005, 6)
+            now = self.lookers.now
+            self.seen += [found.t for found in self.streams.collect(now)]
+            self.streams.expose(now, self.arrived, lambda _: None)
+            self.settled.append(self.streams.settled)
+            if (how := self.streams.failure(now)) is not None:
+                return now, how
+        return None
+
+    def arrived(self, names: list[str]) -> dict[str, CameraImage]:
+        found = {}
+        for one in tuple(self.due):
+            came, t, name = one
+            if came + self.late.get(name, 0.0) <= self.lookers.now and name not in found:
+                self.due.remove(one)
+                if not self.lost(name, t):
+                    found[name] = CameraImage(name, t, np.zeros(1))
+        assert set(found) <= set(names)
+        return found
+
+
+def test_cameras_that_keep_their_rates_never_fail_and_all_images_are_looked_at() -> None:
+    cameras = Cameras()
+    assert cameras.until(5.0) is None
+    assert len(cameras.seen) >= 2 * 48
+    assert cameras.settled == sorted(cameras.settled)
+
+
+@pytest.mark.parametrize("at", np.linspace(2.0, 2.1, 5))
+def test_a_lost_camera_is_told_soon_after_its_first_image_is_missing(at: float) -> None:
+    told, how = Cameras(lost=lambda name, t: name == "cam2" and t >= at).until(5.0)
+    assert (how.fault, list(how.cameras)) == ("camera-loss", ["cam2"])
+    last = max(t for t in np.arange(50) / RATE + 0.033 if t < at)
+    assert told <= last + TOLD
+
+
+def test_images_that_come_late_are_told_from_those_that_do_not_come() -> None:
+    found = Cameras(late={"cam1": 0.3}).until(9.0)
+    assert found is not None
+    assert (found[1].fault, list(found[1].cameras)) == ("latency", ["cam1"])
+
+
+def test_a_computer_that_looks_too_slowly_says_so_and_keeps_few_images() -> None:
+    cameras = Cameras(takes=0.45)
+    found = cameras.until(9.0)
+    assert found is not None
+    assert found[1].fault == "perception-late"
+    assert all(len(stream.waiting) <= MOST_WAITING for stream in cameras.streams._streams.values())
+
+
+def test_time_in_which_nobody_looked_is_no_failure() -> None:
+    cameras = Cameras()
+    assert cameras.until(2.0) is None
+    cameras.lookers.now += 30.0  # such as for planning
+    assert cameras.streams.resume(2.0) == cameras.lookers.now
+    assert cameras.streams.failure(cameras.lookers.now + 0.2) is None
