@@ -62,11 +62,13 @@ def test_messages_are_those_that_rospy_itself_reads_and_writes(environment: dict
             time.sleep(0.01)
         time.sleep(0.3)
         for number in range(5):
-            send(wire.types.make(to.type, header=wire.types.header(3_000_000_007, "x"), msg=f"word {number}", topics=["a"]))
+            header = wire.types.header(3_000_000_007, "x")
+            send(wire.types.make(to.type, header=header, msg=f"word {number}", topics=["a"]))
         end = time.monotonic() + 10
         while inbox.count < 5 and time.monotonic() < end:
             wire.wait(0.1)
-        print([(one.message.msg, one.message.topics, one.message.header.stamp.nanosec) for one in inbox.take()], wire.senders(back))
+        found = [one.message for one in inbox.take()]
+        print([(one.msg, one.topics, one.header.stamp.nanosec) for one in found], wire.senders(back))
         """,
     )
     theirs = python(

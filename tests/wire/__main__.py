@@ -1,4 +1,4 @@
-"""Trials of a cell on the wire, each in processes of their own: `python -m tests.wire [ros2|ros1] [--n 20] [--only PART]`.
+"""Trials of a cell on the wire, each in processes of their own: `python -m tests.wire [ros2|ros1] [--only PART]`.
 
 slips: as many slips as in simulation, seen within a frame and 20 ms of when they are seen there, with the same outcome.
 losses: cameras and joint states that stay out, repeat themselves or are late; the arm stands within 0.5 s, by the cell.
@@ -121,7 +121,8 @@ class Trials:
             same = code == (0 if one.get("outcome", "done") == "done" else 3)
             good += close and same
             print(
-                f"slip {x:6.3f}  sim {there}  wire {here}  exit {code}  {'ok' if close and same else 'NO ' + err[-200:]}",
+                f"slip {x:6.3f}  sim {there}  wire {here}  exit {code}",
+                "ok" if close and same else f"NO: {err[-200:]}",
                 flush=True,
             )
         print(f"slips: {good} of {count} as in simulation")
@@ -139,7 +140,8 @@ class Trials:
             well = code == 3 and late <= STANDING
             good += well
             print(
-                f"{fault:24} exit {code}  standing after {late:.3f} s: {document.get('reason', err[-200:])}  {'ok' if well else 'NO'}",
+                f"{fault:24} exit {code}  standing after {late:.3f} s: {document.get('reason', err[-200:])}",
+                "ok" if well else "NO",
                 flush=True,
             )
         print(f"losses: {good} of {count} standing within {STANDING} s")
@@ -171,7 +173,7 @@ class Trials:
         """Cells that differ from the workspace of the program in one thing each."""
         document = yaml.safe_load(self.workspace.read_text())
         cases = {
-            "a joint is off by 1 degree": ("1.00 deg from where the program starts", ("robot", "home", "elbow_joint"), "111 deg"),
+            "a joint is off by 1 degree": ("1.00 deg from where", ("robot", "home", "elbow_joint"), "111 deg"),
             "wrong K": ("fx of its CameraInfo", ("cameras", "cam3", "image", "horizontal_fov"), "35 deg"),
             "wrong resolution": ("160x120", ("cameras", "cam3", "image", "width"), 160),
             "a camera moved by 2 cm": ("20.0 mm", ("cameras", "cam6", "pose", "position", 2), 0.539),

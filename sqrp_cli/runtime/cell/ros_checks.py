@@ -233,7 +233,8 @@ def _camera_pose(
     turned = float(np.arccos(np.clip((np.trace(off[:3, :3]) - 1) / 2, -1, 1)))
     limits, problem = cell.file.tolerances, None
     if far > limits.position or turned > limits.rotation:
-        problem = f"TF has `{camera.name}` {1e3 * far:.1f} mm and {np.degrees(turned):.2f} deg from where the workspace has it"
+        away = f"{1e3 * far:.1f} mm and {np.degrees(turned):.2f} deg"
+        problem = f"TF has `{camera.name}` {away} from where the workspace has it"
     expected = f"{1e3 * limits.position:.0f} mm, {np.degrees(limits.rotation):.2f} deg at most"
     yield CellCheck(camera.name, "pose", f"{1e3 * far:.1f} mm, {np.degrees(turned):.2f} deg off", expected, problem)
 
