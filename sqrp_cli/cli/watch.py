@@ -143,31 +143,27 @@ def _stamp(path: Path) -> tuple[int, ...]:
 
 
 def print_changes(before: View, now: View) -> None:
-    """The table again, with what was before an arrow where it differs."""
+    """The table again, with what was before an arrow where it differs; rows that are gone come last."""
     from sqrp_cli.terminal.console import Column, plain, print_table, say
 
-    rows = [(name, *(_against(*pair) for pair in _pairs(before, now, name))) for name in {**before.rows, **now.rows}]
-    if rows and len(rows) > MOST_ROWS:
-        changed = [row for row in rows if before.rows.get(row[0]) != now.rows.get(row[0])]
-        rows, left = changed, len(rows) - len(changed)
-    else:
-        left = 0
     if before == now:
         say("No figure has changed.")
         return
-    columns = [
-        Column(now.columns[0]),
-        *(Column(title, right=title in _TITLES, shrink=title == _VERDICT) for title in now.columns[1:]),
-    ]
-    print_table(columns, [[name, *(plain(text, "bold" * (_ARROW in text)) for text in row)] for name, *row in rows])
-    if left:
+    names = {**now.rows, **before.rows}
+    shown = [name for name in names if len(names) <= MOST_ROWS or before.rows.get(name) != now.rows.get(name)]
+    cells = ((name, [_against(*pair) for pair in _pairs(before, now, name)]) for name in shown)
+    titles = [_against(*pair) for pair in zip(before.columns, now.columns, strict=True)]
+    columns = [Column(title, right=title in _TITLES, shrink=title in _TEXTS) for title in titles]
+    print_table(columns, [[name, *(plain(text, "bold" * (_ARROW in text)) for text in row)] for name, row in cells])
+    if left := len(names) - len(shown):
         say(f"... and {left} as before", "dim")
     if before.said != now.said:
         say(f"\nwas: {before.said}\nnow: {now.said}")
 
 
 _ARROW = " → "
-_VERDICT = "verdict"
+_TEXTS = ("finding", "verdict")
+"""Titles of columns that may be folded."""
 
 
 def _pairs(before: View, now: View, name: str) -> Iterator[tuple[str, str]]:
@@ -200,8 +196,8 @@ def view_of(answer: Answer[AnyDocument]) -> View:
             verdicts = {
                 one.candidate.name: ("can be done" if one.feasible else one.reasons[0],) for one in answer.found
             }
-            said = {f"{one.place or answer.workspace} {one.code}": (one.message,) for one in answer.problems}
-            return View(("candidate" if answer.task else "finding", _VERDICT), {**verdicts, **said})
+            said = {f"{one.place or answer.workspace} {one.message}": (one.severity,) for one in answer.problems}
+            return View(("candidate" if answer.task else "finding", "verdict"), {**verdicts, **said})
         case Scores():
             rows = {
                 f"{one.workspace}: {one.task}": (one.status, *(_SHOWN_NONE if one.best is None else _figures(one.best)))

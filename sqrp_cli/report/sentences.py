@@ -113,6 +113,12 @@ def way_of(assessment: Assessment) -> str:
     return choice_in_words(assessment.candidate, assessment.way)
 
 
+def reasons_by_doing(assessment: Assessment) -> list[str]:
+    """Why a candidate is infeasible; an action is called by what it does, as in `approach (a1) to above: too far`."""
+    does = {one.name: f"{one.words} ({one.name})" for one in assessment.candidate.skill.primitives}
+    return [re.sub(r"^\w+(?=:| to )", lambda name: does.get(name[0], name[0]), one) for one in assessment.reasons]
+
+
 def part_shares_in_words(parts: Sequence[Occluder]) -> str:
     """What each of several parts hides, the rest together: `forearm_link 40.2 %, tray 3.1 %, 2 others 0.4 %`.
 

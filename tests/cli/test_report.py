@@ -210,7 +210,7 @@ def test_the_table_shows_the_figures_in_the_order_of_the_ranking(opened, ranked)
     assert column(opened, 4)[:-1] == q_eoi
     assert column(opened, 3)[0] == "left, 90 deg", "the way of g2"
     assert column(opened, 1)[-1] == "infeasible"
-    assert column(opened, 4)[-1] == candidates[-1]["reasons"][0]
+    assert column(opened, 4)[-1] == f"approach ({candidates[-1]['reasons'][0].replace(' to', ') to', 1)}"
 
 
 def test_a_click_on_a_title_sorts_and_another_one_turns_the_order(opened):
@@ -261,7 +261,7 @@ def test_a_candidate_is_chosen_in_table_and_plot_by_mouse_and_by_key(opened, ran
     page.keyboard.press(" ")
     page.wait_for_function("() => document.querySelector('#name').textContent === 'g4' && sqrp.motion")
     page.locator("#ranking button", has_text="g6").click()
-    assert opened.texts("#reasons li") == by_name["g6"]["reasons"]
+    assert opened.texts("#reasons li")[0] == f"approach ({by_name['g6']['reasons'][0].replace(' to', ') to', 1)}"
     assert not page.locator("#study").is_visible()
 
 
@@ -282,6 +282,9 @@ def test_the_slider_moves_robot_and_cursor_and_words_together(shown):
     assert after[2] != before[2]
     assert after[3] == "13.50 s"
     assert shown.texts(".row.axis .now")[0] == "lift (a4)"
+    shown.js("() => sqrp.seek(5.2)")
+    assert shown.texts("#hiding") == [f"red, in the way: {', '.join(shown.js('[...sqrp.scene.culprits]'))}"]
+    assert "forearm_link" in shown.texts("#hiding")[0]
 
 
 def test_play_goes_on_and_stops(shown):

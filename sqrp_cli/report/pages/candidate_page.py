@@ -23,7 +23,7 @@ from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.libraries import simplified
 from sqrp_cli.report.pages.page import CellScene, PageContent, PageRow, packed, write_page
 from sqrp_cli.report.pages.paint import Color, css, solid_colors
-from sqrp_cli.report.sentences import accuracy, differing_parameters, summary, way_of, why_first
+from sqrp_cli.report.sentences import accuracy, differing_parameters, reasons_by_doing, summary, way_of, why_first
 from sqrp_cli.shapes import Triangles
 from sqrp_cli.version import __version__
 
@@ -127,7 +127,7 @@ def _candidate(ranked: Ranked, differing: Sequence[str], detail: str | None, *, 
         mark,
         labels,
         CandidateFigures.of(ranked),
-        assessment.reasons,
+        reasons_by_doing(assessment),
         0,
         detail,
         retried=assessment.candidate.skill.retried_faults,

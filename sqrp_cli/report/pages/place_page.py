@@ -20,7 +20,7 @@ from sqrp_cli.report.documents.placing import (
 from sqrp_cli.report.pages.advice_page import studied
 from sqrp_cli.report.pages.candidate_page import cell_scene, origin
 from sqrp_cli.report.pages.page import MountShown, PageContent, PageRow, PlacementShown, write_page
-from sqrp_cli.report.sentences import accuracy, way_of
+from sqrp_cli.report.sentences import accuracy, reasons_by_doing, way_of
 
 if TYPE_CHECKING:
     from sqrp_cli.programming.placing.placement import JudgedCandidate, Placement
@@ -110,7 +110,13 @@ def _infeasible(found: Placement) -> Iterator[PageRow]:
         labels |= {} if found.question.fastest else {"way": ""}
         figures = CandidateFigures.of(Ranked(one, None, pareto=False))
         yield PageRow(
-            name, "" if found.question.demand.wish is None else "infeasible", labels, figures, one.reasons, None, None
+            name,
+            "" if found.question.demand.wish is None else "infeasible",
+            labels,
+            figures,
+            reasons_by_doing(one),
+            None,
+            None,
         )
 
 

@@ -232,6 +232,8 @@ class Page {
     const tool = this.scene.toolPosition().map((x) => x.toFixed(3));
     const held = this.motion.detail.track && this.scene.place.held;
     byId('tool').replaceChildren(`tool at ${tool.join(', ')} m`, ...(held ? [', holds ', named(held)] : []));
+    const hiding = [...this.scene.culprits];
+    byId('hiding').replaceChildren(...(hiding.length ? ['red, in the way: ', named(hiding.join(', '))] : []));
     const eye = this.scene.through ? `as ${this.scene.through} sees it` : 'from outside';
     const state = sentence(this.motion.at(this.time));
     byId('view').setAttribute('aria-label', `The cell at ${text}, ${eye}. ${state}`);

@@ -200,9 +200,9 @@ class Scene3D {
     const kinds = ['covered', 'hidden', 'out', 'range', 'angle', 'nothing'];
     const shades = Object.fromEntries(kinds.map((kind) => [kind, linear(colour(kind))]));
     shades.missed = shades.same = shades.hidden;
-    const culprits = new Set(this.sights.flatMap((sight) => sight.show(this.sample, this.through, shades)));
+    this.culprits = new Set(this.sights.flatMap((sight) => sight.show(this.sample, this.through, shades)));
     for (const { name, mesh, tint } of this.solids)
-      mesh.material.color = culprits.has(name) ? shades.hidden : linear(tint);
+      mesh.material.color = this.culprits.has(name) ? shades.hidden : linear(tint);
     for (const camera of this.cameras) {
       camera.frustum.visible = byId('show-frusta').checked && this.through === null;
       camera.body.visible = this.through !== camera.name;
