@@ -243,7 +243,8 @@ class Search:
             for pair in worth.qualities
             for least, quality in zip((wish.q_eoi, wish.q_avg), pair, strict=True)
         )
-        in_time = wish.delay is None or worth.delay <= wish.delay + SLACK
+        late = max(worth.delay, self._problem.least_delay(choice))
+        in_time = wish.delay is None or late <= wish.delay + SLACK
         count = len(choice.options)
         allowed = choice.options not in self._problem.missing and count >= self._at_least
         return enough and in_time and allowed and (most is None or count <= most)
@@ -290,6 +291,7 @@ class Search:
                     self._program.row(terms, least=least - SLACK)
         if wish.delay is not None:
             self._parts.no_later_than(wish.delay)
+            self._parts.shown_within(wish.delay)
 
     def _shorten_delay(self) -> None:
         """The shortest longest delay, by bisection over the values that it can have; each step is a program."""
@@ -336,7 +338,6 @@ class Search:
                 gaps = (ends[None] - starts[:, None]).ravel()
                 found |= set(np.round(gaps[gaps > 0], 6).tolist())
         found |= set(np.round(tiers, 6).tolist()) if found else set()
-        found |= set(np.round(self._problem.late, 6).ravel().tolist())
         return np.array(sorted(value for value in found if value >= self._problem.cover.quickest - SLACK))
 
 
@@ -431,6 +432,10 @@ class _Parts:
         for way in self.problem.cover.ways:
             for fault in way.faults:
                 self._in_time(way, fault, delay)
+
+    def shown_within(self, delay: float) -> None:
+        """Take no cameras that show too late that a lost part has parted, in the ways that are taken [s]."""
+        for way in self.problem.cover.ways:
             taken = self.taken.get(way.number)
             for option in np.flatnonzero(self.problem.late[way.number] > delay + SLACK).tolist():
                 chosen = {self.free[option]: 1.0} if option in self.free else {}

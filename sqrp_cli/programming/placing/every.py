@@ -132,7 +132,7 @@ class EverySet:
         usable = ~self._shut(cameras) & np.array([self._reaches(pair) for pair in figures])
         wish = self._demand.wish
         if wish is not None and wish.delay is not None and usable.any():
-            usable &= self._delays(gain, seen, cameras) <= wish.delay + _REACHED
+            usable &= np.maximum(self._delays(gain, seen), self._least_delays(cameras)) <= wish.delay + _REACHED
         both = [least_and_mean(pair) for pair in figures]
         least, mean = (np.where(usable, [pair[which] for pair in both], -1.0) for which in (0, 1))
         return self._first(least, mean), least, mean
@@ -162,20 +162,23 @@ class EverySet:
         means = weights @ each / total if total > 0 else np.ones(mean.shape[1])
         return np.where(np.any(each < 0.0, axis=0), -1.0, means)
 
-    def _delays(self, gain: Gain, seen: Array, cameras: Indices) -> Array:
-        """The longest delay of each way, see `Placing.delay`, shape (ways, sets) [s]."""
-        covered, cover, late = gain.covered(seen), self._problem.cover, self._problem.late
+    def _delays(self, gain: Gain, seen: Array) -> Array:
+        """The longest delay of each way, shape (ways, sets) [s]."""
+        covered, cover = gain.covered(seen), self._problem.cover
+        return np.array([cover.delays(way, covered) for way in cover.ways]).reshape(len(cover.ways), seen.shape[1])
+
+    def _least_delays(self, cameras: Indices) -> Array:
+        """See `Placing.least_delay`, of each way, shape (ways, sets) [s]."""
+        late = self._problem.late
         stay = late[:, sorted(self._problem.kept)].max(axis=1, initial=0.0)[:, None]
-        alone = np.maximum(stay, late[:, cameras].max(axis=2, initial=0.0))
-        found = np.array([cover.delays(way, covered) for way in cover.ways]).reshape(alone.shape)
-        longest: Array = np.maximum(found, alone)
+        longest: Array = np.maximum(stay, late[:, cameras].max(axis=2, initial=0.0))
         return longest
 
     def _finest(self, cameras: Indices, first: float) -> tuple[Key, Choice] | None:
         """The best of some sets that are equal in what counts first, by all other aims, with the ways to take."""
         problem, of_each = self._problem, [list(of_one) for of_one in self._problem.candidates]
         _, least, mean = self._scores(self._gain, cameras)
-        delay = self._delays(self._gain, self._gain.seen(cameras), cameras)
+        delay = self._delays(self._gain, self._gain.seen(cameras))
         good = np.zeros(least.shape, dtype=bool)
         for of_one in of_each:
             rough = least[of_one] if self._demand.objective == "least" else mean[of_one]

@@ -222,7 +222,10 @@ class Placer:
         self._late += map(self._least_delays, ways)
 
     def _least_delays(self, way: JudgedWay) -> Array:
-        """How long the longest delay of a fault of a way is at least with each option, shape (options,) [s]."""
+        """How long the longest delay of a way is at least with each option, (options,) [s]; 0 if none is wished."""
+        wish = self.question.demand.wish
+        if wish is None or wish.delay is None:
+            return np.zeros(len(self.options))
         cameras = [self._camera_at(option) for option in range(len(self.options))]
         response = min((camera.response for camera in cameras), default=0.0)
         some = [cameras[first : first + _TOGETHER] for first in range(0, len(cameras), _TOGETHER)]

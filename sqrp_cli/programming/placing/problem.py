@@ -9,7 +9,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.programming.advice.wish import Wish
-from sqrp_cli.programming.placing.cover import Cover, CoveredWay
+from sqrp_cli.programming.placing.cover import Cover
 
 Objective = Literal["least", "mean"]
 OBJECTIVES: tuple[Objective, ...] = ("least", "mean")
@@ -90,10 +90,10 @@ class Placing:
         floor = 0 if demand.floor is None else demand.floor.cameras
         return max(floor, 1 + demand.survive - len(self.kept), 0)
 
-    def delay(self, way: CoveredWay, choice: Choice, covered: Mask) -> float:
-        """The longest time until a fault is noticed in a way [s]: at the samples, and not before it is shown."""
+    def least_delay(self, choice: Choice) -> float:
+        """What the longest delay of a choice is at least, however well its cameras see [s]."""
         together = [*choice.options, *sorted(self.kept)]
-        return max(self.cover.delay(way, covered), float(self.late[way.number, together].max(initial=0.0)))
+        return float(self.late[np.ix_(choice.ways, together)].max(initial=0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +118,7 @@ class Worth:
     mean: float
     """Their mean, by weight."""
     delay: float
-    """The longest time until a fault is noticed, see `Placing.delay` [s]."""
+    """The longest time until a fault is noticed, as if a lost part had parted at once [s]."""
     price: float
     qualities: tuple[tuple[float | None, float | None], ...] = field(default=())
     """Q_eoi and Q_avg of each candidate."""
@@ -140,7 +140,7 @@ def worth_of(problem: Placing, choice: Choice) -> Worth:
     return Worth(
         least=min((q for of_one in known for q in of_one), default=1.0),
         mean=float(problem.weights @ np.array(each)) / total if total > 0 else 1.0,
-        delay=max((problem.delay(way, choice, covered) for way in taken), default=0.0),
+        delay=max((cover.delay(way, covered) for way in taken), default=0.0),
         price=float(problem.price[list(choice.options)].sum()),
         qualities=qualities,
     )

@@ -290,7 +290,7 @@ lenses:
 @pytest.fixture(scope="module")
 def delays(cell, tmp_path_factory) -> tuple[Placer, dict[tuple[int, ...], float]]:
     """The exact longest delay of every pair of a dozen mounts, one after the other."""
-    asked = placer(cell, tmp_path_factory.mktemp("twelve"), TWELVE, Demand(most=2))
+    asked = placer(cell, tmp_path_factory.mktemp("twelve"), TWELVE, Demand(most=2, wish=Wish(delay=1.0)))
     asked._plan()
     asked._choose_from()
     asked._judge(asked.ways)
