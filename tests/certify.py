@@ -1,9 +1,11 @@
-"""Certificates against drawn camera poses: `python -m tests.certify [DRAWS [WORKSPACE...]]`.
+"""Certificates against drawn camera poses: `python -m tests.certify [DRAWS [POSES [WORKSPACE...]]]`.
 
-By default 10,000 draws for each shipped cell. Every draw moves all cameras of a cell within the bounds, in every other
-one as far as they may be, and observes the best way of each candidate again, with the exact verdicts. From the worst
-and the best draw of each figure a search goes on to worse and better poses. Prints a line for each figure and the
-summary; exit code 1 where a pose leaves a certificate.
+By default 10,000 draws for each shipped cell. For each camera, poses within the bounds are drawn, every other one as
+far off as it may be; alone from each, the camera observes every target of the best way of each candidate, with the
+exact verdicts. A draw takes one pose for each camera, and counts in time which cameras see what. Some draws are
+observed once more as a whole, by all cameras together, and must agree. From the worst and the best draw of each figure
+a search goes on to worse and better poses. Prints a line for each figure and the summary; exit code 1 where a pose
+leaves a certificate, or a draw is not what the cameras see together.
 """
 
 from __future__ import annotations
@@ -19,17 +21,20 @@ import numpy as np
 
 from sqrp_cli import open_cell
 from sqrp_cli.api.session import Session
-from sqrp_cli.geometry import Array, displacement
+from sqrp_cli.geometry import Array, Indices, Mask, displacement, ranges
+from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.programming.candidate import Candidate
 from sqrp_cli.programming.coverage.assessment import Rehearsal, rehearsal
 from sqrp_cli.programming.coverage.certificate import Certificate
-from sqrp_cli.programming.coverage.quality import Qualities
+from sqrp_cli.programming.coverage.quality import ROUNDING, Qualities
 from sqrp_cli.programming.coverage.sampling import Adaptive
-from sqrp_cli.programming.coverage.timeline import observe_all
+from sqrp_cli.programming.coverage.stage import Samples
+from sqrp_cli.programming.coverage.timeline import Timeline, Watch, observe_all
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 from sqrp_cli.programming.sensing.observer import Observer
+from sqrp_cli.programming.targets import Target
 
 Result = TypeVar("Result")
 
@@ -39,8 +44,15 @@ SHIPPED = ("tabletop", "screws", "tower")
 
 BOUNDS = PoseBounds(0.002, float(np.radians(0.2)))
 
-DRAWS, STEPS = 10_000, 40
-"""Draws for each cell, and steps of each search."""
+DRAWS, POSES, SPOTS, STEPS = 10_000, 300, 10, 40
+"""Draws for each cell, poses of each camera to choose among, draws observed as a whole, and steps of each search."""
+
+CELL = 5e-4
+"""Time for which what is seen is counted at once [s]."""
+
+AGREED = 5e-4
+"""By how much the Q of a draw may differ between both ways to observe it: what bisection leaves of each camera, and
+cells."""
 
 FIGURES = ("q_eoi", "q_avg")
 
@@ -73,38 +85,139 @@ class Trial:
             slower=certified / plain,
         )
 
+    def moved(self, camera: int, error: Array) -> Camera:
+        """A camera off by a displacement and a turn as shares of the bounds, shape (2, 3)."""
+        stated = self.observer.cameras[camera]
+        return replace(stated, X_FC=stated.X_FC @ displacement(BOUNDS.position * error[0], BOUNDS.rotation * error[1]))
+
     def qualities(self, errors: Array, some: Sequence[int] | None = None) -> list[Qualities]:
-        """Those of the candidates, or of some, for one set of camera poses; errors: see `drawn`."""
-        cameras = (
-            replace(camera, X_FC=camera.X_FC @ displacement(BOUNDS.position * moved, BOUNDS.rotation * turned))
-            for camera, (moved, turned) in zip(self.observer.cameras, errors, strict=True)
-        )
-        observer = Observer(tuple(cameras), self.observer.solids)
+        """Those of the candidates, or of some, for one set of camera poses; errors: of each, see `moved`."""
+        cameras = tuple(self.moved(camera, error) for camera, error in enumerate(errors))
         chosen = range(len(self.motions)) if some is None else some
         watches = [self.motions[index].watch for index in chosen]
-        return list(map(Qualities.of, observe_all(watches, observer, Adaptive(), full=False)))
+        found = observe_all(watches, Observer(cameras, self.observer.solids), Adaptive(), full=False)
+        return list(map(Qualities.of, found))
 
-    def drawn(self, draw: int) -> Array:
-        """Displacement and turn of each camera as shares of the bounds, shape (c, 2, 3)."""
-        random = np.random.default_rng([11, draw])
-        errors = within_unit(random.normal(size=(len(self.observer.cameras), 2, 3)), farthest=True)
-        return errors if draw % 2 else errors * random.uniform(size=(*errors.shape[:2], 1)) ** (1 / 3)
-
-    def search(self, index: int, figure: str, sign: float, errors: Array, best: float) -> float:
+    def search(self, index: int, figure: str, sign: float, errors: Array) -> float:
         """The figure of a candidate after steps from a draw to poses that lower or raise it."""
         random = np.random.default_rng([12, index])
+        best = float(getattr(self.qualities(errors, [index])[0], figure))
         for _ in range(STEPS):
             other = within_unit(errors + random.normal(scale=0.4, size=errors.shape))
-            value = getattr(self.qualities(other, [index])[0], figure)
+            value = float(getattr(self.qualities(other, [index])[0], figure))
             if sign * value > sign * best:
                 errors, best = other, value
         return best
 
 
-def within_unit(errors: Array, *, farthest: bool = False) -> Array:
-    """Vectors (..., 3) cut to a length of 1, or all as long."""
-    length = np.linalg.norm(errors, axis=-1, keepdims=True)
-    found: Array = errors / (length if farthest else np.maximum(length, 1.0))
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """Draws of poses for all cameras, each of which chooses among the poses of each camera."""
+
+    errors: Array
+    """Of each camera and pose, see `Trial.moved`, shape (c, p, 2, 3)."""
+    chosen: Indices
+    """The pose of each camera, shape (draws, c)."""
+    found: Sequence[Sequence[Qualities]]
+    """The qualities of each candidate in each draw."""
+
+    @classmethod
+    def of(cls, trial: Trial, draws: int, poses: int) -> Draws:
+        """Observe what each camera sees from each of its poses, and draw."""
+        random, cameras = np.random.default_rng(11), len(trial.observer.cameras)
+        errors = random.normal(size=(cameras, poses, 2, 3))
+        errors /= np.linalg.norm(errors, axis=-1, keepdims=True)
+        errors[:, ::2] *= random.uniform(size=(*errors[:, ::2].shape[:3], 1)) ** (1 / 3)
+        watches = [motion.watch for motion in trial.motions]
+        alone = [_alone(watch, target) for watch in watches for target in watch.targets]
+        seen = [
+            observe_all(alone, Observer((trial.moved(camera, error),), trial.observer.solids), Adaptive(), full=False)
+            for camera in range(cameras)
+            for error in errors[camera]
+        ]
+        chosen = random.integers(poses, size=(draws, cameras))
+        by_target = iter(zip(*seen, strict=True))
+        at = chosen + poses * np.arange(cameras)
+        found = [_qualities(watch, [next(by_target) for _ in watch.targets], at) for watch in watches]
+        return cls(errors, chosen, found)
+
+    def of_draw(self, draw: int) -> Array:
+        """The errors of all cameras, shape (c, 2, 3)."""
+        found: Array = self.errors[np.arange(len(self.errors)), self.chosen[draw]]
+        return found
+
+    def farthest_from_whole(self, trial: Trial) -> float:
+        """The largest difference of some draws from what all cameras together see."""
+        return max(
+            abs(float(getattr(one, figure) or 0.0) - float(getattr(self.found[index][draw], figure) or 0.0))
+            for draw in range(min(SPOTS, len(self.chosen)))
+            for index, one in enumerate(trial.qualities(self.of_draw(draw)))
+            for figure in FIGURES
+        )
+
+
+def _alone(watch: Watch, target: Target) -> Watch:
+    """The same motion, with one target that any camera by itself may see."""
+    return replace(watch, targets=(replace(target, cameras=1),), faults={})
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Short times within the pieces of a motion, n of them, with what cameras see by themselves."""
+
+    piece: Indices
+    """Shape (n,)."""
+    t: Array
+    """In the middle of each, shape (n,) [s]."""
+    lengths: Array
+    """Of each, and of what of it counts for events of interest, shape (2, n) [s]."""
+
+    @classmethod
+    def of(cls, watch: Watch) -> Cells:
+        """Those in which something must be seen."""
+        pieces = watch.stage.pieces
+        counts = np.array([int(np.ceil(piece.length / CELL)) if piece.literals else 0 for piece in pieces])
+        piece, number = ranges(np.zeros(len(pieces)), counts)
+        start, length, of_interest = np.array([(one.start, one.length, one.of_interest) for one in pieces])[piece].T
+        length = length / counts[piece]
+        return cls(piece, start + (number + 0.5) * length, np.stack([length, length * of_interest]))
+
+    def seen(self, timeline: Timeline) -> Mask:
+        """Whether what a timeline is about is seen, shape (n,)."""
+        samples, later = timeline.samples, 2.0 * timeline.samples.t.max() + 1.0
+        after = np.searchsorted(samples.piece * later + samples.t, self.piece * later + self.t)
+        seen: Mask = timeline.covered[after - 1] & timeline.covered[after]
+        return seen
+
+
+def _qualities(watch: Watch, seen: Sequence[Sequence[Timeline]], poses: Indices) -> list[Qualities]:
+    """The qualities of a motion in draws.
+
+    seen: of each target, from each pose of any camera; poses: those of each draw, by index, shape (draws, c).
+    """
+    cells = Cells.of(watch)
+    required = watch.stage.requires(watch.targets, Samples(cells.piece, cells.t)).T
+    needed = np.array([target.cameras for target in watch.targets])[:, None]
+    views = np.stack([[cells.seen(timeline) for timeline in one] for one in seen])  # targets, poses, cells
+
+    def times(views: Mask, required: Mask, lengths: Array, draw: Indices) -> Array:
+        covered: Mask = np.all((views[:, draw].sum(axis=1) >= needed) | ~required, axis=0)
+        found: Array = lengths[:, covered].sum(axis=1)
+        return found
+
+    varies: Mask = np.any(views.any(axis=1) != views.all(axis=1), axis=0)
+    always, changing = (
+        (views[..., some].copy(), required[:, some], cells.lengths[:, some]) for some in (~varies, varies)
+    )
+    total = np.array([watch.T, watch.T_eoi])
+    of_draws = (times(*always, poses[0]) + times(*changing, draw) for draw in poses)
+    return [Qualities(*(float(q) if T else None for q, T in zip(one / np.maximum(total, 1e-9), total, strict=True)))
+            for one in of_draws]  # fmt: skip
+
+
+def within_unit(errors: Array) -> Array:
+    """Vectors (..., 3) cut to a length of 1."""
+    found: Array = errors / np.maximum(np.linalg.norm(errors, axis=-1, keepdims=True), 1.0)
     return found
 
 
@@ -121,44 +234,50 @@ def _motion(session: Session, way: Candidate) -> Rehearsal:
     return rehearsal(assignment.cell, way, assignment.world, motion)
 
 
-def main(draws: int, workspaces: Sequence[Path]) -> int:
+def main(draws: int, poses: int, workspaces: Sequence[Path]) -> int:
     """Run the trials and print what came out; returns the exit code."""
     broken = 0
     for workspace in workspaces:
         trial = Trial.of(workspace)
-        found = [trial.qualities(trial.drawn(draw)) for draw in range(draws)]
+        drawing, drawn = _timed(lambda trial=trial: Draws.of(trial, draws, poses))  # type: ignore[misc]
+        apart = drawn.farthest_from_whole(trial)
         print(
-            f"{workspace.name}: {draws} draws; rank takes {trial.slower:.1f} times as long with certificates",
+            f"{workspace.name}: rank takes {trial.slower:.1f} times as long with certificates; {draws} draws of {poses}"
+        )
+        print(
+            f"  poses of each camera in {drawing:.0f} s; observed as a whole, up to {100 * apart:.3f} points off",
             flush=True,
         )
-        for index, (name, proven) in enumerate(zip(trial.names, trial.proven, strict=True)):
+        broken += apart > AGREED
+        for index in range(len(trial.names)):
             for figure in FIGURES:
-                broken += _compare(trial, index, figure, [getattr(one[index], figure) for one in found], name, proven)
+                broken += _compare(trial, drawn, index, figure)
     print(f"{broken} figures left their certificates")
     return int(broken > 0)
 
 
-def _compare(
-    trial: Trial, index: int, figure: str, values: Sequence[float | None], name: str, proven: Certificate
-) -> bool:
+def _compare(trial: Trial, drawn: Draws, index: int, figure: str) -> bool:
     """Print a line about a figure of a candidate; returns whether any pose leaves the certificate."""
-    known = [value for value in values if value is not None]
+    proven, values = trial.proven[index], [getattr(one, figure) for one in drawn.found[index]]
     least, most = getattr(proven.least, figure), getattr(proven.most, figure)
-    if not known or least is None or most is None:
+    if None in values or least is None or most is None:
         return False
     low, high = (
-        trial.search(index, figure, sign, trial.drawn(int(at)), known[int(at)])
-        for sign, at in ((-1.0, np.argmin(known)), (1.0, np.argmax(known)))
+        trial.search(index, figure, sign, drawn.of_draw(int(at)))
+        for sign, at in ((-1.0, np.argmin(values)), (1.0, np.argmax(values)))
     )
-    broken: bool = low < least or high > most
-    spread, width = max(known) - min(known), most - least
+    # Draws are counted in cells; what is searched is not.
+    broken: bool = low < least - ROUNDING or high > most + ROUNDING
+    broken |= min(values) < least - AGREED or max(values) > most + AGREED
+    spread, width = max(values) - min(values), most - least
     ratio = f"{width / spread:.1f} times as wide" if spread > 0 else f"{100 * width:.2f} points wide, all draws alike"
-    ranges = {"proven": (least, most), "drawn": (min(known), max(known)), "searched": (low, high)}
-    words = ", ".join(f"{word} {100 * first:6.2f} to {100 * last:6.2f}" for word, (first, last) in ranges.items())
-    print(f"  {name:24s} {figure}: {words}: {ratio}{', BROKEN' if broken else ''}", flush=True)
+    found = {"proven": (least, most), "drawn": (min(values), max(values)), "searched": (low, high)}
+    words = ", ".join(f"{word} {100 * first:6.2f} to {100 * last:6.2f}" for word, (first, last) in found.items())
+    print(f"  {trial.names[index]:24s} {figure}: {words}: {ratio}{', BROKEN' if broken else ''}", flush=True)
     return broken
 
 
 if __name__ == "__main__":
-    count, *paths = [*sys.argv[1:], str(DRAWS)][: max(1, len(sys.argv) - 1)]
-    sys.exit(main(int(count), [Path(path) for path in paths] or [ROOT / "workspaces" / name for name in SHIPPED]))
+    given = sys.argv[1:]
+    draws, poses = [int(text) for text in given[:2]] + [DRAWS, POSES][len(given[:2]) :]
+    sys.exit(main(draws, poses, [Path(path) for path in given[2:]] or [ROOT / "workspaces" / name for name in SHIPPED]))

@@ -23,6 +23,7 @@ from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.libraries import simplified
 from sqrp_cli.report.pages.page import CellScene, PageContent, PageRow, packed, write_page
 from sqrp_cli.report.pages.paint import Color, css, solid_colors
+from sqrp_cli.report.proven import proven
 from sqrp_cli.report.sentences import accuracy, differing_parameters, reasons_by_doing, summary, way_of, why_first
 from sqrp_cli.shapes import Triangles
 from sqrp_cli.version import __version__
@@ -57,6 +58,8 @@ def write_ranking(
     about = [*origin(arguments), ("workspace", str(workspace.path)), ("digest", workspace.digest)]
     if feasible := [ranked for ranked in ranking if ranked.rank is not None]:
         about.append(("accuracy", accuracy(assignment.sampling, feasible)))
+        if assignment.bounds is not None:
+            about.append(("proven", proven(assignment.bounds, feasible, by)))
     title = f"{task} in {workspace.name}"
     said = f"{summary(ranking, by)}. {why_first(feasible, by) if feasible else ''}".strip()
     write_page(PageContent(title, said, "Candidates", about, entries, [cell_scene(cell)]), path)
