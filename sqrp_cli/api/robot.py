@@ -55,7 +55,7 @@ class RobotSession:
             log=log,
             frames=frames,
             listeners=listeners,
-            witnessed=False,
+            witnessed=moves,
             elsewhere=lambda recording: self.robot.run(replanner, recording, moves=moves),
         )
 

@@ -18,6 +18,10 @@ def connect(
         from sqrp_cli.ros.ros1 import Ros1Transport
 
         return Ros1Transport(master)
+    if name == "rclpy":
+        from sqrp_cli.ros.rclpy_topics import RclpyTransport
+
+        return RclpyTransport(domain)
     from sqrp_cli.ros.dds import DdsTransport
 
     return DdsTransport(domain, network)

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from sqrp_cli.cli.options import Seed, WorkspacePath, open_with_warnings, program_with_warnings
-from sqrp_cli.errors import ExitCode, InputError, Problem, expected_names
+from sqrp_cli.errors import ExitCode, InputError, Problem
 
 NAME = "cell"
 
@@ -59,8 +59,9 @@ def command(
     from sqrp_cli.terminal.console import note
 
     if serve not in _HOW:
-        message = f"--serve is {f'`{serve}`' if serve else 'missing'}; {expected_names(serve, _HOW)}"
-        raise InputError(Problem("bad-option", message))
+        found = f"is `{serve}`" if serve else "is missing"
+        mend = f"sqrp cell {workspace} --serve ros2"
+        raise InputError(Problem("bad-option", f"--serve {found}; expected ros2 or ros1", mend=mend))
     if fault and program is None:
         raise InputError(Problem("bad-option", "--fault needs --program: its times are those of a program"))
     cell = open_with_warnings(workspace, seed)

@@ -17,7 +17,7 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.ros.messages import Message, MessageError, nanoseconds
-from sqrp_cli.ros.transport import Inbox, Send, Topic, Transport
+from sqrp_cli.ros.transport import ActingTransport, Inbox, Send, Topic, Transport
 from sqrp_cli.runtime.cell.interface import StoppableReference
 from sqrp_cli.runtime.cell.portions import Portion, Portions
 from sqrp_cli.runtime.cell.robot_file import RobotFile
@@ -283,7 +283,11 @@ class RosCell:
         """The controller is done with a goal."""
         status, result = message.status, message.result
         if status.goal_id.id == self._goal and status.status in _GIVEN_UP:
-            why = result.error_string or status.text or f"error code {result.error_code}"
+            self._note_end(result.error_string or status.text or f"error code {result.error_code}")
+
+    def _note_end(self, why: str | None) -> None:
+        """The controller is done with the newest trajectory; why: it gave up."""
+        if why is not None:
             self._trouble = self._trouble or Stopped(f"the controller gave up: {why}")
 
     def grasp(self) -> None:
@@ -402,6 +406,8 @@ class RosCell:
     def _action_sender(self, transport: Transport, action: str) -> Send:
         """Sends a trajectory as a goal, which replaces the one before; a goal that is given up is trouble."""
         types = transport.types
+        if types.ros == 2:
+            return cast("ActingTransport", transport).act(action, self._note_end)
         self.commands.append(Topic(name=f"{action}/goal", type=_GOAL, depth=1, reliable=True))
         send = transport.publish(self.commands[-1])
         self._results = transport.subscribe(Topic(name=f"{action}/result", type=_RESULT, reliable=True))

@@ -11,8 +11,9 @@ import numpy as np
 from sqrp_cli.geometry import Array, matrix_to_quaternion
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.skill.target_box import TargetBox
+from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.program.record import Step
-from sqrp_cli.runtime.cell.interface import StoppableReference
+from sqrp_cli.runtime.cell.interface import Cell, CellState, StoppableReference
 from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 from sqrp_cli.runtime.monitor.attempt import Attempt
 from sqrp_cli.runtime.monitor.nominal_step import Situation, holds
@@ -41,6 +42,45 @@ class PlannedTruth:
         return {atom: attempt.nominal.holds(atom, tau or 0.0) for atom in attempt.step.targets}
 
 
+class Witness(Protocol):
+    """What knows the state of a cell, or believes to."""
+
+    @property
+    def t(self) -> float:
+        """On the cell's clock [s]."""
+
+    def advance(self, t: float, reference: StoppableReference) -> float:
+        """As `Cell` says."""
+
+    def truth(self) -> CellState:
+        """The state now."""
+
+
+class Beliefs:
+    """The state of a real cell as a run believes it: joints as measured, objects as planned."""
+
+    def __init__(self, cell: Cell, world: World) -> None:
+        """world: before the first step."""
+        self._cell, self._world = cell, world
+        self.t = 0.0
+        self.attempt: Attempt | None = None
+
+    def advance(self, t: float, reference: StoppableReference) -> float:
+        """As `Cell` says."""
+        self.t = self._cell.advance(t, reference)
+        return self.t
+
+    def truth(self) -> CellState:
+        """As `Witness` says."""
+        attempt = self.attempt
+        if attempt is None:
+            return CellState(self.t, self._world.X_WO, self._world.held, self._cell.measured_joints())
+        tau = 0.0 if attempt.start is None else self.t - attempt.start
+        now = [one for one in attempt.step.primitives if one.start <= tau]
+        held = now[-1].held if now and not attempt.failed else None
+        return CellState(self.t, attempt.beliefs(tau), held, self._cell.measured_joints())
+
+
 class GroundTruth:
     """Values of atoms by the state of the simulation."""
 
@@ -64,7 +104,7 @@ class StateRecorder:
     The first event is complete, the others have only changes.
     """
 
-    def __init__(self, cell: SimulatedCell, publisher: EventPublisher) -> None:
+    def __init__(self, cell: Witness, publisher: EventPublisher) -> None:
         self._cell, self._publisher = cell, publisher
         self._number = 0
         self._last: WholeState | None = None

@@ -23,7 +23,7 @@ from sqrp_cli.runtime.robot_body import RobotBody
 from sqrp_cli.runtime.run.commanded_robot import CommandedRobot
 from sqrp_cli.runtime.run.evidence_collector import EvidenceCollector
 from sqrp_cli.runtime.run.fault_tracker import FaultTracker, MakeHappen, in_simulation
-from sqrp_cli.runtime.run.ground_truth import GroundTruth, StateRecorder, Truths, asked_boxes
+from sqrp_cli.runtime.run.ground_truth import Beliefs, GroundTruth, StateRecorder, Truths, asked_boxes
 from sqrp_cli.runtime.run.injected_fault import InjectedFault
 from sqrp_cli.runtime.run.lockstep import Due, Lockstep
 from sqrp_cli.runtime.run.retry_planner import RetryPlanner
@@ -40,7 +40,7 @@ class Workcell:
     truth: Truths
     make_happen: MakeHappen
     witness: SimulatedCell | None = None
-    """Where the true poses are to be had."""
+    """Where the true poses are to be had; in a real cell, what the run believes stands for them."""
 
     @classmethod
     def simulated(cls, workspace: Workspace, body: RobotBody, cell: SimulatedCell, detectors: DetectorPool) -> Workcell:
@@ -76,8 +76,8 @@ class Run:
         self._program, self._body, self._cell, self._faults = program, workcell.body, workcell.cell, list(faults)
         cell, workspace = workcell.cell, workcell.workspace
         self._publisher = EventPublisher(recording.listeners)
-        witness = workcell.witness if recording.states else None
-        self._states = None if witness is None else StateRecorder(witness, self._publisher)
+        self._beliefs = Beliefs(cell, program.steps[0].before)
+        self._states = StateRecorder(workcell.witness or self._beliefs, self._publisher) if recording.states else None
         self._robot = CommandedRobot.at_the_start(program, workspace.robot, cell, self._states)
         self._streams = workcell.streams
         self._collector = EvidenceCollector(cell, self._streams, self._publisher, recording.images)
@@ -153,7 +153,7 @@ class Run:
     def _look_at_start(self, attempt: Attempt, number: int) -> None:
         """Begin an attempt at the step of a number by a look. Raises Stopped where something is not as it should be."""
         lockstep = self._lockstep
-        lockstep.attempt = attempt
+        lockstep.attempt = self._beliefs.attempt = attempt
         lockstep.catch_up()
         self._collector.watch(attempt, number, lockstep.now)
         self._publisher.publish(_step_began(attempt.step, number, lockstep.now))

@@ -1,0 +1,70 @@
+"""`run --robot` and `cell`: what is refused, and one run in a cell that another process serves."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("cyclonedds")
+
+from tests.wire.__main__ import small_cell
+
+TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["cell", TABLETOP], "--serve is missing; expected ros2 or ros1"),
+        (["cell", TABLETOP, "--serve", "ros3"], "--serve is `ros3`; expected ros2 or ros1"),
+        (["cell", TABLETOP, "--serve", "ros2", "--fault", "slip@a4"], "--fault needs --program"),
+        (["run", "pick.yaml", "--sim", "--speed", "10%"], "--speed is about --robot, which is missing"),
+        (["run", "pick.yaml", "--yes"], "--yes is about --robot, which is missing"),
+        (["run", "pick.yaml", "--robot", "r.yaml", "--sim"], "--robot and --sim exclude each other"),
+        (["run", "pick.yaml", "--robot", "r.yaml", "--fault", "slip@a4"], "--robot and --fault exclude each other"),
+    ],
+)
+def test_options_that_make_no_sense_are_refused(sqrp: Callable[..., Any], words: list[object], said: str) -> None:
+    found = sqrp(*words)
+    assert (found.code, found.out) == (2, "")
+    assert said in found.err
+
+
+@pytest.mark.slow
+def test_a_program_runs_in_a_cell_of_another_process_and_is_recorded(tmp_path: Path) -> None:
+    workspace, program, config = small_cell(tmp_path), tmp_path / "pick.yaml", tmp_path / "robot.yaml"
+    sqrp = [sys.executable, "-m", "sqrp_cli"]
+    subprocess.run([*sqrp, "rank", workspace, "pickup g2", "--program", program], check=True, capture_output=True)
+    serve = [*sqrp, "cell", workspace, "--serve", "ros2", "--config", config, "--program", program, "--pace", "0.3"]
+    served = subprocess.Popen([*serve, "--fault", "slip@a4+0.7"], stderr=subprocess.DEVNULL)
+    try:
+        while not config.exists():
+            assert served.poll() is None
+            time.sleep(0.1)
+        run = [*sqrp, "run", program, "--robot", config]
+        asked = subprocess.run(run, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+        assert asked.returncode == 2
+        assert "nobody agreed that the robot moves" in asked.stderr
+        dry = subprocess.run([*run, "--dry-run"], capture_output=True, text=True)
+        assert (dry.returncode, dry.stdout.splitlines()[-1].split(".")[-2].strip()) == (0, "Nothing was commanded")
+        keep = ["--record", tmp_path / "run.mcap", "--log", tmp_path / "log.jsonl"]
+        ran = subprocess.run([*run, "--yes", "--json", *keep], capture_output=True, text=True)
+        assert ran.returncode == 0, ran.stderr
+        document = json.loads(ran.stdout)
+        assert document["steps"][0]["attempts"] == 2
+        assert document["faults"][0]["name"] == "slip"
+        assert (tmp_path / "run.mcap").stat().st_size > 1_000_000
+        served.send_signal(signal.SIGINT)
+        assert served.wait(20) == 0
+        assert not config.exists()
+    finally:
+        served.kill()
+        served.wait()
