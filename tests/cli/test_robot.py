@@ -54,7 +54,8 @@ def test_a_program_runs_in_a_cell_of_another_process_and_is_recorded(tmp_path: P
         assert asked.returncode == 2
         assert "nobody agreed that the robot moves" in asked.stderr
         dry = subprocess.run([*run, "--dry-run"], capture_output=True, text=True)
-        assert (dry.returncode, dry.stdout.splitlines()[-1].split(".")[-2].strip()) == (0, "Nothing was commanded")
+        assert dry.returncode == 0
+        assert "Nothing was commanded." in " ".join(dry.stdout.split())
         keep = ["--record", tmp_path / "run.mcap", "--log", tmp_path / "log.jsonl"]
         ran = subprocess.run([*run, "--yes", "--json", *keep], capture_output=True, text=True)
         assert ran.returncode == 0, ran.stderr

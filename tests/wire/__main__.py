@@ -108,17 +108,17 @@ class Trials:
         )
         good = 0
         for one in json.loads(sweep.stdout)["runs"]:
-            x, fault = one["x"], one["faults"][0] if "faults" in one else one["fault"]
+            x = one["x"]
             log = self.folder / "run.jsonl"
             with self.served(f"slip@{x:.3f}") as cell:
                 code, document, err = self.run(cell, "--log", log)
             started = next(e["t"] for e in map(json.loads, log.open()) if e.get("event") == "primitive")
             log.unlink()
             seen = [f["detected"] for f in document.get("faults", []) if f["detected"] is not None]
-            there = None if fault["detected"] is None else fault["detected"] - fault["injected"] + x
+            there = None if one["detected"] is None else one["detected"] - one["injected"] + x
             here = seen[0] - started if seen else None
             close = there == here if None in (here, there) else abs(here - there) <= FRAME + PROCESSING
-            same = code == (0 if one.get("outcome", "done") == "done" else 3)
+            same = code == (0 if one["outcome"] == "done" else 3)
             good += close and same
             print(
                 f"slip {x:6.3f}  sim {there}  wire {here}  exit {code}",
