@@ -16,11 +16,11 @@ all: .venv/installed
 	@touch $@
 
 .venv/run: .venv/rank
-	$(INSTALL) '.[robots,sim,report,xacro,bags,ros2]'
+	$(INSTALL) '.[robots,sim,report,xacro,bags,ros2,studio]'
 	@touch $@
 
 .venv/installed: .venv/run
-	$(INSTALL) '.[robots,sim,report,place,cluster,planners,xacro,bags,ros2,dev]'
+	$(INSTALL) '.[robots,sim,report,place,cluster,planners,xacro,bags,ros2,studio,dev]'
 	@touch $@
 
 rank: .venv/rank
