@@ -73,11 +73,8 @@ class Placer:
     def __init__(self, question: PlaceQuestion, progress: Progress, watch: Told | None = None) -> None:
         """progress: shows how far it is. watch: told what is sought, the best value so far and the bound."""
         self.question, self._progress, self._watch = question, progress, watch or (lambda _title, _best, _bound: None)
-        self.spots = list(question.mounts.spots)
-        self.lenses = list(question.mounts.lenses)
-        self.views: list[View] = []
-        self.options: list[Option] = []
-        self.kept: list[int] = []
+        self.spots, self.lenses = list(question.mounts.spots), list(question.mounts.lenses)
+        self.views, self.options, self.kept = list[View](), list[Option](), list[int]()
         self.ways: list[JudgedWay] = []
         self.candidates: list[tuple[int, ...]] = []
         self.infeasible: list[tuple[str, Assessment]] = []

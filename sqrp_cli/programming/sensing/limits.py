@@ -60,44 +60,61 @@ def check_limits(
     box without one.
     """
     # Coordinates and corners first: NumPy is slow at reductions over short trailing axes.
-    cameras = [projection.camera for projection in projections]
-    rows = [(camera.width, camera.height, camera.near, camera.far) for camera in cameras]
-    width, height, near, far = np.array(rows, dtype=float).T[:, :, None]
+    ranges = [(projection.camera.near, projection.camera.far) for projection in projections]
+    near, far = np.array(ranges, dtype=float).T[:, :, None]
     columns = [(*entry.distance, entry.max_incidence, entry.min_pixels) for entry in detectors]
     closest, remotest, widest, smallest = np.array(columns, dtype=float).T[:, detector]
-    depth = corners_C[2]
-    nearest, farthest = depth.min(axis=0), depth.max(axis=0)
+    nearest, farthest = corners_C[2].min(axis=0), corners_C[2].max(axis=0)
     in_front = nearest > 0
-
-    plane = np.where(in_front, corners_C[:2] / np.where(in_front, depth, 1.0), 0.0)
-    inside = bend(projections, plane)
-    u, v = to_pixels(projections, plane)
-    left, right, top, bottom = u.argmin(axis=0), u.argmax(axis=0), v.argmin(axis=0), v.argmax(axis=0)
-    extremes = entries_at((u, v), (left, right, top, bottom))
-    beyond = np.stack(
-        [-0.5 - extremes[0, 0], extremes[0, 1] - (width - 0.5), -0.5 - extremes[1, 2], extremes[1, 3] - (height - 0.5)]
-    )
-    outside = beyond.max(axis=0)
-
+    image = _images(projections, corners_C, in_front)
     distance, incidence = aspects(corners_C, normal_C)
-
     # Each condition is true within the limit, so NaN counts as outside.
     limits = [
         (Cause.TOO_NEAR, in_front & (nearest >= near), near - nearest),
         (Cause.TOO_FAR, farthest <= far, farthest - far),
-        (Cause.OUT_OF_IMAGE, inside & (outside <= 0), np.maximum(outside, 0.0)),
+        (Cause.OUT_OF_IMAGE, image.inside & (image.outside <= 0), np.maximum(image.outside, 0.0)),
         (Cause.DETECTOR_NEAR, distance >= closest, closest - distance),
         (Cause.DETECTOR_FAR, distance <= remotest, distance - remotest),
         (Cause.OBLIQUE, incidence <= widest, incidence - widest),
     ]
     kept = np.logical_and.reduce([within for _, within, _ in limits])
-    size = np.sqrt(hull_areas(u, v, extremes, smallest * smallest, kept))
+    size = np.sqrt(hull_areas(image.uv[0], image.uv[1], image.extremes, smallest * smallest, kept))
     limits.append((Cause.TOO_SMALL, size >= smallest, smallest - size))
     cause, figure = np.full(distance.shape, np.int8(Cause.NONE)), np.zeros(distance.shape)
     for code, within, missed in reversed(limits):
         cause[~within], figure[~within] = code, missed[~within]
-    side = np.where(cause == Cause.OUT_OF_IMAGE, beyond.argmax(axis=0), -1).astype(np.int8)
+    side = np.where(cause == Cause.OUT_OF_IMAGE, image.beyond.argmax(axis=0), -1).astype(np.int8)
     return LimitVerdicts(cause=cause, side=side, figure=figure)
+
+
+class _Images(NamedTuple):
+    """The images of n boxes in c cameras."""
+
+    uv: Array
+    """Pixels of the corners, shape (2, 8, c, n)."""
+    extremes: Array
+    """Those of the corners at the left, right, top and bottom, shape (2, 4, c, n)."""
+    beyond: Array
+    """By how much these are outside their side of the image, shape (4, c, n) [pixels]."""
+    inside: Mask
+    """Whether the lens shows all corners, shape (c, n)."""
+    outside: Array
+    """By how much the furthest of them is outside, negative if it is inside, shape (c, n) [pixels]."""
+
+
+def _images(projections: Sequence[Projection], corners_C: Array, in_front: Mask) -> _Images:
+    """The images of boxes with corners (3, 8, c, n); of those that are not in front, of a point instead."""
+    plane = np.where(in_front, corners_C[:2] / np.where(in_front, corners_C[2], 1.0), 0.0)
+    inside = bend(projections, plane)
+    uv = to_pixels(projections, plane)
+    u, v = uv[0], uv[1]
+    extremes = entries_at((u, v), (u.argmin(axis=0), u.argmax(axis=0), v.argmin(axis=0), v.argmax(axis=0)))
+    sizes = [(projection.camera.width, projection.camera.height) for projection in projections]
+    width, height = np.array(sizes, dtype=float).T[:, :, None]
+    beyond = np.stack(
+        [-0.5 - extremes[0, 0], extremes[0, 1] - (width - 0.5), -0.5 - extremes[1, 2], extremes[1, 3] - (height - 0.5)]
+    )
+    return _Images(uv, extremes, beyond, inside, beyond.max(axis=0))
 
 
 def aspects(corners_C: Array, normal_C: Array) -> Aspects:
