@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Sequence
 
 import typer
@@ -32,7 +33,7 @@ from sqrp_cli.cli.commands import set as set_values
 from sqrp_cli.cli.completion import ASKED, for_named_shell, propose
 from sqrp_cli.cli.streams import ResultsLost
 from sqrp_cli.cli.watch import EXECUTE
-from sqrp_cli.errors import ExitCode, InputError
+from sqrp_cli.errors import ExitCode, InputError, expected_names
 from sqrp_cli.shown import harmless, one_line
 from sqrp_cli.terminal import progress_lines
 from sqrp_cli.terminal.progress_lines import Verbosity
@@ -72,6 +73,8 @@ COMMANDS = (
     init,
 )
 """In the order in which `--help` lists them."""
+
+_NAMES = tuple(module.NAME for module in COMMANDS)
 
 for module in COMMANDS:
     app.command(module.NAME, cls=getattr(module, "Parser", Command))(module.command)
@@ -155,10 +158,16 @@ def _print_usage_error(error: Exception) -> None:
     if message.startswith("Usage:"):  # no command at all
         typer.echo(message, err=True)
         return
-    _print_error(f"error: {_number_expected(error) or message}")
+    _print_error(f"error: {_number_expected(error) or _command_expected(message) or message}")
     context = getattr(error, "ctx", None)
     if context is not None:
         _print_error(f"  to see what is expected: {context.command_path} --help")
+
+
+def _command_expected(message: str) -> str:
+    """The message about a word that is no command, with those that are; empty for any other message."""
+    found = re.match(r"No such command '(.*?)'\.", message)
+    return "" if found is None else f"there is no command `{found[1]}`; {expected_names(found[1], _NAMES)}"
 
 
 def _number_expected(error: Exception) -> str:
