@@ -161,7 +161,8 @@ class Placer:
         """What comes nearest to a wish that no choice meets."""
         demand = replace(demand, wish=None)
         problem, nearest = self._at_least_some(*self._sharpened(demand), demand)
-        return replace(self._placement(problem, nearest), met=False, unseen=tuple(self._unseen(problem)))
+        found = self._placement(problem, nearest)
+        return replace(found, met=False, late=False, unseen=tuple(self._unseen(problem)))
 
     def _at_least_some(self, problem: Placing, chosen: Chosen, demand: Demand) -> tuple[Placing, Chosen]:
         """The choice with the best mean, where no choice lifts the least quality above 0; none if that is 0, too."""

@@ -359,8 +359,9 @@ def unmet_in_words(found: PlaceDocument, wish: Wish | None) -> str:
         return f"So many cameras do not reach {wish}; {in_words(found.fewest)} do:"
     if found.too_slow:
         return f"Not every candidate can be done within {wish.time:.4g} s, whatever the cameras."
-    where = "" if wish.delay is None else " at these samples"
-    return f"No choice of these mounts reaches {wish}{where}. The nearest is below."
+    if wish.delay is not None:
+        return f"No choice of these mounts reaches {wish} at these samples. The best whatever the delay is below."
+    return f"No choice of these mounts reaches {wish}. The nearest is below."
 
 
 def compared_in_words(found: PlaceDocument) -> str:
