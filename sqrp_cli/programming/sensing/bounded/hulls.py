@@ -91,11 +91,11 @@ def _in_all(lines: SightLines, bounds: PoseBounds, hulls: Indices, share: Array)
     return found
 
 
-def axes_to_boxes(lines: SightLines) -> tuple[Array, Array, Array]:
-    """Unit vectors in the world: to the centre of the box of each hull, and two across, shape (h, 3) each."""
+def axes_to_boxes(lines: SightLines) -> Array:
+    """Unit vectors in the world: to the centre of the box of each hull, and two across, shape (3, h, 3)."""
     ahead = _directions(lines.corners.mean(axis=1) - lines.eyes)
     aside = _directions(cross(ahead, np.eye(3)[np.abs(ahead).argmin(axis=1)]))
-    return ahead, aside, cross(ahead, aside)
+    return np.stack([ahead, aside, cross(ahead, aside)])
 
 
 def _directions(vectors: Array) -> Array:

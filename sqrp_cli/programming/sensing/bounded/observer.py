@@ -11,7 +11,7 @@ from sqrp_cli.geometry import Array, Indices
 from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 from sqrp_cli.programming.sensing.bounded.hulls import AnyHullTester, common_hulls
 from sqrp_cli.programming.sensing.bounded.limits import BoundedBoxes
-from sqrp_cli.programming.sensing.bounded.visible import visible_enough
+from sqrp_cli.programming.sensing.bounded.shares import visible_enough
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines, WatchedBoxes

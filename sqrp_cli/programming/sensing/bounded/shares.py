@@ -6,17 +6,21 @@ t across the direction to the box, a point at the depth z, seen in a direction s
 there to have moved by less than t s |D - z| / (z - t), if the plane's depth is D; by as much along that direction, by
 no more than the tangent of the box's image instead of s. So the blocked area changes by no more than its outline
 sweeps.
+
+Where that leaves open whether enough is visible, the possible centres are cut into columns: branch and bound.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from sqrp_cli.geometry import Array, Indices, Mask, inverse, ranges, transform
+from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 from sqrp_cli.programming.sensing.bounded.columns import Columns
+from sqrp_cli.programming.sensing.bounded.hulls import axes_to_boxes
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
 from sqrp_cli.programming.sensing.visibility.hull_spaces import BOX_FACES, clipped_polygons
@@ -32,8 +36,56 @@ _STRIDE = 3
 _ASLANT = (SHIFT[_STRIDE] + 0.5) % 1.0 - 0.5
 """By how much, as a share of a column."""
 
+_HALVINGS = 3
+"""How often the columns of centres are halved where that may decide."""
 
-class ShareBounds(NamedTuple):
+
+def visible_enough(
+    lines: SightLines, poses: SolidPoses, pairs: Pairs, needed: Array, bounds: PoseBounds, *, surely: bool
+) -> Mask:
+    """Of the v sight lines in pairs, along which surely, or possibly, as much of the box as needed (v,) is visible.
+
+    Lines in no pair are surely free, and not said to be possibly so. What is left undecided after all halvings counts
+    as not sure, and as possible; so does what no halving can decide.
+    """
+    shown = np.zeros(len(lines.state), dtype=bool)
+    columns, near = Columns.whole(np.unique(pairs.line), bounds), _NearSolids.of(lines, poses, pairs, bounds.reach)
+    for _ in range(_HALVINGS + 1):
+        looks = _from_columns(lines, columns)
+        found = _share_bounds(looks, poses, near.of_lines(columns.line), columns)
+        least = needed[columns.line]
+        if surely:
+            doubtful, hopeless = found.low < least, found.middle - found.error < least
+        else:
+            doubtful, hopeless = found.high >= least, found.middle + found.error >= least
+        shown[columns.line[hopeless]] = True
+        columns = columns.some(doubtful & ~shown[columns.line])
+        if not len(columns.line):
+            return ~shown if surely else shown
+        left, columns = columns.line, columns.split()
+    shown[left] = True
+    return ~shown if surely else shown
+
+
+def _from_columns(lines: SightLines, columns: Columns) -> SightLines:
+    """A sight line from the middle of each column, with a hull of its own."""
+    hull = lines.hull[columns.line]
+    _, aside, over = axes_to_boxes(lines)[:, hull]
+    X_WC = lines.X_WC[hull]
+    X_WC[:, :3, 3] += columns.middle[:, :1] * aside + columns.middle[:, 1:] * over
+    return replace(
+        lines,
+        state=lines.state[columns.line],
+        hull=np.arange(len(hull)),
+        box=lines.box[hull],
+        X_WC=X_WC,
+        X_WB=lines.X_WB[hull],
+        half_size=lines.half_size[hull],
+        offset=lines.offset[hull],
+    )
+
+
+class _ShareBounds(NamedTuple):
     """Between what the visible shares of the boxes of n sight lines lie, from anywhere in a column each."""
 
     low: Array
@@ -46,7 +98,7 @@ class ShareBounds(NamedTuple):
     """By how much the bounds stay away from that, however thin the column, shape (n,)."""
 
 
-def share_bounds(lines: SightLines, poses: SolidPoses, near: NearSolids, columns: Columns) -> ShareBounds:
+def _share_bounds(lines: SightLines, poses: SolidPoses, near: _NearSolids, columns: Columns) -> _ShareBounds:
     """Between what the visible shares of the boxes of sight lines with a hull each lie.
 
     near: all solids that may be in the way, from any centre. The boxes and cameras must be somewhere, and the corners
@@ -67,10 +119,10 @@ def share_bounds(lines: SightLines, poses: SolidPoses, near: NearSolids, columns
         low[line] = (free - changed - edge) / np.maximum(every + edge, 1.0) - error[line]
         high[line] = (free + changed + edge) / np.maximum(every - edge, 1.0) + error[line]
         middle[line] = free / np.maximum(every, 1.0)
-    return ShareBounds(low, high, middle, error)
+    return _ShareBounds(low, high, middle, error)
 
 
-class NearSolids(NamedTuple):
+class _NearSolids(NamedTuple):
     """Solids that may reach into the view hull of any centre of the camera."""
 
     pairs: Pairs
@@ -79,17 +131,17 @@ class NearSolids(NamedTuple):
     """The least at which they may, from any centre, shape (n,) [m]."""
 
     @classmethod
-    def of(cls, lines: SightLines, poses: SolidPoses, pairs: Pairs, reach: float) -> NearSolids:
+    def of(cls, lines: SightLines, poses: SolidPoses, pairs: Pairs, reach: float) -> _NearSolids:
         """Those of pairs, with centres up to `reach` [m] away."""
         depth = _least_depths(lines, _Hulls.of(lines), poses, pairs, reach)
         some = np.isfinite(depth)
         return cls(pairs.some(some), np.maximum(depth[some] - reach, 0.0))
 
-    def of_lines(self, line: Indices) -> NearSolids:
+    def of_lines(self, line: Indices) -> _NearSolids:
         """Those of sight lines by index, any of which may come several times, counted anew."""
         first, last = (np.searchsorted(self.pairs.line, line, side=side) for side in ("left", "right"))
         new, at = ranges(first, last)
-        return NearSolids(Pairs(new, self.pairs.solid[at]), self.depth[at])
+        return _NearSolids(Pairs(new, self.pairs.solid[at]), self.depth[at])
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,8 +190,9 @@ class _Hulls:
             return np.where(z > reach, np.abs(middle - z) / np.maximum(z - reach, 1e-300), np.inf)
 
         farthest = np.maximum(moved(depth), moved(self.farthest[hull])) / middle
-        # No further beside the box than what moves may come from.
-        across = np.hypot(*self.sides[hull].T) + reach * beside * farthest
+        # From the axis of the column, which its middle is beside, to as far beside the box as what moves may come from.
+        aside = np.hypot(*columns.middle[hull].T) / middle
+        across = np.hypot(*self.sides[hull].T) + (aside + reach * farthest) * beside
         found: Array = (columns.aside[hull] * beside + columns.along[hull] * across) * farthest
         return found
 
