@@ -112,17 +112,19 @@ class Trials:
             log = self.folder / "run.jsonl"
             with self.served(f"slip@{x:.3f}") as cell:
                 code, document, err = self.run(cell, "--log", log)
-            started = next(e["t"] for e in map(json.loads, log.open()) if e.get("event") == "primitive")
-            log.unlink()
+            begun = (
+                [e["t"] for e in map(json.loads, log.open()) if e.get("event") == "primitive"] if log.exists() else []
+            )
+            log.unlink(missing_ok=True)
             seen = [f["detected"] for f in document.get("faults", []) if f["detected"] is not None]
             there = None if one["detected"] is None else one["detected"] - one["injected"] + x
-            here = seen[0] - started if seen else None
+            here = seen[0] - begun[0] if seen and begun else None
             close = there == here if None in (here, there) else abs(here - there) <= FRAME + PROCESSING
             same = code == (0 if one["outcome"] == "done" else 3)
             good += close and same
             print(
                 f"slip {x:6.3f}  sim {there}  wire {here}  exit {code}",
-                "ok" if close and same else f"NO: {err[-200:]}",
+                "ok" if close and same else f"NO: {document.get('reason')} {err[-200:]}",
                 flush=True,
             )
         print(f"slips: {good} of {count} as in simulation")

@@ -303,3 +303,18 @@ def test_a_file_that_does_not_fit_says_everything_that_is_wrong(tmp_path: Path) 
     said = " ".join(problem.message for problem in caught.value.problems)
     for part in ("no camera `cma`", "lacks `cam`", "no joint `elbwo`", "has no `tool`", "actions need the vendor's"):
         assert part in said
+
+
+def test_without_a_simulated_clock_time_is_that_of_this_computer() -> None:
+    wire = Wire()
+    wire.wait = time.sleep
+    file = RobotFile.model_validate({**FILE, "use_sim_time": False})
+    robot = RosCell(file, {"a": "a", "b": "b"}, SimpleNamespace(cameras={"cam": CAMERA}), wire)
+    robot.begin()
+    began, motion = time.monotonic(), playback()
+    assert robot.advance(0.1, motion) == pytest.approx(time.monotonic() - began, abs=0.03)
+    stamp = wire.types.header(time.time_ns())
+    wire.say("/joint_states", "sensor_msgs/msg/JointState", header=stamp, name=["a", "b"], position=Q0)
+    robot.read()
+    assert robot.joints.newest == pytest.approx(robot.t, abs=0.03)
+    assert robot.trouble() is None
