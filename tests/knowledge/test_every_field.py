@@ -23,12 +23,14 @@ from sqrp_cli.knowledge.text.validation import validate
 from sqrp_cli.knowledge.text.yaml_file import read_yaml
 from sqrp_cli.knowledge.workspace.mounts import PlaceFile
 from sqrp_cli.knowledge.workspace.workspace import WorkspaceFile
+from sqrp_cli.runtime.cell.robot_file import RobotFile
 
 CASES = Path(__file__).parents[1] / "cases" / "every_field"
 FILES: dict[str, type[BaseModel]] = {
     "workspace.yaml": WorkspaceFile,
     "skill.yaml": SkillFile,
     "place.yaml": PlaceFile,
+    "robot.yaml": RobotFile,
 }
 
 
