@@ -24,7 +24,7 @@ LEAST_LOOKS = 10
 _VARIES = 0.02
 """Standard deviation of a feature from which on its effect can be told."""
 
-_RIDGE = 0.03
+_RIDGE = 0.1
 """Weight of the squares of coefficients, in standard deviations: without it some are endless."""
 
 _MOST = (1.0, 0.995, 0.99, 0.98, 0.97, 0.95, 0.925, 0.9, 0.85, 0.8, 0.7, 0.6)

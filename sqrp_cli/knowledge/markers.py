@@ -21,11 +21,17 @@ class MarkerDictionary(NamedTuple):
     ids: int
     """How many: they are called 0 to one less than this."""
 
+    corrected: int = 0
+    """So many bits of the code may be wrong: OpenCV corrects up to 0.6 of what the code's distance allows."""
+
+
+_CORRECTED = {4: (0, 0, 0, 0), 5: (1, 1, 1, 1), 6: (3, 3, 3, 2), 7: (5, 4, 4, 3)}
+"""By the bits along a side, of the dictionaries with 50, 100, 250 and 1000 markers."""
 
 _ARUCO = {
-    f"{bits}x{bits}_{count}": MarkerDictionary(bits + 2, count)
-    for bits in (4, 5, 6, 7)
-    for count in (50, 100, 250, 1000)
+    f"{bits}x{bits}_{count}": MarkerDictionary(bits + 2, count, wrong)
+    for bits, corrected in _CORRECTED.items()
+    for count, wrong in zip((50, 100, 250, 1000), corrected, strict=True)
 }
 
 ORIGINAL = "aruco_original"
@@ -34,11 +40,11 @@ ORIGINAL = "aruco_original"
 DICTIONARIES: Mapping[str, MarkerDictionary] = {
     ORIGINAL: MarkerDictionary(7, 1024),
     **_ARUCO,
-    "apriltag_16h5": MarkerDictionary(6, 30),
-    "apriltag_25h9": MarkerDictionary(7, 35),
-    "apriltag_36h10": MarkerDictionary(8, 2320),
-    "apriltag_36h11": MarkerDictionary(8, 587),
-    "aruco_mip_36h12": MarkerDictionary(8, 250),
+    "apriltag_16h5": MarkerDictionary(6, 30, 1),
+    "apriltag_25h9": MarkerDictionary(7, 35, 2),
+    "apriltag_36h10": MarkerDictionary(8, 2320, 2),
+    "apriltag_36h11": MarkerDictionary(8, 587, 3),
+    "aruco_mip_36h12": MarkerDictionary(8, 250, 3),
 }
 """By name; `DICT_` before it and capitals, as OpenCV writes it, are accepted too."""
 

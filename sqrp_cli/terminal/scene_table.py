@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sqrp_cli.knowledge.camera.marker_range import marker_ranges
 from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
@@ -31,6 +32,7 @@ def print_scene(cell: Cell) -> None:
     _print_hand(robot)
     say(_checked_pairs(cell))
     _print_cameras(workspace)
+    _print_ranges(workspace)
     _print_files(cell)
     say()
     _print_objects(cell)
@@ -64,6 +66,17 @@ def _print_cameras(workspace: Workspace) -> None:
     ]  # fmt: skip
     titles = ("at [m]", "pixels", "fov", "lens", "range [m]", "Hz", "ms")
     print_table([Column("camera"), Column("frame"), *(Column(title) for title in titles)], cameras)
+
+
+def _print_ranges(workspace: Workspace) -> None:
+    """From where to where each camera reads each marker that faces it, if there are any."""
+    if workspace.markers:
+        rows = [
+            (name, *(f"{one.near:.2f}-{one.far:.2f}" for one in ranges.values()))
+            for name, ranges in marker_ranges(workspace.cameras, workspace.markers).items()
+        ]
+        say()
+        print_table([Column("reads [m]"), *(Column(name, right=True) for name in workspace.markers)], rows)
 
 
 def _print_objects(cell: Cell) -> None:

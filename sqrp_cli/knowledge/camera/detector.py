@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 from math import pi, radians
 from typing import Annotated
 
@@ -11,10 +12,13 @@ from pydantic import PlainValidator, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.errors import expected_names
+from sqrp_cli.knowledge.camera.camera import Intrinsics
 from sqrp_cli.knowledge.camera.curve import Curve
 from sqrp_cli.knowledge.camera.installed import GROUP, installed_detectors
+from sqrp_cli.knowledge.camera.marker_range import least_pixels, marker_ranges, widest
+from sqrp_cli.knowledge.markers import Marker
 from sqrp_cli.knowledge.text.bounds import LARGEST_LENGTH
-from sqrp_cli.knowledge.text.entries import In, Pixels, Range, Stored, refused
+from sqrp_cli.knowledge.text.entries import In, Pixels, Range, Stored, completed, refused
 from sqrp_cli.knowledge.text.source import describe
 from sqrp_cli.knowledge.text.units import ANGLE, SHARE
 
@@ -48,26 +52,63 @@ VisibleShare = Annotated[float, In(SHARE, LEAST_VISIBLE, 1.0)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Detector(Stored):
-    """The limits within which a detection algorithm is reliable."""
+class DetectorTraits(Stored):
+    """What a workspace file says of a detection algorithm, and what is taken unchanged."""
 
     kind: DetectorKind
     """What it detects: `aruco` (markers), `color`, or a kind that an installed package brings."""
-    distance: Range
-    """Nearest and farthest distance from the camera."""
     max_incidence: Incidence
     """Largest angle between a box's normal and the direction to the camera."""
-    min_pixels: Pixels
-    """Least size in the image: square root of the area in pixels."""
     min_visible: VisibleShare = 1.0
     """Least share of the box that must be seen."""
     curve: Curve | None = None
     """How likely it sees a box, by how a camera sees it; the limits go on deciding what is covered."""
 
+
+@dataclass(frozen=True, kw_only=True)
+class DetectorEntry(DetectorTraits):
+    """A detection algorithm, and the limits within which it is reliable."""
+
+    distance: Range | None = None
+    """Nearest and farthest distance from the camera. Of `aruco` by default from the markers and lenses of the cell."""
+    min_pixels: Pixels | None = None
+    """Least size in the image: square root of the area in pixels. Of `aruco` by default from the dictionaries."""
+
     def __post_init__(self) -> None:
-        """Raises PydanticCustomError, a ValueError, for an empty range."""
-        if self.distance[0] >= self.distance[1]:
+        """Raises PydanticCustomError, a ValueError, for an empty range, and for limits that only markers give."""
+        if self.distance is not None and self.distance[0] >= self.distance[1]:
             raise PydanticCustomError("empty-range", "`distance` must go from a nearer to a farther distance")
+        missing = [name for name in ("distance", "min_pixels") if getattr(self, name) is None]
+        if missing and self.kind != "aruco":
+            names = " and ".join(f"`{name}`" for name in missing)
+            raise refused("missing-key", f"a detector of kind `{self.kind}` needs {names}; only markers give their own")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Detector(DetectorTraits):
+    """The limits within which a detection algorithm is reliable."""
+
+    distance: tuple[float, float]
+    """Nearest and farthest distance from the camera [m]."""
+    min_pixels: float
+    """Least size in the image: square root of the area in pixels."""
+
+    @classmethod
+    def of(cls, entry: DetectorEntry, cameras: Mapping[str, Intrinsics], markers: Mapping[str, Marker]) -> Detector:
+        """A detector as a file states it, in a cell with cameras and markers by name.
+
+        Where the file leaves it to them: the distances at which any camera reads any of the markers, and the size at
+        which every camera reads each of them, also at the largest angle. Raises ValueError where there are none.
+        """
+        distance, least = entry.distance, entry.min_pixels
+        if distance is None or least is None:
+            reads = widest(marker_ranges(cameras, markers))
+            if reads is None:
+                raise ValueError("there is no marker, or no camera, that gives the detector its limits")
+            looks = product(cameras.values(), markers.values())
+            smallest = max(least_pixels(camera, marker, entry.max_incidence) for camera, marker in looks)
+            distance, least = distance or (reads.near, reads.far), smallest if least is None else least
+        return completed(cls, entry, distance=distance, min_pixels=least)
 
     @property
     def gates(self) -> Detector:

@@ -45,7 +45,7 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     if problems:
         raise InputError(*problems)
     domain = merge_domains([skill.domain for skill in skills.values()]) if skills else None
-    facts = cell.facts(domain)
+    facts, detectors = cell.facts(domain), cell.detectors(cameras, robot.markers, objects)
     problems += cell.problems
     for skill in skills.values():
         problems += check_skill(skill, robot_reader.links, list(objects), list(file.detectors))
@@ -59,7 +59,7 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
         path=file_path,
         robot=robot,
         cameras=cameras,
-        detectors=file.detectors,
+        detectors=detectors,
         objects=objects,
         state=frozenset(facts),
         skills=skills,

@@ -17,9 +17,11 @@ from sqrp_cli.errors import InputError, Place, Problem, expected_names, no_such
 from sqrp_cli.geometry import Array, inverse, pose, read_only
 from sqrp_cli.knowledge.camera.calibration import check_image, doubtful_projection, read_calibration
 from sqrp_cli.knowledge.camera.camera import Camera, CameraEntry
+from sqrp_cli.knowledge.camera.detector import Detector
 from sqrp_cli.knowledge.camera.hand_eye import HandEye, read_hand_eye
 from sqrp_cli.knowledge.fixture.fixture_file import FixturesEntry, read_fixtures
 from sqrp_cli.knowledge.frames import TOOL, WORLD, link_called
+from sqrp_cli.knowledge.markers import Marker
 from sqrp_cli.knowledge.mesh.mesh_file import bounds_of, check_mesh, mesh_of
 from sqrp_cli.knowledge.robot.read_urdf import read_urdf
 from sqrp_cli.knowledge.robot.robot_source import RobotSource
@@ -30,7 +32,7 @@ from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.knowledge.text.input_file import ContentDigest
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.text.usual_values import CALIBRATION, HAND_EYE, unusual_values
-from sqrp_cli.knowledge.workspace.workspace import WorkspaceFile
+from sqrp_cli.knowledge.workspace.workspace import WorkspaceFile, markers_of
 from sqrp_cli.logic.domain import Domain
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.ros.bag import METADATA
@@ -88,6 +90,19 @@ class CellReader:
             except InputError as error:
                 self.problems.extend(error.problems)
         return objects
+
+    def detectors(
+        self, cameras: Mapping[str, Camera], on_links: Mapping[str, Marker], objects: Mapping[str, SceneObject]
+    ) -> dict[str, Detector]:
+        """The detectors by name; those with problems are left out. on_links: the markers on links."""
+        markers, found = markers_of(on_links, objects), {}
+        for name, entry in self.file.detectors.items():
+            try:
+                found[name] = Detector.of(entry, cameras, markers)
+            except ValueError as error:
+                mend = "state `distance` and `min_pixels`"
+                self._report("missing-key", ("detectors", name), f"`{dotted(('detectors', name))}`: {error}", mend)
+        return found
 
     def _fixtures(self, index: int, entry: FixturesEntry, taken: Mapping[str, SceneObject]) -> dict[str, SceneObject]:
         """The objects of a scene or world, under their names as far as those are free."""

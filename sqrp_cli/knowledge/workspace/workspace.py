@@ -14,8 +14,9 @@ from pydantic_core import PydanticCustomError
 
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.knowledge.camera.camera import Camera, CameraEntry
-from sqrp_cli.knowledge.camera.detector import Detector
+from sqrp_cli.knowledge.camera.detector import Detector, DetectorEntry
 from sqrp_cli.knowledge.fixture.fixture_file import FixturesEntry
+from sqrp_cli.knowledge.markers import Marker
 from sqrp_cli.knowledge.robot.robot import Robot, RobotEntry
 from sqrp_cli.knowledge.scene import ObjectEntry, SceneObject
 from sqrp_cli.knowledge.skill.skill import Skill
@@ -68,7 +69,7 @@ class WorkspaceFile(Entry):
     """A cell: robot, cameras, detectors, objects, what is true now, skills and expected tasks."""
 
     robot: RobotEntry
-    detectors: dict[Name, Detector] = Field(default={}, description="Detection algorithms by name.")
+    detectors: dict[Name, DetectorEntry] = Field(default={}, description="Detection algorithms by name.")
     cameras: dict[Name, CameraEntry] = Field(default={}, max_length=200, description="Cameras by name.")
     skills: list[Text] = Field(default=[], description="Folders of the skills that may be used.")
     objects: dict[Name, ObjectEntry] = Field(default={}, max_length=2000, description="Objects in the cell by name.")
@@ -107,6 +108,12 @@ class World(Stored):
     """Pose of the object in the tool in the tool frame, shape (4, 4)."""
     joints: Mapping[str, Finite]
     """Position of every joint that is driven, those of the arm and of the fingers [rad or m]."""
+
+
+def markers_of(on_links: Mapping[str, Marker], objects: Mapping[str, SceneObject]) -> dict[str, Marker]:
+    """The markers of a cell, by what carries them."""
+    on_objects = {name: obj.printed_marker for name, obj in objects.items()}
+    return {**on_links, **{name: marker for name, marker in on_objects.items() if marker is not None}}
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,6 +156,11 @@ class Workspace:
     def file_digest(self) -> str:
         """SHA-256 of the bytes of all files, by which programs of earlier versions know a workspace."""
         return digest_of((role, file.digest) for role, file in self.files.items())
+
+    @property
+    def markers(self) -> Mapping[str, Marker]:
+        """The markers on links and on objects, by what carries them."""
+        return markers_of(self.robot.markers, self.objects)
 
     @property
     def whole_file(self) -> Place:

@@ -11,6 +11,7 @@ import numpy as np
 from sqrp_cli.knowledge.camera.camera import DistortionModel
 from sqrp_cli.knowledge.camera.curve import Curve
 from sqrp_cli.knowledge.camera.detector import DetectorKind
+from sqrp_cli.knowledge.camera.marker_range import marker_ranges
 from sqrp_cli.knowledge.robot.robot import Fingers, Marker
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.programming.grounding import on_robot
@@ -188,11 +189,15 @@ class DetectorScene(Record):
     """Least share of a box that must be seen, in 0..1."""
     curve: Curve | None = field(default=None, metadata=LEFT_OUT)
     """How likely it sees a box, by how a camera sees it."""
+    ranges: Mapping[str, Mapping[str, tuple[float, ...]]] | None = field(default=None, metadata=LEFT_OUT)
+    """Of `aruco`: nearest and farthest distance at which each camera reads each marker that faces it, by the names of
+    cameras and of what carries the markers [m]; left out in a cell without markers."""
 
     @classmethod
-    def of(cls, found: detector.Detector) -> DetectorScene:
+    def of(cls, found: detector.Detector, workspace: Workspace) -> DetectorScene:
         """The limits of a detector."""
-        return completed(cls, found)
+        ranges = marker_ranges(workspace.cameras, workspace.markers) if found.kind == "aruco" else {}
+        return completed(cls, found, ranges=ranges if any(ranges.values()) else None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -269,7 +274,7 @@ class ShowDocument(WorkspaceDocument):
             digest=workspace.digest,
             robot=RobotScene.of(cell),
             cameras={name: CameraScene.of(cell, one) for name, one in workspace.cameras.items()},
-            detectors={name: DetectorScene.of(one) for name, one in workspace.detectors.items()},
+            detectors={name: DetectorScene.of(one, workspace) for name, one in workspace.detectors.items()},
             objects=_objects(workspace, cell),
             opaque=[OpaquePart.of(cell, part) for part in _opaque_parts(cell)],
             state=sorted(map(str, workspace.state)),

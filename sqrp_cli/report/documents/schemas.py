@@ -44,7 +44,6 @@ FILES: Mapping[str, type[Entry]] = {
 """The model of each file: a workspace, a skill, the `place.yaml` beside a workspace, and how to reach a real cell."""
 
 _RECORD_NAMES: Mapping[str, str] = {
-    "Detector": "DetectorEntry",
     "ExpectedTask": "TaskEntry",
     "Held": "HeldEntry",
     "Marker": "MarkerEntry",
