@@ -12,13 +12,13 @@ from typing import NamedTuple
 from sqrp_cli.knowledge.camera.camera import Intrinsics
 from sqrp_cli.knowledge.markers import DICTIONARIES, Marker
 
-MODULE_PIXELS, LESS_BY_CORRECTION = 1.93, 4.0
+MODULE_PIXELS, LESS_BY_CORRECTION = 1.88, 3.5
 """Pixels along a module of a marker that is read in nine of ten images; less where bits are corrected, by this times
 the share of its bits that may be wrong."""
 
-LEAST_SIDE = 0.0105
+LEAST_SIDE = 0.011
 """Least side of a marker in the image that is looked at, as a share of the longer side of the image. OpenCV passes over
-outlines whose perimeter is less than 0.03 of that: sides of 0.0075 and, as outlines are rough, some 0.0105."""
+outlines whose perimeter is less than 0.03 of that: sides of 0.0075 and, as outlines are rough, some 0.011."""
 
 _STEEPEST = 0.17
 """Cosine of the largest angle, 80 degrees, at which markers are read."""

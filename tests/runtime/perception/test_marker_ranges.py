@@ -51,10 +51,10 @@ def with_detector(text: str) -> bytes:
 def test_a_detector_that_states_no_limits_has_those_of_its_markers_and_cameras() -> None:
     workspace = load_workspace(SCREWS, with_detector("kind: aruco, max_incidence: 60 deg"))
     found = workspace.detectors["aruco"]
-    # The longer side of the image decides: 0.0105 of 1536 pixels are more than 1.93 for each of 7 modules.
-    assert found.min_pixels == pytest.approx(0.0105 * 1536 / np.sqrt(0.5))
+    # The longer side of the image decides: 0.011 of 1536 pixels are more than 1.88 for each of 7 modules.
+    assert found.min_pixels == pytest.approx(0.011 * 1536 / np.sqrt(0.5))
     longest = max(float(one.matrix[0, 0]) for one in workspace.cameras.values())
-    assert found.distance[1] == pytest.approx(longest * 0.03 / (0.0105 * 1536))
+    assert found.distance[1] == pytest.approx(longest * 0.03 / (0.011 * 1536))
     shortest = min(float(one.matrix[1, 1]) for one in workspace.cameras.values())
     assert found.distance[0] == pytest.approx(shortest * 0.03 / 1152)
 
