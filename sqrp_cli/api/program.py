@@ -34,10 +34,10 @@ if TYPE_CHECKING:
     from sqrp_cli.runtime.audit.footage import Footage
     from sqrp_cli.runtime.record.bag_recorder import BagRecorder
     from sqrp_cli.runtime.record.events import Event, Listener, RunBegan
-    from sqrp_cli.runtime.record.film import ImageRecorder
+    from sqrp_cli.runtime.record.film import ImageRecorder, Screen
     from sqrp_cli.runtime.record.report import RunReport
     from sqrp_cli.runtime.run.injected_fault import InjectedFault
-    from sqrp_cli.runtime.run.program_run import Recording
+    from sqrp_cli.runtime.run.program_run import Recording, Spectator
     from sqrp_cli.runtime.run.simulation import Simulation
     from sqrp_cli.scoring.scorecard import Progress
 
@@ -175,13 +175,16 @@ class OpenProgram:
         frames: str | Path | None = None,
         listeners: Sequence[Listener] = (),
         witnessed: bool = True,
+        screen: Screen | None = None,
+        spectator: Spectator | None = None,
         elsewhere: Callable[[Recording], RunReport] | None = None,
     ) -> SimulatedRun:
         """Run the program in the simulated cell, watched through camera images alone.
 
         faults: as `sqrp run --fault` takes them, such as `slip@a4+0.4`. film, log, frames: a file, a file and a folder
         in which to keep the images as an MP4 film, the events, and every image. listeners: called with each event as
-        it happens. witnessed: whether the events have the true poses, for a page; a log always has them. elsewhere:
+        it happens. witnessed: whether the events have the true poses, for a page; a log always has them. screen: shows
+        the images with what is seen in them, instead of a film. spectator: somebody who may cause faults. elsewhere:
         runs it in another cell, to which no faults can be made to happen.
 
         Raises InputError, before anything is written, where an output would replace an input or another output.
@@ -205,7 +208,7 @@ class OpenProgram:
         events: list[Event] = []
         with ExitStack() as closing:  # closes the others even if one fails to close
             recorder = _recorder(workspace, outputs.film, closing)
-            gallery = _gallery(workspace, None if recorder else outputs.film, outputs.frames, recorder)
+            gallery = _gallery(workspace, None if recorder else outputs.film, outputs.frames, recorder, screen)
             if gallery is not None:
                 closing.callback(gallery.close)
             writer = None
@@ -217,7 +220,7 @@ class OpenProgram:
             states = witnessed or writer is not None or recorder is not None
             if outputs.frames is not None:
                 save_program(made_for(self.program, outputs.frames / PROGRAM, workspace), outputs.frames / PROGRAM)
-            report = perform(Recording(heard, gallery, states=states))
+            report = perform(Recording(heard, gallery, states=states, spectator=spectator))
             if writer is not None:
                 writer.finish(report)
         return SimulatedRun(
@@ -433,15 +436,19 @@ def _recorder(workspace: Workspace, path: Path | None, closing: ExitStack) -> Ba
 
 
 def _gallery(
-    workspace: Workspace, film: Path | None, frames: Path | None, recorder: BagRecorder | None
+    workspace: Workspace,
+    film: Path | None,
+    frames: Path | None,
+    recorder: BagRecorder | None,
+    screen: Screen | None,
 ) -> ImageRecorder | None:
     """Writers of the images of a run, as a film, one by one, and in a recording."""
-    if film is None and frames is None and recorder is None:
+    if film is None and frames is None and recorder is None and screen is None:
         return None
     from sqrp_cli.runtime.record.film import Film, ImageRecorder
     from sqrp_cli.runtime.record.frame_folder import FrameFolder
 
     rate = max(camera.rate for camera in workspace.cameras.values())
     folder = FrameFolder(frames) if frames is not None else None
-    reel = Film(film, list(workspace.cameras), rate) if film is not None else None
+    reel = Film(film, list(workspace.cameras), rate) if film is not None else screen
     return ImageRecorder(folder, reel, recorder)

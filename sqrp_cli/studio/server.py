@@ -22,8 +22,8 @@ HOST = "127.0.0.1"
 LARGEST_MESSAGE = 1_000_000
 """Of what a browser sends [bytes]."""
 
-MOST_WAITING = 64
-"""Messages that wait for a browser that does not read; then it is left out until it asks again."""
+MOST_WAITING = 32
+"""Messages that may wait for a browser before it gets no more of those that the next ones replace."""
 
 Tell = Callable[[str], None]
 
@@ -83,10 +83,11 @@ class Live:
         with suppress(asyncio.TimeoutError):
             await asyncio.wait_for(self._server.wait_closed(), 1.0)
 
-    def tell(self, text: str) -> None:
-        """Send a message to all browsers."""
-        for queue in list(self._queues):
-            _put(queue, text)
+    def tell(self, text: str, *, passing: bool = False) -> None:
+        """Send a message to all browsers. passing: a slow one need not get it, as the next one replaces it."""
+        for queue in self._queues:
+            if not passing or queue.qsize() < MOST_WAITING:
+                queue.put_nowait(text)
 
     def _request(self, _connection: Any, request: Any) -> Any:  # noqa: ANN401 - of websockets
         """The page, nothing, or None to let a connection begin."""
@@ -122,26 +123,19 @@ class Live:
     async def _talk(self, connection: Any) -> None:  # noqa: ANN401 - as above
         from websockets.exceptions import ConnectionClosed
 
-        queue: asyncio.Queue[str | None] = asyncio.Queue(MOST_WAITING)
+        queue: asyncio.Queue[str | None] = asyncio.Queue()
         self._queues.add(queue)
         sending = asyncio.create_task(_send(connection, queue))
-        self._joined(lambda text: _put(queue, text))
+        self._joined(queue.put_nowait)
         try:
             async for message in connection:
                 if isinstance(message, str):
-                    await self._heard(message, lambda text: _put(queue, text))
+                    await self._heard(message, queue.put_nowait)
         except ConnectionClosed:
             pass
         finally:
             self._queues.discard(queue)
             sending.cancel()
-
-
-def _put(queue: asyncio.Queue[str | None], text: str) -> None:
-    """Add a message; one for which there is no room makes room first: a slow browser loses the oldest."""
-    if queue.full():
-        queue.get_nowait()
-    queue.put_nowait(text)
 
 
 async def _send(connection: Any, queue: asyncio.Queue[str | None]) -> None:  # noqa: ANN401 - as above

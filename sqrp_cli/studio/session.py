@@ -7,7 +7,7 @@ import json
 import math
 import multiprocessing
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from multiprocessing.connection import Connection
@@ -17,7 +17,7 @@ from typing import Any, get_args
 from sqrp_cli.api.cell import OpenCell
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import matrix_to_rpy
-from sqrp_cli.knowledge.text.input_file import read_input
+from sqrp_cli.knowledge.text.input_file import YAML_ENDINGS, read_input
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.yaml_edit import changed_values, patch, with_values
 from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES
@@ -31,15 +31,20 @@ from sqrp_cli.report.pages.page import tidy
 from sqrp_cli.scoring.sweep import from_here
 from sqrp_cli.studio.bench import Choose, Hold, Question, Rank, findings, serve
 from sqrp_cli.studio.draft import Change, Draft
+from sqrp_cli.studio.jobs import Job, Offer, Play, Report, Running, Search, Write
 from sqrp_cli.studio.moves import Move, aim, way_up, written
 from sqrp_cli.studio.page import studio_page
 from sqrp_cli.studio.requests import (
+    Apply,
     AskTask,
     ChooseCandidate,
+    DropFault,
     HoldAt,
     Plain,
     PutDown,
+    RunProgram,
     SetValue,
+    WriteProgram,
     read_request,
 )
 from sqrp_cli.studio.server import Live, Tell
@@ -73,6 +78,9 @@ class Studio:
         self._asked: Asked | None = None
         self._kept: dict[str, str] = {}
         self._saved_ranking: Asked | None = None
+        self._jobs = jobs
+        self._running: Running | None = None
+        self._offers: tuple[Offer, ...] = ()
         self._lines: list[tuple[str, str]] = []
         self._stamps: Mapping[Path, object] = {}
         self._pipe, theirs = multiprocessing.Pipe()
@@ -157,6 +165,8 @@ class Studio:
         """End the process."""
         with suppress(OSError, RuntimeError):
             asyncio.get_running_loop().remove_reader(self._pipe.fileno())
+        if self._running is not None:
+            self._running.end()
         self._pipe.close()
         self._bench.close()
 
@@ -178,7 +188,7 @@ class Studio:
             return
         do = text.split('"', 4)[3]
         if do in ("sketch", "held", "progress"):
-            self.live.tell(text)
+            self.live.tell(text, passing=do == "progress")
             return
         answer = json.loads(text)
         if do in ("cell", "ranking", "saved-ranking", "problems") and answer["number"] != self._number:
@@ -235,8 +245,17 @@ class Studio:
                 self._ask(task, by)
             case ChooseCandidate(name=name):
                 self._choose(name)
+            case Apply(number=number):
+                self._apply(number)
+            case WriteProgram(file=file):
+                self._write(file)
+            case RunProgram(file=file, faults=faults):
+                self._play(file, faults)
+            case DropFault():
+                if self._running is not None:
+                    self._running.tell("slip")
             case Plain(do=do):
-                getattr(self, f"_{do}")()
+                _PLAIN[do](self)
 
     def _document(self) -> SourceDocument:
         return read_workspace_document(self._draft.path, self._draft.content)
@@ -274,11 +293,13 @@ class Studio:
         self._note(what, "" if values is None else self._command("set", *(f"{k}={v}" for k, v in values.items())))
         self._tell_state()
 
-    def _undo(self) -> None:
+    def undo(self) -> None:
+        """Take back the last change."""
         if self._draft.past:
             self._step(self._draft.undone(), f"undone: {self._draft.past[-1].label}")
 
-    def _redo(self) -> None:
+    def redo(self) -> None:
+        """Make again what was undone."""
         if self._draft.future:
             self._step(self._draft.redone(), f"again: {self._draft.future[0].label}")
 
@@ -298,14 +319,15 @@ class Studio:
         self._note("shown", self._command("explain", self._task, "--choose", name))
         self._tell_state()
 
-    def _difference(self) -> None:
+    def difference(self) -> None:
+        """Show what saving would change."""
         saved = read_workspace_document(self._draft.path, self._draft.saved)
         values = changed_values(saved, self._draft.content)
         line = self._command("set", *(f"{k}={v}" for k, v in values.items())) if values else ""
         text = patch(saved, self._draft.content, from_here(self._draft.path))
-        self.live.tell(json.dumps(tidy({"do": "difference", "patch": text, "line": line})))
+        self.live.tell(json.dumps(tidy({"do": "difference", "patch": text.splitlines(), "line": line})))
 
-    def _save(self) -> None:
+    def save(self) -> None:
         """Write the text into the file. Raises InputError where the file has changed meanwhile."""
         if read_input(self._draft.path, MAX_BYTES) != self._draft.saved:
             message = "the workspace has changed meanwhile"
@@ -322,6 +344,104 @@ class Studio:
         ranking = self._kept.get("ranking")
         if ranking is not None and self._asked == Asked(self._draft.saved, self._task, self._by):
             self._ranked(ranking, json.loads(ranking))
+        self._tell_state()
+
+    # What takes longer
+
+    def _begin(self, job: Job) -> None:
+        """Start a job instead of the one that is under way."""
+        self.stop()
+        for kind in ("offers", "run-began", "run-ended", "written", "refused"):
+            self._kept.pop(kind, None)
+        self._offers = ()
+        self._running = Running(job)
+        asyncio.get_running_loop().add_reader(self._running.pipe.fileno(), self._reported)
+
+    def _reported(self) -> None:
+        running = self._running
+        assert running is not None  # noqa: S101 - its pipe is read
+        try:
+            report: Report = running.pipe.recv()
+        except (EOFError, OSError):
+            self.stop()
+            return
+        do = report.text.split('"', 4)[3]
+        if do == "offers":
+            self._offers = report.offers
+        if do in ("offers", "run-began", "run-ended"):
+            self._kept[do] = report.text
+        if do == "run-fault":
+            told = json.loads(report.text)
+            self._note("dropped", _run_line(told["file"], told["faults"]))
+            self._tell_state()
+        self.live.tell(report.text, passing=do in ("run-image", "run-state", "run-evidence", "searching"))
+
+    def stop(self) -> None:
+        """End what takes longer."""
+        if self._running is not None:
+            asyncio.get_running_loop().remove_reader(self._running.pipe.fileno())
+            self._running.end()
+            self._running = None
+            self.live.tell(json.dumps({"do": "job-ended"}))
+
+    def search(self, *, placing: bool) -> None:
+        """Look for the least changes that help the chosen candidate, or for other places of all cameras."""
+        line = ("place", self._task) if placing else ("advise", self._task, "--choose", self._chosen)
+        self._note("asked", self._command(*line))
+        self._begin(
+            Search(
+                path=self._given,
+                content=self._draft.content,
+                task=self._task,
+                chosen=self._chosen or "best",
+                seed=self._seed,
+                jobs=self._jobs,
+                placing=placing,
+            )
+        )
+        self._tell_state()
+
+    def _apply(self, number: int) -> None:
+        if not 1 <= number <= len(self._offers):
+            raise InputError(Problem("bad-option", f"there is no change {number}"))
+        offer = self._offers[number - 1]
+        workspace = self._read(offer.content)
+        values = changed_values(self._document(), offer.content)
+        line = self._command(*offer.line)
+        self._go_on(
+            self._draft.changed(Change(label=offer.words, line=line, values=values, content=offer.content)), workspace
+        )
+        self._offers = ()
+        self._kept.pop("offers", None)
+        self._note(offer.words, line)
+        self._tell_state()
+
+    def _write(self, name: str) -> None:
+        """Append the chosen candidate to a program. Raises InputError while there are unsaved changes."""
+        if self._draft.dirty:
+            message = "a program is for the cell as it is saved"
+            raise InputError(Problem("unsaved", message, mend="save first, or undo"))
+        file = _program_file(name)
+        by = ["--by", self._by] if self._by != "q_eoi" else []
+        line = self._command("rank", self._task, *by, "--program", str(file), "--choose", self._chosen)
+        self._note("program", line)
+        self._begin(
+            Write(
+                path=self._given,
+                task=self._task,
+                by=self._by,
+                chosen=self._chosen,
+                file=file,
+                seed=self._seed,
+                jobs=self._jobs,
+            )
+        )
+        self._tell_state()
+
+    def _play(self, name: str, faults: Sequence[str]) -> None:
+        file = _program_file(name)
+        self._note("run", _run_line(str(file), faults))
+        self._begin(Play(file=file, faults=tuple(faults), seed=self._seed))
         self._tell_state()
 
     # Changes of others
@@ -341,9 +461,9 @@ class Studio:
             stamps = self._stamped()
             if stamps != self._stamps:
                 self._stamps = stamps
-                self._reread()
+                self.reread()
 
-    def _reread(self) -> None:
+    def reread(self) -> None:
         """Take over what others changed. What cannot be read is shown, and the last good state stays."""
         try:
             saved = read_input(self._draft.path, MAX_BYTES)
@@ -357,6 +477,31 @@ class Studio:
         self.say("outside", problems=[], lost=[one.label for one in lost], taken=changed)
         self._stamps = self._stamped()
         self._tell_state()
+
+
+_PLAIN: Mapping[str, Callable[[Studio], None]] = {
+    "undo": Studio.undo,
+    "redo": Studio.redo,
+    "difference": Studio.difference,
+    "save": Studio.save,
+    "advise": lambda studio: studio.search(placing=False),
+    "place": lambda studio: studio.search(placing=True),
+    "stop": Studio.stop,
+    "reread": Studio.reread,
+}
+"""What is done at a word."""
+
+
+def _program_file(name: str) -> Path:
+    """The file of a program. Raises InputError for a name that is none of a YAML file."""
+    if not name.endswith(YAML_ENDINGS):
+        message = f"found `{name}`, expected a file of a program, such as pick.yaml"
+        raise InputError(Problem("bad-option", message))
+    return Path(name)
+
+
+def _run_line(file: str, faults: Sequence[str]) -> str:
+    return shlex.join(["sqrp", "run", file, "--sim", *(word for fault in faults for word in ("--fault", fault))])
 
 
 def _bench(theirs: Connection, ours: Connection, path: Path, seed: int, jobs: int) -> Callable[[None], None]:

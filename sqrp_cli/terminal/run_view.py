@@ -78,7 +78,7 @@ class LiveView:
                 self._doing = "stops"
             case MovingOn():
                 self._doing = "moves on to look"
-        if (happens := _in_words(event)) is not None:
+        if (happens := event_in_words(event)) is not None:
             self._last = f"{event.t:.2f} s: {happens}"
         self._show(self._text())
 
@@ -119,7 +119,7 @@ class FinishedSteps:
             say(joined([f"{number}: {task} in {workspace}: ", ("done", "bold green"), f", {end:.2f} s"]))
 
 
-def _in_words(event: Event) -> str | None:
+def event_in_words(event: Event) -> str | None:
     """The event in words; None if the view shows it elsewhere."""
     match event:
         case FaultInjected(fault=fault):

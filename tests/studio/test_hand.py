@@ -66,3 +66,136 @@ def test_a_dragged_camera_moves_verdicts_at_once_and_the_ranking_when_it_rests(h
     assert file.read_bytes() == saved
     assert b"# A UR5 with a suction cup" in saved
     hand.wait("return sqrp.settled")
+
+
+def test_what_is_undone_is_as_it_was_and_what_is_redone_as_it_became(hand, cell):
+    file = cell / "workspace.yaml"
+    hand.take("object", "g2")
+    at = hand.js("sqrp.state.handles.object.g2.position")
+    hand.drag("y", 14, 10)
+    hand.wait("return sqrp.state.dirty && sqrp.settled")
+    hand.drag("turn", 20, -16)
+    hand.wait("return sqrp.state.unsaved.length === 2 && sqrp.settled")
+    hand.page.click("#save")
+    hand.wait("return document.querySelector('#difference').open")
+    difference = hand.page.inner_text("#patch")
+    hand.page.click("#save-not")
+    assert (
+        "-  g2: {type: cube, color: green, size: [4 cm, 4 cm, 4 cm], pose: {position: [0.48, 0.28, 0.02]}, on: table}"
+        in difference
+    )
+    assert "rpy:" in difference
+    hand.page.keyboard.press("Control+z")
+    hand.page.keyboard.press("Control+z")
+    hand.wait("return !sqrp.state.dirty")
+    assert hand.js("sqrp.state.handles.object.g2.position") == at
+    hand.page.keyboard.press("Control+y")
+    hand.wait("return sqrp.state.unsaved.length === 1")
+    undo_all(hand)
+    assert file.read_bytes() == file.read_bytes()
+
+
+def test_numbers_can_be_typed_and_the_robot_moves_too(hand):
+    hand.take("camera", "cam2")
+    hand.page.fill("[aria-label='view angle [deg]']", "45")
+    hand.page.keyboard.press("Enter")
+    hand.wait("return sqrp.state.dirty && sqrp.settled")
+    assert "cameras.cam2.image.horizontal_fov='45 deg'" in hand.js("sqrp.state.lines.at(-1).line")
+    hand.take("base", "")
+    hand.page.fill("[aria-label='position [m], x']", "0.02")
+    hand.page.keyboard.press("Enter")
+    hand.wait("return sqrp.state.unsaved.length === 2 && sqrp.settled")
+    assert "robot.base.position.0=0.02" in hand.js("sqrp.state.lines.at(-1).line")
+    assert hand.js("sqrp.scene.scene.robot.base[0][3]") == 0.02
+    undo_all(hand)
+
+
+def test_a_move_that_makes_no_cell_is_refused(hand):
+    hand.take("camera", "cam2")
+    hand.page.fill("[aria-label='position [m], x']", "1000")
+    hand.page.keyboard.press("Enter")
+    hand.wait("return document.querySelector('#notices .refused')")
+    assert "expected at most" in hand.page.inner_text("#notices")
+    assert not hand.js("sqrp.state.dirty")
+
+
+def test_a_second_tab_follows(hand, browser, studio):
+    other = Hand(browser, studio.address, 800, 600)
+    hand.take("camera", "cam1")
+    hand.drag("aim", 30, 10)
+    for tab in (hand, other):
+        tab.wait("return sqrp.state.dirty && sqrp.settled")
+    same = "[sqrp.state.handles.camera.cam1, sqrp.entries.map(({ candidate }) => candidate), sqrp.state.unsaved]"
+    assert hand.js(same) == other.js(same)
+    pose = "sqrp.scene.cameras[0].node.matrix.elements.map((x) => +x.toFixed(5))"
+    assert hand.js(pose) == other.js(pose)
+    other.page.click("#undo")
+    hand.wait("return !sqrp.state.dirty")
+    assert other.complaints == []
+    other.context.close()
+
+
+def test_a_syntax_error_outside_is_shown_and_recovered_from(hand, cell):
+    file = cell / "workspace.yaml"
+    good = file.read_bytes()
+    hand.take("camera", "cam6")
+    hand.drag("z", 0, -20)
+    hand.wait("return sqrp.state.dirty && sqrp.settled")
+    file.write_bytes(good.replace(b"robot:", b"robot: ["))
+    hand.wait("return document.querySelector('#notices').textContent.includes('cannot be read')")
+    assert "workspace.yaml:" in hand.page.inner_text("#notices")
+    hand.page.click("#save")
+    hand.page.click("#save-now")
+    hand.wait("return document.querySelector('#notices').textContent.includes('changed meanwhile')")
+    file.write_bytes(good.replace(b"rate: 10 Hz", b"rate: 20 Hz", 1))
+    hand.wait("return document.querySelector('#notices').textContent.includes('new state') && sqrp.settled")
+    assert hand.js("sqrp.overview.scenes[0].cameras.cam1.rate") == 20
+    assert hand.js("sqrp.state.unsaved.length") == 1
+    undo_all(hand)
+    file.write_bytes(good)
+    hand.wait("return sqrp.overview.scenes[0].cameras.cam1.rate === 10")
+
+
+def test_a_task_is_asked_for_by_words_and_by_motion_parameters(hand):
+    hand.page.fill("#task", "pickup blue")
+    hand.page.keyboard.press("Enter")
+    hand.wait("return sqrp.state.task === 'pickup blue' && sqrp.settled")
+    assert [one["parameters"]["object"] for one in hand.ranked()] == ["b1"]
+    hand.page.click("#motion summary")
+    hand.page.select_option("[aria-label='speed']", index=1)
+    hand.wait("return sqrp.state.task.startsWith('pickup blue speed=') && sqrp.settled")
+    hand.page.fill("#task", "pickup purple")
+    hand.page.keyboard.press("Enter")
+    hand.wait("return document.querySelector('#notices .refused')")
+    hand.page.fill("#task", TASK)
+    hand.page.keyboard.press("Enter")
+    hand.wait("return sqrp.state.task === x && sqrp.settled", TASK)
+
+
+def test_a_program_is_what_the_command_writes(hand, tmp_path, cell):
+    ours, theirs = tmp_path / "ours.yaml", tmp_path / "theirs.yaml"
+    hand.page.fill("#program", str(ours))
+    hand.page.click("#write")
+    hand.wait("return document.querySelector('#notices').textContent.includes('holds the program')")
+    line = shlex.split(hand.js("sqrp.state.lines.at(-1).line"))
+    assert line[:2] == ["sqrp", "rank"]
+    assert run([str(theirs) if word == str(ours) else word for word in line[1:]]) == 0
+    assert ours.read_bytes() == theirs.read_bytes()
+    hand.page.fill("#program", str(cell / "workspace.yaml"))
+    before = (cell / "workspace.yaml").read_bytes()
+    hand.page.click("#write")
+    hand.wait("return document.querySelector('#notices .refused')")
+    assert (cell / "workspace.yaml").read_bytes() == before
+
+
+def test_advice_is_found_and_applied_as_the_command_does_it(hand, cell):
+    file = cell / "workspace.yaml"
+    before = file.read_bytes()
+    hand.take("camera", "cam6")
+    hand.page.fill("[aria-label='position [m], x']", "3")
+    hand.page.keyboard.press("Enter")
+    hand.wait("return sqrp.state.dirty && sqrp.settled")
+    hand.page.click("#advise")
+    hand.wait("return document.querySelector('#offers p')")
+    undo_all(hand)
+    assert file.read_bytes() == before

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -30,6 +30,16 @@ Outlines = Iterable[tuple[Array, Truth]]
 """Outlines of boxes in an image (n, 2) [pixels], each with what the image shows of the box."""
 
 
+class Screen(Protocol):
+    """Shows images with what was seen in them: a film, or somebody who looks on."""
+
+    def add(self, frame: CameraImage, outlines: Outlines, caption: str) -> None:
+        """Show an image with what was seen in it."""
+
+    def close(self) -> None:
+        """There are no more."""
+
+
 class Film:
     """A film of all cameras side by side, boxes drawn in: green the object is seen, blue background, red neither."""
 
@@ -48,7 +58,7 @@ class Film:
         if self._time is not None and frame.t > self._time:
             self._video.add(self._mosaic())
         self._time = frame.t if self._time is None else max(self._time, frame.t)
-        picture = _drawn(frame.image, outlines, f"{frame.camera}  {frame.t:.1f} s  {caption}")
+        picture = drawn(frame.image, outlines, f"{frame.camera}  {frame.t:.1f} s  {caption}")
         self._tiles[frame.camera] = cv2.resize(picture, _TILE, interpolation=cv2.INTER_AREA)
 
     def close(self) -> None:
@@ -69,7 +79,7 @@ class Film:
 class ImageRecorder:
     """Passes the images of a run to a folder, a film and a recording."""
 
-    def __init__(self, folder: FrameFolder | None, film: Film | None, bag: BagRecorder | None = None) -> None:
+    def __init__(self, folder: FrameFolder | None, film: Screen | None, bag: BagRecorder | None = None) -> None:
         self._folder, self._film, self._bag = folder, film, bag
         self._waiting: dict[tuple[str, float], tuple[CameraImage, str]] = {}
 
@@ -96,7 +106,7 @@ class ImageRecorder:
                     closing.callback(sink.close)
 
 
-def _drawn(image: ImageArray, outlines: Outlines, text: str) -> ImageArray:
+def drawn(image: ImageArray, outlines: Outlines, text: str) -> ImageArray:
     """A copy of an image with outlines in their colours, and a line of text."""
     canvas = image.copy()
     for polygon, truth in outlines:

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Protocol
 
+import numpy as np
+
+from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Program, ProgramPrimitive, Replanner, Step
 from sqrp_cli.runtime.cell.interface import Cell
@@ -24,8 +29,8 @@ from sqrp_cli.runtime.run.commanded_robot import CommandedRobot
 from sqrp_cli.runtime.run.evidence_collector import EvidenceCollector
 from sqrp_cli.runtime.run.fault_tracker import FaultTracker, MakeHappen, in_simulation
 from sqrp_cli.runtime.run.ground_truth import Beliefs, GroundTruth, StateRecorder, Truths, asked_boxes
-from sqrp_cli.runtime.run.injected_fault import InjectedFault
-from sqrp_cli.runtime.run.lockstep import Due, Lockstep
+from sqrp_cli.runtime.run.injected_fault import InjectedFault, StepPlace, parse_fault
+from sqrp_cli.runtime.run.lockstep import SAME_INSTANT, Due, Lockstep
 from sqrp_cli.runtime.run.retry_planner import RetryPlanner
 
 
@@ -49,6 +54,16 @@ class Workcell:
         return cls(workspace, body, cell, streams, GroundTruth(cell, body), in_simulation(cell, streams), cell)
 
 
+class Spectator(Protocol):
+    """Somebody who looks on, and may let go what the tool holds."""
+
+    def wants_slip(self) -> bool:
+        """Whether it is to slip now."""
+
+    def told(self, fault: str, refused: str) -> None:
+        """The fault as `--fault` would have it, and why it cannot happen; empty if it does."""
+
+
 @dataclass(frozen=True, eq=False)
 class Recording:
     """What is kept of a run, and its listeners."""
@@ -59,6 +74,7 @@ class Recording:
     """Receives every image with its detections."""
     states: bool = False
     """Whether the events include the true poses; the run itself is the same."""
+    spectator: Spectator | None = None
 
 
 class Run:
@@ -84,6 +100,7 @@ class Run:
         self._tracker = FaultTracker(workcell.make_happen, self._streams, self._publisher)
         self._lockstep = Lockstep(self._robot, self._collector, self._tracker, workcell.truth, self._publisher)
         self._retry_planner = RetryPlanner(self._lockstep, replanner)
+        self._spectator = recording.spectator
         self._report = RunReport()
 
     def run(self) -> RunReport:
@@ -168,12 +185,28 @@ class Run:
         self._robot.motion.play(attempt.step.primitives, attempt.start)
         end = attempt.end
         while lockstep.now < end - 1e-9 or self._streams.has_arrival_from(end):
+            if self._spectator is not None and self._spectator.wants_slip():
+                self._slip(self._spectator, number, attempt.start)
             for alarm in attempt.alarms(lockstep.pass_time(end)):
                 if alarm.response.action != "continue":
                     return alarm
                 self._tracker.seen(alarm, lockstep.now)
         self._collector.forget(lockstep.now)
         return self._look(attempt, attempt.step.time)
+
+    def _slip(self, spectator: Spectator, number: int, start: float) -> None:
+        """Let slip what the tool holds, at the next millisecond, so that a command can say when."""
+        t = math.ceil(1e3 * (self._lockstep.now - start + SAME_INSTANT)) / 1e3
+        text = StepPlace(number, self._program.steps).prefix + f"slip@{t:g}"
+        refused = ""
+        try:
+            if self._report.steps[-1].attempts > 1:
+                raise InputError(Problem("bad-fault", "a fault happens in the first try of a step"))
+            fault = parse_fault(text, self._program.steps, (), np.random.default_rng(0), "slip")
+            self._lockstep.schedule(Due(start + (fault.t or 0.0), "fault", partial(self._inject, fault)))
+        except InputError as error:
+            refused = error.problems[0].message
+        spectator.told(text, refused)
 
     def _look(self, attempt: Attempt, tau: float) -> Alarm | None:
         """Stand and look until the images agree with what should be so at a time of the step, or for long enough."""

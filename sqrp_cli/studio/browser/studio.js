@@ -16,6 +16,7 @@ class Studio extends Page {
     this.latencies = [];
     this.model = cell.model;
     this.fields = new Fields((move) => this.put(move));
+    this.runs = new Runs(tell, () => this.scene);
     this.wire();
     this.enterCell(cell);
   }
@@ -28,6 +29,10 @@ class Studio extends Page {
     say('redo', () => ({ do: 'redo' }));
     say('save', () => ({ do: 'difference' }));
     say('save-now', () => ({ do: 'save' }));
+    say('advise', () => ({ do: 'advise' }));
+    say('place-cameras', () => ({ do: 'place' }));
+    say('stop-search', () => ({ do: 'stop' }));
+    say('write', () => ({ do: 'program', file: byId('program').value.trim() }));
     for (const id of ['save-now', 'save-not']) byId(id).addEventListener('click', () => byId('difference').close());
     const ask = () => this.tell({ do: 'task', text: byId('task').value.trim(), by: byId('by').value });
     byId('task').addEventListener('change', ask);
@@ -114,7 +119,7 @@ class Studio extends Page {
   // What the server says
 
   hear(message) {
-    this[`on_${message.do.replace('-', '_')}`]?.(message);
+    this[`on_${message.do.replaceAll('-', '_')}`]?.(message);
   }
 
   on_cell(cell) {
@@ -184,8 +189,11 @@ class Studio extends Page {
     byId('undo').title = state.undo ?? '';
     byId('redo').disabled = state.redo === null;
     byId('redo').title = state.redo ?? '';
+    byId('motion').hidden = !state.parameters.length;
     byId('save').disabled = !state.dirty;
-    byId('unsaved').textContent = state.dirty ? `${state.unsaved.length || ''} unsaved` : 'as it is saved';
+    byId('write').disabled = state.dirty;
+    byId('write').title = state.dirty ? 'A program is for the cell as it is saved' : '';
+    byId('unsaved').textContent = state.dirty ? `${state.unsaved.length} unsaved change${state.unsaved.length === 1 ? '' : 's'}` : 'as it is saved';
     byId('lines').replaceChildren(
       ...state.lines.map(({ what, line }) => make('li', {}, make('span', { class: 'faint' }, named(what)), make('code', {}, named(line)))).reverse(),
     );
@@ -210,7 +218,7 @@ class Studio extends Page {
         };
         const options = [...new Set(['', ...values, stated])];
         const chosen = make('select', { 'aria-label': name, onchange: (event) => set(event.target.value) },
-          ...options.map((value) => make('option', { value, selected: value === stated }, value || 'each')),
+          ...options.map((value) => make('option', { value, selected: value === stated }, value || 'not said')),
         );
         return make('label', {}, named(name), ' ', chosen);
       }),
@@ -345,10 +353,10 @@ class Studio extends Page {
   sketched({ q_eoi: qEoi, q_avg: qAvg, blind, blind_longest: longest }) {
     const was = this.entries[this.selected]?.candidate ?? {};
     const rows = [
-      ['Q_eoi', percent(qEoi), changeOf(qEoi, was.q_eoi, 100, 1)],
-      ['Q_avg', percent(qAvg), changeOf(qAvg, was.q_avg, 100, 1)],
-      ['blind', seconds(blind), null],
-      ['longest', seconds(longest), null],
+      ['≈ Q_eoi', percent(qEoi), changeOf(qEoi, was.q_eoi, 100, 1)],
+      ['≈ Q_avg', percent(qAvg), changeOf(qAvg, was.q_avg, 100, 1)],
+      ['≈ blind', seconds(blind), null],
+      ['≈ longest blind stretch', seconds(longest), null],
     ];
     byId('figures').replaceChildren(
       ...rows.map(([term, value, change]) => make('div', { class: 'coarse' }, make('dt', {}, term), make('dd', {}, value, ...(change ? [change] : [])))),
@@ -362,7 +370,7 @@ class Studio extends Page {
   }
 
   on_difference({ patch, line }) {
-    byId('patch').replaceChildren(...patch.split('\n').map((text) => make('span', { class: { '+': 'added', '-': 'removed' }[text[0]] ?? 'faint' }, `${text}\n`)));
+    byId('patch').replaceChildren(...patch.map((text) => make('span', { class: { '+': 'added', '-': 'removed' }[text[0]] ?? 'faint' }, `${text}\n`)));
     byId('difference-line').textContent = line || '–';
     byId('difference').showModal();
   }
@@ -370,6 +378,79 @@ class Studio extends Page {
   on_refused({ problems }) {
     this.notice(problems.map((one) => one.message), 'refused');
     if (this.state) this.take(...this.taken);
+  }
+
+  // What takes longer
+
+  on_searching({ text }) {
+    byId('searching').replaceChildren(named(text));
+    byId('stop-search').hidden = false;
+  }
+
+  on_offers({ title, changes, unwritten }) {
+    const told = ({ q_eoi: qEoi, q_avg: qAvg, worse }) =>
+      [
+        absent(qEoi) ? '' : `Q_eoi ${percent(qEoi)}`,
+        absent(qAvg) ? '' : `Q_avg ${percent(qAvg)}`,
+        worse.length ? `worse: ${worse.join(', ')}` : '',
+      ].filter(Boolean);
+    const apply = (i) => this.tell({ do: 'apply', number: i + 1 });
+    const offer = (change, i) =>
+      make(
+        'li',
+        {},
+        make('span', {}, named(change.words)),
+        make('span', { class: 'faint' }, named(told(change).join(', '))),
+        make('button', { type: 'button', onclick: () => apply(i) }, 'Apply'),
+      );
+    const others = unwritten.map((words) => make('li', { class: 'faint' }, named(words)));
+    const heading = make('p', {}, named(`${title[0].toUpperCase()}${title.slice(1)}`));
+    byId('offers').replaceChildren(heading, make('ol', {}, ...changes.map(offer), ...others));
+  }
+
+  on_written({ file }) {
+    this.notice([`${file} holds the program now; Run plays it.`], 'told');
+  }
+
+  on_job_ended() {
+    byId('searching').replaceChildren();
+    byId('stop-search').hidden = true;
+    if (!this.runs.going) return;
+    this.runs.over();
+    if (this.motion) this.show(this.motion);
+  }
+
+  on_run_began(message) {
+    this.pause();
+    this.runs.began(message);
+  }
+
+  on_run_image(message) {
+    this.runs.image(message);
+  }
+
+  on_run_doing(message) {
+    this.runs.doing(message);
+  }
+
+  on_run_evidence(message) {
+    this.runs.evidence(message);
+  }
+
+  on_run_event(message) {
+    this.runs.event(message);
+  }
+
+  on_run_state(message) {
+    this.runs.state(message);
+  }
+
+  on_run_fault({ faults }) {
+    byId('faults-wanted').value = faults.join(' ');
+  }
+
+  on_run_ended(message) {
+    this.runs.ended(message);
   }
 
   on_problems({ problems }) {

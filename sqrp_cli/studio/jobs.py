@@ -1,0 +1,326 @@
+"""What takes longer, each in a process of its own: advice, placing, writing a program, and runs."""
+
+from __future__ import annotations
+
+import base64
+import json
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.platform.processes import Foreman, forked
+from sqrp_cli.programming.ranking import Criterion
+from sqrp_cli.report.documents.checks import ReportedProblem
+from sqrp_cli.report.pages.page import tidy
+
+IMAGE_SPACING = 0.2
+"""Simulated time between the images of a camera that browsers get [s]."""
+
+STATE_SPACING = 0.05
+"""The same of the poses of everything [s]."""
+
+IMAGE_QUALITY = 70
+"""Of JPEG, in percent."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Search:
+    """For changes of a text."""
+
+    path: Path
+    """Of the workspace, as it was given."""
+    content: bytes
+    task: str
+    chosen: str
+    """The candidate that is to get better."""
+    seed: int
+    jobs: int
+    placing: bool
+    """Whether cameras are placed anew, instead of the least change."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Write:
+    """A candidate into a program file."""
+
+    path: Path
+    task: str
+    by: Criterion
+    chosen: str
+    file: Path
+    seed: int
+    jobs: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Play:
+    """A program in the simulated cell."""
+
+    file: Path
+    faults: tuple[str, ...]
+    seed: int
+
+
+Job = Search | Write | Play
+
+
+@dataclass(frozen=True, kw_only=True)
+class Offer:
+    """A change that was found."""
+
+    words: str
+    line: tuple[str, ...]
+    """The words of the command that makes it, without the workspace."""
+    content: bytes
+    """The workspace file with it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Report:
+    """What a job tells."""
+
+    text: str
+    """In JSON, for browsers."""
+    offers: tuple[Offer, ...] = ()
+    """What can be applied."""
+
+
+class Running:
+    """A job under way, in its process."""
+
+    def __init__(self, job: Job) -> None:
+        import multiprocessing
+
+        self.job = job
+        self.pipe, theirs = multiprocessing.Pipe()
+        self._process: Foreman[None, None] = Foreman(forked(), _work, theirs, self.pipe, job)
+        theirs.close()
+
+    def tell(self, word: str) -> None:
+        """Say something to it, such as that a fault is wanted."""
+        self.pipe.send(word)
+
+    def end(self) -> None:
+        """End it at once, if it has not ended."""
+        self._process.kill()
+        self.pipe.close()
+
+
+def _work(pipe: Connection, theirs: Connection, job: Job) -> Callable[[None], None]:
+    theirs.close()
+    say = _Teller(pipe)
+    try:
+        match job:
+            case Search(placing=True):
+                _place(job, say)
+            case Search():
+                _advise(job, say)
+            case Write():
+                _write(job, say)
+            case Play():
+                _play(job, say)
+    except InputError as error:
+        say("refused", problems=[ReportedProblem.of(problem) for problem in error.problems])
+    except Exception as error:
+        problem = Problem("internal-error", f"internal error: {type(error).__name__}: {error}")
+        say("refused", problems=[ReportedProblem.of(problem)])
+    pipe.close()
+    return lambda _: None
+
+
+class _Teller:
+    """Sends reports."""
+
+    def __init__(self, pipe: Connection) -> None:
+        self.pipe = pipe
+
+    def __call__(self, do: str, offers: Sequence[Offer] = (), **fields: object) -> None:
+        text = json.dumps(tidy({"do": do, **fields}, digits=None), allow_nan=False)
+        self.pipe.send(Report(text=text, offers=tuple(offers)))
+
+    @contextmanager
+    def progress(self, title: str, total: int) -> Iterator[Callable[[int], None]]:
+        """Progress, as the commands show it."""
+        done = 0
+
+        def advance(count: int) -> None:
+            nonlocal done
+            done += count
+            self("searching", text=f"{title}: {done} of {total}")
+
+        advance(0)
+        yield advance
+
+
+def _advise(job: Search, say: _Teller) -> None:
+    from sqrp_cli.api.cell import OpenCell
+
+    opened = OpenCell.read(job.path, job.seed, job.content)
+    found = opened.advise(job.task, choose=job.chosen, jobs=job.jobs, progress=say.progress)
+    line = ("advise", job.task, "--choose", job.chosen)
+    offers = [
+        Offer(words=one.words, line=(*line, "--apply", str(number)), content=found.patched(number))
+        for number, one in enumerate(found.document.advice, 1)
+        if one.patch
+    ]
+    wish, document = str(found.wish), found.document
+    title = f"{document.candidate} is to have {wish}"
+    if found.met:
+        title += ": it has that already"
+    elif not document.advice:
+        title += ": no change meets that" + (f"; {found.first}" if found.first else "")
+    unwritten = [f"{one.words} ({one.unwritten})" for one in document.advice if not one.patch]
+    say("offers", offers, title=title, unwritten=unwritten, changes=_told(offers, document.advice))
+
+
+def _told(offers: Sequence[Offer], advice: Sequence[Any]) -> list[dict[str, object]]:
+    """The offers with their figures, for browsers."""
+    figures = [one for one in advice if one.patch]
+    return [
+        {"words": offer.words, "q_eoi": one.q_eoi, "q_avg": one.q_avg, "worse": list(one.worse)}
+        for offer, one in zip(offers, figures, strict=True)
+    ]
+
+
+def _place(job: Search, say: _Teller) -> None:
+    from sqrp_cli.api.cell import OpenCell
+
+    opened = OpenCell.read(job.path, job.seed, job.content)
+    found = opened.place(job.task, jobs=job.jobs, progress=say.progress)
+    cameras = found.document.cameras
+    names = ", ".join(f"{one.name} on {one.mount}" for one in cameras)
+    title = f"{len(cameras)} cameras: {names}" if cameras else "no cameras on these mounts meet the wish"
+    line = ("place", job.task, "--patch", "cameras.patch")
+    offers = [Offer(words=f"cameras: {names}", line=line, content=found.patched)] if cameras else []
+    told: list[dict[str, object]] = [{"words": one.words, "q_eoi": None, "q_avg": None, "worse": []} for one in offers]
+    say("offers", offers, title=title, unwritten=[], changes=told)
+
+
+def _write(job: Write, say: _Teller) -> None:
+    """Append the chosen candidate as `rank --program` does."""
+    from sqrp_cli.api.cell import open_cell
+    from sqrp_cli.api.session import world_before
+    from sqrp_cli.platform.files import check_not_read
+
+    opened = open_cell(job.path, seed=job.seed)
+    check_not_read([job.file], [file.path for file in opened.workspace.files.values()])
+    before = world_before(None, job.file)
+    ranking = opened.rank(job.task, by=job.by, after=before, jobs=job.jobs, progress=say.progress)
+    ranking.write(job.file, job.chosen)
+    say("written", file=str(job.file))
+
+
+class _Watching:
+    """Somebody who looks on from a browser: gets images, poses and events, and may drop what the tool holds."""
+
+    def __init__(self, say: _Teller, file: Path, faults: Sequence[str]) -> None:
+        self._say, self._file, self._faults = say, file, list(faults)
+        self._began: float | None = None
+        self._shown: dict[str, float] = {}
+        self._wanted = False
+        self._state: dict[str, Any] = {"q": {}, "objects": {}, "held": None}
+        self._joints: list[str] = []
+
+    # As a screen
+
+    def add(self, frame: Any, outlines: Any, _caption: str) -> None:  # noqa: ANN401 - see `film.Screen`
+        """Show an image with what was seen in it."""
+        if frame.t - self._shown.get(frame.camera, -1.0) < IMAGE_SPACING - 1e-6:
+            return
+        import cv2
+
+        from sqrp_cli.runtime.record.film import drawn
+
+        self._shown[frame.camera] = frame.t
+        picture = drawn(frame.image, outlines, "")
+        height = round(320 * picture.shape[0] / picture.shape[1])
+        small = cv2.resize(picture, (320, height), interpolation=cv2.INTER_AREA)
+        _, data = cv2.imencode(
+            ".jpg", cv2.cvtColor(small, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, IMAGE_QUALITY]
+        )
+        self._say("run-image", camera=frame.camera, t=frame.t, data=base64.b64encode(data.tobytes()).decode())
+
+    def close(self) -> None:
+        """There are no more."""
+
+    # As a spectator
+
+    def wants_slip(self) -> bool:
+        """Whether somebody has clicked."""
+        while self._say.pipe.poll():
+            self._wanted = self._say.pipe.recv() == "slip"
+        wanted, self._wanted = self._wanted, False
+        return wanted
+
+    def told(self, fault: str, refused: str) -> None:
+        """What became of the click."""
+        if refused:
+            self._say("run-event", t=None, text=f"{fault} cannot happen: {refused}", kind="refused")
+            return
+        self._faults.append(fault)
+        self._say("run-fault", faults=self._faults, file=str(self._file))
+
+    # As a listener
+
+    def __call__(self, event: Any) -> None:  # noqa: ANN401 - an event of a run
+        """Show what happens, not faster than it would."""
+        from sqrp_cli.runtime.record.events import EvidenceSeen, PrimitiveBegan, RunEnded, StateChanged, WholeState
+        from sqrp_cli.terminal.run_view import event_in_words
+
+        now = time.monotonic()
+        self._began = now - event.t if self._began is None else self._began
+        if self._began + event.t > now:
+            time.sleep(self._began + event.t - now)
+        match event:
+            case WholeState() | StateChanged():
+                self._take(event)
+            case EvidenceSeen(literals=literals):
+                self._say("run-evidence", t=event.t, literals={atom: _shown(one) for atom, one in literals.items()})
+            case PrimitiveBegan():
+                self._say("run-doing", t=event.t, text=event.does or event.name)
+            case RunEnded():
+                self._say("run-event", t=event.t, text=event.reason or event.event, kind=event.event)
+            case _:
+                text = event_in_words(event)
+                if text is not None:
+                    self._say("run-event", t=event.t, text=text, kind=event.event)
+
+    def _take(self, event: Any) -> None:  # noqa: ANN401 - a state
+        from sqrp_cli.runtime.record.events import WholeState
+
+        if isinstance(event, WholeState):
+            self._joints = event.joints
+        if event.has("q") or isinstance(event, WholeState):
+            self._state["q"] = dict(zip(self._joints, event.q, strict=True))
+        if event.has("held") or isinstance(event, WholeState):
+            self._state["held"] = event.held
+        self._state["objects"].update(event.objects)
+        if event.t - self._shown.get("", -1.0) >= STATE_SPACING - 1e-6:
+            self._shown[""] = event.t
+            self._say("run-state", t=event.t, **self._state)
+
+
+def _shown(found: Any) -> dict[str, object]:  # noqa: ANN401 - what images show of an atom
+    cameras = {name: truth.word for name, truth in found.cameras.items()}
+    return {"value": found.value.word, "asked": found.asked, "predicted": found.predicted, "cameras": cameras}
+
+
+def _play(job: Play, say: _Teller) -> None:
+    from sqrp_cli.api.program import open_program
+
+    opened = open_program(job.file, seed=job.seed)
+    watching = _Watching(say, job.file, job.faults)
+    cameras = list(opened.workspace.cameras)
+    say("run-began", file=str(job.file), cameras=cameras, faults=list(job.faults))
+    run = opened.run(job.faults, listeners=[watching], screen=watching, spectator=watching)
+    outcome = "done" if run.done else "stopped"
+    faults = [
+        {"name": one.name, "happened": one.happened, "detected": one.detected, "recovered": one.recovered}
+        for one in run.report.faults
+    ]
+    say("run-ended", outcome=outcome, time=run.report.time, faults=faults)
