@@ -11,6 +11,8 @@ from PIL import Image
 
 from sqrp_cli.cli.main import run
 from tests.cli.browser import Opened, chromium
+from tests.studio.hand import Hand
+from tests.studio.started import Started, copied
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs" / "pictures"
@@ -43,13 +45,30 @@ def shown(browser: Any, page: Path, script: str) -> Image.Image:
     return shot.crop((0, 0, shot.width, round(bottom) + 16))
 
 
+def studio(browser: Any, folder: Path) -> Image.Image:
+    """The studio after a camera was dragged."""
+    started = Started(copied("tabletop", folder), TASK)
+    hand = Hand(browser, started.address)
+    hand.wait("return sqrp.settled")
+    hand.take("camera", "cam3")
+    hand.drag("x", 60, 20)
+    hand.wait("return sqrp.state.dirty && sqrp.settled && sqrp.entries.some(({ was }) => was)")
+    hand.page.wait_for_timeout(3000)
+    hand.js("sqrp.seek(2.6)")
+    hand.page.wait_for_timeout(500)
+    shot = Image.open(io.BytesIO(hand.page.screenshot()))
+    started.closed()
+    return shot
+
+
 def main() -> None:
-    """A page, the page of a run, and what all cameras see in the blind intervals."""
+    """A page, the page of a run, the studio, and what all cameras see in the blind intervals."""
     with tempfile.TemporaryDirectory() as folder, chromium() as browser:
         page, pictures = Path(folder) / "page.html", Path(folder) / "pictures"
         assert run(["rank", CELL, TASK, "--report", str(page)]) == 0
         assert run(["explain", CELL, ONE_BRANCH, "--choose", "g1", "--images", str(pictures)]) == 0
         save(shown(browser, page, SHOW_G1), "report.png")
+        save(studio(browser, Path(folder) / "studio"), "studio.png", width=1400)
         program, slip = str(Path(folder) / "pick.yaml"), ["--sim", "--fault", "slip@a4+1"]
         assert run(["rank", CELL, TASK, "--program", program]) == 0
         assert run(["run", program, *slip, "--report", str(page)]) == 0

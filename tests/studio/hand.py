@@ -8,7 +8,7 @@ WHERE = """(role) => {
   const { gizmo, scene } = sqrp;
   gizmo.fit(scene.eye);
   scene.world.updateMatrixWorld(true);
-  const local = { x: [0.6, 0, 0], y: [0, 0.6, 0], z: [0, 0, 0.6], level: [0, 0, 0], turn: [0.75, 0, 0] }[role];
+  const local = { x: [0.6, 0, 0], y: [0, 0.6, 0], z: [0, 0, 0.6], level: [0, 0, 0], turn: [0.53, -0.53, 0] }[role];
   const from = role === 'aim' ? gizmo.ball : gizmo.group;
   const point = from.position.clone().set(...(local ?? [0, 0, 0])).applyMatrix4(from.matrixWorld).project(scene.eye);
   const place = scene.host.getBoundingClientRect();
@@ -39,11 +39,11 @@ class Hand:
 
     def wait(self, condition: str, argument: Any = None) -> None:
         """Wait until a condition holds; condition: the body of a function of `x`."""
-        self.page.wait_for_function(f"(x) => {{ {condition} }}", arg=argument, timeout=60_000)
+        self.page.wait_for_function(f"(x) => {{ {condition} }}", arg=argument, timeout=30_000)
 
     def ready(self) -> None:
         """Wait for the ranking and for the chosen candidate over time."""
-        self.page.wait_for_selector("html[data-ready=true]", timeout=60_000)
+        self.page.wait_for_selector("html[data-ready=true]", timeout=30_000)
 
     def ranked(self) -> list[dict[str, Any]]:
         """The candidates, once those of the present text are there."""

@@ -21,8 +21,9 @@ def hand(browser, studio):
 
 @pytest.fixture(autouse=True)
 def quiet(hand):
-    """No test leaves a complaint in the console."""
+    """No test leaves a complaint in the console, or an unsaved change."""
     yield
+    undo_all(hand)
     assert hand.complaints == []
 
 
@@ -70,6 +71,7 @@ def test_a_dragged_camera_moves_verdicts_at_once_and_the_ranking_when_it_rests(h
 
 def test_what_is_undone_is_as_it_was_and_what_is_redone_as_it_became(hand, cell):
     file = cell / "workspace.yaml"
+    before = file.read_bytes()
     hand.take("object", "g2")
     at = hand.js("sqrp.state.handles.object.g2.position")
     hand.drag("y", 14, 10)
@@ -91,8 +93,7 @@ def test_what_is_undone_is_as_it_was_and_what_is_redone_as_it_became(hand, cell)
     assert hand.js("sqrp.state.handles.object.g2.position") == at
     hand.page.keyboard.press("Control+y")
     hand.wait("return sqrp.state.unsaved.length === 1")
-    undo_all(hand)
-    assert file.read_bytes() == file.read_bytes()
+    assert file.read_bytes() == before
 
 
 def test_numbers_can_be_typed_and_the_robot_moves_too(hand):
@@ -100,7 +101,7 @@ def test_numbers_can_be_typed_and_the_robot_moves_too(hand):
     hand.page.fill("[aria-label='view angle [deg]']", "45")
     hand.page.keyboard.press("Enter")
     hand.wait("return sqrp.state.dirty && sqrp.settled")
-    assert "cameras.cam2.image.horizontal_fov='45 deg'" in hand.js("sqrp.state.lines.at(-1).line")
+    assert "'cameras.cam2.image.horizontal_fov=45 deg'" in hand.js("sqrp.state.lines.at(-1).line")
     hand.take("base", "")
     hand.page.fill("[aria-label='position [m], x']", "0.02")
     hand.page.keyboard.press("Enter")

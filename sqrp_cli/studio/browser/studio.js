@@ -227,6 +227,7 @@ class Studio extends Page {
 
   on_ranking({ entries, summary, number }) {
     this.ranked = number;
+    if (this.wrong) this.notice([], 'told');
     byId('summary').replaceChildren(named(summary));
     byId('ranking').classList.remove('old');
     this.entries = this.overview.entries = entries;
@@ -455,6 +456,7 @@ class Studio extends Page {
 
   on_problems({ problems }) {
     this.notice(problems.map(placed), 'refused');
+    this.wrong = true;
   }
 
   on_outside({ problems, lost, taken }) {
@@ -466,6 +468,7 @@ class Studio extends Page {
   }
 
   notice(texts, kind) {
+    this.wrong = false;
     byId('notices').replaceChildren(...texts.map((text) => make('p', { class: kind }, named(text))));
   }
 }

@@ -1,0 +1,28 @@
+"""Names in files that want to be more than shown."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tests.cli.hostile import TASK, hostile_cell
+from tests.studio.hand import Hand
+from tests.studio.started import ROOT, Started
+
+
+def test_hostile_names_run_nothing(browser, tmp_path: Path):
+    cell = hostile_cell(ROOT / "tests" / "cases" / "watch", tmp_path)
+    started = Started(cell, TASK)
+    hand = Hand(browser, started.address)
+    hand.wait("return sqrp.settled")
+    assert hand.js("document.querySelectorAll('#studio b, #ranking b, #studio a, img[onerror]').length") == 0
+    assert "\\u{202e}" in hand.page.input_value("#task")
+    for kind in ("camera", "object", "base"):
+        name = hand.js("(kind) => Object.keys(sqrp.state.handles[kind])[0]", kind)
+        hand.take(kind, name)
+        hand.drag("x", 30, 10)
+        hand.wait("return sqrp.settled")
+    assert hand.complaints == []
+    assert all(character.isprintable() for character in hand.page.inner_text("#lines").replace("\n", ""))
+    code, err = started.closed()
+    assert code == 0
+    assert "Traceback" not in err
