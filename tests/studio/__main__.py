@@ -79,9 +79,7 @@ def act(hand: Hand, draw: random.Random, folder: Path, good: bytes) -> str:
         case "look":
             hand.js("(name) => sqrp.look(name)", draw.choice([None, "cam1", "cam4"]))
         case "task":
-            hand.page.fill(
-                "#task", draw.choice(TASKS)
-            )
+            hand.page.fill("#task", draw.choice(TASKS))
             hand.page.keyboard.press("Enter")
         case "save":
             if hand.page.is_enabled("#save"):
