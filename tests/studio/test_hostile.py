@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tests.cli.hostile import TASK, hostile_cell
+from tests.cli.hostile import hostile_cell
 from tests.studio.hand import Hand
 from tests.studio.started import ROOT, Started
 
 
 def test_hostile_names_run_nothing(browser, tmp_path: Path):
     cell = hostile_cell(ROOT / "tests" / "cases" / "watch", tmp_path)
-    started = Started(cell, TASK)
+    started = Started(cell)
     hand = Hand(browser, started.address)
     hand.wait("return sqrp.settled")
     assert hand.js("document.querySelectorAll('#studio b, #ranking b, #studio a, img[onerror]').length") == 0
