@@ -79,7 +79,9 @@ class Runs {
     scene.seek(0);
   }
 
-  ended({ outcome, time, faults }) {
+  ended(report) {
+    const { outcome, time, faults } = report;
+    this.report = report;
     const told = faults.map(({ name, happened, detected, recovered }) => {
       if (happened === null) return `${name} never came true`;
       if (detected === null) return `${name} at ${seconds(happened)} was never seen`;

@@ -1,0 +1,40 @@
+"""A program that runs in the studio, with a fault by a click: the same run as the command's."""
+
+from __future__ import annotations
+
+import shlex
+
+import pytest
+
+from sqrp_cli import open_cell, open_program
+from tests.studio.conftest import TASK
+from tests.studio.hand import Hand
+
+pytestmark = pytest.mark.slow
+
+
+def test_a_part_that_is_dropped_by_a_click_is_a_fault_of_the_command(browser, studio, cell, tmp_path):
+    program = tmp_path / "pick.yaml"
+    open_cell(cell).rank(TASK).write(program)
+    hand = Hand(browser, studio.address)
+    hand.page.fill("#program", str(program))
+    hand.page.click("#run")
+    hand.page.wait_for_selector("#run-images img[src]", timeout=60_000)
+    hand.page.wait_for_function("() => document.querySelector('#run-doing').textContent === 'lift'", timeout=120_000)
+    hand.page.click("#run-slip")
+    hand.page.wait_for_function("() => !sqrp.runs.going", timeout=120_000)
+    line = shlex.split(hand.js("sqrp.state.lines.at(-1).line"))
+    assert line[:4] == ["sqrp", "run", str(program), "--sim"]
+    assert line[4] == "--fault"
+    shown = hand.js("sqrp.runs.report")
+    report = open_program(program).run([line[5]]).report
+    assert report.outcome == shown["outcome"] == "done"
+    assert report.time == shown["time"]
+    assert [[one.name, one.happened, one.detected, one.recovered] for one in report.faults] == [
+        [one["name"], one["happened"], one["detected"], one["recovered"]] for one in shown["faults"]
+    ]
+    assert len(shown["faults"]) == 1
+    assert hand.complaints == []
+    assert json.loads(hand.js("JSON.stringify([...sqrp.runs.images.keys()])")) == list(
+        open_cell(cell).workspace.cameras
+    )
