@@ -39,11 +39,11 @@ class Hand:
 
     def wait(self, condition: str, argument: Any = None) -> None:
         """Wait until a condition holds; condition: the body of a function of `x`."""
-        self.page.wait_for_function(f"(x) => {{ {condition} }}", arg=argument, timeout=30_000)
+        self.page.wait_for_function(f"(x) => {{ {condition} }}", arg=argument, timeout=90_000)
 
     def ready(self) -> None:
         """Wait for the ranking and for the chosen candidate over time."""
-        self.page.wait_for_selector("html[data-ready=true]", timeout=30_000)
+        self.page.wait_for_selector("html[data-ready=true]", timeout=90_000)
 
     def ranked(self) -> list[dict[str, Any]]:
         """The candidates, once those of the present text are there."""

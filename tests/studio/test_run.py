@@ -35,6 +35,4 @@ def test_a_part_that_is_dropped_by_a_click_is_a_fault_of_the_command(browser, st
     ]
     assert len(shown["faults"]) == 1
     assert hand.complaints == []
-    assert json.loads(hand.js("JSON.stringify([...sqrp.runs.images.keys()])")) == list(
-        open_cell(cell).workspace.cameras
-    )
+    assert hand.js("[...sqrp.runs.images.keys()]") == list(open_cell(cell).workspace.cameras)
