@@ -49,7 +49,7 @@ def test_a_whole_speed_changes_nothing_and_retries_are_slowed_too() -> None:
     assert slowed(whole, 1.0) is whole
 
     class Planner:
-        def replan(self, step, world):
+        def replan(self, _step, world):
             return whole.steps[0] if world == "free" else None
 
     slow = SlowedReplanner(Planner(), 0.25)
