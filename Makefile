@@ -83,6 +83,7 @@ trials: all
 	if command -v roscore >/dev/null; then $(BIN)/python -m tests.wire ros1; else echo "no ROS 1: its trials are skipped"; fi
 	$(BIN)/python -m tests.detectors
 	$(BIN)/python -m tests.studio
+	$(BIN)/python -m tests.recordings
 
 # 10,000 damaged inputs of every kind, each in a process of its own with limits; takes a quarter of an hour.
 damage: all

@@ -275,22 +275,27 @@ class OpenProgram:
         """Compare a recording with what the program predicts.
 
         recording: MCAP, a rosbag2 folder or a bag of ROS 1, with images and joint states; or a folder with PNG files
-        and `frames.csv`, as `run(frames=...)` keeps them. threshold: least share of predicted detections that must have
-        come true, in 0..1. topics: of the images of cameras whose name their topic does not have.
+        and `frames.csv`, as `run(frames=...)` keeps them. Cameras that have moved, or whose clocks are wrong, are found
+        first; images are compared at the times that follow from that. threshold: least share of predicted detections
+        that must have come true, in 0..1. topics: of the images of cameras whose name their topic does not have.
         """
         from sqrp_cli.api.run_results import Audit
         from sqrp_cli.runtime.cell.requirements import check_packages
 
         check_packages()
         from sqrp_cli.runtime.audit.frame_audit import audit
+        from sqrp_cli.runtime.audit.survey import survey
 
         path = checked_path(recording, "recording")
         check_share(threshold, "threshold")
         check_progress(progress)
         footage = self.footage(path, topics or {})
+        with progress(f"Surveying the cameras of {path}", len(footage.frames)) as advance:
+            cameras = survey(self.program, self.workspace, footage, lambda: advance(1))
+        offsets = {name: one.offset or 0.0 for name, one in cameras.items() if one.has_wrong_clock}
         with progress(f"Looking at {path}", len(footage.frames)) as advance:
-            report = audit(self.program, self.workspace, footage, {}, lambda: advance(1))
-        return Audit(self.program, self.workspace.name, report, threshold)
+            report = audit(self.program, self.workspace, footage, offsets, lambda: advance(1))
+        return Audit(self.program, self.workspace, report, threshold, cameras)
 
     def footage(self, path: Path, topics: Mapping[str, str]) -> Footage:
         """A recording of the program's run, of any kind; topics: see `audit`. Raises InputError for what is none."""

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 from sqrp_cli.api.answer import Answer, how_many
 from sqrp_cli.api.arguments import RunOutputs, check_texts, checked_path
+from sqrp_cli.errors import InputError
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from sqrp_cli.knowledge.workspace.workspace import Workspace
     from sqrp_cli.program.record import Program
     from sqrp_cli.report.documents.runs import AuditDocument, RunDocument, SweepDocument
     from sqrp_cli.report.pages.run_page import RunCell
     from sqrp_cli.runtime.audit.frame_audit import AuditReport
+    from sqrp_cli.runtime.audit.survey import CameraSurvey
     from sqrp_cli.runtime.record.events import Event
     from sqrp_cli.runtime.record.report import RunReport
     from sqrp_cli.runtime.run.simulation import SweepRun, SweepSummary
@@ -120,33 +123,62 @@ class Audit(Answer["AuditDocument"]):
     """What recorded frames say about the predictions of a program."""
 
     program: Program
-    workspace: str
+    workspace: Workspace
     report: AuditReport
     threshold: float
     """Least share of predicted detections that must have come true."""
+    cameras: Mapping[str, CameraSurvey]
+    """Where each camera of the recording is, and what its clock says."""
 
     @property
     def passed(self) -> bool:
-        """Whether so many came true."""
+        """Whether so many came true, no camera has moved and no clock is wrong."""
         precision = self.report.total.precision
-        return precision is not None and precision >= self.threshold
+        as_stated = not any(one.has_moved or one.has_wrong_clock for one in self.cameras.values())
+        return precision is not None and precision >= self.threshold and as_stated
 
     @property
     def brief(self) -> str:
         """Its main figures, in a line."""
         precision = self.report.total.precision
         share = "nothing was predicted" if precision is None else f"{100 * precision:.1f} % of predictions came true"
-        return f"{self.workspace}: {share}, {'passed' if self.passed else 'not passed'}"
+        moved = [f"{name} has moved" for name, one in self.cameras.items() if one.has_moved]
+        wrong = [f"the clock of {name} is wrong" for name, one in self.cameras.items() if one.has_wrong_clock]
+        return ", ".join([f"{self.workspace.name}: {share}", *moved, *wrong, "passed" if self.passed else "not passed"])
+
+    @cached_property
+    def patch(self) -> str:
+        """The change of the workspace file that puts cameras where they are; empty where none has moved.
+
+        Raises InputError where the file does not say itself where such a camera is.
+        """
+        from sqrp_cli.knowledge.text.yaml_edit import patch
+        from sqrp_cli.knowledge.text.yaml_file import parse_yaml
+        from sqrp_cli.knowledge.workspace.edits import with_camera
+        from sqrp_cli.knowledge.workspace.load import read_workspace_document
+        from sqrp_cli.scoring.sweep import from_here
+
+        document = read_workspace_document(self.workspace.whole_file.file)
+        content = document.content
+        for one in self.cameras.values():
+            if one.has_moved:
+                moved = replace(one.camera, X_FC=one.X_FC)
+                content = with_camera(parse_yaml(document.path, content), one.camera, moved, None)
+        return patch(document, content, from_here(document.path)) if content != document.content else ""
 
     @cached_property
     def document(self) -> AuditDocument:
         """The document of `sqrp audit`."""
         from sqrp_cli.report.documents.runs import AuditDocument
 
-        return AuditDocument.of(self.workspace, self.report, self.threshold)
+        try:
+            patch = self.patch
+        except InputError:
+            patch = ""
+        return AuditDocument.of(self.workspace.name, self.report, self.threshold, self.cameras, self.passed, patch)
 
     def show(self) -> None:
         """Print what `sqrp audit` prints."""
-        from sqrp_cli.terminal.run_view import print_audit
+        from sqrp_cli.terminal.audit_view import print_audit
 
-        print_audit(self.program, self.workspace, self.report, self.threshold)
+        print_audit(self.program, self.workspace.name, self.report, self.threshold, self.cameras)

@@ -30,7 +30,6 @@ from sqrp_cli.runtime.record.report import Confusion, Disagreement, FaultRecord,
 from sqrp_cli.terminal.console import Column, Show, joined, live, plain, print_table, say
 
 if TYPE_CHECKING:
-    from sqrp_cli.runtime.audit.frame_audit import AuditReport
     from sqrp_cli.runtime.run.simulation import SweepRun, SweepSummary
 
 MOST_DISAGREEMENTS = 8
@@ -154,8 +153,8 @@ def print_run(workspace: str, report: RunReport) -> None:
         _print_faults(report)
         _print_late(report.faults)
     say()
-    _print_prediction(report.prediction, report.total)
-    _print_disagreements(report.disagreements, len(report.prediction))
+    print_prediction(report.prediction, report.total)
+    print_disagreements(report.disagreements, len(report.prediction))
     say()
     times = "once" if report.conflicts == 1 else f"{report.conflicts} times"
     conflicts = f"cameras contradicted each other {times}" if report.conflicts else ""
@@ -210,7 +209,8 @@ def _print_late(faults: Sequence[FaultRecord]) -> None:
             say(f"The images showed {fault.name} {late:.3f} s later than predicted at worst.", "yellow")
 
 
-def _print_prediction(prediction: Sequence[Prediction], total: Confusion) -> None:
+def print_prediction(prediction: Sequence[Prediction], total: Confusion) -> None:
+    """How often images showed what they were promised to show."""
     columns = [
         Column("literal"),
         Column("camera"),
@@ -236,7 +236,7 @@ def _cells(found: Confusion) -> list[Any]:
     return [str(found.tp + found.fp), plain(true, style), f"{found.fn} of {found.tn + found.fn}"]
 
 
-def _print_disagreements(found: Sequence[Disagreement], steps: int) -> None:
+def print_disagreements(found: Sequence[Disagreement], steps: int) -> None:
     """Where predictions were wrong: stretches of images of a camera, the overconfident ones first.
 
     steps: of the program; where there are several, each row names its own.
@@ -330,24 +330,6 @@ def _print_stops(runs: Sequence[SweepRun]) -> None:
             stopped.setdefault(run.report.reason, []).append(f"{run.x:.2f}")
     for reason, places in stopped.items():
         say(f"Stopped with the slip at {', '.join(places)}: {short_times(reason)}.")
-
-
-def print_audit(program: Program, workspace: str, report: AuditReport, threshold: float) -> None:
-    """What recorded frames say about a program's predictions."""
-    what = "; ".join(step.short_task for step in program.steps)
-    say(f"{what} in {workspace}: {report.images} images compared, {report.skipped} skipped (not as planned)")
-    if report.repeated:
-        say(f"{report.repeated} images are bit by bit the same as the one before them; they count as blind.", "yellow")
-    say()
-    _print_prediction(report.prediction, report.total)
-    _print_disagreements(report.disagreements, len(report.prediction))
-    say()
-    precision = report.total.precision
-    if precision is None:
-        say("No image was predicted to show anything, so there is nothing to confirm.")
-    else:
-        verdict = "at least" if precision >= threshold else "less than"
-        say(f"{100 * precision:.1f} % of what was predicted to be seen was seen, {verdict} {100 * threshold:g} %.")
 
 
 def wall_time(report: RunReport) -> str:

@@ -7,10 +7,12 @@ from typing import Annotated
 
 import typer
 
-from sqrp_cli.cli.options import Json, ProgramPath, answer, program_with_warnings
+from sqrp_cli.cli.options import Json, Patches, ProgramPath, answer, program_with_warnings
 from sqrp_cli.errors import ExitCode, InputError, Problem
 
 NAME = "audit"
+
+PATCHES = Patches("# Cameras as `sqrp audit` found them", "of `sqrp audit`")
 
 
 def command(
@@ -34,21 +36,35 @@ def command(
             "--topic", metavar="CAMERA=TOPIC", help="Images of a camera whose name is not in its topic's; repeatable."
         ),
     ] = None,
+    patch: Annotated[
+        Path | None,
+        typer.Option("--patch", metavar="FILE", help="Write where cameras that have moved are, as a patch."),
+    ] = None,
     as_json: Json = False,
 ) -> ExitCode:
     """Compare recorded camera images with what a program predicts.
 
-    Shows how often each camera showed each literal when it was predicted to.
+    Shows which cameras have moved, which clocks are wrong, and how often each camera showed each literal when it was
+    predicted to.
     """
+    from sqrp_cli.platform.files import check_not_read
     from sqrp_cli.runtime.cell.requirements import check_packages
-    from sqrp_cli.terminal.console import progress
+    from sqrp_cli.terminal.console import note, progress
 
     if not 0.0 <= threshold <= 1.0:
         raise InputError(Problem("bad-option", f"--threshold is {threshold:g}, expected 0 to 1"))
     topics = _topics(topic or [])
     check_packages()
-    audit = program_with_warnings(program).audit(recording, threshold, topics=topics, progress=progress)
+    opened = program_with_warnings(program)
+    if patch is not None:
+        PATCHES.check(patch)
+        check_not_read([patch], opened.files)
+    audit = opened.audit(recording, threshold, topics=topics, progress=progress)
     answer(audit, as_json=as_json)
+    if patch is not None:
+        if audit.patch:
+            PATCHES.write(patch, audit.patch)
+        note(f"the change is in {patch}" if audit.patch else f"no camera has moved, so {patch} is not written")
     return ExitCode.OK if audit.passed else ExitCode.NONE_FEASIBLE
 
 

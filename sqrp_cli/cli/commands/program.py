@@ -37,7 +37,10 @@ def command(
     export: Annotated[
         Path | None,
         typer.Option(
-            "--export", metavar="OUT", help="Write the joint trajectory: *.csv, or *.yaml for ROS JointTrajectory."
+            "--export",
+            metavar="OUT",
+            help="Write the joint trajectory (*.csv, *.yaml for ROS JointTrajectory) or all that is planned (*.mcap, "
+            "*.bag for ROS 1).",
         ),
     ] = None,
     rate: Annotated[
@@ -135,18 +138,35 @@ def _export(program: Program, workspace: Workspace, file: Path, target: Path, ra
     """
     from sqrp_cli.platform.files import check_not_read, write_atomically
     from sqrp_cli.program.joint_trajectory import FORMATS, YAML_MARK
+    from sqrp_cli.ros.bag import SUFFIXES
 
-    if target.suffix.lower() not in FORMATS:
-        raise _refused(f"--export is `{target}`; expected a name that ends in .csv, or in .yaml for ROS")
+    if target.suffix.lower() not in (*FORMATS, *SUFFIXES):
+        message = f"--export is `{target}`; expected a name that ends in .csv, or in .yaml, .mcap or .bag for ROS"
+        raise _refused(message)
     if not program.steps:
         raise InputError(Problem("no-steps", "this program has no steps, so there is nothing to export", Place(file)))
+    check_not_read([target], [file, *(one.path for one in workspace.files.values())])
+    if target.suffix.lower() in SUFFIXES:
+        return _export_run(program, workspace, target)
     if target.suffix.lower() != ".csv":
         check_own(target, YAML_MARK, "exported trajectory")
-    check_not_read([target], [file, *(one.path for one in workspace.files.values())])
     arm = [joint for joint in program.joints if joint in workspace.robot.home]
     joints = program.joints if target.suffix.lower() == ".csv" else arm
     write_atomically(target, FORMATS[target.suffix.lower()](program, joints, rate))
     return f"{target} has a point every {1 / rate:g} s and at both ends of each primitive action"
+
+
+def _export_run(program: Program, workspace: Workspace, target: Path) -> str:
+    """Write what is planned as a recording for ROS tools. Returns a message."""
+    from sqrp_cli.platform.files import check_writable
+    from sqrp_cli.runtime.cell.requirements import check_packages
+
+    check_writable(target)
+    check_packages()
+    from sqrp_cli.runtime.run.planned_run import write_planned_run
+
+    write_planned_run(target, program, workspace)
+    return f"{target} has the planned motion, frames, boxes and what is promised to be seen; open it in Foxglove"
 
 
 def _read_rate(rate: str | None) -> float:

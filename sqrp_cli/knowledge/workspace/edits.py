@@ -48,11 +48,12 @@ def stated_look_at(workspace: Workspace, camera: str) -> LookAt | None:
     return LookAt(places, np.array(stated if len(stated) == 3 else [0.0, 0.0, 1.0]))
 
 
-def with_camera(document: SourceDocument, before: Camera, camera: Camera, look_at: Array) -> bytes:
+def with_camera(document: SourceDocument, before: Camera, camera: Camera, look_at: Array | None) -> bytes:
     """The file with a camera at another pose or with another lens.
 
-    before: as the file has it. look_at: the point in the middle of its image, (3,), for a pose that states one. Raises
-    InputError where the file does not say it itself, as with a lens in a calibration file.
+    before: as the file has it. look_at: the point in the middle of its image, (3,), for a pose that states one; None to
+    state the orientation instead. Raises InputError where the file does not say it itself, as with a lens in a
+    calibration file.
     """
     path: KeyPath = ("cameras", camera.name)
     entry = _at(document, path)
@@ -208,11 +209,12 @@ def _with_pose(document: SourceDocument, path: KeyPath, X: Array, look_at: Array
         wanted["look_at"] = _places(look_at)
     elif "quaternion" in stated:
         wanted["quaternion"] = _rounded(matrix_to_quaternion(X_stated[:3, :3]), 9)
-    elif "rpy" in stated or not np.allclose(X_stated[:3, :3], np.eye(3), atol=_SAME):
+    elif "rpy" in stated or "look_at" in stated or not np.allclose(X_stated[:3, :3], np.eye(3), atol=_SAME):
         wanted["rpy"] = _rounded(matrix_to_rpy(X_stated[:3, :3]), 9)
     if all(key in stated for key in wanted):
         return edited(document, _leaves(document, path, wanted))
-    kept = {key: value for key, value in stated.items() if key not in wanted}
+    aimed = ("look_at", "up") if look_at is None else ()
+    kept = {key: value for key, value in stated.items() if key not in (*wanted, *aimed)}
     return respelled(document, path, str(path[-1]), _flow({**wanted, **kept}))
 
 

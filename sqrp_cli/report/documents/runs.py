@@ -11,6 +11,7 @@ from sqrp_cli.runtime.record.report import Confusion, Disagreement, FaultRecord,
 
 if TYPE_CHECKING:
     from sqrp_cli.runtime.audit.frame_audit import AuditReport
+    from sqrp_cli.runtime.audit.survey import CameraSurvey
     from sqrp_cli.runtime.run.simulation import SweepRun, SweepSummary
 
 Counts = Mapping[str, Mapping[str, Confusion]]
@@ -169,8 +170,78 @@ class SweepDocument(WorkspaceDocument):
 
 
 @dataclass(frozen=True, kw_only=True)
+class AuditedClock(Record):
+    """The clock of a camera beside the robot's."""
+
+    offset: float | None
+    """By how much it is ahead [s]; null where the images show no motion by which to tell."""
+    error: float | None
+    """Standard deviation of that [s]; null with it."""
+    wrong: bool
+    """Whether it is wrong beyond doubt. Images are then compared at the robot's times."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AuditedPose(Record):
+    """Where a camera is beside where the workspace says."""
+
+    turn: Sequence[float]
+    """Rotation vector of the change, in the camera's optical frame [rad]."""
+    turn_error: Sequence[float]
+    """Standard deviations of that [rad]."""
+    shift: Sequence[float]
+    """Shift of the camera, in its optical frame [m]."""
+    shift_error: Sequence[float]
+    """Standard deviations of that [m]."""
+    pixels: float
+    """Root mean square of how far that moves edges in its images [pixels]."""
+    residual: float
+    """Standard deviation of edges from where they should be after that [pixels]."""
+    points: int
+    """Points of edges by which it was found."""
+    moved: bool
+    """Whether the camera has moved beyond doubt."""
+    pose: Sequence[Sequence[float]]
+    """The pose of the optical frame that the images show, 4x4 in the frame of the camera."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AuditedCamera(Record):
+    """What images of a recording say of their camera."""
+
+    images: int
+    """In the recording."""
+    clock: AuditedClock
+    pose: AuditedPose | None
+    """Null where images show too little of the cell to tell."""
+
+    @classmethod
+    def of(cls, survey: CameraSurvey) -> AuditedCamera:
+        """A camera that was surveyed."""
+        known = survey.offset is not None
+        clock = AuditedClock(
+            offset=survey.offset, error=survey.offset_error if known else None, wrong=survey.has_wrong_clock
+        )
+        fit = survey.fit
+        if fit is None:
+            return cls(images=survey.images, clock=clock, pose=None)
+        pose = AuditedPose(
+            turn=fit.change[:3].tolist(),
+            turn_error=fit.deviations[:3].tolist(),
+            shift=fit.change[3:6].tolist(),
+            shift_error=fit.deviations[3:6].tolist(),
+            pixels=fit.pixels,
+            residual=fit.residual,
+            points=fit.points,
+            moved=survey.has_moved,
+            pose=survey.X_FC.tolist(),
+        )
+        return cls(images=survey.images, clock=clock, pose=pose)
+
+
+@dataclass(frozen=True, kw_only=True)
 class AuditDocument(WorkspaceDocument):
-    """What recorded frames say about predictions."""
+    """What a recording says about predictions."""
 
     images: int
     """Images that were compared with predictions."""
@@ -182,13 +253,28 @@ class AuditDocument(WorkspaceDocument):
     """Share of the predicted images that showed the literal."""
     threshold: float
     """Least `precision` that passes, in 0..1."""
+    passed: bool
+    """Whether `precision` is at least that, no camera has moved and no clock is wrong."""
+    cameras: Mapping[str, AuditedCamera]
+    """By name."""
+    patch: str
+    """The change of the workspace file that puts cameras where they are; empty if none has moved, or another file says
+    where they are."""
     prediction: list[Counts]
     """Per step."""
     disagreements: list[Disagreement]
     """Images in which a prediction was wrong."""
 
     @classmethod
-    def of(cls, workspace: str, report: AuditReport, threshold: float) -> AuditDocument:
+    def of(
+        cls,
+        workspace: str,
+        report: AuditReport,
+        threshold: float,
+        cameras: Mapping[str, CameraSurvey],
+        passed: bool,
+        patch: str,
+    ) -> AuditDocument:
         """An audit of a recording."""
         return cls(
             workspace=workspace,
@@ -197,6 +283,9 @@ class AuditDocument(WorkspaceDocument):
             repeated=report.repeated,
             precision=report.total.precision,
             threshold=threshold,
+            passed=passed,
+            cameras={name: AuditedCamera.of(one) for name, one in cameras.items()},
+            patch=patch,
             prediction=list(report.prediction),
             disagreements=list(report.disagreements),
         )

@@ -15,9 +15,10 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Program, Step
 from sqrp_cli.ros.bag import Bag, Packed, Topic
 from sqrp_cli.ros.messages import Message, nanoseconds
-from sqrp_cli.runtime.audit.footage import Frame, planned_joints
+from sqrp_cli.runtime.audit.footage import Frame
 from sqrp_cli.runtime.audit.motion import SPACING, JointTracks, found_steps
 from sqrp_cli.runtime.image import CameraImage, check_recorded
+from sqrp_cli.runtime.monitor.nominal_step import planned_joints
 from sqrp_cli.runtime.record.packed_image import image_of
 
 IMAGES = ("sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image")
@@ -166,7 +167,7 @@ def _at_most(bag: Bag, topics: Mapping[str, str] | set[str], most: int, what: st
     for number, packed in enumerate(bag.messages(topics)):
         if number >= most:
             message = f"this recording has more than {most:,} {what}; cut it to the run of the program"
-            raise InputError(Problem("too-large", message, Place(bag.path)))
+            raise InputError(Problem("file-too-large", message, Place(bag.path)))
         yield number, packed
 
 

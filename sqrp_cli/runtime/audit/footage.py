@@ -16,8 +16,9 @@ from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.workspace.workspace import Workspace
-from sqrp_cli.program.record import Program, Step
+from sqrp_cli.program.record import Program
 from sqrp_cli.runtime.image import CameraImage, check_recorded
+from sqrp_cli.runtime.monitor.nominal_step import planned_joints
 from sqrp_cli.runtime.record.frame_folder import read_frames
 from sqrp_cli.runtime.record.png import ImageSize, bare_png, decoded, png_damage, read_png
 
@@ -59,17 +60,6 @@ class Footage(ImageSource, Protocol):
 
     def as_planned(self, t: Array) -> Mask:
         """Whether the robot was where the program wants it, at times t (m,) of its clock [s]."""
-
-
-def planned_joints(step: Step, t: Array) -> Array:
-    """Positions of the program's n joints at times t (m,) of a step [s], shape (m, n)."""
-    ends = [primitive.end for primitive in step.primitives[:-1]]
-    of = np.searchsorted(ends, t)
-    q = [p.trajectory.positions(np.atleast_1d(t)[of == i] - p.start) for i, p in enumerate(step.primitives)]
-    found = np.empty((len(t), q[0].shape[1]))
-    for index, positions in enumerate(q):
-        found[of == index] = positions
-    return found
 
 
 _APART = 1000.0

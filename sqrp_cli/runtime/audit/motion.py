@@ -11,7 +11,7 @@ import numpy as np
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.program.record import Program, Step
-from sqrp_cli.runtime.audit.footage import planned_joints
+from sqrp_cli.runtime.monitor.nominal_step import planned_joints
 
 SPACING = 0.02
 """Between the starts of a step that are tried [s]."""

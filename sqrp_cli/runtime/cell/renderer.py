@@ -106,7 +106,8 @@ class Renderer:
                 self._scene.flags[flag] = 0
         buffer = np.empty((optics.height, optics.width), dtype=np.float32)
         mujoco.mjr_readPixels(picture, buffer, area, self._context)
-        numbers = cv2.flip(picture, 0).astype(np.int64) @ np.array([1, 1 << 8, 1 << 16])
+        low, middle, high = (channel.astype(np.int64) for channel in cv2.split(cv2.flip(picture, 0)))
+        numbers = low + (middle << 8) + (high << 16)
         bodies = np.zeros(self._scene.ngeom + 1, dtype=np.int64)
         for geom in self._scene.geoms[: self._scene.ngeom]:
             if geom.segid >= 0 and geom.objtype == mujoco.mjtObj.mjOBJ_GEOM:

@@ -63,6 +63,21 @@ def _is_in(name: str | None, box: TargetBox, situation: Situation) -> bool:
     return bool((np.abs(offset) <= 0.5 * np.array(box.size)).all())
 
 
+def planned_joints(step: Step, t: Array) -> Array:
+    """Positions of the program's n joints at times t (m,) of a step [s], shape (m, n) [rad or m]."""
+    of = _primitive_at(step, t)
+    q = [p.trajectory.positions(t[of == index] - p.start) for index, p in enumerate(step.primitives)]
+    found = np.empty((len(t), q[0].shape[1]))
+    for index, positions in enumerate(q):
+        found[of == index] = positions
+    return found
+
+
+def _primitive_at(step: Step, t: Array) -> NDArray[np.int64]:
+    """The index of the primitive at times t (m,) [s], (m,)."""
+    return np.minimum(np.searchsorted([primitive.end for primitive in step.primitives], t), len(step.primitives) - 1)
+
+
 class NominalStep:
     """The expected course of a step if all goes well."""
 
@@ -105,14 +120,7 @@ class NominalStep:
         self, joints: tuple[str, ...], robot: RobotBody
     ) -> tuple[Mapping[str, Array], Mapping[str, NDArray[np.bool_]]]:
         step = self.step
-        q = np.empty((len(self._t), len(joints)))
-        primitive_of = np.minimum(
-            np.searchsorted([primitive.end for primitive in step.primitives], self._t), len(step.primitives) - 1
-        )
-        for index, primitive in enumerate(step.primitives):
-            rows = np.flatnonzero(primitive_of == index)
-            if len(rows):
-                q[rows] = primitive.trajectory.positions(self._t[rows] - primitive.start)
+        primitive_of, q = _primitive_at(step, self._t), planned_joints(step, self._t)
         X_WL = robot.poses_over(dict(zip(joints, q.T, strict=True)))
         X_WT = X_WL[robot.tool_frame]
         X_WO: dict[str, Array] = {name: X[None] for name, X in step.before.X_WO.items()}

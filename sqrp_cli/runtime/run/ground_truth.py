@@ -129,7 +129,7 @@ class StateRecorder:
             joints=list(truth.joints),
             q=[_rounded(q) for q in truth.joints.values()],
             held=truth.held,
-            objects={name: _pose(X) for name, X in truth.X_WO.items()},
+            objects={name: logged_pose(X) for name, X in truth.X_WO.items()},
         )
         self._publisher.publish(state if self._last is None else state.since(self._last))
         self._last = state
@@ -201,7 +201,8 @@ def _asked(step: Step, box: TargetBox) -> AskedBox | None:
     return AskedBox(frame=frame, size=list(box.size), pose=[[_rounded(x) for x in row] for row in X_FB.tolist()])
 
 
-def _pose(X_WO: Array) -> list[float]:
+def logged_pose(X_WO: Array) -> list[float]:
+    """A pose (4, 4) as the log has it: x, y, z [m] and a quaternion x, y, z, w."""
     return [_rounded(float(x)) for x in (*X_WO[:3, 3], *matrix_to_quaternion(X_WO[:3, :3]))]
 
 

@@ -1,0 +1,235 @@
+"""Surveys the cameras of a recording: where each is, and how far its clock is from the robot's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.geometry import Array, pose, transform
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.camera.projection import Projection
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.program.record import Program
+from sqrp_cli.runtime.audit.camera_fit import CameraFit, SeenEdges, first_guess, fitted
+from sqrp_cli.runtime.audit.clock import FARTHEST, SPACING, ImageChanges, MotionInImage, brightness, rough_offsets
+from sqrp_cli.runtime.audit.expected_edges import STEP, EdgeRenderer, Moment
+from sqrp_cli.runtime.audit.footage import Footage, Frame
+from sqrp_cli.runtime.monitor.nominal_step import NominalStep
+from sqrp_cli.runtime.robot_body import RobotBody
+
+IMAGES = 24
+"""Images of a camera whose edges are looked for, at most."""
+
+TRIED = 10
+"""Images of those, the ones that change most, by which offsets of the clock are compared."""
+
+MEMORY = 250_000_000
+"""Bytes of images, in grey, that are kept of a camera; at least `TRIED` images are."""
+
+AROUND = (-0.06, -0.04, -0.02, 0.0, 0.02, 0.04, 0.06)
+"""Offsets around a rough one that are compared [s]."""
+
+UNKNOWN = 0.02
+"""A clock whose offset is not known better than this [s] is not judged, and taken to be right."""
+
+LATE = 0.01
+"""Least offset by which a clock is wrong [s]."""
+
+TURNED, SHIFTED = 1.5e-3, 1.5e-3
+"""A camera that is off by less than this [rad, m] is where it should be: no mount and no calibration is better."""
+
+SURE = 4.0
+"""Standard deviations that an error must have to be one."""
+
+MEETS = 0.75
+"""Largest mean loss of edges (`CameraFit.cost`) of an image that shows the cell at all."""
+
+
+@dataclass(frozen=True, eq=False)
+class CameraSurvey:
+    """What the images of a camera say of it."""
+
+    camera: Camera
+    """As the workspace says."""
+    images: int
+    """Of the recording."""
+    fit: CameraFit | None
+    """None where its images show too little of the cell."""
+
+    @property
+    def offset(self) -> float | None:
+        """By how much its clock is ahead of the robot's [s]; None where its images show no motion."""
+        return None if self.fit is None or self.offset_error > UNKNOWN else float(self.fit.change[6])
+
+    @property
+    def offset_error(self) -> float:
+        """Standard deviation of that [s]."""
+        return float("inf") if self.fit is None else float(np.sqrt(self.fit.covariance[6, 6]))
+
+    @property
+    def has_wrong_clock(self) -> bool:
+        """Whether the clock is wrong beyond doubt."""
+        return self.offset is not None and abs(self.offset) > max(LATE, SURE * self.offset_error)
+
+    @property
+    def has_moved(self) -> bool:
+        """Whether the camera is not where the workspace says, beyond doubt."""
+        if self.fit is None:
+            return False
+        least = np.diag([TURNED**2] * 3 + [SHIFTED**2] * 3) / SURE**2
+        change = self.fit.change[:6]
+        return float(change @ np.linalg.solve(self.fit.covariance[:6, :6] + least, change)) > SURE**2 + 6.0
+
+    @property
+    def X_FC(self) -> Array:
+        """The pose of the optical frame that its images show, (4, 4)."""
+        return self.camera.X_FC if self.fit is None else self.camera.X_FC @ _moved(self.fit.change)
+
+
+def _moved(change: Array) -> Array:
+    """The pose (4, 4) of a camera after a turn and a shift (6,), in the optical frame before."""
+    R, _ = cv2.Rodrigues(np.ascontiguousarray(change[:3]))
+    return pose(R, change[3:6])
+
+
+@dataclass(frozen=True, eq=False)
+class _Kept:
+    """An image that edges are looked for in."""
+
+    frame: Frame
+    gray: NDArray[np.uint8]
+
+
+def survey(
+    program: Program, workspace: Workspace, footage: Footage, image_done: Callable[[], None]
+) -> dict[str, CameraSurvey]:
+    """What the images of each camera say of it, by name; `image_done` is called for each image that was read.
+
+    Raises InputError where an image cannot be used, or the cell cannot be drawn.
+    """
+    of_camera = {name: [one for one in footage.frames if one.camera == name] for name in workspace.cameras}
+    kept, changes = _read(workspace, footage, of_camera, image_done)
+    body = RobotBody.load(workspace.robot)
+    surveyor = _Surveyor(program, workspace, footage, body)
+    try:
+        return {
+            name: CameraSurvey(camera, len(of_camera[name]), surveyor.fit(camera, kept[name], changes[name]))
+            for name, camera in workspace.cameras.items()
+            if of_camera[name]
+        }
+    finally:
+        surveyor.close()
+
+
+def _read(
+    workspace: Workspace, footage: Footage, of_camera: Mapping[str, Sequence[Frame]], image_done: Callable[[], None]
+) -> tuple[dict[str, list[_Kept]], dict[str, ImageChanges]]:
+    """What is needed of all images: some whole ones, and by how much each differs from that before it."""
+    wanted = set()
+    for name, frames in of_camera.items():
+        camera = workspace.cameras[name]
+        most = int(np.clip(MEMORY // (camera.width * camera.height), TRIED, IMAGES))
+        t = np.array([frame.t for frame in frames])
+        near = np.flatnonzero(_around_plan(footage, t)) if len(t) else np.empty(0, dtype=int)
+        wanted |= {frames[near[i]] for i in _spread(len(near), most)}
+    kept: dict[str, list[_Kept]] = {name: [] for name in workspace.cameras}
+    changes = {name: ImageChanges([], []) for name in workspace.cameras}
+    for frame, image in footage.images(footage.frames):
+        image_done()
+        gray = brightness(image.image)
+        changes[frame.camera].add(frame.t, gray)
+        if frame in wanted:
+            kept[frame.camera].append(_Kept(frame, gray))
+    return kept, changes
+
+
+def _around_plan(footage: Footage, t: Array) -> NDArray[np.bool_]:
+    """Whether the robot did as planned at a time, or soon before or after: clocks may be off."""
+    return footage.as_planned(t)
+
+
+def _spread(count: int, most: int) -> list[int]:
+    """At most so many of `count` indices, evenly spread."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int)).tolist() if count else []
+
+
+class _Surveyor:
+    """Fits cameras to their images."""
+
+    def __init__(self, program: Program, workspace: Workspace, footage: Footage, body: RobotBody) -> None:
+        self._program, self._footage, self._body = program, footage, body
+        self._nominal = [NominalStep(step, program.joints, body) for step in program.steps]
+        self._renderer = EdgeRenderer(workspace, body, program.steps[0].before)
+        ends = [start + step.time for start, step in zip(footage.starts, program.steps, strict=True)]
+        self._spans = list(zip(footage.starts, ends, strict=True))
+
+    def close(self) -> None:
+        """Give back what draws."""
+        self._renderer.close()
+
+    def fit(self, camera: Camera, kept: Sequence[_Kept], changes: ImageChanges) -> CameraFit | None:
+        """The pose error of a camera and the offset of its clock."""
+        if not kept:
+            return None
+        rough = rough_offsets(changes, self._motion(camera)) or [0.0]
+        projection = Projection.of(camera)
+        most = np.argsort(-changes.at([one.frame.t for one in kept]), kind="stable")[:TRIED]
+        tried = [kept[i] for i in sorted(most.tolist())]
+        guesses = []
+        for offset in dict.fromkeys([*rough, 0.0]):
+            few = self._seen(camera, projection, tried, offset, camera.X_FC)
+            guess = first_guess(few, projection, AROUND)
+            rough_fit = fitted(few, projection, guess)
+            if rough_fit is not None:
+                guesses.append((rough_fit.moving_cost, offset, rough_fit.change))
+        if not guesses:
+            return None
+        _, offset, change = min(guesses, key=lambda guess: guess[0])
+        fit: CameraFit | None = None
+        seen: list[SeenEdges] = []
+        X_CC = np.eye(4)
+        for _ in range(2):  # with the edges of where camera and robot really are, as far as that is known by then
+            offset, X_CC = offset + change[6], _moved(change)
+            seen = self._seen(camera, projection, kept, offset, camera.X_FC @ X_CC)
+            fit = fitted(seen, projection, np.zeros(7))
+            if fit is None or fit.cost > MEETS:
+                return None
+            X_CC = X_CC @ _moved(fit.change)
+            turn, _ = cv2.Rodrigues(X_CC[:3, :3])
+            change = np.concatenate([turn.ravel(), X_CC[:3, 3], fit.change[6:]])
+        if fit is None:
+            return None
+        points = np.concatenate([one.edges.points for one in seen])
+        away = projection.pixels(points).points - projection.pixels(transform(X_CC, points)).points
+        pixels = float(np.sqrt(np.mean((away**2).sum(axis=1))))
+        return replace(fit, change=np.append(change[:6], offset + change[6]), pixels=pixels)
+
+    def _motion(self, camera: Camera) -> MotionInImage:
+        t = [np.arange(start - FARTHEST, end + FARTHEST, SPACING) for start, end in self._spans]
+        return MotionInImage.of(camera, self._body, self._footage, np.unique(np.concatenate(t).round(3)))
+
+    def _seen(
+        self, camera: Camera, projection: Projection, kept: Sequence[_Kept], offset: float, X_FC: Array
+    ) -> list[SeenEdges]:
+        found = []
+        for one in kept:
+            moment = self._moment(one.frame.t - offset)
+            if moment is not None:
+                edges = self._renderer.edges(camera.name, X_FC, moment)
+                found.append(SeenEdges.of(edges, projection, one.gray))
+        return found
+
+    def _moment(self, t: float) -> Moment | None:
+        """Where everything was at a time of the robot's clock [s]; None outside the steps."""
+        index = next((i for i, (start, end) in enumerate(self._spans) if start <= t <= end), None)
+        if index is None or not self._footage.as_planned(np.array([t]))[0]:
+            return None
+        step, tau = self._program.steps[index], t - self._spans[index][0]
+        joints = self._footage.joints(np.array([t, t + STEP]))
+        now, later = ({name: float(q[i]) for name, q in joints.items()} for i in (0, 1))
+        held = next((p.held for p in step.primitives if tau <= p.end), None)
+        return Moment(now, later, self._nominal[index].object_poses(tau), held)

@@ -1,0 +1,77 @@
+"""Audits in the terminal: the cameras of a recording, and which predictions came true."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sqrp_cli.program.record import Program
+from sqrp_cli.runtime.record.events import listed
+from sqrp_cli.terminal.console import Column, plain, print_table, say
+from sqrp_cli.terminal.run_view import print_disagreements, print_prediction
+
+if TYPE_CHECKING:
+    from sqrp_cli.runtime.audit.frame_audit import AuditReport
+    from sqrp_cli.runtime.audit.survey import CameraSurvey
+
+
+def print_audit(
+    program: Program, workspace: str, report: AuditReport, threshold: float, cameras: Mapping[str, CameraSurvey]
+) -> None:
+    """What a recording says about a program's predictions."""
+    what = "; ".join(step.short_task for step in program.steps)
+    say(f"{what} in {workspace}: {report.images} images compared, {report.skipped} skipped (not as planned)")
+    if report.repeated:
+        say(f"{report.repeated} images are bit by bit the same as the one before them; they count as blind.", "yellow")
+    say()
+    _print_cameras(cameras)
+    say()
+    print_prediction(report.prediction, report.total)
+    print_disagreements(report.disagreements, len(report.prediction))
+    say()
+    precision = report.total.precision
+    if precision is None:
+        say("No image was predicted to show anything, so there is nothing to confirm.")
+    else:
+        verdict = "at least" if precision >= threshold else "less than"
+        say(f"{100 * precision:.1f} % of what was predicted to be seen was seen, {verdict} {100 * threshold:g} %.")
+
+
+def _print_cameras(cameras: Mapping[str, CameraSurvey]) -> None:
+    titles = ("images", "clock [ms]", "turned [deg]", "shifted [mm]", "off by [px]")
+    columns = [Column("camera"), *(Column(title, right=True) for title in titles)]
+    print_table(columns, [[name, str(one.images), *_cells(one)] for name, one in cameras.items()])
+    for name, one in cameras.items():
+        if one.has_wrong_clock and one.offset is not None:
+            ahead = "ahead of" if one.offset > 0 else "behind"
+            text = f"The clock of {name} is {1e3 * abs(one.offset):.0f} ms {ahead} the robot's"
+            say(f"{text}: its images are compared at the robot's times.", "red")
+    moved = [name for name, one in cameras.items() if one.has_moved]
+    if moved:
+        verb, them = ("has", "it is") if len(moved) == 1 else ("have", "they are")
+        say(f"{listed(moved)} {verb} moved. --patch FILE writes where {them} into the workspace.", "red")
+    blind = [name for name, one in cameras.items() if one.fit is None]
+    if blind:
+        say(f"Images of {listed(blind)} show too little of the cell to tell where it is.", "yellow")
+
+
+def _cells(survey: CameraSurvey) -> list[Any]:
+    fit = survey.fit
+    if fit is None:
+        return ["-"] * 4
+    clock = "-" if survey.offset is None else f"{1e3 * survey.offset:+.1f} ±{1e3 * survey.offset_error:.1f}"
+    style = "red" if survey.has_moved else ""
+    turn, shift = np.degrees(fit.change[:3]), 1e3 * fit.change[3:6]
+    errors = np.degrees(fit.deviations[:3]), 1e3 * fit.deviations[3:6]
+    return [
+        plain(clock, "red" if survey.has_wrong_clock else ""),
+        plain(f"{_length(turn):.2f} ±{_length(errors[0]):.2f}", style),
+        plain(f"{_length(shift):.1f} ±{_length(errors[1]):.1f}", style),
+        plain(f"{fit.pixels:.1f}", style),
+    ]
+
+
+def _length(vector: Any) -> float:  # noqa: ANN401 # of numbers
+    return float(np.linalg.norm(vector))

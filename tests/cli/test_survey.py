@@ -1,0 +1,75 @@
+"""Cameras that have moved and clocks that are wrong, in recordings drawn anew with other colours and lights."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from sqrp_cli.api.program import open_program
+from sqrp_cli.api.run_results import Audit
+from sqrp_cli.geometry import inverse, pose
+from sqrp_cli.knowledge.text.yaml_file import parse_yaml
+from sqrp_cli.runtime.audit.bag_footage import BagFootage
+from sqrp_cli.runtime.audit.frame_audit import AuditReport
+from sqrp_cli.runtime.audit.survey import survey
+from tests.cli.slip_run import Cell
+from tests.recordings.make import CellPictures, Truth, record
+
+TURN = pose(cv2.Rodrigues(np.radians([0.3, -0.35, 0.2]))[0])
+TRUTH = Truth(moved={"cam3": TURN}, offsets={"cam5": 0.31, "cam3": -0.07}, rate=2.5)
+
+
+@pytest.fixture(scope="module")
+def audit(quick_cell: Cell) -> Audit:
+    """Of two cameras, one of which was turned; both with clocks of their own."""
+    opened, path = open_program(quick_cell.program), quick_cell.folder / "turned.mcap"
+    program, workspace = opened.program, opened.workspace
+    record(path, CellPictures(program, workspace, 5), TRUTH, {})
+    found = survey(program, workspace, BagFootage(program, workspace, path, {}), lambda: None)
+    return Audit(program, workspace, AuditReport((), (), 0, 0, 0), 0.97, found)
+
+
+def test_the_camera_that_was_turned_is_named_and_no_other(audit: Audit) -> None:
+    assert [name for name, one in audit.cameras.items() if one.has_moved] == ["cam3"]
+    assert not audit.passed
+
+
+def test_where_it_is_now_is_found(audit: Audit) -> None:
+    camera = audit.cameras["cam3"]
+    error = inverse(camera.camera.X_FC @ TURN) @ camera.X_FC
+    assert np.degrees(np.linalg.norm(cv2.Rodrigues(error[:3, :3])[0])) < 0.1
+    assert np.linalg.norm(error[:3, 3]) < 2e-3
+
+
+def test_its_errors_are_as_large_as_it_says(audit: Audit) -> None:
+    for name, one in audit.cameras.items():
+        assert one.fit is not None
+        X = inverse(TRUTH.moved.get(name, np.eye(4))) @ inverse(one.camera.X_FC) @ one.X_FC
+        error = np.concatenate([cv2.Rodrigues(X[:3, :3])[0].ravel(), X[:3, 3]])
+        assert (np.abs(error) < 5 * one.fit.deviations[:6]).all(), name
+
+
+@pytest.mark.parametrize("name", ["cam3", "cam5"])
+def test_clocks_are_compared_to_some_milliseconds(audit: Audit, name: str) -> None:
+    camera = audit.cameras[name]
+    assert camera.has_wrong_clock
+    assert camera.offset == pytest.approx(TRUTH.offsets[name], abs=5e-3)
+
+
+def test_the_patch_puts_the_camera_where_it_is(audit: Audit) -> None:
+    added = [line[1:] for line in audit.patch.splitlines() if line.startswith("+") and not line.startswith("+++")]
+    assert len(added) == 1
+    entry = parse_yaml(Path("patch.yaml"), added[0].strip().encode()).data["pose"]
+    np.testing.assert_allclose(entry["position"], audit.cameras["cam3"].X_FC[:3, 3], atol=1e-5)
+    assert entry.keys() == {"position", "rpy"}
+
+
+def test_the_document_says_all_that(audit: Audit) -> None:
+    cameras = audit.document.cameras
+    assert cameras["cam3"].pose is not None
+    assert cameras["cam3"].pose.moved
+    assert cameras["cam5"].clock.wrong
+    assert audit.document.patch == audit.patch

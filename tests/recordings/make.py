@@ -1,0 +1,183 @@
+"""Recordings of a cell that is not quite as its workspace says, made without the code that runs programs.
+
+The robot follows the program exactly; images are drawn four times as large, made smaller, blurred, changed in colour
+and light, and packed as JPEG, so that edges are not where the pixels of a renderer end. Joint states and images have
+noise, objects stand a little beside their places, cameras have clocks of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from sqrp_cli.geometry import axis_rotation, matrix_to_quaternion, pose
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.program.record import Program
+from sqrp_cli.ros.bag import BagWriter
+from sqrp_cli.runtime.cell.mujoco_model import build_model
+from sqrp_cli.runtime.cell.physics import placed_objects
+from sqrp_cli.runtime.cell.renderer import Renderer
+from sqrp_cli.runtime.monitor.nominal_step import NominalStep, planned_joints
+from sqrp_cli.runtime.record.png import png_of
+from sqrp_cli.runtime.robot_body import RobotBody
+
+EPOCH = 1_700_000_000
+FINER = 2
+REST = 1.0
+"""The robot stands before and after each step [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Truth:
+    """How the cell really is."""
+
+    seed: int = 0
+    """Of noise, places and looks."""
+    moved: Mapping[str, np.ndarray] = field(default_factory=dict)
+    """X_CC', of each camera that is not where the workspace says, (4, 4)."""
+    offsets: Mapping[str, float] = field(default_factory=dict)
+    """By how much clocks of cameras are ahead [s]."""
+    rate: float = 5.0
+    """Images per second."""
+    misplaced: float = 5e-4
+    """Standard deviation of the places of movable objects [m]."""
+    quality: int = 85
+    """Of JPEG; 0: PNG."""
+
+
+class CellPictures:
+    """Draws a cell with another look than the simulation gives it."""
+
+    def __init__(self, program: Program, workspace: Workspace, look: int) -> None:
+        """look: a number for colours and lights."""
+        self.program, self.workspace = program, workspace
+        self.body = RobotBody.load(workspace.robot)
+        self.nominal = [NominalStep(step, program.joints, self.body) for step in program.steps]
+        self.objects = placed_objects(program.steps[0].before)
+        self._model = build_model(workspace, self.objects)
+        rng = np.random.default_rng(look)
+        for geom in range(self._model.ngeom):
+            if self._model.geom_matid[geom] < 0:
+                rgb = self._model.geom_rgba[geom, :3]
+                self._model.geom_rgba[geom, :3] = np.clip(rgb * rng.uniform(0.85, 1.15) + rng.uniform(0.0, 0.08), 0, 1)
+        self._model.light_dir[0] = (*rng.uniform(-0.6, 0.6, 2), -1.0)
+        self._model.light_diffuse[0] = rng.uniform(0.3, 0.5)
+        self._model.vis.headlight.diffuse[:] = rng.uniform(0.1, 0.3)
+        cameras = [_finer(camera) for camera in workspace.cameras.values()]
+        self._renderer = Renderer(self._model, cameras, look)
+        self._cameras = {camera.name: camera for camera in cameras}
+
+    def picture(self, camera: str, joints: np.ndarray, X_WO: Mapping[str, np.ndarray], moved: np.ndarray) -> np.ndarray:
+        """What a camera sees that is moved by a pose in its optical frame; joints: of the program."""
+        model, q = self._model, np.array(self._model.qpos0)
+        for name, position in zip(self.program.joints, joints, strict=True):
+            q[model.joint(name).qposadr[0]] = position
+        for name, X in X_WO.items():
+            if name in self.objects and model.body(name).jntnum[0]:
+                at = model.joint(name).qposadr[0]
+                x, y, z, w = matrix_to_quaternion(X[:3, :3])
+                q[at : at + 7] = *X[:3, 3], w, x, y, z
+        own = self._cameras[camera]
+        self._renderer._cameras[camera] = replace(own, X_FC=own.X_FC @ moved)
+        self._renderer._gl.make_current()  # a survey may have drawn since
+        self._renderer.move(q)
+        fine = self._renderer.image(camera, 0.0)
+        size = (own.width // FINER, own.height // FINER)
+        return cv2.GaussianBlur(cv2.resize(fine, size, interpolation=cv2.INTER_AREA), (0, 0), 0.7)
+
+
+def _finer(camera: Camera) -> Camera:
+    K = np.array(camera.matrix)
+    K[:2] *= FINER
+    K[:2, 2] += (FINER - 1) / 2
+    return replace(camera, width=camera.width * FINER, height=camera.height * FINER, matrix=K)
+
+
+def record(path: Path, pictures: CellPictures, truth: Truth, cache: dict[object, np.ndarray]) -> None:
+    """Write a recording. cache: of pictures that do not depend on what the truth says of noise and clocks."""
+    program, workspace = pictures.program, pictures.workspace
+    rng = np.random.default_rng((7, truth.seed))
+    writer = BagWriter(path)
+    types = writer.types
+    messages = []
+    begin = REST
+    for index, step in enumerate(program.steps):
+        t = np.arange(-REST, step.time + REST, 0.01)
+        q = planned_joints(step, np.clip(t, 0.0, step.time))
+        q = q + rng.normal(0.0, 1e-4, q.shape)
+        for time, positions in zip(t, q, strict=True):
+            stamp = _ns(begin + time)
+            names = list(program.joints)
+            header = types.header(stamp)
+            state = types.make("sensor_msgs/msg/JointState", header=header, name=names, position=positions)
+            messages.append((stamp, "/joint_states", state))
+        for name in workspace.cameras:
+            phase = rng.uniform(0.0, 1.0 / truth.rate)
+            for tau in np.arange(-REST + phase, step.time + REST, 1.0 / truth.rate):
+                tau = round(float(tau) * 1000) / 1000
+                image = _picture(pictures, truth, cache, name, index, tau)
+                stamp = _ns(begin + tau + truth.offsets.get(name, 0.0))
+                messages.append((stamp, f"/{name}/image_raw/compressed", _packed(types, image, stamp, truth, rng)))
+        begin += step.time + 2 * REST
+    for stamp, topic, message in sorted(messages, key=lambda one: one[:2]):
+        writer.add(topic, stamp, message)
+    writer.close()
+
+
+def _picture(
+    pictures: CellPictures, truth: Truth, cache: dict[object, np.ndarray], name: str, index: int, tau: float
+) -> np.ndarray:
+    moved = truth.moved.get(name, np.eye(4))
+    places = np.random.default_rng((3, truth.seed // 10))
+    # Few instants, so that recordings share pictures.
+    key = (name, index, tau, moved.tobytes(), truth.misplaced, truth.seed // 10)
+    if key not in cache:
+        step = pictures.program.steps[index]
+        at = float(np.clip(tau, 0.0, step.time))
+        X_WO = {}
+        for obj, X in pictures.nominal[index].object_poses(at).items():
+            turn = pose(axis_rotation(2, places.normal(0.0, 0.003)), (*places.normal(0.0, truth.misplaced, 2), 0.0))
+            X_WO[obj] = X @ turn
+        cache[key] = pictures.picture(name, planned_joints(step, np.array([at]))[0], X_WO, moved)
+    return cache[key]
+
+
+def _packed(types: object, image: np.ndarray, stamp: int, truth: Truth, rng: np.random.Generator) -> object:
+    noisy = np.clip(255.0 * (image / 255.0) ** 0.9 + rng.normal(0.0, 2.0, image.shape), 0, 255).astype(np.uint8)
+    if truth.quality:
+        kind, options = "jpeg", [cv2.IMWRITE_JPEG_QUALITY, truth.quality]
+        data = cv2.imencode(".jpg", cv2.cvtColor(noisy, cv2.COLOR_RGB2BGR), options)[1].ravel()
+    else:
+        kind, data = "png", np.frombuffer(png_of(noisy), np.uint8)
+    header = types.header(stamp, "camera")
+    return types.make("sensor_msgs/msg/CompressedImage", header=header, format=kind, data=data)
+
+
+def _ns(t: float) -> int:
+    return EPOCH * 1_000_000_000 + round(t * 1e9)
+
+
+def random_move(rng: np.random.Generator, turned: bool) -> np.ndarray:
+    """A camera that was turned by 0.5 degrees about any axis, or moved by 5 mm in any direction, X_CC' (4, 4)."""
+    axis = rng.normal(size=3)
+    axis /= np.linalg.norm(axis)
+    if not turned:
+        return pose(position=5e-3 * axis)
+    R, _ = cv2.Rodrigues(np.radians(0.5) * axis)
+    return pose(R)
+
+
+def cases(count: int, cameras: list[str], seed: int) -> Iterator[tuple[str, Truth]]:
+    """Recordings with one moved camera, and as many with none; all with clocks that are off."""
+    for number in range(count):
+        rng = np.random.default_rng((seed, number))
+        name = cameras[number % len(cameras)]
+        offsets = {one: float(rng.choice([-1, 1]) * rng.uniform(0.02, 0.5)) for one in rng.permutation(cameras)[:2]}
+        moved = {name: random_move(rng, number % 2 == 0)}
+        yield f"moved {number}", Truth(seed=number, moved=moved, offsets=offsets)
+        yield f"still {number}", Truth(seed=number, offsets=offsets)
