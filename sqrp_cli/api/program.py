@@ -290,7 +290,7 @@ class OpenProgram:
         check_share(threshold, "threshold")
         check_progress(progress)
         footage = self.footage(path, topics or {})
-        with progress(f"Surveying the cameras of {path}", len(footage.frames)) as advance:
+        with progress(f"Surveying the cameras of {path}", len(footage.frames) + len(self.workspace.cameras)) as advance:
             cameras = survey(self.program, self.workspace, footage, lambda: advance(1))
         offsets = {name: one.offset or 0.0 for name, one in cameras.items() if one.has_wrong_clock}
         with progress(f"Looking at {path}", len(footage.frames)) as advance:

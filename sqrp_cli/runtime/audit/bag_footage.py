@@ -29,10 +29,10 @@ JOINTS = "sensor_msgs/msg/JointState"
 STRAYS = 0.05
 """A robot that is farther than this [rad or m] from where the program wants it does not do as planned any more."""
 
-MOST_STATES = 10_000_000
-"""Most joint states that are read: those of five hours at 500 Hz."""
+MOST_STATES = 2_000_000
+"""Most joint states that are read: those of an hour at 500 Hz."""
 
-MOST_FRAMES = 10_000_000
+MOST_FRAMES = 1_000_000
 """Most images that are looked at."""
 
 

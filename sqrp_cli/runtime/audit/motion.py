@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,7 +23,7 @@ POINTS = 64
 NEAR = 0.03
 """A joint this close to where the program wants it follows the program [rad or m]."""
 
-LEAST_SHARE = 0.2
+LEAST_SHARE = 0.35
 """Least share of a step's motion that must be there, from its beginning on: it may have been stopped on the way."""
 
 GAP = 0.2
@@ -39,7 +40,7 @@ _BLOCK = 4096
 class JointTracks:
     """Where joints were, as recorded: positions over times of the robot's clock, by topic and name."""
 
-    _points: dict[str, dict[str, tuple[list[float], list[float]]]] = field(default_factory=dict)
+    _points: dict[str, dict[str, tuple[array[float], array[float]]]] = field(default_factory=dict)
     _tracks: dict[str, tuple[Array, Array]] = field(default_factory=dict)
 
     def add(self, topic: str, t: float, names: Sequence[str], positions: Sequence[float]) -> None:
@@ -47,7 +48,7 @@ class JointTracks:
         tracks = self._points.setdefault(topic, {})
         for name, position in zip(names, positions, strict=False):
             if np.isfinite(position):
-                times, values = tracks.setdefault(name, ([], []))
+                times, values = tracks.setdefault(name, (array("d"), array("d")))
                 times.append(t)
                 values.append(float(position))
 

@@ -105,28 +105,31 @@ class _Kept:
 
 
 def survey(
-    program: Program, workspace: Workspace, footage: Footage, image_done: Callable[[], None]
+    program: Program, workspace: Workspace, footage: Footage, done: Callable[[], None]
 ) -> dict[str, CameraSurvey]:
-    """What the images of each camera say of it, by name; `image_done` is called for each image that was read.
+    """What the images of each camera say of it, by name; `done` is called after each image and each camera.
 
     Raises InputError where an image cannot be used, or the cell cannot be drawn.
     """
     of_camera = {name: [one for one in footage.frames if one.camera == name] for name in workspace.cameras}
-    kept, changes = _read(workspace, footage, of_camera, image_done)
+    kept, changes = _read(workspace, footage, of_camera, done)
     body = RobotBody.load(workspace.robot)
     surveyor = _Surveyor(program, workspace, footage, body)
+    found = {}
     try:
-        return {
-            name: CameraSurvey(camera, len(of_camera[name]), surveyor.fit(camera, kept[name], changes[name]))
-            for name, camera in workspace.cameras.items()
-            if of_camera[name]
-        }
+        for name, camera in workspace.cameras.items():
+            if of_camera[name]:
+                found[name] = CameraSurvey(
+                    camera, len(of_camera[name]), surveyor.fit(camera, kept[name], changes[name])
+                )
+            done()
     finally:
         surveyor.close()
+    return found
 
 
 def _read(
-    workspace: Workspace, footage: Footage, of_camera: Mapping[str, Sequence[Frame]], image_done: Callable[[], None]
+    workspace: Workspace, footage: Footage, of_camera: Mapping[str, Sequence[Frame]], done: Callable[[], None]
 ) -> tuple[dict[str, list[_Kept]], dict[str, ImageChanges]]:
     """What is needed of all images: some whole ones, and by how much each differs from that before it."""
     wanted = set()
@@ -139,7 +142,7 @@ def _read(
     kept: dict[str, list[_Kept]] = {name: [] for name in workspace.cameras}
     changes = {name: ImageChanges([], []) for name in workspace.cameras}
     for frame, image in footage.images(footage.frames):
-        image_done()
+        done()
         gray = brightness(image.image)
         changes[frame.camera].add(frame.t, gray)
         if frame in wanted:
