@@ -212,6 +212,7 @@ class AuditedCamera(Record):
     images: int
     """In the recording."""
     clock: AuditedClock
+    """Its clock beside the robot's."""
     pose: AuditedPose | None
     """Null where images show too little of the cell to tell."""
 
