@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from sqrp_cli.api.program import open_program
 from sqrp_cli.ros.bag import Bag
 from tests.cli.slip_run import SlipRun
 
@@ -53,3 +55,20 @@ def test_topics_with_other_names_are_named(sqrp: Callable[..., Any], slip_run: S
     assert "there are no images on `/left`" in found.err
     assert sqrp("audit", program, recording, "--topic", "cam3").code == 2
     assert "no camera cam9" in sqrp("audit", program, recording, "--topic", "cam9=/left").err
+
+
+def test_what_is_planned_is_exported_with_the_same_topics(
+    sqrp: Callable[..., Any], slip_run: SlipRun, tmp_path: Path
+) -> None:
+    found = sqrp("program", slip_run.cell.program, "--export", tmp_path / "pick.mcap")
+    assert found.code == 0, found.err
+    with Bag(tmp_path / "pick.mcap") as plan, Bag(slip_run.cell.folder / "run.mcap") as run:
+        images = {f"/{camera}/image_raw/compressed" for camera in ("cam3", "cam5")}
+        assert {topic.name for topic in plan.topics} == {topic.name for topic in run.topics} - images
+        first, *_, last = (plan.read(one) for one in plan.messages(["/joint_states"]))
+        seen = [plan.read(one) for one in plan.messages(["/verdicts"])]
+    step = open_program(slip_run.cell.program).program.steps[0]
+    for state, world in ((first, step.before), (last, step.after)):
+        positions = dict(zip(state.name, state.position, strict=True))
+        assert positions == pytest.approx({name: world.joints[name] for name in positions}, abs=1e-6)
+    assert {one.message for message in seen for one in message.status} >= {"true", "false"}

@@ -12,6 +12,7 @@ from sqrp_cli.api.program import open_program
 from sqrp_cli.api.run_results import Audit
 from sqrp_cli.geometry import inverse, pose
 from sqrp_cli.knowledge.text.yaml_file import parse_yaml
+from sqrp_cli.ros.bag import Bag
 from sqrp_cli.runtime.audit.bag_footage import BagFootage
 from sqrp_cli.runtime.audit.frame_audit import AuditReport
 from sqrp_cli.runtime.audit.survey import survey
@@ -27,7 +28,9 @@ def audit(quick_cell: Cell) -> Audit:
     """Of two cameras, one of which was turned; both with clocks of their own."""
     opened, path = open_program(quick_cell.program), quick_cell.folder / "turned.mcap"
     program, workspace = opened.program, opened.workspace
-    record(path, CellPictures(program, workspace, 5), TRUTH, {})
+    pictures, drawn = CellPictures(program, workspace, 5), dict[object, np.ndarray]()
+    for one in (path, path.with_suffix(".bag")):
+        record(one, pictures, TRUTH, drawn)
     found = survey(program, workspace, BagFootage(program, workspace, path, {}), lambda: None)
     return Audit(program, workspace, AuditReport((), (), 0, 0, 0), 0.97, found)
 
@@ -73,3 +76,27 @@ def test_the_document_says_all_that(audit: Audit) -> None:
     assert cameras["cam3"].pose.moved
     assert cameras["cam5"].clock.wrong
     assert audit.document.patch == audit.patch
+
+
+@pytest.mark.parametrize("kind", ["ros1", "sqlite3"])
+def test_every_kind_of_recording_is_read_alike(audit: Audit, quick_cell: Cell, tmp_path: Path, kind: str) -> None:
+    mcap = quick_cell.folder / "turned.mcap"
+    path = mcap.with_suffix(".bag") if kind == "ros1" else copied(mcap, tmp_path / "rosbag2")
+    first, second = (BagFootage(audit.program, audit.workspace, one, {}) for one in (mcap, path))
+    assert [(one.camera, one.t) for one in second.frames] == [(one.camera, one.t) for one in first.frames]
+    assert second.starts == first.starts
+    few = first.frames[::20]
+    for (_, a), (_, b) in zip(first.images(few), second.images(second.frames[::20]), strict=True):
+        np.testing.assert_array_equal(a.image, b.image)
+
+
+def copied(path: Path, folder: Path) -> Path:
+    """The messages of a recording in a rosbag2 folder with SQLite, as ROS 2 wrote them until Humble."""
+    from rosbags import rosbag2
+
+    with Bag(path) as bag, rosbag2.Writer(folder, version=8) as writer:
+        kinds = {topic.name: topic.type for topic in bag.topics}
+        ways = {name: writer.add_connection(name, kind, typestore=bag.types.store) for name, kind in kinds.items()}
+        for one in bag.messages(kinds):
+            writer.write(ways[one.topic], one.t, one.data)
+    return folder
