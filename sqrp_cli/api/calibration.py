@@ -144,8 +144,8 @@ def _calibrated(cell: OpenCell, name: str, looks: DetectorLooks) -> CalibratedDe
 
     detector, seen = cell.workspace.detectors[name], int(looks.seen.sum())
     reason = None
-    if min(seen, len(looks) - seen) < LEAST_LOOKS:
-        reason = f"it saw {seen} of {len(looks)} boxes, expected {LEAST_LOOKS} or more that it sees, and that it misses"
+    if len(looks) < LEAST_LOOKS:
+        reason = f"it looked at {len(looks)} boxes in range and in the image, expected {LEAST_LOOKS} or more"
     return CalibratedDetector(
         looks=len(looks),
         seen=seen / max(len(looks), 1),

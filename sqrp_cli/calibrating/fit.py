@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,10 @@ BINS = 10
 """Of equal width, between probabilities 0 and 1, in which what is told is compared with what was seen."""
 
 LEAST_LOOKS = 10
-"""Boxes that a detector must have seen, and missed, so that a curve can be fitted to it."""
+"""Of a detector of which anything can be told."""
+
+PER_TERM = 5
+"""Boxes that must have been seen, and as many missed, for each term of a curve."""
 
 _VARIES = 0.02
 """Standard deviation of a feature from which on its effect can be told."""
@@ -108,42 +111,68 @@ def held_out(looks: DetectorLooks, detector: Detector) -> Array:
     for number in range(FOLDS):
         here: NDArray[np.bool_] = part == number
         if here.any():
-            told[here] = fit(looks.some(~here), detector).probability(looks.some(here).sights)
+            told[here] = tell(fit(looks.some(~here), detector), looks.some(here), detector)
     return told
+
+
+def tell(curve: Curve, looks: DetectorLooks, detector: Detector) -> Array:
+    """How likely each look sees (n,), by a curve and the limits that it keeps."""
+    return np.where(_within(replace(detector, curve=curve).gates, looks.sights), curve.probability(looks.sights), 0.0)
 
 
 def fit(looks: DetectorLooks, detector: Detector) -> Curve:
     """The curve that tells most likely what was seen, with coefficients that are not negative.
 
-    A term stays out where the frames do not vary what it is about, or the effect would have the wrong sign; its limit
-    then goes on, unless frames outside it show that it need not.
+    It has a term for each `PER_TERM` boxes seen, and as many missed, those that tell most. A term stays out where
+    the frames do not vary what it is about, or the effect would have the wrong sign; its limit then goes on, unless
+    frames outside it show that it need not. Without terms it is the share that was seen within the limits.
     """
     features = looks.sights.features()
     spread, middle = features.std(axis=1), features.mean(axis=1)
     used = [index for index in range(len(features)) if spread[index] > _VARIES]
+    most_terms = min(int(looks.seen.sum()), int((~looks.seen).sum())) // PER_TERM
+    if not used or not most_terms:
+        return _constant(looks)
     while True:
-        scaled = ((features[used].T - middle[used]) / spread[used]).T if used else features[:0]
-        weights, most = _fitted(scaled, looks.seen.astype(float))
-        if not used or weights[1:].min() >= 0.0:
+        weights, most = _fitted(((features[used].T - middle[used]) / spread[used]).T, looks.seen.astype(float))
+        if weights[1:].min() >= 0.0 and len(used) <= most_terms:
             break
         del used[int(weights[1:].argmin())]
+        if not used:
+            return _constant(looks)
     terms = dict.fromkeys(_needless(looks, detector), 0.0)
     terms |= {COEFFICIENTS[index]: _rounded(w / spread[index]) for index, w in zip(used, weights[1:], strict=True)}
     slopes = np.array([terms.get(name, 0.0) for name in COEFFICIENTS])
-    return Curve(bias=_rounded(weights[0] - float(slopes @ middle)), most=most, **(terms or {"visible": 0.0}))
+    return Curve(bias=_rounded(weights[0] - float(slopes @ middle)), most=most, **terms)
+
+
+def _constant(looks: DetectorLooks) -> Curve:
+    """The share that was seen of what was within the limits, by the rule of succession, which is never 0 or 1."""
+    within = looks.seen[looks.covered]
+    share = (within.sum() + 1.0) / (len(within) + 2.0)
+    return Curve(bias=_rounded(float(np.log(share / (1.0 - share)))))
 
 
 def _needless(looks: DetectorLooks, detector: Detector) -> list[str]:
     """The limits that some frame fails: the curve replaces them, if only by nothing."""
+    return [name for name, fails in _failed(detector, looks.sights).items() if fails.any()]
+
+
+def _within(gates: Detector, sights: BoxSights) -> Mask:
+    """Whether looks pass all limits, shape (n,)."""
+    passed: Mask = ~np.any(list(_failed(gates, sights).values()), axis=0)
+    return passed
+
+
+def _failed(detector: Detector, sights: BoxSights) -> dict[str, Mask]:
+    """Which looks fail which limit, shape (n,) each."""
     near, far = detector.distance
-    sights = looks.sights
-    outside = {
+    return {
         "pixels": sights.pixels < detector.min_pixels,
         "incidence": sights.incidence > detector.max_incidence,
         "distance": (sights.distance < near) | (sights.distance > far),
         "visible": sights.visible < detector.min_visible,
     }
-    return [name for name, fails in outside.items() if fails.any()]
 
 
 def _rounded(value: float) -> float:

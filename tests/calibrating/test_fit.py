@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sqrp_cli.calibrating.fit import FOLDS, DetectorLooks, fit, held_out, judge
+from sqrp_cli.calibrating.fit import FOLDS, DetectorLooks, fit, held_out, judge, tell
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera.curve import BoxSights, Curve
 from sqrp_cli.knowledge.camera.detector import Detector
@@ -65,7 +65,22 @@ def test_each_fifth_is_judged_by_a_curve_that_did_not_see_it() -> None:
     for part in range(FOLDS):
         here = known.pose % FOLDS == part
         other = fit(known.some(~here), DETECTOR)
-        assert told[here] == pytest.approx(other.probability(known.some(here).sights))
+        assert told[here] == pytest.approx(tell(other, known.some(here), DETECTOR))
+
+
+def test_where_hardly_anything_is_missed_the_limits_stay() -> None:
+    known = looks(200, 8, np.full(200, 0.985))
+    found = fit(known, DETECTOR)
+    within = known.seen[known.covered]
+    assert found.terms == {}
+    assert found.probability(known.sights) == pytest.approx((within.sum() + 1) / (len(within) + 2), abs=1e-3)
+    assert (tell(found, known, DETECTOR)[known.sights.pixels < DETECTOR.min_pixels] == 0.0).all()
+
+
+def test_few_boxes_that_were_missed_give_few_terms() -> None:
+    known = looks(3000, 9)
+    few = known.some(known.seen | (np.cumsum(~known.seen) <= 12))
+    assert len([value for value in fit(few, DETECTOR).terms.values() if value > 0]) <= 2
 
 
 def test_a_limit_that_frames_exceed_is_replaced_and_one_that_they_do_not_tell_about_stays() -> None:

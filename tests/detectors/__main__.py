@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from sqrp_cli.api.calibration import calibrate
-from sqrp_cli.calibrating.fit import DetectorLooks, judge
+from sqrp_cli.calibrating.fit import DetectorLooks, judge, tell
 from tests.detectors.frames import shots, write_frames, write_workspace
 from tests.detectors.ranges import CASES
 
@@ -44,7 +44,7 @@ def curves(folder: Path, count: int) -> Iterator[bool]:
                 curve = found.detectors[detector].curve
         assert curve is not None
         others = looks[JUDGED]
-        own = judge(curve.probability(others.sights), others.seen)
+        own = judge(tell(curve, others, workspace.detectors[detector]), others.seen)
         limits = judge(others.covered * 1.0, others.seen)
         ratio = own.brier / limits.brier
         print(

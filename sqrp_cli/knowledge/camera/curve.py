@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from pydantic_core import PydanticCustomError
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.text.entries import In, Number, Stored
@@ -47,7 +46,7 @@ class BoxSights(NamedTuple):
 class Curve(Stored):
     """How likely a detector sees a box: most / (1 + exp(-z)), where z is `bias` plus the terms below.
 
-    A limit of the detector counts where the curve has no term for what it limits.
+    A limit of the detector counts where the curve has no term for what it limits; without terms, all do.
     """
 
     bias: Number
@@ -64,12 +63,6 @@ class Curve(Stored):
     """Times minus the blur by motion, as a share of the size in the image."""
     most: MostLikely = 1.0
     """The probability in the best of views."""
-
-    def __post_init__(self) -> None:
-        """Raises PydanticCustomError for a curve without terms."""
-        if not self.terms:
-            names = ", ".join(f"`{name}`" for name in COEFFICIENTS)
-            raise PydanticCustomError("missing-key", "a curve needs a term: expected some of {names}", {"names": names})
 
     @property
     def terms(self) -> dict[str, float]:
