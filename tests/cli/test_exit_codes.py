@@ -387,7 +387,7 @@ def test_an_internal_error_is_one_line_and_exit_70(sqrp, watch, monkeypatch):
     def broken(*_):
         raise RuntimeError("the moon\nis in the way")
 
-    monkeypatch.setattr("sqrp_cli.cli.commands.rank.open_with_warnings", broken)
+    monkeypatch.setattr("sqrp_cli.cli.commands.rank.open_to_write", broken)
     outcome = sqrp("rank", watch, "watch seen", "--json")
     assert (outcome.code, outcome.out) == (70, "")
     assert len(outcome.err.splitlines()) == 1
