@@ -384,7 +384,7 @@ def test_ctrl_c_ends_a_process_with_130_and_no_traceback(watch):
 
 
 def test_an_internal_error_is_one_line_and_exit_70(sqrp, watch, monkeypatch):
-    def broken(*_):
+    def broken(*_, **__):
         raise RuntimeError("the moon\nis in the way")
 
     monkeypatch.setattr("sqrp_cli.cli.commands.rank.open_to_write", broken)
