@@ -79,7 +79,13 @@ def serve(pipe: Connection, path: Path, seed: int, jobs: int) -> None:
     bench = _Bench(pipe, path, seed, jobs)
     try:
         while True:
-            bench.work()
+            try:
+                bench.work()
+            except (EOFError, OSError):
+                raise
+            except Exception as error:  # the next question may be answered all the same
+                bench.drop()
+                bench.fail(error)
     except (EOFError, OSError):
         bench.drop()
 
@@ -113,6 +119,12 @@ class _Bench:
     def say(self, do: str, **fields: object) -> None:
         """Send an answer."""
         self._pipe.send(_text(do, **fields))
+
+    def fail(self, error: Exception) -> None:
+        """Say that something went wrong."""
+        message = f"internal error: {type(error).__name__}: {error}"
+        problems = error.problems if isinstance(error, InputError) else (Problem("internal-error", message),)
+        self.say("problems", number=None, problems=findings(problems))
 
     def drop(self) -> None:
         """End what is computed."""

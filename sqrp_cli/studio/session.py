@@ -191,7 +191,7 @@ class Studio:
             self.live.tell(text, passing=do == "progress")
             return
         answer = json.loads(text)
-        if do in ("cell", "ranking", "saved-ranking", "problems") and answer["number"] != self._number:
+        if answer.get("number", self._number) not in (None, self._number):
             return  # of an earlier question
         self._kept[do] = self._whole(text, answer) if do == "cell" else text
         self.live.tell(text)

@@ -20,6 +20,11 @@ from tests.studio.started import Started, copied
 MINUTES = 30.0
 TASKS = ("pickup object=g2,g6", "pickup g3", "pickup red", "pickup nothing", "place")
 THINGS = "[...document.querySelectorAll('#what option')].map((one) => JSON.parse(one.value))"
+CLICK = "(id) => document.getElementById(id).click()"
+CHOOSE = """(share) => {
+  const rows = document.querySelectorAll('#ranking tbody tr');
+  rows[Math.floor(share * rows.length)]?.click();
+}"""
 ACTIONS = {
     "drag": 30,
     "type": 10,
@@ -70,22 +75,18 @@ def act(hand: Hand, draw: random.Random, folder: Path, good: bytes) -> str:
             one.fill(f"{draw.uniform(-2, 60):.2f}")
             one.press("Enter")
         case "undo" | "redo":
-            if hand.page.is_enabled(f"#{what}"):
-                hand.page.click(f"#{what}")
+            hand.js(CLICK, what)  # does nothing where there is nothing to do
         case "choose":
-            rows = hand.page.locator("#ranking tbody tr")
-            if rows.count():
-                rows.nth(draw.randrange(rows.count())).click()
+            hand.js(CHOOSE, draw.random())
         case "look":
             hand.js("(name) => sqrp.look(name)", draw.choice([None, "cam1", "cam4"]))
         case "task":
             hand.page.fill("#task", draw.choice(TASKS))
             hand.page.keyboard.press("Enter")
         case "save":
-            if hand.page.is_enabled("#save"):
-                hand.page.click("#save")
-                hand.wait("return document.querySelector('#difference').open")
-                hand.page.click(draw.choice(["#save-now", "#save-not"]))
+            hand.js(CLICK, "save")
+            hand.page.wait_for_timeout(500)
+            hand.js(CLICK, draw.choice(["save-now", "save-not"]))
         case "outside":
             file.write_bytes(good.replace(b"rate: 10 Hz", f"rate: {draw.randint(5, 30)} Hz".encode(), 1))
         case "broken":
@@ -93,7 +94,7 @@ def act(hand: Hand, draw: random.Random, folder: Path, good: bytes) -> str:
             time.sleep(draw.uniform(0, 1))
             file.write_bytes(good)
         case "play":
-            hand.page.click("#play")
+            hand.js(CLICK, "play")
         case "advise" | "stop":
             hand.js("(what) => sqrp.tell({ do: what })", what)
     return what

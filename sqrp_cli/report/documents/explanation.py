@@ -339,7 +339,7 @@ class CandidateStudy(CandidateFigures):
     ) -> CandidateStudy:
         """A feasible candidate with everything computed about it.
 
-        brief: without what each part hides and the verdicts of single boxes, which take most of the time.
+        brief: without who is in the way and the verdicts of single boxes, which take most of the time.
         """
         views = {} if brief else hidden_views(cell, study)
         return cls(
@@ -364,9 +364,9 @@ class CandidateStudy(CandidateFigures):
                     hidden=one.hidden,
                     parts=HidingPart.of(one.parts),
                 )
-                for one in in_the_way(cell, study, views)
+                for one in (() if brief else in_the_way(cell, study, views))
             ],
-            to_move=[completed(ObjectToMove, one) for one in to_move(cell, study, views)],
+            to_move=[completed(ObjectToMove, one) for one in (() if brief else to_move(cell, study, views))],
         )
 
     @classmethod

@@ -1,0 +1,60 @@
+"""What the process that computes tells browsers: the same as the documents, and sketches as samples of the exact."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sqrp_cli import open_cell
+from sqrp_cli.programming.coverage.sampling import FixedStep
+from sqrp_cli.report.pages.candidate_page import played
+from sqrp_cli.report.pages.page import tidy
+from sqrp_cli.studio.moves import Move, moved
+from sqrp_cli.studio.sketch import SHORTEST, Sketch
+from tests.studio.started import ROOT
+
+
+@pytest.fixture(scope="module")
+def explained():
+    """A candidate of which much is hidden, in its fastest way."""
+    ranking = open_cell(ROOT / "workspaces" / "tabletop").rank(
+        "pickup g1", ways="fastest", sampling=FixedStep(SHORTEST)
+    )
+    assignment = ranking.session.assignment
+    return assignment, assignment.explain_whole(ranking.ranked[0])
+
+
+def test_what_is_shown_briefly_is_what_is_shown_in_full_but_for_boxes(explained):
+    full, brief = (tidy(played(*explained, brief=brief), digits=None) for brief in (False, True))
+    for sample in full["samples"]:
+        for literal in sample["literals"].values():
+            literal["boxes"] = []
+    assert full["hidden"]
+    assert {**full, "hidden": [], "to_move": []} == brief
+
+
+def test_a_sketch_of_the_cell_as_it_is_has_the_verdicts_of_these_samples(explained):
+    assignment, whole = explained
+    study = whole.steps[0].study
+    shown = Sketch(assignment.cell, study).seen_by(assignment.cell)
+    assert shown.t == study.timeline.samples.t.tolist()
+    assert shown.q_avg == pytest.approx(whole.ranked.assessment.q_avg)
+    exact = tidy(played(*explained, brief=True), digits=None)["samples"]
+    for index, sample in enumerate(exact):
+        assert shown.covered[index] == sample["covered"]
+        for literal, found in sample["literals"].items():
+            atom = shown.atoms[literal.removeprefix("not ")]
+            verdicts = {name: tidy(shown.verdicts[rows[index]]) for name, rows in atom.cameras.items()}
+            assert atom.covered[index] == found["covered"]
+            assert verdicts == found["cameras"]
+
+
+def test_a_camera_that_moves_is_sketched_as_if_all_were_looked_at_anew(explained):
+    assignment, whole = explained
+    sketch = Sketch(assignment.cell, whole.steps[0].study)
+    camera = assignment.cell.workspace.cameras["cam1"]
+    there = (camera.X_FC[:3, 3] + np.array([0.1, 0.05, 0.0])).tolist()
+    move = Move(kind="camera", name="cam1", position=there)
+    cell = assignment.cell.seen_by(moved(assignment.cell.workspace, move))
+    assert sketch.seen_by(cell, "cam1") == sketch.seen_by(cell)
+    assert sketch.seen_by(cell) != sketch.seen_by(assignment.cell)
