@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -43,6 +44,7 @@ def run_on_robot(
     outputs.check_not_read([*opened.files, robot])
     print_problems(opened.warnings)
     share = _read_speed(speed)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the robot is told to stop, as at Ctrl-C
     with open_robot(opened, robot, share) as session:
         _check(session, robot, as_json=as_json)
         if not dry_run and not yes:

@@ -63,7 +63,7 @@ def test_a_program_runs_in_a_cell_of_another_process_and_is_recorded(tmp_path: P
         assert document["steps"][0]["attempts"] == 2
         assert document["faults"][0]["name"] == "slip"
         assert (tmp_path / "run.mcap").stat().st_size > 1_000_000
-        served.send_signal(signal.SIGINT)
+        served.send_signal(signal.SIGTERM)
         assert served.wait(20) == 0
         assert not config.exists()
     finally:

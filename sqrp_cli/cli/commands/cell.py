@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 from typing import Annotated
 
@@ -78,6 +79,7 @@ def command(
         where = f"domain {file.domain}, {file.network}" if serve == "ros2" else "ROS 1"
         note(f"serving {cell.workspace.name} ({where}) until Ctrl-C")
 
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C
     try:
         serve_cell(cell, opened, file, fault or [], seed, ready=ready, tell=note, factor=pace)
     except KeyboardInterrupt:
