@@ -47,7 +47,7 @@ def shown(browser: Any, page: Path, script: str) -> Image.Image:
 
 def studio(browser: Any, folder: Path) -> Image.Image:
     """The studio after a camera was dragged."""
-    started = Started(copied("tabletop", folder), TASK)
+    started = Started(copied("tabletop", folder).relative_to(folder), TASK, cwd=folder)
     hand = Hand(browser, started.address)
     hand.wait("return sqrp.settled")
     hand.take("camera", "cam3")
