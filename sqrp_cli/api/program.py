@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.program_update import StepReplanner
     from sqrp_cli.report.pages.run_page import RunCell
     from sqrp_cli.runtime.audit.footage import Footage
+    from sqrp_cli.runtime.audit.survey import CameraSurvey
     from sqrp_cli.runtime.record.bag_recorder import BagRecorder
     from sqrp_cli.runtime.record.events import Event, Listener, RunBegan
     from sqrp_cli.runtime.record.film import ImageRecorder, Screen
@@ -284,18 +285,29 @@ class OpenProgram:
 
         check_packages()
         from sqrp_cli.runtime.audit.frame_audit import audit
-        from sqrp_cli.runtime.audit.survey import survey
 
         path = checked_path(recording, "recording")
         check_share(threshold, "threshold")
         check_progress(progress)
         footage = self.footage(path, topics or {})
-        with progress(f"Surveying the cameras of {path}", len(footage.frames) + len(self.workspace.cameras)) as advance:
-            cameras = survey(self.program, self.workspace, footage, lambda: advance(1))
+        cameras, unsurveyed = self._surveyed(footage, progress)
         offsets = {name: one.offset or 0.0 for name, one in cameras.items() if one.has_wrong_clock}
         with progress(f"Looking at {path}", len(footage.frames)) as advance:
             report = audit(self.program, self.workspace, footage, offsets, lambda: advance(1))
-        return Audit(self.program, self.workspace, report, threshold, cameras)
+        return Audit(self.program, self.workspace, report, threshold, cameras, unsurveyed)
+
+    def _surveyed(self, footage: Footage, progress: Progress) -> tuple[dict[str, CameraSurvey], str]:
+        """Where cameras are and what their clocks say; without an OpenGL that draws none, and why."""
+        try:
+            from sqrp_cli.runtime.audit.survey import survey
+
+            total = len(footage.frames) + len(self.workspace.cameras)
+            with progress(f"Surveying the cameras of {footage.path}", total) as advance:
+                return survey(self.program, self.workspace, footage, lambda: advance(1)), ""
+        except InputError as error:
+            if error.problems[0].code != "no-opengl":
+                raise
+            return {}, error.problems[0].message
 
     def footage(self, path: Path, topics: Mapping[str, str]) -> Footage:
         """A recording of the program's run, of any kind; topics: see `audit`. Raises InputError for what is none."""

@@ -129,6 +129,8 @@ class Audit(Answer["AuditDocument"]):
     """Least share of predicted detections that must have come true."""
     cameras: Mapping[str, CameraSurvey]
     """Where each camera of the recording is, and what its clock says."""
+    unsurveyed: str = ""
+    """Why that is not known of any."""
 
     @property
     def passed(self) -> bool:
@@ -181,4 +183,4 @@ class Audit(Answer["AuditDocument"]):
         """Print what `sqrp audit` prints."""
         from sqrp_cli.terminal.audit_view import print_audit
 
-        print_audit(self.program, self.workspace.name, self.report, self.threshold, self.cameras)
+        print_audit(self.program, self.workspace.name, self.report, self.threshold, self.cameras, self.unsurveyed)

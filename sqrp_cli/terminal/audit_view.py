@@ -18,15 +18,23 @@ if TYPE_CHECKING:
 
 
 def print_audit(
-    program: Program, workspace: str, report: AuditReport, threshold: float, cameras: Mapping[str, CameraSurvey]
+    program: Program,
+    workspace: str,
+    report: AuditReport,
+    threshold: float,
+    cameras: Mapping[str, CameraSurvey],
+    unsurveyed: str = "",
 ) -> None:
-    """What a recording says about a program's predictions."""
+    """What a recording says about a program's predictions; unsurveyed: why nothing is known of the cameras."""
     what = "; ".join(step.short_task for step in program.steps)
     say(f"{what} in {workspace}: {report.images} images compared, {report.skipped} skipped (not as planned)")
     if report.repeated:
         say(f"{report.repeated} images are bit by bit the same as the one before them; they count as blind.", "yellow")
     say()
-    _print_cameras(cameras)
+    if unsurveyed:
+        say(f"Whether cameras have moved is not known: {unsurveyed}.", "yellow")
+    else:
+        _print_cameras(cameras)
     say()
     print_prediction(report.prediction, report.total)
     print_disagreements(report.disagreements, len(report.prediction))

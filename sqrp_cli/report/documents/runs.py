@@ -257,7 +257,7 @@ class AuditDocument(WorkspaceDocument):
     passed: bool
     """Whether `precision` is at least that, no camera has moved and no clock is wrong."""
     cameras: Mapping[str, AuditedCamera]
-    """By name."""
+    """By name; none without an OpenGL that draws."""
     patch: str
     """The change of the workspace file that puts cameras where they are; empty if none has moved, or another file says
     where they are."""
