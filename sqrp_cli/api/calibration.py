@@ -65,7 +65,7 @@ def _labelled(folder: Path, workspace: Path | None, program: Path | None) -> tup
         if workspace is None:
             message = f"{LABELS} does not say which cell it is about"
             mend = f"sqrp calibrate {folder} --workspace WORKSPACE"
-            raise InputError(Problem("missing-option", message, Place(folder / LABELS), mend=mend))
+            raise InputError(Problem("bad-option", message, Place(folder / LABELS), mend=mend))
         cell = _opened(workspace)
         return cell, list(of_labels(cell.workspace, folder))
     if workspace is not None:

@@ -32,6 +32,9 @@ NO_CODES = {
     "joints-loss", "joints-frozen", "joints-latency",  # and to its joint states
     "scale-up", "scale-down",  # words of PDDL
     "system-out",  # an element of JUnit's format
+    "no-referrer", "no-store", "same-origin",  # headers of HTTP
+    "job-ended", "saved-ranking",  # messages of the studio to its page
+    "run-began", "run-doing", "run-ended", "run-event", "run-evidence", "run-fault", "run-image", "run-state",
     "no-mapping",  # becomes `wrong-type`
 }  # fmt: skip
 """Words with hyphens that are no codes. A new word belongs here, or is a code that the registry lacks."""
