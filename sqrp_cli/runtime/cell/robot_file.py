@@ -83,7 +83,7 @@ class TolerancesEntry(Stored):
     """Of a camera."""
     rotation: Angle = 0.00873
     """Of a camera; 0.5 deg by default."""
-    clock: Time = 0.06
+    clock: Time = 0.1
     """Of the age of images and joint states, from what the workspace says."""
     rate: Share = 0.2
     """Of how much fewer images a second than the workspace says."""

@@ -31,6 +31,9 @@ TICK = 0.004
 JOINTS_OVERDUE = 0.12
 """How old the newest joint states may get [s]."""
 
+STALL = 0.03
+"""After a pause of our own this long [s], which may have kept messages from coming, none counts as missing at once."""
+
 STILL, MOVED = 0.1, 0.01
 """Joint states are frozen if they stay the same for this long [s] while the arm is wanted to move so far [rad]."""
 
@@ -209,7 +212,7 @@ class RosCell:
         self._portions = Portions(self._send)
         self._reference: StoppableReference | None = None
         self._trouble: Stopped | None = None
-        self._read_at = 0.0
+        self._read_at = self._fair_from = 0.0
         self._error, self._errors = 0.0, 0
 
     @property
@@ -257,7 +260,10 @@ class RosCell:
         """Take in what has come. What is wrong with it is told by `trouble`."""
         try:
             self.clock.read()
-            now = self._read_at = self.t
+            now = self.t
+            if now - self._read_at > STALL:  # messages may have waited as long as we did
+                self._fair_from = now + min(now - self._read_at, JOINTS_OVERDUE)
+            self._read_at = now
             for arrived in self.states.take():
                 self.joints.add(self.clock.since(arrived.message.header.stamp), arrived.message, now)
             if self._force is not None:
@@ -350,6 +356,8 @@ class RosCell:
     def _joint_trouble(self, now: float) -> Stopped | None:
         """What joint states say of the robot, or that they say nothing."""
         topic, reference = f"`{self.file.joint_states}`", self._reference
+        if now < self._fair_from:
+            return None
         if now - self.joints.came > JOINTS_OVERDUE:
             return Stopped(f"the joint states are lost: none on {topic} for {now - self.joints.came:.2f} s")
         if now - self.joints.newest > JOINTS_OVERDUE:

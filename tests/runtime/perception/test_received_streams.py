@@ -112,3 +112,16 @@ def test_time_in_which_nobody_looked_is_no_failure() -> None:
     cameras.lookers.now += 30.0  # such as for planning
     assert cameras.streams.resume(2.0) == cameras.lookers.now
     assert cameras.streams.failure(cameras.lookers.now + 0.2) is None
+
+
+def test_a_pause_of_our_own_is_not_taken_for_a_lost_camera_but_a_lost_camera_is_still_told() -> None:
+    cameras = Cameras()
+    assert cameras.until(2.0) is None
+    cameras.lookers.now += 0.3
+    now = cameras.lookers.now
+    cameras.streams.expose(now, lambda _: {}, lambda _: None)  # what was sent meanwhile has not been received yet
+    assert cameras.streams.failure(now) is None
+    cameras.lookers.now = now + 0.2
+    how = cameras.streams.failure(now + 0.2)
+    assert how is not None
+    assert how.fault == "camera-loss"
