@@ -12,9 +12,9 @@ from typing import NamedTuple
 from sqrp_cli.knowledge.camera.camera import Intrinsics
 from sqrp_cli.knowledge.markers import DICTIONARIES, Marker
 
-MODULE_PIXELS, LESS_BY_CORRECTION = 1.88, 3.5
-"""Pixels along a module of a marker that is read in nine of ten images; less where bits are corrected, by this times
-the share of its bits that may be wrong."""
+MODULE_PIXELS, LESS_PER_BIT, MOST_BITS = 1.9, 0.1, 3
+"""Pixels along a module of a marker that is read in nine of ten images; less for each bit that is corrected, up to so
+many bits."""
 
 LEAST_SIDE = 0.011
 """Least side of a marker in the image that is looked at, as a share of the longer side of the image. OpenCV passes over
@@ -30,7 +30,7 @@ class MarkerRange(NamedTuple):
     near: float
     """Where its black square, unturned, fills the image in one direction."""
     far: float
-    """Up to here nine of ten images show it; at an angle, to this times the cosine of the angle."""
+    """Up to here nine of ten images show it; at an angle, at least to this times the cosine of the angle."""
 
     @classmethod
     def of(cls, camera: Intrinsics, marker: Marker) -> MarkerRange:
@@ -46,8 +46,7 @@ def least_pixels(camera: Intrinsics, marker: Marker, incidence: float = 0.0) -> 
     incidence: angle between its normal and the direction to the camera [rad]. What counts is the shorter side.
     """
     dictionary = DICTIONARIES[marker.dictionary]
-    code = (dictionary.modules - 2) ** 2
-    module = MODULE_PIXELS - LESS_BY_CORRECTION * dictionary.corrected / code
+    module = MODULE_PIXELS - LESS_PER_BIT * min(dictionary.corrected, MOST_BITS)
     side = max(dictionary.modules * module, LEAST_SIDE * max(camera.width, camera.height))
     return side / sqrt(max(cos(incidence), _STEEPEST))
 
