@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -60,7 +61,7 @@ def blocks(text: str) -> list[Block]:
 
 
 def played(page: Path) -> Iterator[tuple[Block, str]]:
-    """Each `console` block of a page with what its command prints, in a folder that begins with the shipped cells.
+    """Each `console` block of a page with what its command prints, in a folder that begins with copies of the shipped cells.
 
     Commands run at 80 columns and without colour. One that refuses its input prints what it says on stderr. Raises
     AssertionError where a command of a `sh` block fails.
@@ -68,7 +69,7 @@ def played(page: Path) -> Iterator[tuple[Block, str]]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for part in ("skills", "workspaces"):
-            (folder / part).symlink_to(ROOT / part)
+            shutil.copytree(ROOT / part, folder / part)
         for block in blocks(page.read_text(encoding="utf-8")):
             if block.title:
                 (folder / block.title).parent.mkdir(parents=True, exist_ok=True)
