@@ -102,6 +102,7 @@ BOUNDED_ENOUGH = {
         "angle_tolerance",
     ),  # whose bounds are the usual ones
     *("home", "fingers"),  # positions of joints, checked against their limits
+    "curve",  # learned from frames
 }
 """Numbers that need no row: what is possible is also usual, or another finding tells of them."""
 
