@@ -61,7 +61,7 @@ def blocks(text: str) -> list[Block]:
 
 
 def played(page: Path) -> Iterator[tuple[Block, str]]:
-    """Each `console` block of a page with what its command prints, in a folder that begins with copies of the shipped cells.
+    """Each `console` block of a page with what its command prints, in a folder with copies of the shipped cells.
 
     Commands run at 80 columns and without colour. One that refuses its input prints what it says on stderr. Raises
     AssertionError where a command of a `sh` block fails.
