@@ -151,6 +151,6 @@ def _calibrated(cell: OpenCell, name: str, looks: DetectorLooks) -> CalibratedDe
         seen=seen / max(len(looks), 1),
         curve=None if reason else fit(looks, detector),
         held_out=None if reason else judge(held_out(looks, detector), looks.seen),
-        limits=judge(looks.covered.astype(float), looks.seen),
+        limits=judge(looks.covered.astype(float), looks.seen) if len(looks) else None,
         reason=reason,
     )

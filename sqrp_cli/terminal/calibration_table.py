@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sqrp_cli.calibrating.fit import Judged
-from sqrp_cli.report.documents.calibration import CalibratedDetector, CalibrateDocument
+from sqrp_cli.report.documents.calibration import CalibrateDocument
 from sqrp_cli.terminal.console import Column, print_table, say
 
 
@@ -13,17 +13,17 @@ def print_calibration(document: CalibrateDocument) -> None:
     for name, found in document.detectors.items():
         say()
         say(f"{name}: {found.looks} looks at boxes, in {100 * found.seen:.1f} % it said what was true")
-        if found.curve is None or found.held_out is None:
+        if found.curve is None or found.held_out is None or found.limits is None:
             say(f"No curve: {found.reason}.")
         else:
-            _print_detector(found, found.held_out)
+            _print_detector(found.limits, found.held_out)
             terms = {"bias": found.curve.bias, **found.curve.terms, "most": found.curve.most}
             said = ", ".join(f"{term}: {value:g}" for term, value in terms.items())
             say(f"detectors: {name}: curve: {{{said}}}")
 
 
-def _print_detector(found: CalibratedDetector, held_out: Judged) -> None:
-    rows = [("limits", *_figures(found.limits)), ("curve, poses held out", *_figures(held_out))]
+def _print_detector(limits: Judged, held_out: Judged) -> None:
+    rows = [("limits", *_figures(limits)), ("curve, poses held out", *_figures(held_out))]
     titles = ("calibration error [points]", "Brier score")
     print_table([Column(""), *(Column(title, right=True) for title in titles)], rows)
     say()

@@ -77,6 +77,15 @@ def test_the_table_compares_limits_and_curve(sqrp, folder):
     assert all(len(line) <= 80 for line in outcome.out.splitlines())
 
 
+def test_frames_in_which_no_box_is_in_range_teach_nothing(sqrp, folder, tmp_path):
+    heading, _, screen = (folder / "frames/labels.csv").read_text().splitlines()[:3]
+    (tmp_path / "labels.csv").write_text(f"{heading}\n{screen.replace('screen,,', 'plate,aruco,yes')}\n")
+    (tmp_path / "00000.png").write_bytes((folder / "frames/00000.png").read_bytes())
+    outcome = sqrp("calibrate", tmp_path, "--workspace", folder / "cell")
+    assert outcome.code == 2
+    assert "it looked at 0 boxes in range and in the image, expected 10 or more" in " ".join(outcome.err.split())
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [

@@ -22,8 +22,8 @@ class CalibratedDetector(Record):
     """Learned from all frames; null where these are too few."""
     held_out: Judged | None
     """The probabilities of each fifth of the poses by the curve that the others teach, compared with what was seen."""
-    limits: Judged
-    """The limits of the workspace, as probabilities of 1 and 0, compared with what was seen."""
+    limits: Judged | None
+    """The limits of the workspace, as probabilities of 1 and 0, compared with what was seen; null without looks."""
     reason: str | None
     """Why there is no curve."""
 
