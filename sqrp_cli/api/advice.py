@@ -43,7 +43,7 @@ from sqrp_cli.report.documents.advice import (
     WishedFigures,
     nearest_of,
 )
-from sqrp_cli.scoring.sweep import from_here
+from sqrp_cli.scoring.sweep import in_patch
 from sqrp_cli.scoring.work.results import KeptSearches, Results
 
 if TYPE_CHECKING:
@@ -187,7 +187,7 @@ class TaskAdvice(Answer[AdviceDocument]):
             return "", error.problems[0].message
         if content == self._file.content:
             return "", "the workspace says it already"
-        return patch(self._file, content, from_here(self._file.path)), None
+        return patch(self._file, content, in_patch(self._file.path)), None
 
     def _changed(self, change: ProposedChange) -> bytes:
         """The workspace file with a change. Raises InputError for what it does not say itself."""

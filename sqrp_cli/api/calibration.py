@@ -58,9 +58,11 @@ def _labelled(folder: Path, workspace: Path | None, program: Path | None) -> tup
     from sqrp_cli.calibrating.labelled import of_labels, of_program
     from sqrp_cli.calibrating.labels_file import LABELS
     from sqrp_cli.knowledge.text.input_file import missing_file
+    from sqrp_cli.ros.bag import check_kind
 
     if not folder.exists():
         raise InputError(missing_file(folder))
+    check_kind(folder)
     if (folder / LABELS).is_file() and program is None:
         if workspace is None:
             message = f"{LABELS} does not say which cell it is about"
@@ -73,7 +75,8 @@ def _labelled(folder: Path, workspace: Path | None, program: Path | None) -> tup
         raise InputError(Problem("bad-option", message, Place(folder)))
     file = program or folder / PROGRAM
     if not file.is_file() and program is None:
-        message = f"there is neither a {LABELS} in this folder nor a {PROGRAM}, so it is not known what the frames show"
+        none = f"there is neither a {LABELS} in this folder nor a {PROGRAM}, so it is not known what the frames show"
+        message = none if folder.is_dir() else "of a file it is not known what its images show"
         mend = f"sqrp calibrate {folder} --program FILE, with the program that was run"
         raise InputError(Problem("no-labels", message, Place(folder), mend=mend))
     opened = open_program(file)
@@ -122,14 +125,14 @@ class LearnedCurves(Answer["CalibrateDocument"]):
         from sqrp_cli.knowledge.text.yaml_edit import patch
         from sqrp_cli.knowledge.workspace.edits import with_curve
         from sqrp_cli.knowledge.workspace.load import read_workspace_document
-        from sqrp_cli.scoring.sweep import from_here
+        from sqrp_cli.scoring.sweep import in_patch
 
         document = read_workspace_document(self.cell.workspace.whole_file.file)
         content = document.content
         for name, one in self.detectors.items():
             if one.curve is not None:
                 content = with_curve(read_workspace_document(document.path, content), name, one.curve)
-        return patch(document, content, from_here(document.path))
+        return patch(document, content, in_patch(document.path))
 
     def show(self) -> None:
         """Print what `sqrp calibrate` prints."""

@@ -26,7 +26,7 @@ from sqrp_cli.programming.placing.tensor import LocalVerdicts, Verdicts
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.programming.whole_task import split_steps
 from sqrp_cli.report.documents.placing import PlaceDocument, in_words, placed
-from sqrp_cli.scoring.sweep import from_here
+from sqrp_cli.scoring.sweep import in_patch
 from sqrp_cli.scoring.work.looks import ClusterVerdicts, KeptVerdicts
 from sqrp_cli.scoring.work.results import Results
 
@@ -107,7 +107,7 @@ class CellPlacement(Answer[PlaceDocument]):
         """A unified diff from the workspace file to the one with these cameras; empty where none were found."""
         if not self.found.cameras:
             return ""
-        return patch(self._file, self.patched, from_here(self._file.path))
+        return patch(self._file, self.patched, in_patch(self._file.path))
 
     @cached_property
     def patched(self) -> bytes:

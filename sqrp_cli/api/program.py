@@ -311,7 +311,7 @@ class OpenProgram:
 
     def footage(self, path: Path, topics: Mapping[str, str]) -> Footage:
         """A recording of the program's run, of any kind; topics: see `audit`. Raises InputError for what is none."""
-        from sqrp_cli.ros.bag import is_bag
+        from sqrp_cli.ros.bag import check_kind, is_bag
         from sqrp_cli.runtime.audit.bag_footage import BagFootage
         from sqrp_cli.runtime.audit.footage import FolderFootage
 
@@ -319,6 +319,7 @@ class OpenProgram:
         if unknown:
             message = f"there is no camera {unknown[0]}; {expected_names(unknown[0], list(self.workspace.cameras))}"
             raise InputError(Problem("unknown-camera", message))
+        check_kind(path)
         if path.exists() and is_bag(path):
             return BagFootage(self.program, self.workspace, path, topics)
         return FolderFootage(self.program, self.workspace, path)

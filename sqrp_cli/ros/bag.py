@@ -33,6 +33,19 @@ def is_bag(path: Path) -> bool:
     return head.startswith((_ROS1, *_ROS2)) or (path.name == METADATA and b"rosbag2_bagfile_information" in head)
 
 
+_KINDS = {".mcap": "MCAP file", ".bag": "bag of ROS 1", ".db3": "file of rosbag2 (SQLite)"}
+"""What a file is by the end of its name."""
+
+
+def check_kind(path: Path) -> None:
+    """Raises InputError for a file that is named as a recording and is none."""
+    kind = _KINDS.get(path.suffix.lower())
+    if path.is_file() and kind is not None and not is_bag(path):
+        what = "it is empty" if not path.stat().st_size else "it begins otherwise"
+        message = f"this is no {kind}: {what}; expected a recording that was closed and is whole"
+        raise InputError(Problem("unreadable-file", message, Place(path)))
+
+
 def _head(path: Path) -> bytes:
     with naming(path, "this file cannot be read"), path.open("rb") as file:
         return file.read(1000)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -189,6 +191,18 @@ def from_here(path: Path) -> str:
     """The name of a file in a patch and in a command: relative if it is below the current folder."""
     current = Path.cwd()
     return (path.relative_to(current) if path.is_relative_to(current) else path).as_posix()
+
+
+def in_patch(path: Path) -> str:
+    """The name of a file in a patch; where it is not below the current folder, `patch` takes its bare name only."""
+    name = from_here(Path(os.path.normpath(Path.cwd() / path)))
+    return path.name if Path(name).is_absolute() else name
+
+
+def to_apply(patch: Path, path: Path) -> str:
+    """The command that applies a patch of a file, in the current folder."""
+    at = "" if in_patch(path) != path.name else f" -d {shlex.quote(str(path.parent))}"
+    return f"patch -p0{at} < {shlex.quote(str(patch))}"
 
 
 Mask = NDArray[np.bool_]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 from dataclasses import asdict
 from pathlib import Path
 
@@ -59,6 +61,18 @@ def test_the_patch_gives_the_workspace_the_curve(outcome, folder):
     learned = load_workspace(folder / "cell", content.replace(before, f"{before}{added}\n").encode())
     stated = outcome.document["detectors"]["aruco"]["curve"]
     assert asdict(learned.detectors["aruco"].curve) == stated
+
+
+def test_the_patch_is_applied_as_the_command_says_wherever_the_workspace_is(outcome, folder, tmp_path):
+    (said,) = [line for line in " ".join(outcome.err.split()).split("to have the curves: ") if "patch -p0" in line]
+    assert said.startswith(f"patch -p0 -d {folder / 'cell'} < ")
+    patch = (folder / "curves.patch").read_text()
+    assert "\n--- workspace.yaml\n+++ workspace.yaml\n" in patch
+    if (program := shutil.which("patch")) is None:
+        pytest.skip("there is no patch(1)")
+    own = shutil.copytree(folder / "cell", tmp_path / "cell")
+    subprocess.run([program, "-p0", "-d", own], input=patch, text=True, check=True, capture_output=True)
+    assert load_workspace(own).detectors["aruco"].curve is not None
 
 
 def test_a_curve_that_is_there_is_replaced(folder):

@@ -9,8 +9,11 @@ from typing import Any
 import pytest
 
 from sqrp_cli.api.program import open_program
-from sqrp_cli.ros.bag import Bag
-from tests.cli.slip_run import SlipRun
+from sqrp_cli.calibrating.labelled import of_program
+from sqrp_cli.ros.bag import Bag, written
+from sqrp_cli.runtime.audit.frame_audit import audit, frames_of
+from sqrp_cli.runtime.record.bag_recorder import AS_PLANNED
+from tests.cli.slip_run import Cell, SlipRun
 
 
 @pytest.fixture(scope="module")
@@ -32,20 +35,80 @@ def test_an_audit_finds_in_it_what_it_finds_in_the_frames(
     sqrp: Callable[..., Any], slip_run: SlipRun, audited: Any
 ) -> None:
     frames = sqrp("audit", slip_run.cell.program, slip_run.cell.folder / "frames", "--json").document
-    assert audited.document["skipped"] > 0  # those of the retry
+    assert audited.document["images"] == frames["images"]
+    assert audited.document["skipped"] == frames["skipped"] > 0  # from the slip on, with those of the retry
     for step, other in zip(audited.document["prediction"], frames["prediction"], strict=True):
         for literal, cameras in step.items():
             for camera, counts in cameras.items():
                 kept = other[literal][camera]
                 assert abs(counts["tp"] - kept["tp"]) <= 1, (literal, camera)  # packed as JPEG
-                assert counts["fn"] == kept["fn"], (literal, camera)
+                assert abs(counts["fn"] - kept["fn"]) <= 1, (literal, camera)
 
 
-def test_a_slip_shows_as_predictions_that_did_not_come_true(audited: Any) -> None:
-    # Frames tell when the plan was given up; of a recording it is known only when the robot left the path.
-    assert audited.code == 1
-    wrong = [one["atom"] for one in audited.document["disagreements"]]
-    assert {"hold(g2)", "obj_on_table(g2)"} <= set(wrong)
+def test_a_detector_learns_the_same_from_it_as_from_the_frames(slip_run: SlipRun) -> None:
+    opened, folder = open_program(slip_run.cell.program), slip_run.cell.folder
+    looks = []
+    for source in (folder / "frames", folder / "run.mcap"):
+        labelled = of_program(opened.program, opened.workspace, opened.footage(source, {}))
+        looks.append([(one.frame.camera, sorted(one.holds.items())) for step in labelled for one in step.images])
+    assert looks[0] == looks[1] != []
+
+
+def test_of_a_recording_that_does_not_tell_images_count_while_the_arm_does_as_planned(
+    slip_run: SlipRun, tmp_path: Path
+) -> None:
+    opened, told = open_program(slip_run.cell.program), slip_run.cell.folder / "run.mcap"
+    with Bag(told) as bag, written(tmp_path / "foreign.mcap") as writer:
+        for one in bag.messages({topic.name for topic in bag.topics} - {AS_PLANNED}):
+            writer.add(one.topic, one.t, bag.read(one))
+    ours, foreign = (opened.footage(path, {}) for path in (told, tmp_path / "foreign.mcap"))
+    counted = [frames_of(one, 0, opened.program.steps[0], {}) for one in (ours, foreign)]
+    assert set(counted[0].values()) < set(counted[1].values())
+    report = audit(opened.program, opened.workspace, foreign, {}, lambda: None)
+    assert "hold(g2)" in {one.atom for one in report.lost}
+    assert all(one.t >= max(counted[0].values()) for one in report.lost)
+
+
+@pytest.mark.parametrize("topics", [["cam5=/cam3/image_raw/compressed"], ["cam3=/a", "cam5=/a"]])
+def test_images_are_never_taken_from_one_camera_for_another(
+    sqrp: Callable[..., Any], slip_run: SlipRun, tmp_path: Path, topics: list[str]
+) -> None:
+    recording = slip_run.cell.folder / "run.mcap"
+    if len(topics) == 2:
+        with Bag(recording) as bag, written(tmp_path / "one.mcap") as writer:
+            for one in bag.messages({"/joint_states", "/cam3/image_raw/compressed"}):
+                writer.add("/a" if one.topic.endswith("compressed") else one.topic, one.t, bag.read(one))
+        recording = tmp_path / "one.mcap"
+    given = [text for topic in topics for text in ("--topic", topic)]
+    found = sqrp("audit", slip_run.cell.program, recording, *given)
+    assert found.code == 2
+    assert "would be the images of cam3 and of cam5" in " ".join(found.err.split())
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("run.mcap", b"\x7fELF\x02\x01\x01", "this is no MCAP file: it begins otherwise"),
+        ("run.mcap", b"", "this is no MCAP file: it is empty"),
+        ("run.bag", b"hello", "this is no bag of ROS 1"),
+        ("run.txt", b"hello", "this file is no recording"),
+    ],
+)
+def test_what_is_no_recording_is_called_so(
+    sqrp: Callable[..., Any], quick_cell: Cell, tmp_path: Path, name: str, content: bytes, said: str
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    for command in (["audit", quick_cell.program, tmp_path / name], ["calibrate", tmp_path / name, "--program"]):
+        found = sqrp(*command, *([quick_cell.program] if command[0] == "calibrate" else []))
+        assert found.code == 2
+        assert said in " ".join(found.err.split())
+
+
+def test_what_a_recording_shows_is_asked_for(sqrp: Callable[..., Any], slip_run: SlipRun) -> None:
+    found = sqrp("calibrate", slip_run.cell.folder / "run.mcap")
+    assert found.code == 2
+    assert "of a file it is not known what its images show" in " ".join(found.err.split())
+    assert "--program FILE" in found.err
 
 
 def test_topics_with_other_names_are_named(sqrp: Callable[..., Any], slip_run: SlipRun) -> None:

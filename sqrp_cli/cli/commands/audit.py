@@ -49,6 +49,7 @@ def command(
     """
     from sqrp_cli.platform.files import check_not_read
     from sqrp_cli.runtime.cell.requirements import check_packages
+    from sqrp_cli.scoring.sweep import to_apply
     from sqrp_cli.terminal.console import note, progress
 
     if not 0.0 <= threshold <= 1.0:
@@ -64,7 +65,9 @@ def command(
     if patch is not None:
         if audit.patch:
             PATCHES.write(patch, audit.patch)
-        note(f"the change is in {patch}" if audit.patch else f"no camera has moved, so {patch} is not written")
+            note(f"to have the poses: {to_apply(patch, opened.workspace.whole_file.file)}")
+        else:
+            note(f"no camera has moved, so {patch} is not written")
     return ExitCode.OK if audit.passed else ExitCode.NONE_FEASIBLE
 
 

@@ -39,6 +39,7 @@ def command(
     Prints how well its curve, and its limits, agree with frames that the curve was not learned from.
     """
     from sqrp_cli.api.calibration import calibrate
+    from sqrp_cli.scoring.sweep import to_apply
     from sqrp_cli.terminal.console import note, progress
 
     if patch is not None:
@@ -47,6 +48,6 @@ def command(
     if patch is not None:
         check_not_read([patch], [file.path for file in found.cell.workspace.files.values()])
         PATCHES.write(patch, found.patch)
-        note(f"the patch is in {patch}")
+        note(f"to have the curves: {to_apply(patch, found.cell.workspace.whole_file.file)}")
     answer(found, as_json=as_json)
     return ExitCode.OK

@@ -19,6 +19,7 @@ from sqrp_cli.runtime.audit.footage import Frame
 from sqrp_cli.runtime.audit.motion import SPACING, JointTracks, found_steps
 from sqrp_cli.runtime.image import CameraImage, check_recorded
 from sqrp_cli.runtime.monitor.nominal_step import planned_joints
+from sqrp_cli.runtime.record.bag_recorder import AS_PLANNED
 from sqrp_cli.runtime.record.packed_image import image_of
 
 IMAGES = ("sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image")
@@ -42,6 +43,8 @@ class _Index:
 
     frames: list[Frame]
     tracks: JointTracks
+    told: list[tuple[float, bool]]
+    """When the run that was recorded told whether it went as planned from then on [s]; empty where nobody did."""
 
 
 class BagFootage:
@@ -61,7 +64,7 @@ class BagFootage:
             index = _indexed(bag, self._topics)
         check_recorded(workspace, set(self._topics.values()))
         self.frames: Sequence[Frame] = index.frames
-        self._tracks = index.tracks
+        self._tracks, self._told = index.tracks, index.told
         arm = [name for name in program.joints if name in workspace.robot.home]
         self.starts: Sequence[float] = found_steps(program, arm, self._tracks, path)
         self._until = [start + self._followed(arm, start, step) for start, step in self._steps()]
@@ -72,10 +75,17 @@ class BagFootage:
         return {**planned, **{name: self._tracks.position(name, t) for name in self._tracks.names}}
 
     def as_planned(self, t: Array) -> Mask:
-        """Whether every joint of the arm has been near where the program wants it since the step began."""
+        """Whether every joint of the arm has been near where the program wants it since the step began.
+
+        A run of SQRP itself has told, too, when it left the plan, as for a part that fell: the arm goes on for a while.
+        """
         planned = np.zeros(len(t), dtype=bool)
         for start, until in zip(self.starts, self._until, strict=True):
             planned |= (t >= start - 1e-6) & (t <= until + 1e-6)
+        if self._told:
+            since, values = zip(*self._told, strict=True)
+            last = np.searchsorted(since, t + 1e-6, side="right") - 1
+            planned &= np.array(values)[np.maximum(last, 0)]
         return planned
 
     def images(self, frames: Sequence[Frame]) -> Iterator[tuple[Frame, CameraImage]]:
@@ -130,7 +140,8 @@ def _image_topics(bag: Bag, workspace: Workspace, given: Mapping[str, str]) -> d
             message = f"there are no images on `{given[camera]}`; {expected_names(given[camera], _names(topics))}"
             raise InputError(Problem("no-images", message, Place(bag.path)))
         if own:
-            found[min(own, key=lambda topic: (IMAGES.index(topic.type), topic.name)).name] = camera
+            name = min(own, key=lambda topic: (IMAGES.index(topic.type), topic.name)).name
+            _check_free(name, camera, found.setdefault(name, camera), given, bag.path)
     if not found:
         cameras = ", ".join(workspace.cameras)
         there = f"it has images on {', '.join(_names(topics))}" if topics else "it has no images at all"
@@ -138,6 +149,15 @@ def _image_topics(bag: Bag, workspace: Workspace, given: Mapping[str, str]) -> d
         mend = "sqrp audit PROGRAM RECORDING --topic CAMERA=TOPIC" if topics else None
         raise InputError(Problem("no-images", message, Place(bag.path), mend=mend))
     return found
+
+
+def _check_free(topic: str, camera: str, other: str, given: Mapping[str, str], path: Path) -> None:
+    """Raises InputError where the images of a camera are those of another one."""
+    if other != camera:
+        bare = camera if camera not in given else other
+        message = f"`{topic}` would be the images of {other} and of {camera}; expected a topic of its own for each"
+        mend = f"sqrp audit PROGRAM RECORDING --topic {bare}=TOPIC, too"
+        raise InputError(Problem("bad-option", message, Place(path), mend=mend))
 
 
 def _is_of(topic: Topic, camera: str, given: Mapping[str, str]) -> bool:
@@ -160,7 +180,13 @@ def _indexed(bag: Bag, topics: Mapping[str, str]) -> _Index:
         message = bag.read(packed)
         tracks.add(packed.topic, _stamp(message, packed), message.name, message.position)
     frames.sort(key=lambda frame: (frame.t, frame.camera))
-    return _Index(frames, tracks.sorted())
+    changes = _at_most(bag, _told_of(bag), MOST_FRAMES, "changes of the plan")
+    told = sorted((packed.t * 1e-9, bool(bag.read(packed).data)) for _, packed in changes)
+    return _Index(frames, tracks.sorted(), told)
+
+
+def _told_of(bag: Bag) -> set[str]:
+    return {one.name for one in bag.topics if one.name == AS_PLANNED and one.type == "std_msgs/msg/Bool"}
 
 
 def _at_most(bag: Bag, topics: Mapping[str, str] | set[str], most: int, what: str) -> Iterator[tuple[int, Packed]]:

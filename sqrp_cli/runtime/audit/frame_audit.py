@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program, Step
 from sqrp_cli.runtime.audit.footage import Footage, Frame, ImageSource
 from sqrp_cli.runtime.monitor.nominal_step import NominalStep, values_when_open
@@ -27,6 +28,23 @@ AHEAD = 8
 """Images that are looked at while others are read."""
 
 
+LEAST_LOST = 3
+"""Images, at least, that say of a literal to the end of a step that it is not as planned, for `MaybeLost`."""
+
+
+@dataclass(frozen=True)
+class MaybeLost:
+    """A literal that was planned to be true, and false in every image that shows it from a time on."""
+
+    step: int
+    """From 1."""
+    t: float
+    """When the first of these images was taken [s], since the step's motion began."""
+    atom: str
+    images: int
+    """How many there are."""
+
+
 @dataclass(frozen=True)
 class AuditReport:
     """What recorded images say about a program's predictions."""
@@ -39,6 +57,8 @@ class AuditReport:
     """How many were taken when the step did not go as planned."""
     repeated: int
     """How many were identical to the image before them."""
+    lost: tuple[MaybeLost, ...] = ()
+    """What may have been lost without the arm leaving its path."""
 
     @property
     def total(self) -> Confusion:
@@ -61,6 +81,7 @@ def audit(
     """
     robot = RobotBody.load(workspace.robot)
     checks = []
+    lost: list[MaybeLost] = []
     compared = repeated = 0
     with DetectorPool(CellModel.of(workspace, robot)) as pool:
         for index, step in enumerate(program.steps):
@@ -71,20 +92,39 @@ def audit(
             pool.watch(DetectionTargets(dict(step.targets), step.before.X_WO, values_when_open(step)))
             frames = frames_of(footage, index, step, offsets)
             postures = Postures(step, footage.starts[index], nominal, footage)
+            false_at: dict[str, list[float]] = {atom: [] for atom in step.targets}
             for frame, detection in detected(pool, footage, frames, postures.at):
                 image_done()
                 t = frames[frame]
                 repeated += detection.frozen
                 compared += 1
                 truths = {atom: nominal.holds(atom, t) for atom in step.targets}
-                check.add(detection, t, monitor.monitored(t), truths)
+                asked = monitor.monitored(t)
+                check.add(detection, t, asked, truths)
+                _note_false(detection, t, [atom for atom in asked if truths[atom]], false_at)
+            lost += [
+                MaybeLost(index + 1, min(times), atom, len(times))
+                for atom, times in false_at.items()
+                if len(times) >= LEAST_LOST
+            ]
     return AuditReport(
         tuple(check.counts for check in checks),
         tuple(found for check in checks for found in check.disagreements),
         compared,
         len(footage.frames) + footage.unplanned - compared,
         repeated,
+        tuple(lost),
     )
+
+
+def _note_false(detection: Detection, t: float, planned: Iterable[str], false_at: dict[str, list[float]]) -> None:
+    """Add an image of time t [s] to those that showed, one after the other, that a planned literal is false."""
+    for atom in planned:
+        seen = detection.truth(atom)
+        if seen == Truth.FALSE:
+            false_at[atom].append(t)
+        elif seen == Truth.TRUE:
+            false_at[atom].clear()
 
 
 def frames_of(footage: Footage, index: int, step: Step, offsets: Mapping[str, float]) -> dict[Frame, float]:

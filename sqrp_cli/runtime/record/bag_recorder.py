@@ -10,6 +10,7 @@
 | `/objects` | `visualization_msgs/MarkerArray` | the objects of the cell where they are |
 | `/boxes` | `visualization_msgs/MarkerArray` | where images are judged: green true, blue false, red blind |
 | `/verdicts` | `diagnostic_msgs/DiagnosticArray` | the value of each literal, and what each camera shows |
+| `/as_planned` | `std_msgs/Bool` | whether images from then on are of the plan; told when it changes |
 | `/rosout` | `rcl_interfaces/Log`, in ROS 1 `rosgraph_msgs/Log` | what happens, in words |
 """
 
@@ -47,6 +48,9 @@ from sqrp_cli.runtime.record.png import jpeg_of
 from sqrp_cli.runtime.robot_body import RobotBody
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 
+AS_PLANNED = "/as_planned"
+"""The topic that says whether everything goes as the program says."""
+
 EPOCH = 1_000_000_000
 """What a clock of a recording says when the run's says 0 [s]: ROS takes a time of 0 for none."""
 
@@ -74,6 +78,8 @@ class BagRecorder:
             self._links[workspace.robot.tool.urdf.root] = workspace.robot.tool.link
         self._joints: dict[str, float] = {}
         self._boxes: dict[str, list[Message]] = {}
+        self._planned: bool | None = None
+        self._holds_run = False
         description = self._types.make("std_msgs/msg/String", data=robot_description(workspace.robot))
         self._writer.add("/robot_description", _at(0.0), description, latched=True)
         self._add_static_frames()
@@ -89,18 +95,30 @@ class BagRecorder:
         elif isinstance(event, EvidenceSeen):
             self._judge(event)
         elif (said := _said(event)) is not None:
+            self._holds_run |= isinstance(event, RunEnded)
             self._say(event.t, said, warns=not isinstance(event, PrimitiveBegan))
 
-    def add(self, frame: CameraImage) -> None:
-        """Keep an image."""
+    def add(self, frame: CameraImage, *, planned: bool) -> None:
+        """Keep an image; planned: whether all went as the program says when it was taken."""
+        self._holds_run = True
+        self.tell_planned(frame.t, planned=planned)
         header = self._types.header(_at(frame.t), _optical(frame.camera))
         data = np.frombuffer(jpeg_of(frame.image), np.uint8)
         message = self._types.make("sensor_msgs/msg/CompressedImage", header=header, format="jpeg", data=data)
         self._writer.add(f"/{frame.camera}/image_raw/compressed", _at(frame.t), message)
 
+    def tell_planned(self, t: float, *, planned: bool) -> None:
+        """Keep whether all goes as the program says from time t [s] on."""
+        if planned != self._planned:
+            self._planned = planned
+            self._writer.add(AS_PLANNED, _at(t), self._types.make("std_msgs/msg/Bool", data=planned))
+
     def close(self) -> None:
-        """Finish the recording."""
-        self._writer.close()
+        """Finish the recording; of a run that was ended before its first image, nothing is kept."""
+        if self._holds_run:
+            self._writer.close()
+        else:
+            self._writer.discard()
 
     def _add_static_frames(self) -> None:
         robot, rest = self._workspace.robot, self._body.link_poses({})

@@ -88,7 +88,7 @@ class ImageRecorder:
         if self._folder is not None:
             self._folder.add(frame, step, t)
         if self._bag is not None:
-            self._bag.add(frame)
+            self._bag.add(frame, planned=t is not None)
         if self._film is not None:
             self._waiting[frame.camera, frame.t] = (frame, caption)
 

@@ -24,6 +24,8 @@ from sqrp_cli.runtime.record.png import png_of
 INDEX = "frames.csv"
 """The file that lists the frames of a folder."""
 
+_FILE = f"this file is no recording; expected an MCAP file, a bag of ROS, or a folder with {INDEX}"
+
 _COLUMNS = ("camera", "file", "step", "t")
 
 MAX_INDEX = 100_000_000
@@ -79,7 +81,7 @@ def read_frames(folder: Path, cameras: Sequence[str], steps: int) -> Iterator[Fr
     """The rows of a folder's index. Raises InputError for one that is missing or wrong, with its line."""
     path = folder / INDEX
     if folder.is_file():
-        raise InputError(Problem("no-frames", f"this is a file; expected a folder with {INDEX} in it", Place(folder)))
+        raise InputError(Problem("no-frames", _FILE, Place(folder)))
     if not folder.exists():
         raise InputError(missing_file(folder))
     if not path.is_file():

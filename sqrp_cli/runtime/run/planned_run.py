@@ -33,6 +33,7 @@ def write_planned_run(path: Path, program: Program, workspace: Workspace) -> Non
     body = RobotBody.load(workspace.robot)
     with written(path) as writer:
         recorder = BagRecorder(writer, workspace, body)
+        recorder.tell_planned(0.0, planned=True)
         for event in _events(program, body):
             recorder(event)
 

@@ -44,7 +44,7 @@ def recording(request: Any, tmp_path_factory: pytest.TempPathFactory, workspace:
     recorder(StepBegan(t=0.0, skill="pickup", boxes={"hold(g1)": [box]}))
     state = {"joints": list(joints), "q": list(joints.values()), "held": None, "objects": {"g1": g1}}
     recorder(WholeState.model_validate({"t": 0.5, **state}))
-    recorder.add(CameraImage("cam1", 0.6, image))
+    recorder.add(CameraImage("cam1", 0.6, image), planned=True)
     recorder(EvidenceSeen(t=0.7, exposed=0.6, literals={"hold(g1)": shown}))
     recorder(FaultSeen(t=0.8, name="slip", text="g1 fell"))
     recorder.close()
@@ -54,7 +54,7 @@ def recording(request: Any, tmp_path_factory: pytest.TempPathFactory, workspace:
 def test_every_message_is_what_the_types_of_rosbags_pack_again(recording: Path) -> None:
     with Bag(recording) as bag:
         packed = list(bag.messages({topic.name for topic in bag.topics}))
-        assert len(packed) == sum(topic.count for topic in bag.topics) == 17
+        assert len(packed) == sum(topic.count for topic in bag.topics) == 18
         for one in packed:
             assert bag.types.encode(bag.read(one)) == bytes(one.data)
 
@@ -142,6 +142,14 @@ def test_a_recording_appears_when_it_is_whole(tmp_path: Path) -> None:
     assert not (tmp_path / "run.mcap").exists()
     writer.discard()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_that_ends_before_its_first_image_leaves_an_older_recording(tmp_path: Path, workspace: Workspace) -> None:
+    (tmp_path / "run.mcap").write_bytes(b"an older one")
+    recorder = BagRecorder(BagWriter(tmp_path / "run.mcap"), workspace, RobotBody.load(workspace.robot))
+    recorder(StepBegan(t=0.0, skill="pickup", boxes={}))
+    recorder.close()
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"an older one"]
 
 
 def test_the_same_run_gives_the_same_bytes(tmp_path: Path) -> None:

@@ -11,7 +11,10 @@ from sqrp_cli.runtime.record.frame_folder import read_frames
 @pytest.mark.parametrize(
     ("name", "says"),
     [
-        ("frames.csv", "this is a file; expected a folder with frames.csv in it"),
+        (
+            "frames.csv",
+            "this file is no recording; expected an MCAP file, a bag of ROS, or a folder with frames.csv",
+        ),
         (".", "the columns are others, expected `camera, file, step, t`"),
         ("nowhere", "no such file or folder"),
     ],
