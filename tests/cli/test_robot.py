@@ -38,6 +38,24 @@ def test_options_that_make_no_sense_are_refused(sqrp: Callable[..., Any], words:
     assert said in found.err
 
 
+@pytest.mark.parametrize("more", [[], ["--program", "pick.yaml", "--fault", "nonsense"]])
+def test_a_file_that_was_there_is_kept_and_refused(sqrp: Callable[..., Any], tmp_path: Path, more: list[str]) -> None:
+    real = tmp_path / "robot.yaml"
+    real.write_text("of a real robot")
+    found = sqrp("cell", TABLETOP, "--serve", "ros2", "--config", real, *more)
+    assert (found.code, found.out, real.read_text()) == (2, "", "of a real robot")
+    if not more:
+        assert "this file is there" in found.err
+        assert "choose another name" in found.err
+
+
+def test_a_cell_that_cannot_be_served_leaves_no_file_and_takes_none(sqrp: Callable[..., Any], tmp_path: Path) -> None:
+    config = tmp_path / "simulated.yaml"
+    found = sqrp("cell", TABLETOP, "--serve", "ros2", "--config", config, "--network", "10.255.255.1")
+    assert found.code == 2
+    assert not config.exists()
+
+
 @pytest.mark.slow
 def test_a_program_runs_in_a_cell_of_another_process_and_is_recorded(tmp_path: Path) -> None:
     workspace, program, config = small_cell(tmp_path), tmp_path / "pick.yaml", tmp_path / "robot.yaml"

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from sqrp_cli.cli.options import Seed, WorkspacePath, open_with_warnings, program_with_warnings
-from sqrp_cli.errors import ExitCode, InputError, Problem
+from sqrp_cli.errors import ExitCode, InputError, Place, Problem
 
 NAME = "cell"
 
@@ -70,12 +70,17 @@ def command(
     if config is not None:
         check_not_read([config], [file.path for file in cell.workspace.files.values()])
         check_writable(config)
+        _check_new(config)
     joints = tuple(cell.workspace.robot.home) if opened is None else opened.program.joints
     file = served_as("ros2" if serve == "ros2" else "ros1", joints, cell, network, domain)
 
+    written: list[Path] = []
+
     def ready() -> None:
         if config is not None:
+            _check_new(config)  # it may have come while the simulation was made ready
             write_atomically(config, as_yaml(file))
+            written.append(config)
         where = f"domain {file.domain}, {file.network}" if serve == "ros2" else "ROS 1"
         note(f"serving {cell.workspace.name} ({where}) until Ctrl-C")
 
@@ -85,6 +90,14 @@ def command(
     except KeyboardInterrupt:
         note("stopped serving")
     finally:
-        if config is not None:
-            config.unlink(missing_ok=True)
+        for path in written:
+            path.unlink(missing_ok=True)
     return ExitCode.OK
+
+
+def _check_new(config: Path) -> None:
+    """Raises InputError for a file that is there: it is removed at the end, and may be that of a real robot."""
+    if config.exists() or config.is_symlink():
+        message = "this file is there, and --config removes its file at the end"
+        mend = "choose another name, or remove it if an earlier `sqrp cell` was killed and left it"
+        raise InputError(Problem("would-overwrite", message, Place(config), mend=mend))

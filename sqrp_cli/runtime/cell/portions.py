@@ -7,7 +7,7 @@ off or hang: the controller then plays what it has, which brakes within its last
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +28,10 @@ SPACING = 0.02
 """Between two points [s]; with their velocities and accelerations a controller follows the path to micrometres."""
 
 
+JUMP = 0.02
+"""How far a portion may begin from where the robot will be by the one before [rad or m]."""
+
+
 class Portion(NamedTuple):
     """Points of a trajectory, the last one at rest."""
 
@@ -38,38 +42,66 @@ class Portion(NamedTuple):
 
 
 class Portions:
-    """Sends a motion in portions."""
+    """Sends a motion in portions, as long as each goes on from where the robot is by the one before.
 
-    def __init__(self, send: Callable[[Portion], None]) -> None:
-        self._send = send
+    After a pause of the sender, or a step of its clock, the robot has braked where the wanted motion has gone on: a
+    portion of that would be a jump. None is sent then, nor ever again, but for a stop along the path that was sent.
+    """
+
+    def __init__(self, send: Callable[[Portion], None], loose: Collection[str] = ()) -> None:
+        """loose: joints that may be wanted elsewhere at once, such as fingers."""
+        self._send, self._loose = send, loose
         self._revision: int | None = None
         self._next = -float("inf")
         self._brakes_at = float("inf")
+        self._told: StoppableReference | None = None
+        self.over = False
+        """Whether nothing is sent any more."""
 
     def follow(self, reference: StoppableReference, now: float) -> None:
-        """Send what is due at a time [s], if anything is."""
-        if reference.revision == self._revision and now < self._next:
+        """Send what is due at a time [s], if anything is; where that would be a jump, it is `over`."""
+        if self.over or (reference.revision == self._revision and now < self._next):
+            return
+        if self._late(now) or self._is_jump(reference, now):
+            self.stop(now)
             return
         self._revision, self._next = reference.revision, now + EVERY
         self._brakes_at = now + LEAD + AHEAD
         ends = reference.rests_at <= self._brakes_at
+        self._told = reference.stopped(self._brakes_at)
+        self._send(_portion(reference if ends else self._told, now))
         if ends:
             self._next = self._brakes_at = float("inf")
-        self._send(_portion(reference if ends else reference.stopped(self._brakes_at), now))
 
-    def begin(self, reference: StoppableReference) -> None:
+    def begin(self, reference: StoppableReference, now: float) -> None:
         """Nothing is to be sent until the reference changes: the robot stands where it begins."""
-        self._revision, self._next, self._brakes_at = reference.revision, float("inf"), float("inf")
+        self._revision, self._told = reference.revision, reference.stopped(now)
+        self._next = self._brakes_at = float("inf")
 
-    def stop(self, reference: StoppableReference, now: float) -> float:
-        """Have the robot stop at once, whatever the motion wants; returns when it stands [s]."""
-        stopped = reference.stopped(now)
-        self.follow(stopped, now)
-        return max(now, stopped.rests_at)
+    def stop(self, now: float) -> float:
+        """Have the robot stop from where it is, which is by the last portion; returns when it stands [s].
 
-    def late_by(self, now: float) -> float:
-        """For how long the robot has been braking because nothing was sent [s]; 0 while all is well."""
-        return max(0.0, now - self._brakes_at)
+        Nothing is sent to a robot that brakes or stands already, and nothing ever after.
+        """
+        if self._told is None:
+            return now
+        if not self.over and now < min(self._brakes_at, self._told.rests_at):
+            self._told = self._told.stopped(now)
+            self._send(_portion(self._told, now))
+        self.over = True
+        return max(now, self._told.rests_at)
+
+    def _late(self, now: float) -> bool:
+        """Whether the robot brakes already, because nothing was sent."""
+        return now > self._brakes_at
+
+    def _is_jump(self, reference: StoppableReference, now: float) -> bool:
+        """Whether a motion is elsewhere, where a portion would begin, than the robot will be."""
+        if self._told is None:
+            return False
+        t = np.array([now + LEAD])
+        off = np.abs(reference.states(t).positions - self._told.states(t).positions)[0]
+        return any(q > JUMP for name, q in zip(reference.joints, off.tolist(), strict=True) if name not in self._loose)
 
 
 def _portion(reference: StoppableReference, now: float) -> Portion:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -19,7 +20,7 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.ros.messages import Message, MessageError, nanoseconds
 from sqrp_cli.ros.transport import ActingTransport, Inbox, Send, Topic, Transport
 from sqrp_cli.runtime.cell.interface import StoppableReference
-from sqrp_cli.runtime.cell.portions import Portion, Portions
+from sqrp_cli.runtime.cell.portions import AHEAD, Portion, Portions
 from sqrp_cli.runtime.cell.robot_file import RobotFile
 from sqrp_cli.runtime.image import CameraImage
 from sqrp_cli.runtime.record.packed_image import image_of
@@ -34,6 +35,9 @@ JOINTS_OVERDUE = 0.12
 STALL = 0.03
 """After a pause of our own this long [s], which may have kept messages from coming, none counts as missing at once."""
 
+PAUSE, SETTLE = 0.1, 0.05
+"""After a pause of our own this long [s], `/clock` is believed so much later [s]: what was sent has to be received."""
+
 STILL, MOVED = 0.1, 0.01
 """Joint states are frozen if they stay the same for this long [s] while the arm is wanted to move so far [rad]."""
 
@@ -42,6 +46,8 @@ CLOCK_STOPS = 2.0
 
 FLOOD_FACTOR, FLOOD_WINDOW, MOST_JOINT_STATES = 20.0, 0.5, 5000.0
 """A flood: so many times more images than a camera takes, or so many joint states a second, over a window [s]."""
+
+_NO_TIME = "`/clock` stands still"
 
 _REMEMBERED = 2000
 """How many joint states are kept, to know where the robot was when an image was taken."""
@@ -61,19 +67,24 @@ class RosClock:
     def __init__(self, transport: Transport, *, simulated: bool) -> None:
         self._inbox = transport.subscribe(CLOCK) if simulated else None
         self._newest = 0
-        self._heard = time.monotonic()
+        self._ahead = time.time_ns() - _steady_ns()
+        self._heard = self._looked = self._settles = time.monotonic()
         self.origin = 0
         """What counts as time 0 [ns]."""
 
     def read(self) -> None:
         """Take note of what has come. Raises MessageError for what is no time."""
+        looked, self._looked = self._looked, time.monotonic()
+        if self._looked - looked > PAUSE:
+            self._heard, self._settles = self._looked, self._looked + SETTLE
         for arrived in self._inbox.take() if self._inbox is not None else ():
-            self._newest, self._heard = max(self._newest, nanoseconds(arrived.message.clock)), arrived.t
+            if (newest := nanoseconds(arrived.message.clock)) > self._newest:
+                self._newest, self._heard = newest, max(self._heard, arrived.t)
 
     @property
     def ns(self) -> int:
-        """The time since the epoch of the clock [ns]; 0 before any is known."""
-        return time.time_ns() if self._inbox is None else self._newest
+        """The time since the epoch of the clock [ns]; 0 before any is known. That of this computer never steps."""
+        return _steady_ns() + self._ahead if self._inbox is None else self._newest
 
     @property
     def now(self) -> float:
@@ -85,9 +96,19 @@ class RosClock:
         return (nanoseconds(stamp) - self.origin) * 1e-9
 
     @property
+    def is_settled(self) -> bool:
+        """Whether what was read last is the time now, also after a pause of our own."""
+        return self._inbox is None or self._looked >= self._settles
+
+    @property
     def stands_still(self) -> bool:
-        """Whether `/clock` has nothing to say any more."""
-        return self._inbox is not None and time.monotonic() - self._heard > CLOCK_STOPS
+        """Whether `/clock` has nothing new to say any more."""
+        return self._inbox is not None and self._looked - self._heard > CLOCK_STOPS
+
+
+def _steady_ns() -> int:
+    """A time that goes on while this computer sleeps, and that nobody sets [ns]."""
+    return time.clock_gettime_ns(getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
 
 
 class JointLog:
@@ -153,6 +174,15 @@ class Shown(NamedTuple):
     """When it came [s]."""
 
 
+class _Followed(NamedTuple):
+    """When it was last looked whether a portion is due."""
+
+    t: float
+    """On the cell's clock [s]."""
+    ns: int
+    """By a steady time of this computer [ns]."""
+
+
 @dataclass
 class _Flood:
     """Whether more comes than anybody can mean."""
@@ -209,11 +239,12 @@ class RosCell:
         self.ages: dict[str, deque[Shown]] = {name: deque(maxlen=100) for name in self.images}
         """When images were taken, and when they came, since `watch`."""
         self._waiting: dict[str, deque[CameraImage]] = {name: deque(maxlen=4) for name in self.images}
-        self._portions = Portions(self._send)
+        fingers = workspace.robot.fingers
+        self._portions = Portions(self._send, () if fingers is None else tuple(fingers.open))
         self._reference: StoppableReference | None = None
         self._trouble: Stopped | None = None
         self._read_at = self._fair_from = 0.0
-        self._error, self._errors = 0.0, 0
+        self._followed = _Followed(0.0, _steady_ns())
 
     @property
     def t(self) -> float:
@@ -241,20 +272,33 @@ class RosCell:
     def advance(self, t: float, reference: StoppableReference) -> float:
         """As `Cell` says; returns sooner where no time passes any more."""
         if self._reference is None and reference.rests_at < t:
-            self._portions.begin(reference)
+            self._portions.begin(reference, t)
         self._reference = reference
         while True:
             self.read()
-            now = self.t
-            if (late := self._portions.late_by(now)) > 0 and self._trouble is None:
-                reason = (
-                    f"this computer was busy: the robot began to brake {late:.2f} s before it was told how to go on"
-                )
-                self._trouble = Stopped(reason)
-            self._portions.follow(reference, now)
-            if now >= t or self.clock.stands_still:
+            now, stands_still = self.t, self.clock.stands_still
+            if stands_still:
+                self._end(_NO_TIME)
+            elif self.clock.is_settled:
+                self._follow(reference, now)
+            if stands_still or (now >= t and self.clock.is_settled):
                 return max(t, now) if now >= t else now
             self.transport.wait(TICK)
+
+    def _follow(self, reference: StoppableReference, now: float) -> None:
+        """Send what is due; where that would be a jump, nothing more is sent, and that is trouble."""
+        silent, paused = now - self._followed.t, (_steady_ns() - self._followed.ns) * 1e-9
+        self._followed = _Followed(now, _steady_ns())
+        self._portions.follow(reference, now)
+        if self._portions.over:
+            jumped = self.file.use_sim_time and silent > AHEAD and paused < PAUSE
+            why = "this computer was too busy to send the next part of the motion for"
+            self._end(f"`/clock` jumped ahead by {silent:.1f} s" if jumped else f"{why} {silent:.1f} s")
+
+    def _end(self, why: str) -> None:
+        """Send no motion any more."""
+        self._portions.over = True
+        self._trouble = self._trouble or Stopped(why)
 
     def read(self) -> None:
         """Take in what has come. What is wrong with it is told by `trouble`."""
@@ -297,13 +341,13 @@ class RosCell:
             self._trouble = self._trouble or Stopped(f"the controller gave up: {why}")
 
     def grasp(self) -> None:
-        """As `Cell` says."""
-        if self.file.tool is not None:
+        """As `Cell` says; nothing is commanded where there is trouble: the robot may be elsewhere."""
+        if self.file.tool is not None and self.trouble() is None:
             self._tool(self.file.tool.hold)
 
     def release(self) -> None:
-        """As `Cell` says."""
-        if self.file.tool is not None:
+        """As `Cell` says; as `grasp`, nothing where there is trouble."""
+        if self.file.tool is not None and self.trouble() is None:
             self._tool(self.file.tool.release)
 
     def tool_force(self) -> float:
@@ -323,7 +367,7 @@ class RosCell:
         if self._trouble is not None:
             return self._trouble
         if self.clock.stands_still:
-            return Stopped("`/clock` stands still")
+            return Stopped(_NO_TIME)
         return self._joint_trouble(self._read_at)
 
     def tracking_error(self) -> float | None:
@@ -333,17 +377,24 @@ class RosCell:
     def close(self) -> None:
         """Have the robot stand, and wait until it does; then end the connection."""
         try:
-            reference = self._reference
-            if reference is not None and reference.rests_at > self.t:
-                stands = self._portions.stop(reference, self.t)
-                patience = time.monotonic() + 2.0
+            self._read_clock()
+            stands, patience = self._portions.stop(self.t), time.monotonic() + 2.0
+            if stands > self.t:
                 while self.t < stands and time.monotonic() < patience:
-                    self.clock.read()
+                    self._read_clock()
                     self.transport.wait(TICK)
                 if self._cancel is not None:  # nothing is left to follow
                     self._cancel(self._types.make(_GOAL_ID))
         finally:
             self.transport.close()
+
+    def _read_clock(self) -> None:
+        """Know the time now, also after a pause of our own."""
+        with suppress(MessageError):
+            self.clock.read()
+            while not self.clock.is_settled:
+                self.transport.wait(TICK)
+                self.clock.read()
 
     def __enter__(self) -> RosCell:
         return self

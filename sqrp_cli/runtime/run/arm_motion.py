@@ -75,7 +75,8 @@ class ArmMotion:
     def stopped(self, t: float) -> ArmMotion:
         """As `StoppableReference` says."""
         other = copy(self)
-        other._stops = list(self._stops)
+        other._stops, other._offsets = [stop for stop in self._stops if stop.t < t], list(self._offsets)
+        other._placed, other._halts = dict(self._placed), dict(self._halts)
         other.stop(t, protective=True)
         return other
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sqrp_cli.runtime.cell.portions import AHEAD, LEAD, Portion, Portions
+from sqrp_cli.runtime.cell.portions import LEAD, Portion, Portions
 from sqrp_cli.runtime.serve.followed import FollowedTrajectory, RefusedTrajectory
 from tests.runtime.run.test_arm_motion import ACCELERATION, JERK, Q0, Q1, playback
 
@@ -80,11 +80,58 @@ def test_a_stop_is_sent_at_once_and_replaces_what_was_sent() -> None:
     assert not sent[1].states.velocities[-1].any()
 
 
-def test_who_sends_late_is_told_how_late() -> None:
-    portions = Portions(lambda _: None)
-    portions.follow(playback(), 1.5)
-    assert portions.late_by(1.5 + LEAD + AHEAD) == 0.0
-    assert portions.late_by(1.7 + LEAD + AHEAD) == pytest.approx(0.2)
+def test_a_stop_begins_where_the_robot_is_by_the_last_portion_and_nothing_is_sent_after_it() -> None:
+    motion, sent = playback(), []
+    portions = Portions(sent.append)
+    portions.follow(motion, 1.5)
+    motion.stop(1.2)  # what is wanted now is elsewhere
+    stands = portions.stop(1.55)
+    assert np.allclose(sent[1].states.positions[0], playback().state(1.55 + LEAD).positions, atol=1e-3)
+    assert 1.55 + sent[1].times[-1] == pytest.approx(stands)
+    assert stands < 1.5 + sent[0].times[-1] - 0.2
+    portions.follow(playback(), 1.6)
+    assert portions.stop(1.65) == stands
+    assert len(sent) == 2
+
+
+@pytest.mark.parametrize("pause", [0.43, 0.6, 1.0, 1.5])
+def test_after_a_pause_in_which_the_robot_braked_nothing_is_sent(pause: float) -> None:
+    sent: list[Portion] = []
+    portions, motion = Portions(sent.append), playback()
+    portions.follow(motion, 1.5)
+    portions.follow(motion, 1.5 + pause)
+    assert portions.over
+    motion.stop(1.5 + pause, protective=True)
+    portions.follow(motion, 1.5 + pause + 0.01)
+    portions.stop(1.5 + pause + 0.02)
+    assert len(sent) == 1
+
+
+@pytest.mark.parametrize("stand", [True, False])
+def test_a_motion_that_went_on_while_nothing_was_sent_is_no_portion(stand: bool) -> None:
+    sent: list[Portion] = []
+    portions, motion = Portions(sent.append), playback()
+    before = motion.stopped(0.5)
+    if stand:
+        portions.begin(before, 0.5)
+        portions.follow(motion, 1.8)  # it began at 1.0
+    else:
+        portions.follow(motion, 1.8)
+        motion.stop(1.5, protective=True)  # too late: the robot goes on
+        portions.follow(motion, 1.9)
+    assert portions.over
+    first = np.array([portion.states.positions[0] for portion in sent]).reshape(-1, 2)
+    assert np.allclose(first, playback().states(np.array([1.8 + LEAD, 1.9 + LEAD][: len(sent)])).positions, atol=2e-3)
+    assert len(sent) == (0 if stand else 2)
+
+
+def test_fingers_may_be_wanted_elsewhere_at_once() -> None:
+    for loose, over in (((), True), (("b",), False)):
+        portions, motion = Portions(lambda _: None, loose), playback()
+        portions.follow(motion, 1.5)
+        motion.place({"b": 1.0})
+        portions.follow(motion, 1.51)
+        assert portions.over is over
 
 
 def test_trajectories_that_no_controller_would_follow_are_refused() -> None:

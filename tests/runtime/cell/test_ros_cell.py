@@ -26,6 +26,7 @@ K = np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]])
 CAMERA = SimpleNamespace(
     name="cam", width=8, height=6, rate=10.0, latency=0.05, matrix=K, distortion=(), frame="world", X_FC=np.eye(4)
 )
+WORKSPACE = SimpleNamespace(cameras={"cam": CAMERA}, robot=SimpleNamespace(fingers=None))
 FILE = {
     "use_sim_time": True,
     "reliable": True,
@@ -34,6 +35,12 @@ FILE = {
     "cameras": {"cam": {"image": "/cam/image", "info": "/cam/info"}},
     "tool": {"topic": "/suction"},
 }
+
+
+@pytest.fixture(autouse=True)
+def _unpaused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The clocks of these cells pass as fast as they are waited for: there is no time to settle."""
+    monkeypatch.setattr(ros_cell, "SETTLE", 0.0)
 
 
 class Wire:
@@ -85,7 +92,7 @@ class Wire:
 
 def cell(wire: Wire, **more: object) -> RosCell:
     file = RobotFile.model_validate({**FILE, **more})
-    found = RosCell(file, {"a": "a", "b": "b"}, SimpleNamespace(cameras={"cam": CAMERA}), wire)
+    found = RosCell(file, {"a": "a", "b": "b"}, WORKSPACE, wire)
     wire.tick()
     found.begin()
     wire.t0 = wire.t
@@ -309,7 +316,7 @@ def test_without_a_simulated_clock_time_is_that_of_this_computer() -> None:
     wire = Wire()
     wire.wait = time.sleep
     file = RobotFile.model_validate({**FILE, "use_sim_time": False})
-    robot = RosCell(file, {"a": "a", "b": "b"}, SimpleNamespace(cameras={"cam": CAMERA}), wire)
+    robot = RosCell(file, {"a": "a", "b": "b"}, WORKSPACE, wire)
     robot.begin()
     began, motion = time.monotonic(), playback()
     assert robot.advance(0.1, motion) == pytest.approx(time.monotonic() - began, abs=0.03)
@@ -318,3 +325,95 @@ def test_without_a_simulated_clock_time_is_that_of_this_computer() -> None:
     robot.read()
     assert robot.joints.newest == pytest.approx(robot.t, abs=0.03)
     assert robot.trouble() is None
+
+
+def trajectories(wire: Wire) -> list[Message]:
+    return [message for name, message in wire.sent if name == "/arm/joint_trajectory"]
+
+
+@pytest.mark.parametrize(
+    ("least", "pause", "reason"),
+    [
+        (0.1, 0.5, "this computer was too busy to send the next part of the motion for 0.5 s"),
+        (0.1, 1.3, "this computer was too busy to send the next part of the motion for 1.3 s"),
+        (99.0, 1.3, "`/clock` jumped ahead by 1.3 s"),
+    ],
+)
+def test_after_a_pause_nothing_that_moves_is_sent(
+    monkeypatch: pytest.MonkeyPatch, least: float, pause: float, reason: str
+) -> None:
+    monkeypatch.setattr(ros_cell, "PAUSE", least)
+    wire = Wire()
+    robot = cell(wire)
+    follow(wire, robot, 1.8)
+    motion, before = playback(), len(wire.sent)
+    wire.t += pause  # the cell goes on, we do not
+    time.sleep(0.11)
+    wire.tick()
+    now = robot.advance(1.82, motion)
+    assert str(robot.trouble()) == reason
+    robot.release()
+    motion.stop(now, protective=True)
+    robot.advance(now + 0.3, motion)
+    robot.close()
+    assert len(wire.sent) == before
+
+
+def test_what_clock_says_right_after_a_pause_is_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
+    wire = Wire()
+    robot = cell(wire)
+    follow(wire, robot, 1.8)
+    before = len(wire.sent)
+    monkeypatch.setattr(ros_cell, "SETTLE", 0.05)
+    steps = iter([0.1, 0.1, 1.1])  # one message after another, late
+    wire.wait = lambda _seconds: (time.sleep(0.02), setattr(wire, "t", wire.t + next(steps, 0.0)), wire.tick())
+    time.sleep(0.11)
+    wire.tick()
+    robot.advance(1.9, playback())
+    assert "too busy to send" in str(robot.trouble())
+    assert len(wire.sent) == before
+
+
+def test_a_pause_of_our_own_is_no_clock_that_stands_still(monkeypatch: pytest.MonkeyPatch) -> None:
+    wire = Wire()
+    robot = cell(wire)
+    monkeypatch.setattr(ros_cell, "SETTLE", 0.05)
+    monkeypatch.setattr(ros_cell, "CLOCK_STOPS", 0.05)
+    time.sleep(0.11)
+    robot.clock.read()
+    assert not robot.clock.stands_still
+    assert not robot.clock.is_settled
+
+
+def test_ctrl_c_after_a_pause_sends_nothing() -> None:
+    wire = Wire()
+    robot = cell(wire)
+    follow(wire, robot, 1.8)
+    before = len(wire.sent)
+    wire.t += 1.5
+    wire.tick()
+    robot.close()
+    assert len(wire.sent) == before
+
+
+@pytest.mark.parametrize("step", [-4.0, 4.0])
+def test_the_clock_of_this_computer_may_be_set(monkeypatch: pytest.MonkeyPatch, step: float) -> None:
+    wire = Wire()
+    wire.wait = lambda _seconds: time.sleep(0.001)
+    file = RobotFile.model_validate({**FILE, "use_sim_time": False})
+    robot = RosCell(file, {"a": "a", "b": "b"}, WORKSPACE, wire)
+    robot.begin()
+    motion, real = playback(), time.time_ns
+    robot.advance(0.05, motion)
+    monkeypatch.setattr(time, "time_ns", lambda: real() + int(step * NS))
+    assert robot.advance(0.1, motion) < 0.3
+    assert robot.malformed is None
+
+
+def test_a_clock_that_says_the_same_again_stands_still(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ros_cell, "CLOCK_STOPS", 0.03)
+    wire = Wire()
+    robot = cell(wire)
+    wire.wait = lambda _seconds: wire.say("/clock", CLOCK.type, clock=wire.types.time(START))
+    robot.advance(5.0, playback())
+    assert "stands still" in str(robot.trouble())
