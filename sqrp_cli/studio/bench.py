@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
@@ -163,7 +163,10 @@ class _Bench:
                 case Hold():
                     self._sketch(question)
         except InputError as error:
-            self.say("problems", number=number, problems=findings(error.problems))
+            if isinstance(question, Hold):  # refused once it is put down
+                self.say("held", number=number)
+            else:
+                self.say("problems", number=number, problems=findings(error.problems))
 
     # A ranking
 
@@ -288,7 +291,7 @@ class _Bench:
             if isinstance(found, Infeasible):
                 return None
             self._sketches = {self._chosen: found}
-            found.matrix  # noqa: B018 - computed now
+            found.shown  # noqa: B018 - computed now
         return self._sketches.get(self._chosen)
 
     def _sketch(self, asked: Hold) -> None:
@@ -301,14 +304,21 @@ class _Bench:
         workspace = moved(session.workspace, asked.move)
         if asked.move.kind == "camera":
             seen = base.seen_by(session.cell.seen_by(workspace), asked.move.name)
-            self.say("sketch", name=self._chosen, seen=seen, number=asked.number)
+            self.say("sketch", name=self._chosen, seen=seen, was=_figures(base), number=asked.number)
             return
         cell = Cell.load(workspace, self._seed)
         found = _sketched(cell, base.scene.candidate)
         if isinstance(found, Infeasible):
             self.say("sketch", name=self._chosen, reasons=found.reasons, number=asked.number)
             return
-        self.say("sketch", name=self._chosen, seen=found.seen_by(cell), track=_track(found), number=asked.number)
+        self.say(
+            "sketch",
+            name=self._chosen,
+            seen=found.seen_by(cell),
+            was=_figures(base),
+            track=_track(found),
+            number=asked.number,
+        )
 
 
 def findings(problems: Sequence[Problem]) -> list[ReportedProblem]:
@@ -345,6 +355,12 @@ def _sketched(cell: Cell, way: Candidate) -> Sketch | Infeasible:
     world = cell.initial_world
     motion = feasible_motion(cell, way, world)
     return motion if isinstance(motion, Infeasible) else Sketch(cell, rehearsal(cell, way, world, motion))
+
+
+def _figures(sketch: Sketch) -> Mapping[str, float | None]:
+    """What the figures of a moved cell are compared with: those of the cell as it is, at the same instants."""
+    shown = sketch.shown
+    return {"q_eoi": shown.q_eoi, "q_avg": shown.q_avg}
 
 
 def _track(sketch: Sketch) -> Positions:

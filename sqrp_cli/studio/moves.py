@@ -21,6 +21,10 @@ FARTHEST = 100.0
 """How far from the origin of its frame anything can be put [m]."""
 
 
+NARROWEST, WIDEST = np.radians([1.0, 177.0]).tolist()
+"""The least and the greatest horizontal field of view of a lens [rad]."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Move:
     """Where something is put."""
@@ -32,7 +36,7 @@ class Move:
     """Of the lens in the frame that carries the camera, of the middle of the object, or of the base [m]."""
     look_at: Point | None = None
     """Of a camera: the point in the middle of its image, in the same frame [m]."""
-    fov: Annotated[FiniteFloat, Field(gt=0.01, lt=3.1)] | None = None
+    fov: FiniteFloat | None = None
     """Of a camera: its horizontal field of view [rad]; None as it is."""
     yaw: FiniteFloat | None = None
     """Of an object or the base: its angle about the world's z axis [rad]; None as it is."""
@@ -70,6 +74,10 @@ def moved_camera(workspace: Workspace, move: Move) -> Camera:
     except ValueError as error:
         raise InputError(Problem("bad-option", f"`{move.name}` cannot look at its own lens")) from error
     matrix = camera.matrix.copy()
+    if move.fov is not None and not NARROWEST <= move.fov <= WIDEST:
+        least, most = np.degrees([NARROWEST, WIDEST])
+        message = f"a view angle of {np.degrees(move.fov):g} deg, expected {least:g} to {most:g} deg"
+        raise InputError(Problem("bad-option", message))
     if move.fov is not None:
         scale = 0.5 * camera.width / np.tan(0.5 * move.fov) / matrix[0, 0]
         matrix[[0, 1], [0, 1]] *= scale

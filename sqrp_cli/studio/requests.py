@@ -44,7 +44,7 @@ class SetValue(_Request):
 class Plain(_Request):
     """Something that needs no more words."""
 
-    do: Literal["undo", "redo", "difference", "save", "advise", "place", "stop", "reread"]
+    do: Literal["rest", "undo", "redo", "difference", "save", "advise", "place", "stop", "reread"]
 
 
 class AskTask(_Request):

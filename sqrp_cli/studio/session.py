@@ -77,7 +77,12 @@ class Studio:
         self._number = 0
         self._asked: Asked | None = None
         self._kept: dict[str, str] = {}
+        self._held = False
+        """Whether a hand has moved something since the last ranking was asked for; that ranking is given up then."""
         self._saved_ranking: Asked | None = None
+        """What the figures of the saved file are for."""
+        self._comparing: Asked | None = None
+        """What of the saved file is being ranked."""
         self._jobs = jobs
         self._running: Running | None = None
         self._offers: tuple[Offer, ...] = ()
@@ -110,6 +115,7 @@ class Studio:
                 {
                     "name": one.name,
                     "values": [in_words(skill, {one.name: value})[one.name].replace(" ", "") for value in one.values],
+                    "words": [word for kind in one.kinds for word in kind.words],
                 }
                 for one in skill.motion_parameters
             ]
@@ -175,6 +181,7 @@ class Studio:
 
     def _rank(self) -> None:
         self._number += 1
+        self._held, self._comparing = False, None
         self._asked = Asked(self._draft.content, self._task, self._by)
         self._send(Rank(**vars(self._asked), number=self._number))
 
@@ -198,6 +205,8 @@ class Studio:
         if do == "ranking":
             self._kept.pop("problems", None)
             self._ranked(text, answer)
+        elif do == "saved-ranking":
+            self._saved_ranking = self._comparing
         elif do == "detail":
             self._compare()
 
@@ -220,8 +229,8 @@ class Studio:
     def _compare(self) -> None:
         """Rank the saved file as well, once there is nothing else to do, if that is not known."""
         wanted = Asked(self._draft.saved, self._task, self._by)
-        if self._draft.dirty and wanted != self._saved_ranking:
-            self._saved_ranking = wanted
+        if self._draft.dirty and wanted not in (self._saved_ranking, self._comparing):
+            self._comparing = wanted
             self._send(Rank(**vars(wanted), number=self._number, of_saved=True))
 
     # What browsers ask for
@@ -236,9 +245,13 @@ class Studio:
         match read_request(text):
             case HoldAt(move=move, number=number):
                 self.live.tell(json.dumps({"do": "move", "move": asdict(move)}))
+                self._held, self._comparing = True, None
                 self._send(Hold(move=move, number=number))
             case PutDown(move=move):
-                self._edit(move.in_words(), lambda: written(self._document(), self._workspace, move))
+                try:
+                    self._edit(move.in_words(), lambda: written(self._document(), self._workspace, move))
+                finally:
+                    self.rest()
             case SetValue(path=path, value=value):
                 self._edit(f"{path} = {value}", lambda: with_values(self._document(), {path: value}))
             case AskTask(text=task, by=by):
@@ -274,6 +287,12 @@ class Studio:
         self._go_on(self._draft.changed(change), workspace)
         self._note(label, change.line)
         self._tell_state()
+
+    def rest(self) -> None:
+        """Nothing is held any more: rank again what a hand has interrupted without changing anything."""
+        if self._held:
+            self._rank()
+            self._tell_state()
 
     def _read(self, content: bytes) -> Workspace:
         opened = OpenCell.read(self._given, self._seed, content)
@@ -480,6 +499,7 @@ class Studio:
 
 
 _PLAIN: Mapping[str, Callable[[Studio], None]] = {
+    "rest": Studio.rest,
     "undo": Studio.undo,
     "redo": Studio.redo,
     "difference": Studio.difference,

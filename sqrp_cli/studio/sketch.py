@@ -95,6 +95,11 @@ class Sketch:
     def _looked(self, observer: Observer) -> Matrix:
         return observer.verdicts(self.scene.targets, self.states, shares=False)
 
+    @cached_property
+    def shown(self) -> CoverageShown:
+        """What the cameras of its own cell see."""
+        return self._shown(self.cell, self.matrix)
+
     def seen_by(self, cell: Cell, camera: str | None = None) -> CoverageShown:
         """What the cameras of a cell see. camera: the only one that is not as in the sketch's own cell."""
         if camera is None:

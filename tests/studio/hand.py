@@ -55,11 +55,12 @@ class Hand:
         """Select what to move."""
         self.page.select_option("#what", value=f'["{kind}","{name}"]')
 
-    def drag(self, role: str, dx: float, dy: float, steps: int = 4) -> None:
-        """Drag a handle by so many pixels, and let it go."""
+    def drag(self, role: str, dx: float, dy: float, steps: int = 4, *, leave: bool = False) -> None:
+        """Drag a handle by so many pixels, and let it go. leave: hold it still."""
         x, y = self.js(WHERE, role)
         self.page.mouse.move(x, y)
         self.page.mouse.down()
         for step in range(1, steps + 1):
             self.page.mouse.move(x + dx * step / steps, y + dy * step / steps)
-        self.page.mouse.up()
+        if not leave:
+            self.page.mouse.up()

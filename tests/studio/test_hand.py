@@ -12,6 +12,10 @@ from sqrp_cli.cli.main import run
 from tests.studio.conftest import TASK
 from tests.studio.hand import Hand
 
+POSES = "sqrp.scene.cameras.map(({ node }) => node.matrix.elements.map((x) => +x.toFixed(9)))"
+EXACT = f"[document.querySelector('#figures').textContent, {POSES}]"
+"""Where cameras are drawn, also with what is shown of the chosen candidate."""
+
 
 @pytest.fixture(scope="module")
 def hand(browser, studio):
@@ -63,7 +67,9 @@ def test_a_dragged_camera_moves_verdicts_at_once_and_the_ranking_when_it_rests(h
     line = hand.js("sqrp.state.lines.find(({ what }) => what.startsWith('cam5')).line")
     saved = file.read_bytes()
     file.write_bytes(before)
+    hand.wait("return sqrp.state.undo === null && sqrp.settled")
     assert run(shlex.split(line)[1:]) == 0
+    hand.wait("return sqrp.state.handles.camera.cam5.position[0] !== x", x)
     assert file.read_bytes() == saved
     assert b"# A UR5 with a suction cup" in saved
     hand.wait("return sqrp.settled")
@@ -113,11 +119,55 @@ def test_numbers_can_be_typed_and_the_robot_moves_too(hand):
 
 def test_a_move_that_makes_no_cell_is_refused(hand):
     hand.take("camera", "cam2")
+    hand.wait("return sqrp.settled")
+    before = hand.js(POSES)
     hand.page.fill("[aria-label='position [m], x']", "1000")
     hand.page.keyboard.press("Enter")
     hand.wait("return document.querySelector('#notices .refused')")
     assert "expected at most" in hand.page.inner_text("#notices")
     assert not hand.js("sqrp.state.dirty")
+    assert hand.js(POSES) == before
+
+
+def test_a_camera_at_the_point_that_it_looks_at_is_refused_until_something_else_is_done(hand):
+    hand.take("camera", "cam2")
+    hand.js("sqrp.put({ ...sqrp.fields.move, look_at: sqrp.fields.move.position })")
+    hand.wait("return document.querySelector('#notices').textContent.includes('cannot look at its own lens')")
+    hand.page.fill("[aria-label='view angle [deg]']", "40")
+    hand.page.keyboard.press("Enter")
+    hand.wait("return sqrp.state.undo?.includes('cam2') && !document.querySelector('#notices .refused')")
+    hand.page.fill("[aria-label='view angle [deg]']", "400")
+    hand.page.keyboard.press("Enter")
+    hand.wait("return document.querySelector('#notices').textContent.includes('400 deg, expected 1 to 177 deg')")
+
+
+def test_esc_puts_everything_back_and_the_figures_are_exact_again(hand):
+    hand.take("camera", "cam6")
+    hand.wait("return sqrp.settled")
+    before = hand.js(EXACT)
+    hand.drag("z", 0, -20, leave=True)
+    hand.wait("return document.querySelector('#figures .coarse')")
+    hand.page.keyboard.press("Escape")
+    hand.page.mouse.up()
+    hand.wait("return sqrp.settled && !document.querySelector('#figures .coarse')")
+    assert hand.js(EXACT) == before
+    assert not hand.js("sqrp.state.dirty")
+
+
+def test_the_table_beside_the_picture_shows_all_its_columns(hand):
+    hand.wait("return sqrp.settled")
+    titles = hand.js("[...document.querySelectorAll('#ranking th')].map((one) => one.textContent)")
+    assert titles == ["#", "object", "Q_eoi", "Q_avg", "time [s]", "slip seen [s]", "at worst"]
+    assert hand.js("((one) => one.scrollWidth <= one.clientWidth)(document.querySelector('.overview .scroll'))")
+
+
+def test_at_800_by_600_what_moves_and_saves_stands_above_the_candidates(hand):
+    hand.page.set_viewport_size({"width": 800, "height": 600})
+    bottom = "(id) => document.querySelector(id).getBoundingClientRect().bottom"
+    top = hand.js("document.querySelector('.overview').getBoundingClientRect().top")
+    for what in ("#undo", "#save", "#fields"):
+        assert hand.js(bottom, what) < top
+    hand.page.set_viewport_size({"width": 1400, "height": 900})
 
 
 def test_a_second_tab_follows(hand, browser, studio):
@@ -163,8 +213,11 @@ def test_a_task_is_asked_for_by_words_and_by_motion_parameters(hand):
     hand.wait("return sqrp.state.task === 'pickup blue' && sqrp.settled")
     assert [one["parameters"]["object"] for one in hand.ranked()] == ["b1"]
     hand.page.click("#motion summary")
-    hand.page.select_option("[aria-label='speed']", index=1)
-    hand.wait("return sqrp.state.task.startsWith('pickup blue speed=') && sqrp.settled")
+    shown = "(name) => [...document.querySelector(`[aria-label='${name}']`).options].map((one) => one.text)"
+    assert hand.js(shown, "elbow") == ["any", "fastest", "up", "down"]
+    assert hand.js(shown, "path") == ["direct", "seen", "any"]
+    hand.page.select_option("[aria-label='elbow']", "fastest")
+    hand.wait("return sqrp.state.task === 'pickup blue elbow=fastest' && sqrp.settled")
     hand.page.fill("#task", "pickup purple")
     hand.page.keyboard.press("Enter")
     hand.wait("return document.querySelector('#notices .refused')")

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import http.client
 import json
+from typing import get_args
 
 import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
+
+from sqrp_cli.cli.main import run
+from sqrp_cli.studio.requests import Plain
+from sqrp_cli.studio.session import _PLAIN
 
 
 def answer(studio, path: str, **headers: str) -> tuple[int, bytes]:
@@ -93,6 +98,66 @@ def test_a_request_that_is_none_is_refused(studio, text):
         while (message := json.loads(own.recv(timeout=30)))["do"] != "refused":
             pass
         assert "not understood" in message["problems"][0]["message"]
+
+
+@pytest.fixture
+def own(studio):
+    """A connection of our own, which is told of a ranking that is done."""
+    where = f"ws://{studio.host}/{studio.token}/live"
+    with connect(where, origin=f"http://{studio.host}", max_size=None) as connection:
+        heard(connection, "detail")
+        yield connection
+
+
+def heard(own, do: str, number: int | None = None):
+    """The next message of a kind, about a ranking or sketch of a number."""
+    while (message := json.loads(own.recv(timeout=60)))["do"] != do or number not in (None, message.get("number")):
+        assert message["do"] != "problems"
+    return message
+
+
+def asked(own, do: str, **fields) -> None:
+    own.send(json.dumps({"do": do, **fields}))
+
+
+def test_every_word_of_a_browser_does_something():
+    assert set(get_args(Plain.model_fields["do"].annotation)) == set(_PLAIN)
+
+
+@pytest.mark.parametrize("path", ["", ".", "cameras.", "cameras.cam1.", ".."])
+def test_a_value_without_a_path_is_refused(own, path):
+    asked(own, "set", path=path, value="{}")
+    assert heard(own, "refused")["problems"][0]["code"] == "unknown-value"
+
+
+def test_what_is_taken_in_hand_and_left_where_it_is_changes_no_figure_and_ends_no_ranking(own):
+    asked(own, "task", text="pickup object=g2", by="q_eoi")
+    state = heard(own, "state")
+    heard(own, "detail")
+    still = state["handles"]["camera"]["cam1"]
+    asked(own, "hold", move=still, number=1)
+    sketch = heard(own, "sketch")
+    assert sketch["was"] == {"q_eoi": sketch["seen"]["q_eoi"], "q_avg": pytest.approx(sketch["seen"]["q_avg"])}
+    for number, (do, fields) in enumerate([("rest", {}), ("put", {"move": still})], state["number"] + 1):
+        asked(own, "hold", move={**still, "position": [0.0, 0.5, 1.5]}, number=number)
+        asked(own, do, **fields)
+        assert not heard(own, "state", number)["dirty"]
+        assert len(heard(own, "ranking", number)["entries"]) == 1
+
+
+def test_a_move_that_is_refused_ends_no_ranking(own):
+    asked(own, "reread")
+    state = heard(own, "state")
+    there = {**state["handles"]["camera"]["cam1"], "position": [200.0, 0.0, 0.0]}
+    asked(own, "hold", move=there, number=1)
+    asked(own, "put", move=there)
+    heard(own, "ranking", heard(own, "state", state["number"] + 1)["number"])
+
+
+def test_a_task_that_cannot_be_read_is_refused_as_by_rank(cell, capsys):
+    assert [run([command, str(cell), "nonsense task"]) for command in ("rank", "studio")] == [2, 2]
+    first, second = capsys.readouterr().err.splitlines()
+    assert first == second
 
 
 def test_it_listens_on_this_machine_only(studio):

@@ -38,13 +38,16 @@ def command(
 
     The page is for this machine only. Ctrl-C closes it; what was not saved is lost.
     """
+    from sqrp_cli.programming.task import read_task
     from sqrp_cli.report.pages.libraries import check_libraries
     from sqrp_cli.studio.server import check_server
 
     check_server()
     check_libraries()
     opened = open_with_warnings(workspace, seed)
-    return _serve(opened, task or _first_task(opened), port, job_count(jobs), show=not no_browser)
+    task = task or _first_task(opened)
+    read_task(task, opened.workspace)  # refused here and now
+    return _serve(opened, task, port, job_count(jobs), show=not no_browser)
 
 
 def _first_task(opened: OpenCell) -> str:

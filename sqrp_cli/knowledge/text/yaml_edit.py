@@ -58,11 +58,11 @@ def with_values(document: SourceDocument, values: Mapping[str, str]) -> bytes:
 
 def _with_value(document: SourceDocument, path: str, text: str) -> bytes:
     known = {dotted(keys): keys for keys in document.values}
-    if path in known:
+    if path and path in known:
         keys = known[path]
         return respelled(document, keys, str(keys[-1]), text)
     parent, _, key = path.rpartition(".")
-    if not isinstance(_found(document.data, known.get(parent)), dict):
+    if not key or not isinstance(_found(document.data, known.get(parent)), dict):
         message = f"the file has no value `{path}`; {expected_names(path, known)}"
         raise InputError(Problem("unknown-value", message, Place(document.path)))
     return appended(document, known[parent], f"{key}: {text}")

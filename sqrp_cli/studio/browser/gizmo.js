@@ -195,6 +195,7 @@ function along(ray, origin, way) {
 // The pose of a camera that looks at a point, as `look_at` of the server has it.
 function lookingAt(eye, point, up) {
   const forward = new THREE.Vector3(...point).sub(new THREE.Vector3(...eye)).normalize();
+  if (!forward.length()) return null; // it would look at its own lens
   const ways = [new THREE.Vector3(...up), new THREE.Vector3(1, 0, 0), new THREE.Vector3(0, 0, 1)];
   const right = ways.map((way) => forward.clone().cross(way)).find((across) => across.length() > 1e-9).normalize();
   const down = forward.clone().cross(right);

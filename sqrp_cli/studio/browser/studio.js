@@ -2,6 +2,19 @@
 
 const NOBODY = { name: 'ranking …', mark: '', labels: {}, candidate: null, reasons: [], scene: 0, moves: false, figures: [], retried: [] };
 
+const BEFORE = 'against before it was taken in hand';
+
+// Candidates in a column beside the picture: their ways and what comes after a retry have no room.
+class NarrowTable extends EntryTable {
+  labels(select) {
+    return super.labels(select).filter(({ title }, i) => !i || title !== 'way');
+  }
+
+  faults() {
+    return super.faults().filter(({ title }) => title !== 'all done');
+  }
+}
+
 class Studio extends Page {
   constructor(cell, tell) {
     super({
@@ -44,7 +57,7 @@ class Studio extends Page {
   shortcut(event) {
     if (event.key === 'Escape') {
       const before = this.gizmo?.cancel();
-      if (before) this.hold(before);
+      if (before) this.letGo(before);
       return;
     }
     if (!(event.ctrlKey || event.metaKey) || event.target.matches('input')) return;
@@ -87,6 +100,15 @@ class Studio extends Page {
     this.tell({ do: 'hold', move, number: ++this.asked });
   }
 
+  // Nothing is moved after all.
+  letGo(before) {
+    this.held = this.waiting = null;
+    this.answered = this.asked;
+    this.moveTo(before);
+    this.fields.show(before);
+    this.tell({ do: 'rest' });
+  }
+
   put(move) {
     this.held = this.waiting = null;
     this.answered = this.asked;
@@ -101,7 +123,9 @@ class Studio extends Page {
     if (kind === 'camera') {
       const camera = this.scene.cameras.find((one) => one.name === name);
       if (!camera) return;
-      camera.node.matrix.copy(lookingAt(position, point, this.state.handles.ups[name]));
+      const pose = lookingAt(position, point, this.state.handles.ups[name]);
+      if (!pose || !(move.fov > 0 && move.fov < Math.PI)) return; // the server says so
+      camera.node.matrix.copy(pose);
       const { K, width } = camera.camera,
         scale = width / 2 / Math.tan(move.fov / 2) / K[0][0];
       K[0][0] *= scale;
@@ -142,6 +166,7 @@ class Studio extends Page {
       camera.node.matrix.copy(matrix(camera.camera.pose));
       camera.shapeFrustum();
     }
+    moveBase(this.scene, matrix(scene.robot.base));
     for (const [name, { pose }] of Object.entries(scene.objects)) if (pose) this.scene.nodes.get(name).matrix.copy(matrix(pose));
     this.scene.draw();
   }
@@ -180,6 +205,7 @@ class Studio extends Page {
   }
 
   on_state(state) {
+    if (this.refusal && state.number !== this.state?.number) this.notice([], 'told'); // something else was done meanwhile
     this.state = state;
     byId('title').replaceChildren(named(state.workspace));
     if (document.activeElement !== byId('task')) byId('task').value = state.task;
@@ -205,20 +231,23 @@ class Studio extends Page {
     this.take(...(kinds.find(([kind, name]) => kind === this.taken?.[0] && name === this.taken?.[1]) ?? kinds[0]));
   }
 
-  // The motion parameters of the task's skill: choosing a value changes the words of the task.
+  // The motion parameters of the task's skill: choosing a value changes the words of the task. First stands what the
+  // skill says, which holds as long as the task does not say it.
   parameters({ parameters, task }) {
     const words = task.split(/\s+/);
     byId('parameters').replaceChildren(
-      ...parameters.map(({ name, values }) => {
+      ...parameters.map(({ name, values, words: possible }) => {
         const stated = words.find((word) => word.startsWith(`${name}=`))?.slice(name.length + 1) ?? '';
         const set = (value) => {
           const rest = words.filter((word) => !word.startsWith(`${name}=`));
           byId('task').value = [...rest, ...(value ? [`${name}=${value}`] : [])].join(' ');
           byId('task').dispatchEvent(new Event('change'));
         };
-        const options = [...new Set(['', ...values, stated])];
+        const own = values.join(','),
+          others = [...values, ...possible].filter((value) => value !== own);
+        const options = [...new Set(['', ...others, stated])];
         const chosen = make('select', { 'aria-label': name, onchange: (event) => set(event.target.value) },
-          ...options.map((value) => make('option', { value, selected: value === stated }, value || 'not said')),
+          ...options.map((value) => make('option', { value, selected: value === stated }, value || own)),
         );
         return make('label', {}, named(name), ' ', chosen);
       }),
@@ -245,7 +274,7 @@ class Studio extends Page {
 
   tabulate() {
     const sorting = this.table.sorting;
-    this.table = new EntryTable(this.entries, (i) => this.wish(i), false);
+    this.table = new NarrowTable(this.entries, (i) => this.wish(i), false);
     if (sorting.column < this.table.columns.length) Object.assign(this.table, { sorting });
     this.table.show();
     this.table.choose(this.selected ?? 0);
@@ -310,10 +339,10 @@ class Studio extends Page {
     );
   }
 
-  on_sketch({ number, seen, track, reasons }) {
+  on_sketch({ number, seen, was, track, reasons }) {
     if (number === this.asked) this.answered = number;
     if (reasons) byId('verdict').replaceChildren(named(reasons[0]));
-    else if (seen && this.motion) this.sketch(seen, track);
+    else if (seen && this.motion) this.sketch(seen, was, track);
     if (this.since !== undefined) {
       this.latencies.push(performance.now() - this.since);
       this.since = undefined;
@@ -327,7 +356,7 @@ class Studio extends Page {
   }
 
   // What the chosen candidate would be: verdicts at fixed times, the motion as it was unless a new one is there.
-  sketch(seen, track) {
+  sketch(seen, was, track) {
     const { places, placeTimes, detail } = this.motion,
       motion = new Motion({ ...detail, samples: decoded(seen), time: track ? track.t.at(-1) : detail.time });
     motion.places = track ? unroll(track) : places;
@@ -339,7 +368,7 @@ class Studio extends Page {
     else if (this.scene) this.scene.motion = motion;
     if (track || !this.scene) this.seek(Math.min(this.time, motion.time));
     else this.recolour();
-    this.sketched(seen);
+    this.sketched(seen, was);
   }
 
   // Nothing has moved but a camera, so that no shadow has to be drawn anew.
@@ -351,11 +380,11 @@ class Studio extends Page {
     this.scene.draw();
   }
 
-  sketched({ q_eoi: qEoi, q_avg: qAvg, blind, blind_longest: longest }) {
-    const was = this.entries[this.selected]?.candidate ?? {};
+  // was: the figures before it was taken in hand, looked at as coarsely.
+  sketched({ q_eoi: qEoi, q_avg: qAvg, blind, blind_longest: longest }, was) {
     const rows = [
-      ['≈ Q_eoi', percent(qEoi), changeOf(qEoi, was.q_eoi, 100, 1)],
-      ['≈ Q_avg', percent(qAvg), changeOf(qAvg, was.q_avg, 100, 1)],
+      ['≈ Q_eoi', percent(qEoi), changeOf(qEoi, was.q_eoi, 100, 1, BEFORE)],
+      ['≈ Q_avg', percent(qAvg), changeOf(qAvg, was.q_avg, 100, 1, BEFORE)],
       ['≈ blind', seconds(blind), null],
       ['≈ longest blind stretch', seconds(longest), null],
     ];
@@ -378,7 +407,12 @@ class Studio extends Page {
 
   on_refused({ problems }) {
     this.notice(problems.map((one) => one.message), 'refused');
-    if (this.state) this.take(...this.taken);
+    this.refusal = true;
+    if (!this.state || !this.taken) return;
+    this.take(...this.taken);
+    const [kind, name] = this.taken,
+      move = this.state.handles[kind]?.[name];
+    if (move && !this.gizmo?.drag) this.moveTo(move);
   }
 
   // What takes longer
@@ -468,7 +502,7 @@ class Studio extends Page {
   }
 
   notice(texts, kind) {
-    this.wrong = false;
+    this.wrong = this.refusal = false;
     byId('notices').replaceChildren(...texts.map((text) => make('p', { class: kind }, named(text))));
   }
 }

@@ -210,9 +210,9 @@ function changed(shown, entry, value, scale, digits = 2) {
   return difference ? make('span', { class: 'changed' }, shown, difference) : shown;
 }
 
-function changeOf(value, was, scale, digits) {
+function changeOf(value, was, scale, digits, title = 'against the saved file') {
   if (absent(value) || absent(was)) return null;
   const text = (scale * (value - was)).toFixed(digits);
   if (Number(text) === 0) return null;
-  return make('small', { title: 'against the saved file' }, Number(text) > 0 ? `+${text}` : text.replace('-', '−'));
+  return make('small', { title }, Number(text) > 0 ? `+${text}` : text.replace('-', '−'));
 }
