@@ -78,7 +78,7 @@ def test_feasible_candidates_have_every_field_of_the_contract(scene):
         assert document["feasible"] is True
         assert document["reasons"] == []
         for primitive in document["primitives"]:
-            assert set(primitive) == {"name", "start", "end"}
+            assert set(primitive) == {"name", "does", "start", "end"}
         for formula in document["formulas"]:
             assert set(formula) == {"text", "operator", "start", "end", "literals", "fault"}
             assert formula["operator"] in ("always", "eventually")
