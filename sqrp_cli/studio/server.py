@@ -19,6 +19,9 @@ from sqrp_cli.errors import InputError, Problem
 HOST = "127.0.0.1"
 """No other machine reaches it."""
 
+CLOSE_TIMEOUT = 1.0
+"""A browser that does not answer the end of a connection for so long [s] is left alone."""
+
 LARGEST_MESSAGE = 1_000_000
 """Of what a browser sends [bytes]."""
 
@@ -63,6 +66,7 @@ class Live:
                 max_size=LARGEST_MESSAGE,
                 compression=None,
                 server_header=None,
+                close_timeout=CLOSE_TIMEOUT,
             )
         except OSError as error:
             message = f"port {port} cannot be used: {error.strerror}"

@@ -77,7 +77,7 @@ def test_the_step_is_the_best_candidate_with_its_figures(step, best, ranked):
 
 
 def test_primitives_have_the_times_of_the_explanation(step, best):
-    times = [{name: primitive[name] for name in ("name", "start", "end")} for primitive in step["primitives"]]
+    times = [{name: primitive[name] for name in ("name", "does", "start", "end")} for primitive in step["primitives"]]
     assert times == best["primitives"]
 
 

@@ -116,7 +116,7 @@ def test_a_program_whose_workspace_is_gone_is_listed_with_a_warning(sqrp, own_wa
         (["--export", "{tmp}/out.txt"], ".csv"),
         (["--export", "{tmp}/out"], ".csv"),
         (["--export", "{tmp}/none/out.csv"], "mkdir -p"),
-        (["--export", "{program}"], "left as it is"),
+        (["--export", "{program}"], "not overwritten"),
         (["--export", "{tmp}/out.csv", "--rate", "0"], "--rate"),
         (["--export", "{tmp}/out.csv", "--rate", "nan"], "--rate"),
         (["--export", "{tmp}/out.csv", "--rate", "5 mm"], "a frequency"),
