@@ -314,8 +314,10 @@ def test_a_result_that_is_not_as_it_was_written_is_computed_again(sqrp, own_watc
     content = kept.read_bytes()
     result = json.loads(content)
     lacking = [{name: value for name, value in result.items() if name != field} for field in result]
-    wrong = [{**result, "outside": None}, {**result, "time": "x"}, {**result, "q_avg": 0.7}]
-    damaged = [b"", b"\xff\xfe", content[:30], *(json.dumps(other).encode() for other in (*lacking, *wrong))]
+    wrong = [{**result, "outside": None}, {**result, "checksum": "x"}, {**result, "value": {}}]
+    edited = content.replace(b'"time": 4.0', b'"time": 4.5', 1)
+    assert edited != content
+    damaged = [b"", b"\xff\xfe", content[:30], edited, *(json.dumps(other).encode() for other in (*lacking, *wrong))]
     for other in damaged:
         kept.write_bytes(other)
         second = sqrp("score", own_watch, "--out", out, "--json", "--jobs", 1)

@@ -50,7 +50,7 @@ def from_line(text: str, skills: Sequence[Skill] = ()) -> Any:  # noqa: ANN401 #
     """The value that `as_line` wrote. skills: those that it may name. Raises ValueError for any other text."""
     try:
         document = parse_json(Path("record"), text)
-        if document["checksum"] != _checksum(document["value"]):
+        if document != {"value": document["value"], "checksum": _checksum(document["value"])}:
             raise ValueError("it is not as it was written")
         return _read(document["value"], {skill.name: skill for skill in skills})
     except (InputError, LookupError, TypeError, AttributeError) as error:
