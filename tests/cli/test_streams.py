@@ -130,7 +130,7 @@ def test_a_reader_that_is_slow_on_a_pipe_that_does_not_wait_gets_everything(watc
 def test_no_error_of_the_system_looks_like_an_answer_or_an_interruption(
     sqrp: Callable[..., Any], watch: Path, monkeypatch: pytest.MonkeyPatch, error: Exception, code: int, words: str
 ) -> None:
-    def broken(_: object) -> None:
+    def broken(*_: object) -> None:
         raise error
 
     monkeypatch.setattr("sqrp_cli.knowledge.workspace.load.load_workspace", broken)

@@ -20,7 +20,9 @@ class Started:
         command = [sys.executable, "-m", "sqrp_cli", "studio", str(workspace), "--no-browser", *arguments]
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
         environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-        self.process = subprocess.Popen(command, text=True, cwd=cwd, env=environment, **pipes)
+        self.process = subprocess.Popen(
+            command, text=True, cwd=cwd, env=environment, preexec_fn=_heed_ctrl_c, **pipes
+        )
         assert self.process.stdout is not None
         ready, _, _ = select.select([self.process.stdout], [], [], 60)
         self.address = self.process.stdout.readline().strip() if ready else ""
@@ -34,6 +36,11 @@ class Started:
         self.process.send_signal(signal.SIGINT)
         _, err = self.process.communicate(timeout=20)
         return self.process.returncode, err
+
+
+def _heed_ctrl_c() -> None:
+    """Ctrl-C ends it, even where a shell that runs tests in the background ignores it."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def copied(name: str, folder: Path) -> Path:
