@@ -20,9 +20,7 @@ class Started:
         command = [sys.executable, "-m", "sqrp_cli", "studio", str(workspace), "--no-browser", *arguments]
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
         environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-        self.process = subprocess.Popen(
-            command, text=True, cwd=cwd, env=environment, preexec_fn=_heed_ctrl_c, **pipes
-        )
+        self.process = subprocess.Popen(command, text=True, cwd=cwd, env=environment, preexec_fn=_heed_ctrl_c, **pipes)
         assert self.process.stdout is not None
         ready, _, _ = select.select([self.process.stdout], [], [], 60)
         self.address = self.process.stdout.readline().strip() if ready else ""
