@@ -28,7 +28,7 @@ def studio(cell):
     assert "internal error" not in err
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser():
     with chromium() as opened:
         yield opened
