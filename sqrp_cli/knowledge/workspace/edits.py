@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import Array, inverse, matrix_to_quaternion, matrix_to_rpy, pose
-from sqrp_cli.knowledge.camera.camera import Camera, ImageEntry, Sensing
+from sqrp_cli.knowledge.camera.camera import Camera, ImageEntry
 from sqrp_cli.knowledge.camera.curve import Curve
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
-from sqrp_cli.knowledge.text.units import ANGLE, LENGTH, PIXELS, SHARE, TIME, Dimension, read_quantity
+from sqrp_cli.knowledge.text.units import ANGLE, FREQUENCY, LENGTH, PIXELS, SHARE, TIME, Dimension, read_quantity
 from sqrp_cli.knowledge.text.yaml_edit import appended, edited, respelled, with_entries
 from sqrp_cli.knowledge.text.yaml_file import parse_yaml
 from sqrp_cli.knowledge.workspace.read_cell import camera_axes_as_body
@@ -92,6 +92,16 @@ def with_further_camera(document: SourceDocument, camera: Camera, like: str, loo
     return appended(document, ("cameras",), f"{camera.name}: {_flow(ordered)}")
 
 
+_SENSING_UNITS = {
+    "near": ("m", LENGTH),
+    "far": ("m", LENGTH),
+    "rate": ("Hz", FREQUENCY),
+    "latency": ("ms", TIME),
+    "exposure": ("ms", TIME),
+}
+"""What a file states of how a camera senses, in the units that people use for it."""
+
+
 @dataclass(frozen=True, eq=False)
 class NewCamera:
     """A camera that a workspace file is to have."""
@@ -119,10 +129,15 @@ def _entry(new: NewCamera) -> dict[str, Any]:
         if not np.allclose(new.up, (0.0, 0.0, 1.0), atol=_SAME):
             pose_entry["up"] = _rounded(new.up, 9)
     image = {name: value for name, value in vars(new.image).items() if value is not None and name != "distortion"}
+    if new.image.horizontal_fov is not None:
+        image["horizontal_fov"] = _number("0 deg", new.image.horizontal_fov, ANGLE)
     if new.image.distortion is not None:
         lens = new.image.distortion
         image["distortion"] = {"model": lens.model, "coefficients": list(lens.coefficients)}
-    sensing = {part.name: getattr(camera, part.name) for part in fields(Sensing)}
+    sensing = {
+        name: _number(f"0 {unit}", getattr(camera, name), dimension)
+        for name, (unit, dimension) in _SENSING_UNITS.items()
+    }
     if not camera.exposure:
         del sensing["exposure"]
     frame = {} if camera.frame == WORLD else {"frame": camera.frame}
