@@ -20,7 +20,7 @@ from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.programming.advice.wish import Wish, read_wish
 from sqrp_cli.programming.placing.place import Placer
 from sqrp_cli.programming.placing.placement import PlaceQuestion
-from sqrp_cli.programming.placing.problem import OBJECTIVES, CameraFloor, Demand
+from sqrp_cli.programming.placing.problem import OBJECTIVES, Demand, FewestPossible
 from sqrp_cli.programming.placing.solver import check_solver
 from sqrp_cli.programming.placing.tensor import LocalVerdicts, Verdicts
 from sqrp_cli.programming.task import read_task
@@ -166,7 +166,7 @@ def find_placement(
         return CellPlacement(found=placer.place(), wish=wish, content=content)
 
 
-def _floor(request: PlaceRequest, workspace: Workspace, kept: int) -> CameraFloor | None:
+def _floor(request: PlaceRequest, workspace: Workspace, kept: int) -> FewestPossible | None:
     """What the skills of a workspace need at once, and who: with fewer cameras it has errors.
 
     Raises InputError for fewer cameras than that.
@@ -180,10 +180,10 @@ def _floor(request: PlaceRequest, workspace: Workspace, kept: int) -> CameraFloo
         mend = f"--cameras {cameras - kept}, or leave the skill out of the workspace's `skills`"
         message = f"{reason}, and `sqrp check` refuses a cell with fewer; --cameras is {request.cameras}"
         raise InputError(Problem("bad-option", message + (f", and {kept} stay" if kept else ""), mend=mend))
-    return CameraFloor(cameras=cameras - kept, reason=reason)
+    return FewestPossible(cameras=cameras - kept, reason=reason)
 
 
-def _demand(request: PlaceRequest, floor: CameraFloor | None, kept: int) -> tuple[Wish | None, Demand]:
+def _demand(request: PlaceRequest, floor: FewestPossible | None, kept: int) -> tuple[Wish | None, Demand]:
     objective = next((one for one in OBJECTIVES if one == request.objective), None)
     if objective is None:
         expected = expected_names(request.objective, OBJECTIVES)

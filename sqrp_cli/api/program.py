@@ -151,7 +151,7 @@ class OpenProgram:
         from sqrp_cli.programming.pipeline import Assignment
         from sqrp_cli.programming.program_update import candidate_of
         from sqrp_cli.programming.ranking import rank
-        from sqrp_cli.programming.whole_assessment import StepPlace, worst_seen
+        from sqrp_cli.programming.whole_assessment import StepShown, worst_seen
 
         steps = self.program.steps
         if step is None:
@@ -164,7 +164,7 @@ class OpenProgram:
         task = Task(chosen.short_task, candidate.skill, (candidate,))
         ranking = rank([assignment.assess(candidate)], "q_eoi")
         explained = [assignment.explain(ranking[0])]
-        place = StepPlace(step, len(steps), task.text, None)
+        place = StepShown(step, len(steps), task.text, None)
         return Explanation(Session(task, assignment), task.text, ranking, explained, several=False, step=place)
 
     def run(

@@ -24,7 +24,7 @@ from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 from sqrp_cli.programming.task import Task, read_task
 from sqrp_cli.programming.ways.find import WantedWay
 from sqrp_cli.programming.ways.grips import first_grip
-from sqrp_cli.programming.whole_assessment import StepDone, StepPlace, worst_seen
+from sqrp_cli.programming.whole_assessment import StepDone, StepShown, worst_seen
 
 if TYPE_CHECKING:
     from sqrp_cli.programming.suggestion import SuggestedStep
@@ -173,7 +173,7 @@ class StepInWorld(NamedTuple):
     """In the world that the steps before it leave."""
     ranked: Ranked
     """By itself: the only one of its task."""
-    place: StepPlace
+    place: StepShown
 
 
 def at_step(session: Session, chosen: Ranked, number: int | None) -> StepInWorld:
@@ -192,7 +192,7 @@ def at_step(session: Session, chosen: Ranked, number: int | None) -> StepInWorld
     task = Task(candidate.task, candidate.skill, (candidate,))
     one = Session(task, replace(session.assignment, world=step.before))
     ranked = Ranked(step.assessment, rank=1 if step.assessment.feasible else None, pareto=True)
-    place = StepPlace(number, len(chosen.assessment.candidate.steps), candidate.task, chosen)
+    place = StepShown(number, len(chosen.assessment.candidate.steps), candidate.task, chosen)
     return StepInWorld(one, ranked, place)
 
 

@@ -36,7 +36,7 @@ MOST_ROWS = 20
 """Of more rows, only those are shown that differ."""
 
 
-class View(NamedTuple):
+class AnswerView(NamedTuple):
     """What is compared: a table, and what is said under it."""
 
     columns: tuple[str, ...]
@@ -50,7 +50,7 @@ class View(NamedTuple):
 class _Watcher:
     """Shows the first answer as the command does, and each later one against the one before."""
 
-    before: View | None = None
+    before: AnswerView | None = None
 
     def show(self, answer: Answer[AnyDocument]) -> None:
         """Show an answer."""
@@ -142,7 +142,7 @@ def _stamp(path: Path) -> tuple[int, ...]:
     return found.st_mtime_ns, found.st_size, found.st_ino
 
 
-def print_changes(before: View, now: View) -> None:
+def print_changes(before: AnswerView, now: AnswerView) -> None:
     """The table again, with what was before an arrow where it differs; rows that are gone come last."""
     from sqrp_cli.terminal.console import Column, plain, print_table, say
 
@@ -166,7 +166,7 @@ _TEXTS = ("finding", "verdict")
 """Titles of columns that may be folded."""
 
 
-def _pairs(before: View, now: View, name: str) -> Iterator[tuple[str, str]]:
+def _pairs(before: AnswerView, now: AnswerView, name: str) -> Iterator[tuple[str, str]]:
     """The cells of a row, old and new."""
     nothing = ("–",) * (len(now.columns) - 1)
     return zip(before.rows.get(name, nothing), now.rows.get(name, nothing), strict=True)
@@ -176,7 +176,7 @@ def _against(old: str, new: str) -> str:
     return new if old == new else f"{old}{_ARROW}{new}"
 
 
-def view_of(answer: Answer[AnyDocument]) -> View:
+def view_of(answer: Answer[AnyDocument]) -> AnswerView:
     """What of an answer is compared."""
     match answer:
         case Ranking():
@@ -184,26 +184,26 @@ def view_of(answer: Answer[AnyDocument]) -> View:
                 one.assessment.candidate.name: _candidate(shown)
                 for one, shown in zip(answer.ranked, answer.candidates, strict=True)
             }
-            return View(("candidate", "#", *_TITLES), rows, _first(answer.candidates))
+            return AnswerView(("candidate", "#", *_TITLES), rows, _first(answer.candidates))
         case Explanation(several=True):
             names = [one.ranked.assessment.candidate.name for one in answer.explained]
             rows = {name: _candidate(shown) for name, shown in zip(names, answer.candidates, strict=True)}
-            return View(("candidate", "#", *_TITLES), rows)
+            return AnswerView(("candidate", "#", *_TITLES), rows)
         case Explanation():
             (study,) = answer.candidates
-            return View(("", answer.explained[0].ranked.assessment.candidate.name), _study(study), _why(study))
+            return AnswerView(("", answer.explained[0].ranked.assessment.candidate.name), _study(study), _why(study))
         case Check():
             verdicts = {
                 one.candidate.name: ("can be done" if one.feasible else one.reasons[0],) for one in answer.found
             }
             said = {f"{one.place or answer.workspace} {one.message}": (one.severity,) for one in answer.problems}
-            return View(("candidate" if answer.task else "finding", "verdict"), {**verdicts, **said})
+            return AnswerView(("candidate" if answer.task else "finding", "verdict"), {**verdicts, **said})
         case Scores():
             rows = {
                 f"{one.workspace}: {one.task}": (one.status, *(_SHOWN_NONE if one.best is None else _figures(one.best)))
                 for one in answer.results
             }
-            return View(("task", "status", *_TITLES), rows)
+            return AnswerView(("task", "status", *_TITLES), rows)
         case _:
             raise TypeError(type(answer).__name__)
 

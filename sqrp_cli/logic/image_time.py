@@ -111,7 +111,7 @@ def _useful(windows: Sequence[Window], onset: Onset) -> Iterator[Window]:
             return
 
 
-class _Images(NamedTuple):
+class _ImagesAtPhases(NamedTuple):
     """The images in windows at p phases, in order of their times; n places, where some have no image."""
 
     known: Array
@@ -122,7 +122,7 @@ class _Images(NamedTuple):
     """Share of all x that it or one before it shows, 0 in the first column, shape (p, n + 1)."""
 
 
-def _images(windows: Sequence[Window], onset: Onset, shares: Array) -> _Images:
+def _images(windows: Sequence[Window], onset: Onset, shares: Array) -> _ImagesAtPhases:
     """Every image at phases that are shares of the period, shape (p,)."""
     number, window = _numbers(windows)
     start, end, period, lag = np.array(windows, dtype=float).reshape(-1, 4)[window].T
@@ -130,7 +130,7 @@ def _images(windows: Sequence[Window], onset: Onset, shares: Array) -> _Images:
     reached = np.interp(t, onset.shown, onset.share)
     done = np.maximum.accumulate(np.where((t >= start) & (t <= end), reached, 0.0), axis=1)
     done = np.concatenate([np.zeros((len(shares), 1)), done], axis=1)
-    return _Images(t + lag, np.diff(done, axis=1), done)
+    return _ImagesAtPhases(t + lag, np.diff(done, axis=1), done)
 
 
 def _numbers(windows: Sequence[Window]) -> tuple[Array, NDArray[np.int64]]:
@@ -156,7 +156,7 @@ def _phases(windows: Sequence[Window], onset: Onset, bends: Array) -> tuple[Arra
     return (begin[:, None] + width[:, None] * _GAUSS).ravel(), width / width.sum()
 
 
-def _latest(images: _Images, onset: Onset, end: float) -> float:
+def _latest(images: _ImagesAtPhases, onset: Onset, end: float) -> float:
     """The longest delay at any phase: linear in each piece of the phases, so at one of its ends."""
     x0, length = onset.x[0], onset.x[-1] - onset.x[0]
     known = np.concatenate([images.known, np.full((len(images.known), 1), end)], axis=1)

@@ -35,7 +35,7 @@ class StepDone:
     """None if it is infeasible."""
 
 
-class StepPlace(NamedTuple):
+class StepShown(NamedTuple):
     """Which step of a task of several, or of a program, is looked at."""
 
     number: int

@@ -15,7 +15,7 @@ from sqrp_cli.programming.ways.words import choice_in_words
 
 if TYPE_CHECKING:
     from sqrp_cli.programming.advice.change import Kind, ProposedChange
-    from sqrp_cli.programming.coverage.in_the_way import ToMove
+    from sqrp_cli.programming.coverage.in_the_way import ObjectToMove
     from sqrp_cli.programming.sensing.observer import Occluder
 
 _CRITERION_WORDS: dict[Criterion, str] = {
@@ -132,7 +132,7 @@ def part_shares_in_words(parts: Sequence[Occluder]) -> str:
     return ", ".join(words)
 
 
-def what_to_move(found: Sequence[ToMove]) -> str:
+def what_to_move(found: Sequence[ObjectToMove]) -> str:
     """A sentence about the object to move first; empty if no move of one object would help."""
     if not found or found[0].alone < LEAST_GAIN:
         return ""

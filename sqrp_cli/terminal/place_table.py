@@ -82,7 +82,7 @@ def _print_unmet(found: PlaceDocument, wish: Wish | None) -> None:
     say()
     say(unmet_in_words(found, wish), style="red")
     for one in found.unseen[:MOST_UNSEEN]:
-        say(f"  {one.candidate}: {one.words}", indent=4)
+        say(f"  {one.candidate}: {one}", indent=4)
     if len(found.unseen) > MOST_UNSEEN:
         say(f"  and {len(found.unseen) - MOST_UNSEEN} more, see --json", indent=4)
 

@@ -8,14 +8,16 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from sqrp_cli.programming.coverage.assessment import Assessment
+from sqrp_cli.programming.coverage.certificate import Certificate
 from sqrp_cli.programming.coverage.robustness import DRAWS
+from sqrp_cli.programming.coverage.timeline import bisection_error
 from sqrp_cli.programming.coverage.verdict import NOTHING_MISSING
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.ranking import Criterion, Ranked, winners
 from sqrp_cli.programming.task import in_words
 from sqrp_cli.report.documents.candidates import percentiles
+from sqrp_cli.report.proven import between, stays_first, undecided, within
 from sqrp_cli.report.sentences import accuracy, differing_parameters, summary, way_of, why_first
-from sqrp_cli.terminal.certificate_table import print_certificate
 from sqrp_cli.terminal.console import Cell, Column, Share, Styled, fits, joined, plain, print_table, say
 from sqrp_cli.terminal.infeasible import print_infeasible
 from sqrp_cli.terminal.ways_table import blind_ends, faster_ways, print_ways
@@ -48,7 +50,7 @@ def print_ranking(
         shown = feasible if all_rows else _best_of_each(feasible)
         _print_feasible(feasible, shown)
         _print_calibration(assignment, feasible, by)
-        print_certificate(assignment.bounds, assignment.sampling, feasible, shown, by)
+        _print_certificate(assignment, feasible, shown, by)
     for ranked in feasible:
         if ranked.assessment.ways_around:
             say(f"{ranked.assessment.candidate.name}: {', '.join(ranked.assessment.ways_around)}")
@@ -56,20 +58,23 @@ def print_ranking(
     print_infeasible((found.candidate, found.reasons[0]) for found in blocked)
     if feasible:
         say()
-        say(why_first(feasible, by))
-        if len(feasible) > 1:
-            last = feasible[-1].assessment
-            name, all_seen = last.candidate.name, last.verdict == NOTHING_MISSING
-            beginning = f"Even in the last, {name}," if all_seen else f"Last is {name}:"
-            say(f"{beginning} {last.verdict[0].lower()}{last.verdict[1:]}")
-        if faster := faster_ways(feasible, all_shown=all_ways):
-            say(faster)
-        if ends := blind_ends(feasible):
-            say(ends)
+        for sentence in _sentences(feasible, by, all_ways=all_ways):
+            say(sentence)
         say(_OPTIMAL, "dim")
         say(accuracy(assignment.sampling, feasible), "dim")
     if all_ways:
         print_ways([ranked.assessment for ranked in ranking])
+
+
+def _sentences(feasible: Sequence[Ranked], by: Criterion, *, all_ways: bool) -> Iterator[str]:
+    """Why the first is first and the last last, and what other ways there are."""
+    yield why_first(feasible, by)
+    if len(feasible) > 1:
+        last = feasible[-1].assessment
+        name, all_seen = last.candidate.name, last.verdict == NOTHING_MISSING
+        beginning = f"Even in the last, {name}," if all_seen else f"Last is {name}:"
+        yield f"{beginning} {last.verdict[0].lower()}{last.verdict[1:]}"
+    yield from filter(None, (faster_ways(feasible, all_shown=all_ways), blind_ends(feasible)))
 
 
 def _print_calibration(assignment: Assignment, feasible: Sequence[Ranked], by: Criterion) -> None:
@@ -97,6 +102,42 @@ def _print_calibration(assignment: Assignment, feasible: Sequence[Ranked], by: C
 def _span(values: Sequence[float | None]) -> str:
     ends = percentiles(values)
     return "-" if ends is None else f"{100 * ends[0]:.1f} to {100 * ends[1]:.1f}"
+
+
+def _print_certificate(
+    assignment: Assignment, feasible: Sequence[Ranked], shown: Sequence[Ranked], by: Criterion
+) -> None:
+    """What is proven of the qualities and of the first place within bounds of the camera poses, if it was asked for.
+
+    shown: those of the feasible candidates, with the first, that have a row.
+    """
+    proven = [(one, one.assessment.certificate) for one in shown if one.assessment.certificate is not None]
+    if assignment.bounds is None or not proven:
+        return
+    say(f"\nProven {within(assignment.bounds)}:")
+    rows = [
+        (
+            one.assessment.candidate.name,
+            between(found.least.q_eoi, found.most.q_eoi),
+            between(found.least.q_avg, found.most.q_avg),
+            f"{sum(stretch.length for stretch in found.undecided):.2f}",
+        )
+        for one, found in proven
+    ]
+    titles = ("Q_eoi [%]", "Q_avg [%]", "undecided [s]")
+    print_table([Column(""), *(Column(title, right=True) for title in titles)], rows)
+    error = bisection_error(assignment.sampling)
+    if error and any(_is_open(one) for _, one in proven):
+        say(f"Both ends allow for {100 * error:g} points that bisection may leave.")
+    for sentence in (stays_first(feasible, by), undecided(*proven[0])):
+        if sentence is not None:
+            say(sentence)
+
+
+def _is_open(certificate: Certificate) -> bool:
+    """Whether a quality is neither proven to be all nor nothing."""
+    least, most = certificate.least, certificate.most
+    return any(one != other for one, other in ((least.q_eoi, most.q_eoi), (least.q_avg, most.q_avg)))
 
 
 class _Figure(NamedTuple):

@@ -16,7 +16,7 @@ from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.pipeline import Explained
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.sensing.cause import Cause
-from sqrp_cli.programming.whole_assessment import StepPlace
+from sqrp_cli.programming.whole_assessment import StepShown
 from sqrp_cli.report.sentences import accuracy, part_shares_in_words, way_of, what_to_move
 from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table, say, terminal_width
 
@@ -57,7 +57,7 @@ SAME_COLOUR = "  c same colour behind"
 
 
 def print_study(
-    cell: Cell, ranked: Ranked, study: Study | None, sampling: Sampling, step: StepPlace | None = None
+    cell: Cell, ranked: Ranked, study: Study | None, sampling: Sampling, step: StepShown | None = None
 ) -> None:
     """The timeline of a candidate, the totals of its causes, the verdict and its accuracy.
 
@@ -94,7 +94,7 @@ def _doings(study: Study) -> str:
     return ", ".join(f"{one.name} {one.words}" for one in study.candidate.skill.primitives)
 
 
-def _print_head(ranked: Ranked, step: StepPlace | None) -> None:
+def _print_head(ranked: Ranked, step: StepShown | None) -> None:
     """The name of a feasible candidate, its place and figures."""
     assessment = ranked.assessment
     figures = [] if step is not None else [_rank_of(ranked)]
@@ -111,7 +111,7 @@ def _print_head(ranked: Ranked, step: StepPlace | None) -> None:
     say(f"{', '.join(figures)}\n")
 
 
-def _title(assessment: Assessment, step: StepPlace | None) -> str:
+def _title(assessment: Assessment, step: StepShown | None) -> str:
     """What a study is about: a candidate, or a step."""
     return assessment.candidate.name if step is None else f"Step {step.number} of {step.steps}, {step.task}"
 

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 from sqrp_cli.cli import watch
-from sqrp_cli.cli.watch import View, print_changes
+from sqrp_cli.cli.watch import AnswerView, print_changes
 
 Save = Callable[[], object]
 
@@ -132,7 +132,7 @@ def test_what_makes_no_sense_again_and_again_is_refused(sqrp, own_watch, option,
 
 def test_rows_that_come_and_go_stand_beside_nothing_and_long_tables_show_what_differs(capsys):
     same = {f"c{i}": ("1",) for i in range(30)}
-    print_changes(View(("", "n"), {"old": ("2",), **same}), View(("", "n"), {"new": ("3",), **same}))
+    print_changes(AnswerView(("", "n"), {"old": ("2",), **same}), AnswerView(("", "n"), {"new": ("3",), **same}))
     out = capsys.readouterr().out
     assert [cells for name in ("old", "new") for cells in rows(out, name)] == [["old", "2 → –"], ["new", "– → 3"]]
     assert "... and 30 as before" in out

@@ -111,7 +111,7 @@ def _placed(folder: Path, angle: int, *, fastest: bool) -> tuple[Placement, Plac
         fastest=fastest,
     )
     placer = Placer(question, silent)
-    return placer.place(), placer, placer.posed(0)
+    return placer.place(), placer, placer.survey.posed(0)
 
 
 def cells(count: int, first: int, folder: Path) -> Iterator[tuple[str, Path]]:

@@ -19,7 +19,7 @@ def best_pair(placer: Placer, problem: Placing) -> float:
     """The greatest mean quality of at most two cameras that may stand together, with one way of each candidate."""
     pairs = np.array(list(_allowed(problem)))
     mean = np.zeros(len(pairs))
-    for weight, way in zip(problem.weights / problem.weights.sum(), placer.ways, strict=True):
+    for weight, way in zip(problem.weights / problem.weights.sum(), placer.survey.ways, strict=True):
         covered = _covered(placer, way, pairs)
         together = covered[:, 1:] & covered[:, :-1] & (np.diff(way.samples.piece) == 0)
         steps = np.diff(way.samples.t) * together
@@ -44,8 +44,8 @@ def _allowed(problem: Placing) -> Iterator[tuple[int, int]]:
 
 def _covered(placer: Placer, way: JudgedWay, pairs: Array) -> Mask:
     """Whether each pair covers each sample of a way, shape (pairs, samples)."""
-    views = [(placer.views[option.view], placer.lenses[option.lens]) for option in placer.options]
-    cameras = [camera_of(f"c{n}", placer.spots[view.spot], view, lens) for n, (view, lens) in enumerate(views)]
+    views = [(placer.survey.views[option.view], placer.survey.lenses[option.lens]) for option in placer.survey.options]
+    cameras = [camera_of(f"c{n}", placer.survey.spots[view.spot], view, lens) for n, (view, lens) in enumerate(views)]
     observer = Observer(tuple(cameras), placer.question.cell.observer.solids)
     found: Mask = np.tile(way.required.any(axis=1), (len(pairs), 1))
     for column, boxes in enumerate(observer.verdicts(way.scene.targets, way.states, shares=False)):

@@ -36,9 +36,9 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     file = validate(document, WorkspaceFile)
     digest = ContentDigest()
     digest.add("workspace", file_path, document.content)
-    robot_reader = RobotReader(document, file.robot, digest)
+    robot_reader = RobotReader(document=document, digest=digest, entry=file.robot)
     robot = robot_reader.read()
-    cell = CellReader(document, file, robot_reader.links, robot_reader.roots, digest)
+    cell = CellReader(document=document, digest=digest, roots=robot_reader.roots, file=file, links=robot_reader.links)
     skills, problems = _skills(document, file, digest)
     cameras, objects = cell.cameras(), cell.objects()
     problems = [*robot_reader.problems, *problems, *cell.problems]

@@ -5,33 +5,30 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem, expected_names, no_such
+from sqrp_cli.errors import InputError, Problem, expected_names, no_such
 from sqrp_cli.geometry import Array, inverse, pose, read_only
 from sqrp_cli.knowledge.camera.calibration import check_image, doubtful_projection, read_calibration
-from sqrp_cli.knowledge.camera.camera import Camera, CameraEntry
+from sqrp_cli.knowledge.camera.camera import Camera, CameraEntry, PoseFile
 from sqrp_cli.knowledge.camera.detector import Detector
 from sqrp_cli.knowledge.camera.hand_eye import HandEye, read_hand_eye
 from sqrp_cli.knowledge.fixture.fixture_file import FixturesEntry, read_fixtures
 from sqrp_cli.knowledge.frames import TOOL, WORLD, link_called
 from sqrp_cli.knowledge.markers import Marker
-from sqrp_cli.knowledge.mesh.mesh_file import bounds_of, check_mesh, mesh_of
+from sqrp_cli.knowledge.mesh.mesh_file import bounds_of, mesh_of
 from sqrp_cli.knowledge.robot.read_urdf import read_urdf
-from sqrp_cli.knowledge.robot.robot_source import RobotSource
 from sqrp_cli.knowledge.scene import NO_SIZE, Held, ObjectEntry, SceneObject
 from sqrp_cli.knowledge.text import packages
-from sqrp_cli.knowledge.text.described import XacroEntry
 from sqrp_cli.knowledge.text.entries import completed
-from sqrp_cli.knowledge.text.input_file import ContentDigest
-from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
+from sqrp_cli.knowledge.text.source import KeyPath, dotted
 from sqrp_cli.knowledge.text.usual_values import CALIBRATION, HAND_EYE, unusual_values
+from sqrp_cli.knowledge.workspace.entry_reader import EntryReader
 from sqrp_cli.knowledge.workspace.workspace import WorkspaceFile, markers_of
 from sqrp_cli.logic.domain import Domain
 from sqrp_cli.logic.literal import Atom
@@ -53,29 +50,22 @@ class _Seat(NamedTuple):
     pose_file: str | None
 
 
-@dataclass
-class CellReader:
-    """Reads the parts of a workspace file besides the robot and the skills, and collects all problems.
+@dataclass(kw_only=True)
+class CellReader(EntryReader):
+    """Reads the parts of a workspace file besides the robot and the skills.
 
-    links: of robot and tool. roots: folders for `package://`.
+    links: of robot and tool.
     """
 
-    document: SourceDocument
     file: WorkspaceFile
     links: Sequence[str]
-    roots: Sequence[Path]
-    digest: ContentDigest
-    problems: list[Problem] = field(default_factory=list)
-    warnings: list[Problem] = field(default_factory=list)
 
     def cameras(self) -> dict[str, Camera]:
         """The cameras by name; those with problems are left out."""
         cameras = {}
         for name, entry in self.file.cameras.items():
-            try:
+            with self._collecting():
                 cameras[name] = self._camera(name, entry)
-            except InputError as error:
-                self.problems.extend(error.problems)
         return cameras
 
     def objects(self) -> dict[str, SceneObject]:
@@ -85,10 +75,8 @@ class CellReader:
             self._check_object(name, entry, held[:1])
         objects = {name: self._object(name, entry) for name, entry in self.file.objects.items()}
         for index, fixtures in enumerate(self.file.fixtures):
-            try:
+            with self._collecting():
                 objects |= self._fixtures(index, fixtures, objects)
-            except InputError as error:
-                self.problems.extend(error.problems)
         return objects
 
     def detectors(
@@ -106,8 +94,7 @@ class CellReader:
 
     def _fixtures(self, index: int, entry: FixturesEntry, taken: Mapping[str, SceneObject]) -> dict[str, SceneObject]:
         """The objects of a scene or world, under their names as far as those are free."""
-        path: KeyPath = ("fixtures", index, "file")
-        file = packages.resolve(entry.file, self.document.folder, self.roots, self.document.value_place(path))
+        file = self._resolve(entry.file, self.document.value_place(("fixtures", index, "file")))
         standing, warnings, content = read_fixtures(file, self.roots)
         self.digest.add(f"fixtures.{index}", file, content)
         self.warnings.extend(warnings)
@@ -117,7 +104,7 @@ class CellReader:
             parts = [Part(f"{name}/{i}", name, shape, X) for i, (shape, X) in enumerate(one.shapes)]
             for part in parts:
                 if isinstance(part.shape, Mesh):
-                    add_mesh(self.digest, f"fixtures.{index}.{part.name}", part.shape.path, one.place)
+                    self._add_mesh(f"fixtures.{index}.{part.name}", part.shape.path, one.place)
             stands = ObjectEntry(type="obstacle", pose=read_only(entry.pose.matrix()), fixed=True)
             found[name] = self._sized(name, stands, parts)
         return found
@@ -136,16 +123,12 @@ class CellReader:
                 facts.setdefault(fact, index)
         return facts
 
-    def _report(self, code: str, path: KeyPath, message: str, mend: str | None = None) -> None:
-        self.problems.append(self.document.problem(code, path, message, mend))
-
     def _camera(self, name: str, entry: CameraEntry) -> Camera:
         path: KeyPath = ("cameras", name)
         seat = self._seat(path, entry)
         if entry.calibration_file is not None:
             at = (*path, "calibration")
-            place = self.document.value_place((*at, "file") if (*at, "file") in self.document.keys else at)
-            file = packages.resolve(entry.calibration_file.file, self.document.folder, self.roots, place)
+            file = self._resolve(entry.calibration_file.file, self._place_of_file(at))
             calibration = read_calibration(file, entry.calibration_file, dotted(at))
             intrinsics = calibration.intrinsics
             self.digest.add(dotted(at), file, calibration.document.content)
@@ -159,38 +142,37 @@ class CellReader:
 
     def _seat(self, path: KeyPath, entry: CameraEntry) -> _Seat:
         """Where a camera is."""
-        stated = entry.pose_file
-        pose_file, mend = None, None
-        if stated is None:
+        found = None if entry.pose_file is None else self._hand_eye(path, entry, entry.pose_file)
+        if found is None:
             assert entry.pose is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
-            frame, X_FC, place = entry.frame or WORLD, entry.pose.matrix(), self.document.value_place((*path, "frame"))
+            frame, X_FC = entry.frame or WORLD, entry.pose.matrix()
         else:
-            key: KeyPath = (*path, "hand_eye")
-            seen = self.document.value_place((*key, "file") if (*key, "file") in self.document.keys else key)
-            is_folder = os.path.isdir(self.document.folder / stated.file)  # noqa: PTH112
-            named = f"{stated.file}/{METADATA}" if is_folder else stated.file
-            file = packages.resolve(named, self.document.folder, self.roots, seen)
-            carriers = (WORLD, *self.links) if entry.frame is None else (entry.frame,)
-            found = read_hand_eye(file, stated.camera, carriers, dotted(key))
-            self.digest.add(dotted(key), file, found.content)
-            if found.document is not None:
-                self.warnings.extend(unusual_values(found.document, HAND_EYE))
-            if entry.frame is None and found.frame == WORLD == link_called(WORLD, self.links):
-                raise InputError(self._which_world(path, found))
-            frame, X_FC, place = entry.frame or link_called(found.frame, self.links), found.X_FC, found.place
-            mend, pose_file = (
-                f"say `frame:` for `{dotted(path)}`, which goes before what the file says",
-                found.pose_file,
-            )
-            if (*path, "convention") not in self.document.keys:
-                self._doubt_axes(path, found)
+            frame, X_FC = entry.frame or link_called(found.frame, self.links), found.X_FC
         if frame != WORLD and frame not in self.links:
             expected = expected_names(frame, [WORLD, *self.links])
-            at = place if entry.frame is None else self.document.value_place((*path, "frame"))
+            in_file = found is not None and entry.frame is None
+            at = found.place if found is not None and in_file else self.document.value_place((*path, "frame"))
             message = f"`{dotted((*path, 'frame'))}`: found `{frame}`, expected `world` or a link; {expected}"
-            self.problems.append(Problem("unknown-frame", message, at, mend=mend))
+            mend = f"say `frame:` for `{dotted(path)}`, which goes before what the file says"
+            self.problems.append(Problem("unknown-frame", message, at, mend=None if found is None else mend))
         X_FC = read_only(X_FC @ pose(R_BODY_OPTICAL) if entry.convention == "body" else X_FC)
-        return _Seat(frame, X_FC, pose_file)
+        return _Seat(frame, X_FC, None if found is None else found.pose_file)
+
+    def _hand_eye(self, path: KeyPath, entry: CameraEntry, stated: PoseFile) -> HandEye:
+        """What the file says that has the pose of a camera."""
+        key: KeyPath = (*path, "hand_eye")
+        is_folder = os.path.isdir(self.document.folder / stated.file)  # noqa: PTH112
+        file = self._resolve(f"{stated.file}/{METADATA}" if is_folder else stated.file, self._place_of_file(key))
+        carriers = (WORLD, *self.links) if entry.frame is None else (entry.frame,)
+        found = read_hand_eye(file, stated.camera, carriers, dotted(key))
+        self.digest.add(dotted(key), file, found.content)
+        if found.document is not None:
+            self.warnings.extend(unusual_values(found.document, HAND_EYE))
+        if entry.frame is None and found.frame == WORLD == link_called(WORLD, self.links):
+            raise InputError(self._which_world(path, found))
+        if (*path, "convention") not in self.document.keys:
+            self._doubt_axes(path, found)
+        return found
 
     def _which_world(self, path: KeyPath, found: HandEye) -> Problem:
         base = self.links[0] if self.links else "base_link"
@@ -263,42 +245,36 @@ class CellReader:
         if entry.urdf is None:
             return []
         path: KeyPath = ("objects", name, "urdf")
-        try:
-            urdf = read_urdf(*resolve_description(entry.urdf, self.document, path, self.roots))
+        parts: list[Part] = []
+        with self._collecting():
+            urdf = read_urdf(*self._described(entry.urdf, path))
             found = urdf.parts("collision", partial(packages.resolve_mesh, self.roots))
-            role = ".".join(map(str, path))
-            self.digest.add(role, urdf.path, urdf.content)
+            self.digest.add(dotted(path), urdf.path, urdf.content)
             for part in found:
                 if isinstance(part.shape, Mesh):
-                    add_mesh(self.digest, f"{role}.{part.name}", part.shape.path, self.document.value_place(path))
-        except InputError as error:
-            self.problems.extend(error.problems)
-            return []
-        self.warnings.extend(urdf.warnings)
-        if not found:
-            self._report("no-links", path, f"`{urdf.path.name}` has no link with geometry")
-        return [
-            Part(f"{name}/{part.name}", name, part.shape, read_only(urdf.pose_in(urdf.root, part.parent) @ part.X_PG))
-            for part in found
-        ]
+                    self._add_mesh(f"{dotted(path)}.{part.name}", part.shape.path, self.document.value_place(path))
+            self.warnings.extend(urdf.warnings)
+            if not found:
+                self._report("no-links", path, f"`{urdf.path.name}` has no link with geometry")
+            for part in found:
+                X_OG = read_only(urdf.pose_in(urdf.root, part.parent) @ part.X_PG)
+                parts.append(Part(f"{name}/{part.name}", name, part.shape, X_OG))
+        return parts
 
     def _stated_parts(self, name: str, entry: ObjectEntry) -> list[Part]:
         parts = []
         for index, part in enumerate(entry.parts):
             path: KeyPath = ("objects", name, "parts", index)
-            try:
+            with self._collecting():
                 shape = part.shape(partial(self._mesh, path))
-            except InputError as error:
-                self.problems.extend(error.problems)
-                continue
-            parts.append(Part(f"{name}/{part.name or index}", name, shape, read_only(part.pose.matrix())))
+                parts.append(Part(f"{name}/{part.name or index}", name, shape, read_only(part.pose.matrix())))
         return parts
 
     def _mesh(self, path: KeyPath, name: str, scale: tuple[float, float, float]) -> Mesh:
         """The mesh of that name in the part at `path`."""
         place = self.document.value_place((*path, "mesh"))
-        mesh = packages.resolve(name, self.document.folder, self.roots, place)
-        add_mesh(self.digest, ".".join(map(str, path)), mesh, place)
+        mesh = self._resolve(name, place)
+        self._add_mesh(dotted(path), mesh, place)
         return mesh_of(mesh, scale)
 
     def _fact(self, path: KeyPath, text: str, domain: Domain | None) -> Atom | None:
@@ -343,42 +319,6 @@ def _free_name(name: str, taken: Collection[str]) -> str:
             break
         free = f"{base}_{number}"
     return free
-
-
-class RobotDescription(NamedTuple):
-    """The file of a URDF or SRDF, and what else it is made of."""
-
-    file: Path
-    source: RobotSource
-
-
-def resolve_description(
-    entry: XacroEntry | str, document: SourceDocument, path: KeyPath, roots: Sequence[Path]
-) -> RobotDescription:
-    """The file of a URDF or SRDF that a workspace names, and what else it is made of."""
-    if isinstance(entry, str):
-        entry = XacroEntry(xacro=entry)
-    else:
-        path = (*path, "xacro")
-    file = packages.resolve(entry.xacro, document.folder, roots, document.value_place(path))
-    return RobotDescription(file, RobotSource((*roots, document.folder), entry.args))
-
-
-def add_mesh(digest: ContentDigest, role: str, path: Path, place: Place) -> None:
-    """Add a mesh file to the digest; place: where it is named.
-
-    Raises InputError if it is too large, damaged or cannot be read.
-    """
-    try:
-        digest.add_file(role, path)  # first checks that this is a regular file
-        check_mesh(path)
-    except InputError as error:
-        problems = (
-            replace(problem, message=f"{problem.message}; {place} names this file") for problem in error.problems
-        )
-        raise InputError(*problems) from error
-    except OSError as error:
-        raise InputError(Problem("unreadable-file", f"{path}: {error.strerror}", place)) from error
 
 
 def camera_axes_as_body(X_FC: Array) -> Array:

@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
 
 from sqrp_cli.errors import InputError, Problem, expected_names, no_such
 from sqrp_cli.geometry import read_only
@@ -27,35 +26,29 @@ from sqrp_cli.knowledge.robot.robot import (
     Tool,
     ToolEntry,
 )
-from sqrp_cli.knowledge.robot.robot_source import RobotSource
 from sqrp_cli.knowledge.robot.srdf import SrdfModel, read_srdf
 from sqrp_cli.knowledge.robot.urdf import TOOL_TIP, UrdfJoint, UrdfModel, tool_of_boxes
 from sqrp_cli.knowledge.text import packages, units
 from sqrp_cli.knowledge.text.bounds import SMALLEST_LIMIT
 from sqrp_cli.knowledge.text.described import XacroEntry
 from sqrp_cli.knowledge.text.entries import Pose
-from sqrp_cli.knowledge.text.input_file import ContentDigest
-from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument
+from sqrp_cli.knowledge.text.source import KeyPath, dotted
 from sqrp_cli.knowledge.text.units import Dimension, Quantity, expected_quantity
-from sqrp_cli.knowledge.workspace.read_cell import add_mesh, resolve_description
+from sqrp_cli.knowledge.workspace.entry_reader import EntryReader
 from sqrp_cli.shapes import Mesh, Part
 
 MAX_ARM_JOINTS = 20
 """Most joints that move the tool frame; each makes inverse kinematics and motion slower."""
 
 
-@dataclass
-class RobotReader:
-    """Reads the `robot` entry of a workspace file and collects all problems.
+@dataclass(kw_only=True)
+class RobotReader(EntryReader):
+    """Reads the `robot` entry of a workspace file.
 
     URDF and SRDF are read first: their InputError is raised at once, because nothing can be checked without them.
     """
 
-    document: SourceDocument
     entry: RobotEntry
-    digest: ContentDigest
-    problems: list[Problem] = field(default_factory=list)
-    warnings: list[Problem] = field(default_factory=list)
     _parts: list[Part] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -72,7 +65,7 @@ class RobotReader:
             self.urdf = with_position_limits(self.urdf, self.moveit)
         self.srdf: SrdfModel | None = None
         if self.entry.srdf is not None:
-            self.srdf_path, source = self._resolve(self.entry.srdf, ("robot", "srdf"))
+            self.srdf_path, source = self._described(self.entry.srdf, ("robot", "srdf"))
             self.srdf = read_srdf(self.srdf_path, self.urdf, source)
             self.digest.add("robot.srdf", self.srdf_path, self.srdf.content)
             self.warnings += self.srdf.warnings
@@ -111,30 +104,22 @@ class RobotReader:
             markers=self._markers(),
         )
 
-    def _report(self, code: str, path: KeyPath, message: str, mend: str | None = None) -> None:
-        self.problems.append(self.document.problem(code, path, message, mend))
-
-    def _resolve(self, entry: XacroEntry | str, path: KeyPath) -> tuple[Path, RobotSource]:
-        """The file of a description, and what else it is made of."""
-        return resolve_description(entry, self.document, path, self.roots)
-
     def _read_moveit(self, reference: str, path: KeyPath) -> MoveitLimits:
-        file = packages.resolve(reference, self.document.folder, self.roots, self.document.value_place(path))
+        file = self._resolve(reference, self.document.value_place(path))
         limits = read_moveit_limits(file)
         self.digest.add("robot.limits.moveit", file, limits.document.content)
         return limits
 
     def _read_urdf(self, entry: XacroEntry | str, path: KeyPath) -> UrdfModel:
-        urdf = read_urdf(*self._resolve(entry, path))
+        urdf = read_urdf(*self._described(entry, path))
         self.warnings += urdf.warnings
-        role = ".".join(map(str, path))
-        self.digest.add(role, urdf.path, urdf.content)
+        self.digest.add(dotted(path), urdf.path, urdf.content)
         parts = urdf.parts(self.entry.geometry, partial(packages.resolve_mesh, self.roots))
         self._parts += parts
         pieces = (piece for link in urdf.links.values() for piece in link.geometry(self.entry.geometry))
         for part, piece in zip(parts, pieces, strict=True):
             if isinstance(part.shape, Mesh):
-                add_mesh(self.digest, f"{role}.{part.name}", part.shape.path, piece.place)
+                self._add_mesh(f"{dotted(path)}.{part.name}", part.shape.path, piece.place)
         return urdf
 
     def _read_tool(self, entry: ToolEntry) -> UrdfModel:

@@ -53,14 +53,15 @@ class InTheWay:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ToMove:
-    """An object in the way of what is not covered."""
+class ObjectToMove:
+    """An object in the way that the task does not handle."""
 
     name: str
+    """As in the workspace."""
     share: float
-    """Its share of all that is hidden from cameras while too few see the target, in 0..1."""
+    """Of all that is hidden, from any camera, while too few see the target: its part, in 0..1."""
     alone: float
-    """Share of that which only it hides."""
+    """The part of that which nothing else hides, in 0..1."""
 
 
 HiddenViews = Mapping[HiddenView, tuple[Occluder, ...]]
@@ -113,7 +114,7 @@ def in_the_way(cell: Cell, study: Study, views: HiddenViews) -> tuple[InTheWay, 
     return tuple(found)
 
 
-def to_move(cell: Cell, study: Study, views: HiddenViews) -> tuple[ToMove, ...]:
+def to_move(cell: Cell, study: Study, views: HiddenViews) -> tuple[ObjectToMove, ...]:
     """The objects in the way, other than those that the task handles, the one first without which most would be seen.
 
     It counts what is hidden from any camera while too few see the target. views: all hidden ones.
@@ -133,7 +134,7 @@ def to_move(cell: Cell, study: Study, views: HiddenViews) -> tuple[ToMove, ...]:
         if parent in cell.workspace.objects and parent not in handled:
             shares[parent][0] += part.share / total
             shares[parent][1] += part.alone / total
-    found = [ToMove(name=name, share=share, alone=alone) for name, (share, alone) in shares.items()]
+    found = [ObjectToMove(name=name, share=share, alone=alone) for name, (share, alone) in shares.items()]
     return tuple(sorted(found, key=lambda one: (-one.alone, -one.share, one.name)))
 
 

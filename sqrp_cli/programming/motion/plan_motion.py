@@ -25,7 +25,7 @@ from sqrp_cli.programming.motion.collision.collision import CollisionScene
 from sqrp_cli.programming.motion.fingers import with_fingers
 from sqrp_cli.programming.motion.ground_primitives import GroundPrimitive, GroundSkill, SkillUse, ground_primitives
 from sqrp_cli.programming.motion.paths.branch_search import Station, fastest_sequence
-from sqrp_cli.programming.motion.paths.joint_moves import JointMoves, Move
+from sqrp_cli.programming.motion.paths.joint_moves import FoundMove, JointMoves
 from sqrp_cli.programming.motion.paths.position_limits import worst_past_limit
 from sqrp_cli.programming.motion.paths.sections import (
     SHORTEST_LINE,
@@ -319,10 +319,10 @@ class _Planner:
         along = moves.along(chosen)
         if isinstance(along, Infeasible):
             return along
-        done: list[Move] = []
+        done: list[FoundMove] = []
         for through, k, move in zip(ways, chosen, [None, *along], strict=True):
             done += [move] if move is not None else []
-            done += map(Move, through.trajectories(k))
+            done += map(FoundMove, through.trajectories(k))
         guarded = self._guarded(done)
         if isinstance(guarded, Infeasible):
             return guarded
@@ -342,7 +342,7 @@ class _Planner:
             reasons = (f"{reasons[0]}, and no way around was found in {tries:,} tries", *reasons[1:])
         return Infeasible(reasons)
 
-    def _guarded(self, moves: Sequence[Move]) -> dict[str, Trajectory] | Infeasible:
+    def _guarded(self, moves: Sequence[FoundMove]) -> dict[str, Trajectory] | Infeasible:
         """The whole motion of the arm in each guarded primitive, by its name, where it meets nothing."""
         found: dict[str, Trajectory] = {}
         for index, (primitive, move) in enumerate(zip(self._skill.primitives, moves, strict=True)):
@@ -360,7 +360,7 @@ class _Planner:
             found[primitive.name] = whole
         return found
 
-    def _motion(self, moves: Sequence[Move], guarded: Mapping[str, Trajectory], q_end: Array) -> Motion:
+    def _motion(self, moves: Sequence[FoundMove], guarded: Mapping[str, Trajectory], q_end: Array) -> Motion:
         """The motion of one move for each primitive, which ends at q_end, shape (n,)."""
         primitives, start = [], 0.0
         resting: dict[int, Mapping[str, Array]] = {}  # by world, which several primitives share

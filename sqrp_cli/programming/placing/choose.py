@@ -49,7 +49,7 @@ class _Aim(NamedTuple):
     """It is never more."""
 
 
-class Search:
+class ChoiceSearch:
     """Builds and solves the integer program of a problem."""
 
     def __init__(

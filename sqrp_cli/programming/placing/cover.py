@@ -202,7 +202,7 @@ def longest_delays(fault: FaultSamples, total: float, response: Array) -> Array:
 def _groups(way: JudgedWay, rows: Sequence[int]) -> list[Group]:
     """Time between neighbouring samples of one piece, by the rows of both."""
     by_sample: list[set[int]] = [set() for _ in range(len(way.samples))]
-    for sample, row in zip(way.items[0].tolist(), rows, strict=True):
+    for sample, row in zip(way.items.sample.tolist(), rows, strict=True):
         by_sample[sample].add(row)
     pieces = way.scene.stage.pieces
     found: dict[tuple[int, ...], tuple[float, float]] = {}

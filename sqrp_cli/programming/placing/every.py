@@ -6,11 +6,12 @@ from collections.abc import Iterator, Sequence
 from functools import cached_property
 from itertools import combinations, islice
 from math import comb, inf
+from typing import NamedTuple
 
 import numpy as np
 
 from sqrp_cli.geometry import Array, Indices, Mask
-from sqrp_cli.programming.placing.gain import Gain, least_and_mean, qualities_alone
+from sqrp_cli.programming.placing.gain import Gain, WayQuality, qualities_alone
 from sqrp_cli.programming.placing.problem import Choice, Demand, Placing
 
 MOST_WORK = 1e9
@@ -27,6 +28,17 @@ _REACHED = 1e-7
 
 Key = tuple[float, ...]
 """What a choice is worth in every aim, the least the best."""
+
+
+class _Scores(NamedTuple):
+    """What several sets of cameras are worth; negative where a set, or a way with it, cannot be."""
+
+    first: Array
+    """What counts first, shape (sets,)."""
+    least: Array
+    """The least quality of each way, shape (ways, sets)."""
+    mean: Array
+    """Its mean quality, shape (ways, sets)."""
 
 
 class EverySet:
@@ -66,14 +78,14 @@ class EverySet:
         if not demand.survive or count != 1 + demand.survive or self._problem.kept:
             return self._free
         alone = Gain(self._problem, demand, failed=demand.survive)
-        score = np.concatenate([self._scores(alone, part)[0] for part in self._chunked(self._free[:, None])])
+        score = np.concatenate([self._scores(alone, part).first for part in self._chunked(self._free[:, None])])
         return self._free[score >= (0.0 if demand.wish is not None else self._known - _SAME)]
 
     def _best(self, count: int, *, first_only: bool) -> tuple[Key, Choice] | None:
         """The best of all sets of a number, with its key."""
         best, tied = 0.0, list[tuple[float, Indices]]()
         for cameras in self._sets(count):
-            score = self._scores(self._gain, cameras)[0]
+            score = self._scores(self._gain, cameras).first
             top = float(score.max(initial=-1.0))
             if top >= best - _SAME:
                 best = max(best, top)
@@ -125,17 +137,18 @@ class EverySet:
             found[hiding.way] |= in_sight & sees
         return found
 
-    def _scores(self, gain: Gain, cameras: Indices) -> tuple[Array, Array, Array]:
-        """What counts first for each set, negative if it cannot be, (sets,); least and mean of ways, (ways, sets)."""
+    def _scores(self, gain: Gain, cameras: Indices) -> _Scores:
+        """What several sets are worth."""
         seen = gain.seen(cameras)
         figures = gain.figures(seen)
         usable = ~self._shut(cameras) & np.array([self._reaches(pair) for pair in figures])
         wish = self._demand.wish
         if wish is not None and wish.delay is not None and usable.any():
             usable &= np.maximum(self._delays(gain, seen), self._least_delays(cameras)) <= wish.delay + _REACHED
-        both = [least_and_mean(pair) for pair in figures]
-        least, mean = (np.where(usable, [pair[which] for pair in both], -1.0) for which in (0, 1))
-        return self._first(least, mean), least, mean
+        of_way = [WayQuality.of(pair) for pair in figures]
+        least = np.where(usable, [one.least for one in of_way], -1.0)
+        mean = np.where(usable, [one.mean for one in of_way], -1.0)
+        return _Scores(self._first(least, mean), least, mean)
 
     def _reaches(self, pair: Array) -> Mask:
         """Whether Q_eoi and Q_avg, (2, sets), are as wished for; undefined ones are; (sets,)."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,7 +24,7 @@ def greedy(problem: Placing, demand: Demand, most: int) -> Choice:
         if better is None:
             break
         options.append(better)
-        if gain.worth(options)[0] >= 1.0 and len(options) >= problem.at_least(demand):
+        if gain.worth(options).first >= 1.0 and len(options) >= problem.at_least(demand):
             break
     return gain.choice(options)
 
@@ -71,15 +72,42 @@ def qualities_alone(problem: Placing, spare: int = 0) -> Array:
     spare: so many cameras may fail by the problem, but none does. 0 where an option is in the way.
     """
     gain = Gain(replace(problem, kept=frozenset()), Demand(objective="mean"), failed=spare)
-    return np.maximum(gain.with_each([])[0], 0.0)
+    return np.maximum(gain.with_each([]).first, 0.0)
 
 
-def least_and_mean(qualities: Array) -> tuple[Array, Array]:
-    """The least and the mean of Q_eoi and Q_avg, shape (2, sets), of those that are defined; 1 where none is."""
-    defined = np.isfinite(qualities)
-    count, total = defined.sum(axis=0), np.where(defined, qualities, 0.0).sum(axis=0)
-    mean = np.where(count > 0, total / np.maximum(count, 1), 1.0)
-    return np.where(defined, qualities, 1.0).min(axis=0), mean
+class WayQuality(NamedTuple):
+    """What a way is worth with several sets of cameras, of those of Q_eoi and Q_avg that are defined."""
+
+    least: Array
+    """Shape (sets,); 1 where none is defined."""
+    mean: Array
+    """Shape (sets,); 1 where none is defined."""
+
+    @classmethod
+    def of(cls, qualities: Array) -> WayQuality:
+        """Of Q_eoi and Q_avg, shape (2, sets), NaN where undefined."""
+        defined = np.isfinite(qualities)
+        count, total = defined.sum(axis=0), np.where(defined, qualities, 0.0).sum(axis=0)
+        mean = np.where(count > 0, total / np.maximum(count, 1), 1.0)
+        return cls(np.where(defined, qualities, 1.0).min(axis=0), mean)
+
+
+class Worths(NamedTuple):
+    """What several sets of cameras are worth to all candidates in their best ways; negative where one has none."""
+
+    first: Array
+    """What counts first, the least or the mean quality, shape (sets,)."""
+    second: Array
+    """The other one."""
+    ways: list[Indices]
+    """The best way of each candidate, shape (sets,) each."""
+
+
+class SetWorth(NamedTuple):
+    """What one set of cameras is worth; see `Worths`."""
+
+    first: float
+    second: float
 
 
 class Gain:
@@ -131,43 +159,36 @@ class Gain:
             found.append(np.where(np.array([[T_eoi > 0], [T > 0]]), qualities, np.nan))
         return found
 
-    def _qualities(self, seen: Array) -> list[tuple[Array, Array]]:
-        """The least and the mean quality of each way, for several sets of cameras, (sets,) each; seen: (rows, sets)."""
-        return [least_and_mean(pair) for pair in self.figures(seen)]
-
-    def _of_all(self, seen: Array, shut: Mask) -> tuple[Array, Array, list[Indices]]:
-        """What counts first and second, for several sets of cameras, and the best way of each candidate.
-
-        shut: whether a camera is in the way, shape (ways, sets).
-        """
+    def _of_all(self, seen: Array, shut: Mask) -> Worths:
+        """Of several sets. seen: cameras that see each row, (rows, sets). shut: if one is in the way, (ways, sets)."""
         first_is_least, weights = self._demand.objective == "least", self._problem.weights
-        of_way, least, mean, best = self._qualities(seen), [], [], []
+        of_way, least, mean, best = [WayQuality.of(pair) for pair in self.figures(seen)], [], [], []
         for of_one in self._problem.candidates:
-            rough = np.stack([of_way[way][0 if first_is_least else 1] for way in of_one])
-            fine = np.stack([of_way[way][1] for way in of_one])
-            key = np.where(shut[list(of_one)], -1.0, np.round(rough, 9) + 1e-6 * fine)
+            least_of = np.stack([of_way[way].least for way in of_one])
+            mean_of = np.stack([of_way[way].mean for way in of_one])
+            rough = least_of if first_is_least else mean_of
+            key = np.where(shut[list(of_one)], -1.0, np.round(rough, 9) + 1e-6 * mean_of)
             which = key.argmax(axis=0)
             here = np.arange(seen.shape[1])
             usable = key[which, here] >= 0
-            least.append(np.where(usable, np.stack([of_way[way][0] for way in of_one])[which, here], -1.0))
-            mean.append(np.where(usable, fine[which, here], -1.0))
+            least.append(np.where(usable, least_of[which, here], -1.0))
+            mean.append(np.where(usable, mean_of[which, here], -1.0))
             best.append(np.array(of_one)[which])
         count, total = seen.shape[1], max(float(weights.sum()), 1e-12)
         lowest = np.min([*least, np.ones(count)], axis=0)
         means = np.where(lowest < 0, -1.0, weights @ np.array(mean).reshape(-1, count) / total)
-        return (lowest, means, best) if first_is_least else (means, lowest, best)
+        return Worths(lowest, means, best) if first_is_least else Worths(means, lowest, best)
 
-    def with_each(self, chosen: Sequence[int]) -> tuple[Array, Array]:
-        """What counts first and second with each option besides the chosen ones and those that stay, (options,)."""
+    def with_each(self, chosen: Sequence[int]) -> Worths:
+        """The worth of each option besides the chosen ones and those that stay."""
         fixed = [*chosen, *sorted(self._problem.kept)]
         seen = self._matrix[:, fixed].sum(axis=1, dtype=np.int16)[:, None] + self._matrix
         shut = self.shut | np.any(self.shut[:, list(chosen)], axis=1, keepdims=True)
-        first, second, _ = self._of_all(seen, shut)
-        return first, second
+        return self._of_all(seen, shut)
 
     def best_with(self, chosen: Sequence[int]) -> int | None:
         """The option that helps most besides the chosen ones; None if none may be added."""
-        first, second = self.with_each(chosen)
+        first, second, _ = self.with_each(chosen)
         allowed = self._allowed(chosen) & (first >= 0)
         if not allowed.any():
             return None
@@ -183,17 +204,17 @@ class Gain:
         alone = np.round(qualities_alone(self._problem, self._demand.survive), 9)
         return int(np.lexsort((-alone, self._problem.price, ~allowed))[0])
 
-    def worth(self, chosen: Sequence[int]) -> tuple[float, float]:
-        """What counts first and second with some options and those that stay."""
-        first, second, _ = self._together(chosen)
-        return round(float(first[0]), 9), round(float(second[0]), 9)
+    def worth(self, chosen: Sequence[int]) -> SetWorth:
+        """With some options and those that stay, rounded."""
+        found = self._together(chosen)
+        return SetWorth(round(float(found.first[0]), 9), round(float(found.second[0]), 9))
 
     def choice(self, chosen: Sequence[int]) -> Choice:
         """The options with the best way of each candidate."""
-        _, _, best = self._together(chosen)
+        best = self._together(chosen).ways
         return Choice(tuple(sorted(chosen)), tuple(int(ways[0]) for ways in best))
 
-    def _together(self, chosen: Sequence[int]) -> tuple[Array, Array, list[Indices]]:
+    def _together(self, chosen: Sequence[int]) -> Worths:
         seen = self._matrix[:, [*chosen, *sorted(self._problem.kept)]].sum(axis=1, dtype=np.int16)[:, None]
         return self._of_all(seen, np.any(self.shut[:, list(chosen)], axis=1, keepdims=True))
 

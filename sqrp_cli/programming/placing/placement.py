@@ -68,20 +68,20 @@ class JudgedCandidate:
     """The way that `rank` takes with these cameras, if that is another one with other figures."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class FewerCameras:
+@dataclass(frozen=True, kw_only=True)
+class WithFewer:
     """What one camera less could do."""
 
     cameras: int
     """How many."""
     objective: float
-    """The best quality, least or mean, that was found, in 0..1."""
+    """The best quality, least or mean, in 0..1."""
     bound: float
-    """No choice of so many cameras has more."""
+    """No choice of so many has more."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class WithoutSpare:
+@dataclass(frozen=True, kw_only=True)
+class SpareCost:
     """What would do if no camera could fail."""
 
     cameras: int
@@ -92,19 +92,26 @@ class WithoutSpare:
     """The quality that counts first, in 0..1."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Unseen:
-    """Something that too few places see, so that no choice of them covers it."""
+@dataclass(frozen=True, kw_only=True)
+class UnseenTarget:
+    """What too few places see, so that no choice of them covers it."""
 
     task: str
+    """As it was asked for."""
     candidate: str
+    """Its name."""
     literal: str
+    """What has to be seen, such as `hold(g1)`."""
     time: float
-    """The instant of the candidate's motion [s]."""
+    """The first such instant in the candidate's motion [s]."""
     seen_by: int
     """How many places see it."""
     needed: int
     """How many cameras would have to."""
+
+    def __str__(self) -> str:
+        seen = "no mount sees it" if self.seen_by == 0 else f"only {self.seen_by} of {self.needed} needed see it"
+        return f"{self.literal} at {self.time:.2f} s: {seen}"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -149,11 +156,11 @@ class Placement:
     """Whether only the fastest way of each candidate was looked at."""
     fewest: int | None = None
     """The fewest cameras that meet the wish; None without one, and if none do."""
-    fewer: FewerCameras | None = None
+    fewer: WithFewer | None = None
     """With one camera less, if there are several."""
-    without_spare: WithoutSpare | None = None
+    without_spare: SpareCost | None = None
     """If cameras may fail: what would do otherwise."""
-    unseen: tuple[Unseen, ...] = ()
+    unseen: tuple[UnseenTarget, ...] = ()
     """If nothing meets the wish: what no choice of places covers."""
 
     @property

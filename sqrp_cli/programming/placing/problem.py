@@ -16,8 +16,8 @@ OBJECTIVES: tuple[Objective, ...] = ("least", "mean")
 
 
 @dataclass(frozen=True, kw_only=True)
-class CameraFloor:
-    """The fewest cameras that a cell can have."""
+class FewestPossible:
+    """How many cameras there have to be, whatever they see."""
 
     cameras: int
     """On mounts, besides those that stay."""
@@ -33,7 +33,7 @@ class Demand:
     """What every candidate has to reach; then as few cameras as possible."""
     most: int | None = None
     """Most cameras on mounts; None: no limit."""
-    floor: CameraFloor | None = None
+    floor: FewestPossible | None = None
     """Fewest cameras; `most` is not below it. None: any number will do."""
     objective: Objective = "least"
     """Whether the least quality counts first, or the mean."""

@@ -78,7 +78,7 @@ def _worth(ways: Sequence[JudgedWay], others: Sequence[Array], seen: Sequence[Se
 
 def qualities(way: JudgedWay, covered: Mask) -> list[float]:
     """Q_eoi and Q_avg of a way at its samples, those that are defined, if these items are covered, shape (items,)."""
-    sample, samples, scene = way.items[0], way.samples, way.scene
+    sample, samples, scene = way.items.sample, way.samples, way.scene
     state: Mask = np.array(np.any(way.required, axis=1, keepdims=True))[:, 0]
     state[sample[~covered]] = False
     steps = np.where(state[1:] & state[:-1] & (np.diff(samples.piece) == 0), np.diff(samples.t), 0.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +24,15 @@ EVERY = 3
 
 MOST_WAYS = 6
 """Most ways of a candidate to choose from."""
+
+
+class Items(NamedTuple):
+    """What has to be seen of a way: n pairs of a sample and a target, by index."""
+
+    sample: Indices
+    """Shape (n,)."""
+    target: Indices
+    """Shape (n,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,15 +63,14 @@ class JudgedWay:
         return self.scene.stage.requires(self.scene.targets, self.samples)
 
     @cached_property
-    def items(self) -> tuple[Indices, Indices]:
-        """What has to be seen: the sample and the target of each of n items, by index."""
-        sample, target = np.nonzero(self.required)
-        return sample, target
+    def items(self) -> Items:
+        """What has to be seen in the samples."""
+        return Items(*np.nonzero(self.required))
 
     @cached_property
     def needed(self) -> Indices:
         """How many cameras must see each item, shape (n,)."""
-        return np.array([target.cameras for target in self.scene.targets], dtype=np.int64)[self.items[1]]
+        return np.array([target.cameras for target in self.scene.targets], dtype=np.int64)[self.items.target]
 
     def with_samples(self, more: Samples) -> JudgedWay:
         """With further samples."""

@@ -24,7 +24,7 @@ TOGETHER = 24
 
 
 @dataclass(frozen=True, eq=False)
-class Portion:
+class ViewBatch:
     """A piece of the work: what some poses, with all lenses, see in a way."""
 
     way: JudgedWay
@@ -39,23 +39,23 @@ class Portion:
         return seen_by(cell, self.way, self.spots, self.views, self.lenses)
 
 
-def portions(
+def view_batches(
     way: JudgedWay, spots: Sequence[Spot], views: Sequence[View], lenses: Sequence[LensChoice]
-) -> list[Portion]:
+) -> list[ViewBatch]:
     """All of the work for a way."""
     found = []
     for first in range(0, len(views), TOGETHER):
         some = views[first : first + TOGETHER]
         own = sorted({view.spot for view in some})
         renamed = tuple(replace(view, spot=own.index(view.spot)) for view in some)
-        found.append(Portion(way, tuple(spots[place] for place in own), renamed, tuple(lenses)))
+        found.append(ViewBatch(way, tuple(spots[place] for place in own), renamed, tuple(lenses)))
     return found
 
 
 class Verdicts(Protocol):
     """Where verdicts come from: processes, a cluster, or a run before this one."""
 
-    def of(self, parts: Sequence[Portion], done: Callable[[int, Mask], None]) -> None:
+    def of(self, parts: Sequence[ViewBatch], done: Callable[[int, Mask], None]) -> None:
         """Call `done` with the number of every portion, in any order, and what it sees."""
 
 
@@ -66,10 +66,10 @@ class LocalVerdicts:
     cell: Cell
     jobs: int = 1
 
-    def of(self, parts: Sequence[Portion], done: Callable[[int, Mask], None]) -> None:
+    def of(self, parts: Sequence[ViewBatch], done: Callable[[int, Mask], None]) -> None:
         """See `Verdicts`."""
 
-        def work(part: Portion) -> Mask:
+        def work(part: ViewBatch) -> Mask:
             return part.seen(self.cell)
 
         for number, sees in enumerate(in_processes(work, parts, min(self.jobs, len(parts)))):
@@ -80,7 +80,7 @@ def seen_by(
     cell: Cell, way: JudgedWay, spots: Sequence[Spot], views: Sequence[View], lenses: Sequence[LensChoice]
 ) -> Mask:
     """Whether each pose with each lens sees each item of a way, shape (lenses, views, items)."""
-    count = len(way.items[0])
+    count = len(way.items.sample)
     sees = np.zeros((len(lenses), len(views), count), dtype=bool)
     if not count:
         return sees

@@ -12,7 +12,14 @@ from sqrp_cli.geometry import Array, box_corners, transform
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.programming.coverage.blind_spans import by_name
 from sqrp_cli.programming.coverage.expected import Expectation, expectation
-from sqrp_cli.programming.coverage.in_the_way import HiddenView, HiddenViews, hidden_views, in_the_way, to_move
+from sqrp_cli.programming.coverage.in_the_way import (
+    HiddenView,
+    HiddenViews,
+    ObjectToMove,
+    hidden_views,
+    in_the_way,
+    to_move,
+)
 from sqrp_cli.programming.coverage.quality import Qualities
 from sqrp_cli.programming.coverage.robustness import without_each_camera
 from sqrp_cli.programming.coverage.sampling import Sampling
@@ -209,18 +216,6 @@ class HiddenTarget(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ObjectToMove(Record):
-    """An object in the way that the task does not handle."""
-
-    name: str
-    """As in the workspace."""
-    share: float
-    """Of all that is hidden, from any camera, while too few see the target: its part, in 0..1."""
-    alone: float
-    """The part of that which nothing else hides, in 0..1."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class BoxCoverage(Record):
     """A box at an instant."""
 
@@ -330,7 +325,7 @@ class CandidateStudy(CandidateFigures):
     """The sampled instants in the order of time."""
     hidden: list[HiddenTarget]
     """Who is in the way: of each literal, from each camera that it is hidden from."""
-    to_move: list[ObjectToMove]
+    to_move: Sequence[ObjectToMove]
     """Objects in the way, the largest `alone` first: the one to move first. Empty if only the robot is in the way."""
 
     @classmethod
@@ -366,7 +361,7 @@ class CandidateStudy(CandidateFigures):
                 )
                 for one in (() if brief else in_the_way(cell, study, views))
             ],
-            to_move=[completed(ObjectToMove, one) for one in (() if brief else to_move(cell, study, views))],
+            to_move=[] if brief else to_move(cell, study, views),
         )
 
     @classmethod

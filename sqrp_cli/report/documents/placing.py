@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 from sqrp_cli.programming.advice.wish import Wish
-from sqrp_cli.programming.placing.problem import Objective
+from sqrp_cli.programming.placing.placement import SpareCost, UnseenTarget, WithFewer
+from sqrp_cli.programming.placing.problem import FewestPossible, Objective
 from sqrp_cli.report.documents.advice import AdvisedFigures, WishedFigures
 from sqrp_cli.report.documents.document import LEFT_OUT, Pose, Record, WorkspaceDocument
 
 if TYPE_CHECKING:
-    from sqrp_cli.programming.placing.placement import FewerCameras, JudgedCandidate, PlacedCamera, Placement, Unseen
+    from sqrp_cli.programming.placing.placement import JudgedCandidate, PlacedCamera, Placement
 
 _COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
 
@@ -89,74 +90,6 @@ class InfeasibleCandidate(Record):
     """Its name."""
     reason: str
     """Why not."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class WithFewer(Record):
-    """What one camera less could do."""
-
-    cameras: int
-    """How many."""
-    objective: float
-    """The best quality, least or mean, in 0..1."""
-    bound: float
-    """No choice of so many has more."""
-
-    @classmethod
-    def of(cls, fewer: FewerCameras | None) -> WithFewer | None:
-        """It as a record."""
-        return None if fewer is None else cls(**vars(fewer))
-
-
-@dataclass(frozen=True, kw_only=True)
-class FewestPossible(Record):
-    """How many cameras there have to be, whatever they see."""
-
-    cameras: int
-    """On mounts, besides those that stay."""
-    reason: str
-    """Such as `inspect` needs two at once."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SpareCost(Record):
-    """What would do if no camera could fail."""
-
-    cameras: int
-    """How many."""
-    price: float
-    """Of all of them."""
-    objective: float
-    """The quality that counts first, in 0..1."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class UnseenTarget(Record):
-    """What too few places see, so that no choice of them covers it."""
-
-    task: str
-    """As it was asked for."""
-    candidate: str
-    """Its name."""
-    literal: str
-    """What has to be seen, such as `hold(g1)`."""
-    time: float
-    """The first such instant in the candidate's motion [s]."""
-    seen_by: int
-    """How many places see it."""
-    needed: int
-    """How many cameras would have to."""
-
-    @classmethod
-    def of(cls, unseen: Unseen) -> UnseenTarget:
-        """It as a record."""
-        return cls(**vars(unseen))
-
-    @property
-    def words(self) -> str:
-        """Such as `hold(g1) at 12.40 s: no mount sees it`."""
-        seen = "no mount sees it" if self.seen_by == 0 else f"only {self.seen_by} of {self.needed} needed see it"
-        return f"{self.literal} at {self.time:.2f} s: {seen}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -270,17 +203,17 @@ def placed(found: Placement, patch: str, wish: Wish | None) -> PlaceDocument:
         delay_worst=max(delays, default=None),
         price=sum(camera.price for camera in found.cameras),
         fewest=found.fewest,
-        fewer=WithFewer.of(found.fewer),
-        floor=None if demand.floor is None else FewestPossible(**vars(demand.floor)),
+        fewer=found.fewer,
+        floor=demand.floor,
         reason=found.why,
-        without_spare=None if found.without_spare is None else SpareCost(**vars(found.without_spare)),
+        without_spare=found.without_spare,
         candidates=[PlacedCandidate.of_candidate(one) for one in found.candidates],
         ways={f"{one.task}: {one.candidate.name}": one.found.way.parameters for one in found.candidates},
         infeasible=[
             InfeasibleCandidate(task=task, candidate=one.candidate.name, reason=one.reasons[0])
             for task, one in found.infeasible
         ],
-        unseen=[UnseenTarget.of(one) for one in found.unseen],
+        unseen=found.unseen,
         compared=Compared(
             mounts=found.places,
             in_the_way=found.in_the_way,

@@ -91,7 +91,7 @@ def _row(found: Placement, document: PlaceDocument, one: JudgedCandidate) -> Pag
     wish = found.question.demand.wish
     missed = () if wish is None else wish.missed(one.found)
     unseen = [
-        target.words for target in document.unseen if (target.task, target.candidate) == (one.task, one.candidate.name)
+        str(target) for target in document.unseen if (target.task, target.candidate) == (one.task, one.candidate.name)
     ]
     mark = "" if wish is None else "short" if missed else "met"
     labels = _labels(found, one.task, one.candidate.name)

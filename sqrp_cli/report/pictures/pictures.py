@@ -90,7 +90,7 @@ def write_pictures(cell: Cell, study: Study, folder: Path) -> int:
         photographer = Photographer(cell, states)
         pictures = []
         for camera in range(len(cell.observer.cameras)):
-            made = _picture(cell, study, _Look(interval, states, photographer, camera), views)
+            made = _picture(cell, study, _Shot(interval, states, photographer, camera), views)
             when = f"{interval.start:.1f}s-{interval.end:.1f}s"
             name = f"{number:02d}_{when}_{cell.observer.cameras[camera].name}"
             _write(folder / f"{_file_name(name)}.png", captioned(made))
@@ -107,7 +107,7 @@ def folder_of(study: Study, folder: Path) -> Path:
     return folder / _file_name(study.candidate.name)
 
 
-class _Look(NamedTuple):
+class _Shot(NamedTuple):
     """A look at a cell through a camera."""
 
     interval: BlindInterval
@@ -118,7 +118,7 @@ class _Look(NamedTuple):
     """By index."""
 
 
-def _picture(cell: Cell, study: Study, look: _Look, views: HiddenViews) -> Picture:
+def _picture(cell: Cell, study: Study, look: _Shot, views: HiddenViews) -> Picture:
     """The picture of one camera; views: what hides the boxes that it does not see."""
     interval, states, photographer, index = look
     camera, step = _drawable(cell.observer.cameras[index])

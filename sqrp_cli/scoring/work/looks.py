@@ -15,7 +15,7 @@ from sqrp_cli.programming.coverage.assessment import rehearsal
 from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.placing.scenes import JudgedWay
-from sqrp_cli.programming.placing.tensor import Portion, Verdicts, seen_by
+from sqrp_cli.programming.placing.tensor import Verdicts, ViewBatch, seen_by
 from sqrp_cli.programming.placing.views import View
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.scoring.work.cluster import Cluster, DaskWorkers
@@ -58,7 +58,7 @@ class ClusterVerdicts:
     workspace: Workspace
     seed: int
 
-    def of(self, parts: Sequence[Portion], done: Callable[[int, Mask], None]) -> None:
+    def of(self, parts: Sequence[ViewBatch], done: Callable[[int, Mask], None]) -> None:
         """See `Verdicts`. Raises InputError if a portion cannot be computed, or no worker is left."""
         packed = PackedWorkspace.of(self.workspace)
         jobs = [self._job(packed, part) for part in parts]
@@ -78,7 +78,7 @@ class ClusterVerdicts:
                 dispatcher.give_up()
                 raise
 
-    def _job(self, packed: PackedWorkspace, part: Portion) -> LookJob:
+    def _job(self, packed: PackedWorkspace, part: ViewBatch) -> LookJob:
         from sqrp_cli.programming.coverage.sampling import Adaptive
 
         return LookJob(
@@ -105,7 +105,7 @@ class KeptVerdicts:
     seed: int
     others: Verdicts
 
-    def of(self, parts: Sequence[Portion], done: Callable[[int, Mask], None]) -> None:
+    def of(self, parts: Sequence[ViewBatch], done: Callable[[int, Mask], None]) -> None:
         """See `Verdicts`. Raises InputError where one cannot be written."""
         keys = [self._key(part) for part in parts]
         missing = []
@@ -130,7 +130,7 @@ class KeptVerdicts:
             return sees
         return None
 
-    def _key(self, part: Portion) -> str:
+    def _key(self, part: ViewBatch) -> str:
         """Digest of all that the verdicts depend on."""
         way = part.way.scene.candidate
         return digest_of(

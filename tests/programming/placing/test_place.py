@@ -14,7 +14,7 @@ from sqrp_cli.knowledge.workspace.mounts import read_mounts
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.placing import every
-from sqrp_cli.programming.placing.choose import Search
+from sqrp_cli.programming.placing.choose import ChoiceSearch
 from sqrp_cli.programming.placing.gain import greedy
 from sqrp_cli.programming.placing.place import Placer
 from sqrp_cli.programming.placing.placement import Placement, PlaceQuestion
@@ -59,9 +59,11 @@ class BruteForce:
     """All choices of so many cameras, with the quality that the definition gives at the samples."""
 
     def __init__(self, placed: Placer):
-        (self.way,) = placed.ways
-        options = [(placed.views[o.view], placed.lenses[o.lens]) for o in placed.options]
-        cameras = [camera_of(f"c{n}", placed.spots[view.spot], view, lens) for n, (view, lens) in enumerate(options)]
+        (self.way,) = placed.survey.ways
+        options = [(placed.survey.views[o.view], placed.survey.lenses[o.lens]) for o in placed.survey.options]
+        cameras = [
+            camera_of(f"c{n}", placed.survey.spots[view.spot], view, lens) for n, (view, lens) in enumerate(options)
+        ]
         observer = Observer(tuple(cameras), placed.question.cell.observer.solids)
         scene = self.way.scene
         matrix = observer.verdicts(scene.targets, self.way.states, shares=False)
@@ -91,7 +93,7 @@ def pair(cell, tmp_path_factory) -> tuple[Placer, Placement, BruteForce]:
 
 def test_two_of_forty_mounts_are_as_good_as_the_best_of_all_pairs(pair):
     asked, found, brute = pair
-    assert len(asked.spots) == 40
+    assert len(asked.survey.spots) == 40
     assert found.proven
     assert found.gap == 0.0
     best = brute.least(2)
@@ -119,7 +121,7 @@ def test_the_figures_are_those_of_the_exact_timeline(pair):
 
 def test_the_best_choice_is_never_worse_than_the_greedy_one(pair):
     asked, found, _ = pair
-    problem = asked.posed(0)
+    problem = asked.survey.posed(0)
     assert found.objective >= worth_of(problem, greedy(problem, asked.question.demand, 2)).least - 1e-9
 
 
@@ -146,7 +148,7 @@ def test_with_a_spare_camera_everything_is_seen_whichever_is_lost(cell, tmp_path
     assert found.met
     brute = BruteForce(asked)
     places = [camera.spot.name for camera in found.cameras]
-    names = [asked.spots[asked.views[o.view].spot].name for o in asked.options]
+    names = [asked.survey.spots[asked.survey.views[o.view].spot].name for o in asked.survey.options]
     chosen = [names.index(place) for place in places]
     for lost in chosen:
         assert brute.qualities([c for c in chosen if c != lost])[0] == pytest.approx(1.0)
@@ -164,9 +166,9 @@ def test_ways_that_are_chosen_too_are_never_worse(cell, tmp_path, pair):
 
 def test_what_cameras_aim_at_does_not_depend_on_a_choice_of_ways(cell, tmp_path, pair):
     free = placer(cell, tmp_path, FORTY, Demand(most=2), fastest=False)
-    free._plan()
-    free._choose_from()
-    assert [view.at.tolist() for view in free.views] == [view.at.tolist() for view in pair[0].views]
+    free.survey.plan()
+    free.survey.lay_out()
+    assert [view.at.tolist() for view in free.survey.views] == [view.at.tolist() for view in pair[0].survey.views]
 
 
 def test_ctrl_c_after_the_choice_does_not_lose_it(cell, tmp_path, pair, monkeypatch):
@@ -207,7 +209,7 @@ def test_nothing_stands_where_the_robot_moves(cell, tmp_path):
 
 def test_of_equally_good_pairs_the_one_with_the_shortest_delay_is_chosen(pair):
     asked, found, _ = pair
-    problem = asked.posed(0)
+    problem = asked.survey.posed(0)
     ways = tuple(of_one[0] for of_one in problem.candidates)
     worths = [worth_of(problem, Choice(chosen, ways)) for chosen in combinations(range(problem.count), 2)]
     best = max(worth.least for worth in worths)
@@ -221,7 +223,7 @@ def test_a_wished_delay_takes_no_more_cameras_than_needed(cell, tmp_path):
     narrow = FORTY.replace("6 deg", "4.5 deg")
     asked = placer(cell, tmp_path, narrow, Demand(most=2))
     asked.place()
-    problem = asked.posed(0)
+    problem = asked.survey.posed(0)
     ways = tuple(of_one[0] for of_one in problem.candidates)
 
     def shortest(count: int) -> float:
@@ -230,7 +232,7 @@ def test_a_wished_delay_takes_no_more_cameras_than_needed(cell, tmp_path):
 
     wished = shortest(2) + 0.02
     assert shortest(1) > wished + 0.1
-    found = Search(problem, Demand(wish=Wish(delay=wished)), lambda _title, _best, _bound: None).best()
+    found = ChoiceSearch(problem, Demand(wish=Wish(delay=wished)), lambda _title, _best, _bound: None).best()
     assert found.choice is not None
     assert found.fewest == len(found.choice.options) == 2
     assert worth_of(problem, found.choice).delay <= wished + 1e-6
@@ -248,10 +250,10 @@ def test_a_wished_delay_takes_no_more_cameras_than_needed(cell, tmp_path):
     ids=["one", "mean", "budget", "wish", "unmet"],
 )
 def test_all_sets_and_the_integer_program_have_the_same_best(pair, demand, monkeypatch):
-    problem = pair[0].posed(0)
-    of_all = Search(problem, demand, lambda _title, _best, _bound: None).best()
+    problem = pair[0].survey.posed(0)
+    of_all = ChoiceSearch(problem, demand, lambda _title, _best, _bound: None).best()
     monkeypatch.setattr(every, "MOST_WORK", 0.0)
-    solved = Search(problem, demand, lambda _title, _best, _bound: None).best()
+    solved = ChoiceSearch(problem, demand, lambda _title, _best, _bound: None).best()
     assert (of_all.proven, of_all.fewest) == (solved.proven, solved.fewest)
     assert (of_all.choice is None) == (solved.choice is None)
     if of_all.choice is None or solved.choice is None:
@@ -291,17 +293,17 @@ lenses:
 def delays(cell, tmp_path_factory) -> tuple[Placer, dict[tuple[int, ...], float]]:
     """The exact longest delay of every pair of a dozen mounts, one after the other."""
     asked = placer(cell, tmp_path_factory.mktemp("twelve"), TWELVE, Demand(most=2, wish=Wish(delay=1.0)))
-    asked._plan()
-    asked._choose_from()
-    asked._judge(asked.ways)
-    pairs = list(combinations(range(len(asked.options)), 2))
-    studies = (asked.studies(Choice(pair, (0,)))[0] for pair in pairs)
+    asked.survey.plan()
+    asked.survey.lay_out()
+    asked.survey.judge(asked.survey.ways)
+    pairs = list(combinations(range(len(asked.survey.options)), 2))
+    studies = (asked.survey.studies(Choice(pair, (0,)))[0] for pair in pairs)
     return asked, {pair: study.assessment("").delay_worst for pair, study in zip(pairs, studies, strict=True)}
 
 
 def test_no_pair_with_a_camera_is_quicker_than_that_camera_may_be(delays):
     asked, exact = delays
-    least = asked.posed(0).late[0]
+    least = asked.survey.posed(0).late[0]
     assert len(np.unique(least.round(3))) > 3
     assert all(delay >= max(least[list(pair)]) - 1e-9 for pair, delay in exact.items())
     assert min(delay - max(least[list(pair)]) for pair, delay in exact.items()) < 1e-3
@@ -326,7 +328,7 @@ def test_a_choice_whose_exact_delay_is_too_long_is_given_up_for_another_one(cell
     given_up = [frozenset(one.camera.X_FC[:3, 3].tobytes() for one in chosen.cameras)]
 
     def missed(asked, choice, demand):
-        places = frozenset(asked._camera_at(option).X_FC[:3, 3].tobytes() for option in choice.options)
+        places = frozenset(asked.survey.camera_at(option).X_FC[:3, 3].tobytes() for option in choice.options)
         return places in given_up or misses(asked, choice, demand)
 
     monkeypatch.setattr(Placer, "_misses", missed)

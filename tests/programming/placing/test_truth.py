@@ -33,7 +33,7 @@ def test_six_cameras_see_what_a_renderer_shows(tmp_path: Path) -> None:
     cell = open_cell(TABLETOP)
     asked = placer(cell, tmp_path, SIX, Demand(most=2))
     asked.place()
-    (way,), (sees,) = asked.ways, asked.sees
+    (way,), (sees,) = asked.survey.ways, asked.survey.sees
     scene, states = way.scene, way.states
     objects = cell.workspace.objects
     carried = scene.candidate.binding["object"]
@@ -45,9 +45,9 @@ def test_six_cameras_see_what_a_renderer_shows(tmp_path: Path) -> None:
     assert len(boxes) == len(scene.targets)
     agree: list[bool] = []
     shown = 0
-    for option, one in enumerate(asked.options):
-        view, lens = asked.views[one.view], asked.lenses[one.lens]
-        camera = camera_of("here", asked.spots[view.spot], view, lens)
+    for option, one in enumerate(asked.survey.options):
+        view, lens = asked.survey.views[one.view], asked.survey.lenses[one.lens]
+        camera = camera_of("here", asked.survey.spots[view.spot], view, lens)
         sample, target = way.items
         looks = MovedCamera(Projection.of(camera), boxes, cell.cell.observer.solids, states, box=target, state=sample)
         within = looks.within(view.X_FC[None])[0]

@@ -31,7 +31,7 @@ MOST_TRIES = 1500
 
 
 @dataclass(frozen=True, eq=False)
-class Move:
+class FoundMove:
     """A move between two branches, with the obstacle that it goes around, if any."""
 
     trajectory: Trajectory
@@ -60,7 +60,7 @@ class JointMoves:
         self._ways, self._failures, self._seed = ways, failures, seed
         self._bounds = near_limits(model, np.stack([q_start, model.home]))
         self._limits = MotionLimits(model.velocity, model.acceleration, model.jerk)
-        self._moves: dict[Question, Move] = {}
+        self._moves: dict[Question, FoundMove] = {}
         self._blocked: dict[Question, Contact] = {}
         self._contacts: dict[tuple[int, Trajectory], Contact | None] = {}
         self._tied_is_free = cache(self._check_tied)
@@ -101,7 +101,7 @@ class JointMoves:
         direct = self._direct(i, previous, chosen)
         contact = self._contact(self._sections[i].first - 1, direct)
         if contact is None:
-            self._moves[i, previous, chosen] = Move(direct)
+            self._moves[i, previous, chosen] = FoundMove(direct)
         else:
             self._blocked[i, previous, chosen] = contact
         return contact is None
@@ -111,7 +111,7 @@ class JointMoves:
         contact = self._blocked.get((i, previous, chosen))
         if contact is None:
             return False  # The primitives tied to the branch are blocked, not the way to it.
-        if self._has_vias(i) and isinstance(self._through(i, previous, chosen), Move):
+        if self._has_vias(i) and isinstance(self._through(i, previous, chosen), FoundMove):
             return True
         index = self._sections[i].first - 1
         tries = min(TRIES_PER_WAY, MOST_TRIES - self.tries)
@@ -122,10 +122,10 @@ class JointMoves:
         found = find_way(self._scenes[index], *ends, self._bounds, radii, limits, tries, self._seed)
         self.tries += found.tries
         if found.trajectory is not None:
-            self._moves[i, previous, chosen] = Move(found.trajectory, contact.second)
+            self._moves[i, previous, chosen] = FoundMove(found.trajectory, contact.second)
         return found.trajectory is not None
 
-    def along(self, chosen: Sequence[int]) -> list[Move] | Infeasible:
+    def along(self, chosen: Sequence[int]) -> list[FoundMove] | Infeasible:
         """The moves of a sequence of ways through the sections that works; infeasible if one is blocked by its vias."""
         moves = []
         for i in range(1, len(chosen)):
@@ -141,7 +141,7 @@ class JointMoves:
         move = self._sections[i].move
         return move is not None and move.vias is not None
 
-    def _move_through(self, i: int, previous: int, chosen: int) -> Move | Infeasible:
+    def _move_through(self, i: int, previous: int, chosen: int) -> FoundMove | Infeasible:
         """The move around its vias from a way through the section before to one through section i."""
         index = self._sections[i].first - 1
         vias, (q0, q1) = self._primitives[index].vias, self._ends(i, previous, chosen)
@@ -151,7 +151,7 @@ class JointMoves:
         if (contact := self._scenes[index].check_motion(trajectory)) is not None:
             return Infeasible((f"{self._at(index, trajectory, contact)} with its vias",))
         blocked = self._blocked.get((i, previous, chosen))
-        return Move(trajectory, None if blocked is None else blocked.second)
+        return FoundMove(trajectory, None if blocked is None else blocked.second)
 
     def _check_tied(self, i: int, branch: Branch) -> bool:
         """Whether all primitives tied to the start of a branch are free."""
