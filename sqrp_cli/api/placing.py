@@ -69,7 +69,6 @@ class CellPlacement(Answer[PlaceDocument]):
     """Cameras on mounts."""
 
     found: Placement
-    wish: Wish | None
     written: bool = False
     """Whether its patch was written to a file."""
     content: bytes | None = None
@@ -94,13 +93,13 @@ class CellPlacement(Answer[PlaceDocument]):
     @cached_property
     def document(self) -> PlaceDocument:
         """The document of `sqrp place`."""
-        return placed(self.found, self.patch, self.wish)
+        return placed(self.found, self.patch)
 
     def show(self) -> None:
         """Print what `sqrp place` prints."""
         from sqrp_cli.terminal.place_table import print_placement
 
-        print_placement(self.document, self.wish, written=self.written)
+        print_placement(self.document, self.found.question.demand.wish, written=self.written)
 
     @cached_property
     def patch(self) -> str:
@@ -145,13 +144,12 @@ def find_placement(
     workspace = cell.workspace
     mounts = read_mounts(place_file(workspace, request.mounts), workspace, tuple(cell.model.links))
     keep = _keep(request, workspace)
-    wish, demand = _demand(request, _floor(request, workspace, len(keep)), len(keep))
     question = PlaceQuestion(
         cell=cell,
         world=cell.initial_world,
         tasks=tuple(read_task(text, workspace) for text in _tasks(request, workspace)),
         mounts=mounts,
-        demand=demand,
+        demand=_demand(request, _floor(request, workspace, len(keep)), len(keep)),
         sampling=means.sampling,
         keep=keep,
         fastest=request.ways == "fastest",
@@ -163,7 +161,7 @@ def find_placement(
         if results.folder is not None:
             verdicts = KeptVerdicts(results, workspace, cell.seed, verdicts)
         placer = Placer(replace(question, verdicts=verdicts), progress, watch)
-        return CellPlacement(found=placer.place(), wish=wish, content=content)
+        return CellPlacement(found=placer.place(), content=content)
 
 
 def _floor(request: PlaceRequest, workspace: Workspace, kept: int) -> FewestPossible | None:
@@ -183,7 +181,7 @@ def _floor(request: PlaceRequest, workspace: Workspace, kept: int) -> FewestPoss
     return FewestPossible(cameras=cameras - kept, reason=reason)
 
 
-def _demand(request: PlaceRequest, floor: FewestPossible | None, kept: int) -> tuple[Wish | None, Demand]:
+def _demand(request: PlaceRequest, floor: FewestPossible | None, kept: int) -> Demand:
     objective = next((one for one in OBJECTIVES if one == request.objective), None)
     if objective is None:
         expected = expected_names(request.objective, OBJECTIVES)
@@ -194,7 +192,7 @@ def _demand(request: PlaceRequest, floor: FewestPossible | None, kept: int) -> t
     wish = None if request.want is None else read_wish(request.want)
     if wish is None and request.cameras is None:
         wish = Wish(q_eoi=1.0)
-    return wish, Demand(
+    return Demand(
         wish=wish,
         most=request.cameras,
         floor=floor,

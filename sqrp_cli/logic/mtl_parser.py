@@ -98,34 +98,17 @@ def _parser() -> Lark:
 
 
 def _formula(tree: Tree[Token], source: SourceText) -> mtl.Formula:
-    def origin(token: Token) -> TextOrigin:
-        return TextOrigin(source, token.start_pos or 0)
-
-    def instant(node: Tree[Token]) -> mtl.Instant:
-        tokens = [part for part in node.children if is_token(part)]
-        seconds = 0.0
-        if tokens[-1].type == "NUMBER":
-            seconds = float(tokens[-1])
-            if not math.isfinite(seconds):
-                problem = origin(tokens[-1]).problem("mtl-number", f"`{tokens[-1]}` is too large for a time in seconds")
-                raise InputError(problem)
-        if node.data == "time":
-            return mtl.Instant(offset=seconds, origin=origin(tokens[0]))
-        if len(tokens) > 2 and tokens[2] != "+":
-            seconds = -seconds
-        return mtl.Instant(str(tokens[0]), str(tokens[1]), seconds, origin(tokens[0]))
-
     trees = [part for part in tree.children if not is_token(part)]
     tokens = [part for part in tree.children if is_token(part)]
     match tree.data:
         case "bare_predicate":
-            return mtl.Predicate(str(tokens[0]), None, origin(tokens[0]))
+            return mtl.Predicate(str(tokens[0]), None, _origin(tokens[0], source))
         case "predicate":
-            return mtl.Predicate(str(tokens[0]), tuple(map(str, tokens[1:])), origin(tokens[0]))
+            return mtl.Predicate(str(tokens[0]), tuple(map(str, tokens[1:])), _origin(tokens[0], source))
         case "always" | "eventually" as kind:
-            start, end = (instant(bound) for bound in trees[0].children if not is_token(bound))
+            start, end = (_instant(bound, source) for bound in trees[0].children if not is_token(bound))
             operator = mtl.Always if kind == "always" else mtl.Eventually
-            return operator(mtl.Interval(start, end), _formula(trees[1], source), origin(tokens[0]))
+            return operator(mtl.Interval(start, end), _formula(trees[1], source), _origin(tokens[0], source))
     parts = tuple(_formula(part, source) for part in trees)
     match tree.data:
         case "not_":
@@ -135,6 +118,23 @@ def _formula(tree: Tree[Token], source: SourceText) -> mtl.Formula:
         case "or_":
             return mtl.Or(parts)
     return mtl.Implies(*parts)
+
+
+def _instant(node: Tree[Token], source: SourceText) -> mtl.Instant:
+    tokens = [part for part in node.children if is_token(part)]
+    first, last = tokens[0], tokens[-1]
+    seconds = float(last) if last.type == "NUMBER" else 0.0
+    if not math.isfinite(seconds):
+        raise InputError(_origin(last, source).problem("mtl-number", f"`{last}` is too large for a time in seconds"))
+    if node.data == "time":
+        return mtl.Instant(offset=seconds, origin=_origin(first, source))
+    if len(tokens) > 2 and tokens[2] != "+":
+        seconds = -seconds
+    return mtl.Instant(str(first), str(tokens[1]), seconds, _origin(first, source))
+
+
+def _origin(token: Token, source: SourceText) -> TextOrigin:
+    return TextOrigin(source, token.start_pos or 0)
 
 
 def _syntax_problem(source: SourceText, error: UnexpectedInput) -> Problem:

@@ -6,7 +6,7 @@ atom; a relaxed state, in which nothing becomes false, may have both.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from math import prod
 
@@ -133,32 +133,39 @@ def planning_task(
         for action in domain.actions.values()
         for change in (*action.effect.adds, *action.effect.deletes)
     )
+    choices = _Choices(objects=objects, facts=facts, changeable=changeable, domain=domain, limit=limits.tried)
     sizes = _condition_sizes(domain, objects, goal)
     numbering = _Numbering(facts, changeable)
     parts = [
         (part, numbering.need(part, keep=True) or NEVER)
         for part in _ground_conjuncts(ground_condition(goal, binding, objects, domain))
     ]
-    actions: list[GroundAction] = []
-    literals = 0
-    ground = 0
-    choices = _Choices(objects=objects, facts=facts, changeable=changeable, domain=domain, limit=limits.tried)
-    for action in domain.actions.values():
+    actions = tuple(_ground_actions(choices, numbering, sizes, limits))
+    initial = sum(1 << (2 * number + (atom not in facts)) for atom, number in numbering.numbers.items())
+    return PlanningTask(initial, joined(need for _, need in parts), tuple(parts), actions)
+
+
+def _ground_actions(
+    choices: _Choices, numbering: _Numbering, sizes: Mapping[str, int], limits: TaskLimits
+) -> Iterator[GroundAction]:
+    """Every action for every choice of objects with which its precondition may hold."""
+    ground, literals, found = 0, 0, 0
+    for action in choices.domain.actions.values():
         for bound in choices.of(action):
             ground += 1
             literals += sizes[action.name]
             for count, limit, what in (
                 (ground, limits.actions, "ground actions"),
                 (literals, limits.literals, "literals of ground actions"),
-                (2 * len(numbering.numbers) * len(actions), limits.bits, "bits of ground actions"),
+                (2 * len(numbering.numbers) * found, limits.bits, "bits of ground actions"),
             ):
                 if count > limit:
                     raise TaskTooLargeError(f"{limit:,} {what}", choices.why(action))
-            precondition = numbering.need(ground_condition(action.precondition, bound, objects, domain), keep=False)
+            condition = ground_condition(action.precondition, bound, choices.objects, choices.domain)
+            precondition = numbering.need(condition, keep=False)
             if precondition is not None:
-                actions.append(_ground_action(action, bound, precondition, numbering))
-    initial = sum(1 << (2 * number + (atom not in facts)) for atom, number in numbering.numbers.items())
-    return PlanningTask(initial, joined(need for _, need in parts), tuple(parts), tuple(actions))
+                found += 1
+                yield _ground_action(action, bound, precondition, numbering)
 
 
 def _condition_sizes(domain: Domain, objects: Objects, goal: Condition) -> dict[str, int]:

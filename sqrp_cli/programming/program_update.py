@@ -14,7 +14,7 @@ import numpy as np
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Mask
 from sqrp_cli.knowledge.skill.settings import ANY
-from sqrp_cli.knowledge.skill.skill import Requirement, RetryEntry
+from sqrp_cli.knowledge.skill.skill import PrimitiveAction, Requirement, RetryEntry
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.conditions import apply_effect
 from sqrp_cli.logic.formula import Formula
@@ -35,7 +35,7 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.coverage.verdict import verdict
-from sqrp_cli.programming.motion.plan_motion import Motion
+from sqrp_cli.programming.motion.plan_motion import Motion, TimedPrimitive
 from sqrp_cli.programming.sensing.observer import sees_all
 from sqrp_cli.programming.targets import Target
 from sqrp_cli.programming.task import Candidate
@@ -99,18 +99,7 @@ def make_step(task: str, study: Study, assessment: Assessment, cameras: tuple[st
         faults=assessment.faults,
         verdict=assessment.verdict,
         primitives=tuple(
-            ProgramPrimitive(
-                name=timed.name,
-                does=action.words,
-                action=type(action).__name__,
-                start=timed.start,
-                end=timed.end,
-                held=timed.held,
-                trajectory=timed.trajectory,
-                guard=None
-                if timed.guard is None
-                else ProgramGuard(force=timed.guard.force, trajectory=timed.guard.trajectory),
-            )
+            _primitive(timed, action)
             for timed, action in zip(motion.primitives, candidate.skill.primitives, strict=True)
         ),
         formulas=_formulas(study),
@@ -118,6 +107,20 @@ def make_step(task: str, study: Study, assessment: Assessment, cameras: tuple[st
         before=study.world,
         after=world_after(candidate, motion, study.world),
         sights={fault: _sight(study, fault) for fault in study.windows},
+    )
+
+
+def _primitive(timed: TimedPrimitive, action: PrimitiveAction) -> ProgramPrimitive:
+    guard = timed.guard
+    return ProgramPrimitive(
+        name=timed.name,
+        does=action.words,
+        action=type(action).__name__,
+        start=timed.start,
+        end=timed.end,
+        held=timed.held,
+        trajectory=timed.trajectory,
+        guard=None if guard is None else ProgramGuard(force=guard.force, trajectory=guard.trajectory),
     )
 
 

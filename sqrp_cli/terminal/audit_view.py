@@ -44,12 +44,15 @@ def print_audit(
         )
         say(f"{text} show it: perhaps the part was lost there, and its detector is right.", "yellow")
     say()
-    precision = report.total.precision
+    say(_total(report.total.precision, threshold))
+
+
+def _total(precision: float | None, threshold: float) -> str:
+    """How much of what was predicted to be seen was seen."""
     if precision is None:
-        say("No image was predicted to show anything, so there is nothing to confirm.")
-    else:
-        verdict = "at least" if precision >= threshold else "less than"
-        say(f"{100 * precision:.1f} % of what was predicted to be seen was seen, {verdict} {100 * threshold:g} %.")
+        return "No image was predicted to show anything, so there is nothing to confirm."
+    verdict = "at least" if precision >= threshold else "less than"
+    return f"{100 * precision:.1f} % of what was predicted to be seen was seen, {verdict} {100 * threshold:g} %."
 
 
 def _print_cameras(cameras: Mapping[str, CameraSurvey]) -> None:

@@ -178,7 +178,7 @@ class PlaceDocument(WorkspaceDocument):
     """True if Ctrl-C came before the proof was complete."""
 
 
-def placed(found: Placement, patch: str, wish: Wish | None) -> PlaceDocument:
+def placed(found: Placement, patch: str) -> PlaceDocument:
     """A placement as a document."""
     question, demand = found.question, found.question.demand
     delays = [one.found.delay_worst for one in found.candidates if one.found.delay_worst is not None]
@@ -186,7 +186,7 @@ def placed(found: Placement, patch: str, wish: Wish | None) -> PlaceDocument:
         workspace=question.cell.workspace.name,
         tasks=[task.text for task in question.tasks],
         mounts=found.places,
-        want=WishedFigures.of(wish or Wish()),
+        want=WishedFigures.of(demand.wish or Wish()),
         met=found.met,
         cameras=[CameraPlaced.of(camera) for camera in found.cameras],
         keep=list(question.keep),
@@ -196,7 +196,7 @@ def placed(found: Placement, patch: str, wish: Wish | None) -> PlaceDocument:
         bound=found.bound,
         gap=found.gap,
         proven=found.proven,
-        proof=proof_in_words(found, wish),
+        proof=_proof_in_words(found),
         late=found.late,
         too_slow=found.too_slow,
         quickest=found.quickest,
@@ -227,14 +227,15 @@ def placed(found: Placement, patch: str, wish: Wish | None) -> PlaceDocument:
     )
 
 
-def proof_in_words(found: Placement, wish: Wish | None) -> str:
+def _proof_in_words(found: Placement) -> str:
     """What is proven, and about what, in a few sentences."""
     if found.why:
         return f"No camera can be chosen: {found.why}."
     if found.worth is None:
         return f"No choice of {_mounts(found.places)} was found."
     sentences = [_best(found)]
-    number, floor = in_words(len(found.cameras)), found.question.demand.floor
+    number, demand = in_words(len(found.cameras)), found.question.demand
+    floor, wish = demand.floor, demand.wish
     if floor is not None and len(found.cameras) == floor.cameras:
         stay = ", with those that stay" if found.question.keep else ""
         sentences.append(f"Fewer than {number} cannot be{stay}: {floor.reason}.")
