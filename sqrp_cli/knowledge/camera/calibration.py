@@ -30,7 +30,7 @@ from sqrp_cli.knowledge.camera.calibration_formats import (
     format_of,
 )
 from sqrp_cli.knowledge.camera.calibration_text import CalibrationText, no_calibration, part_of, read_calibration_text
-from sqrp_cli.knowledge.camera.camera import DISTORTION_LENGTHS, CalibrationFile, DistortionModel, Intrinsics
+from sqrp_cli.knowledge.camera.camera import DISTORTION_LENGTHS, CalibrationFile, DistortionModel, ImageSize, Intrinsics
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument
 from sqrp_cli.knowledge.text.validation import validate
 
@@ -198,9 +198,9 @@ def _own_name(camera: Mapping[str, Any]) -> str | None:
     return next((str(camera[key]) for key in keys if isinstance(camera.get(key), str | int)), None)
 
 
-def _size(camera: StatedCamera, part: SourceDocument, wanted: CalibrationFile, asked: str) -> tuple[int, int]:
-    """Width and height of the image, from the file or the workspace, which must not contradict each other."""
-    stated = None if wanted.width is None or wanted.height is None else (wanted.width, wanted.height)
+def _size(camera: StatedCamera, part: SourceDocument, wanted: CalibrationFile, asked: str) -> ImageSize:
+    """That of the image, from the file or the workspace, which must not contradict each other."""
+    stated = ImageSize.of(wanted.width, wanted.height)
     at = next(((key,) for key in (*SIZES, *WIDTHS, *HEIGHTS) if key in part.data), ())
     if camera.size is None and at:
         missing = "image_height" if at[0] in WIDTHS else "image_width"
@@ -211,9 +211,7 @@ def _size(camera: StatedCamera, part: SourceDocument, wanted: CalibrationFile, a
         mend = f"say it: `{asked}: {{file: {wanted.file}, width: 640, height: 480}}`"
         raise InputError(Problem("missing-key", message, Place(part.path), mend=mend))
     if stated not in (None, size):
-        message = (
-            f"the file is of an image of {size[0]} x {size[1]} pixels, `{asked}` of {wanted.width} x {wanted.height}"
-        )
+        message = f"the file is of an image of {size} pixels, `{asked}` of {stated}"
         mend = "leave `width` and `height` out, or name the calibration of that image size"
         raise InputError(part.problem("image-size", at, message, mend))
     return size

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import radians, tan
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 from pydantic import BeforeValidator, Field, Tag
 from pydantic_core import PydanticCustomError
@@ -29,6 +29,21 @@ PixelCount = Annotated[int, Field(strict=True, gt=0, le=100_000)]
 FieldOfView = Annotated[float, In(ANGLE, radians(0.01), radians(179.9))]
 FocalLength = Annotated[float, In(PIXELS, 0.1, LARGEST)]
 Frequency = Annotated[float, In(FREQUENCY, 1e-3, LARGEST)]
+
+
+class ImageSize(NamedTuple):
+    """Of an image [pixels]."""
+
+    width: int
+    height: int
+
+    @classmethod
+    def of(cls, width: int | None, height: int | None) -> ImageSize | None:
+        """A size that may be stated; None unless both numbers are."""
+        return None if width is None or height is None else cls(width, height)
+
+    def __str__(self) -> str:
+        return f"{self.width} x {self.height}"
 
 
 def check_pixels(width: int, height: int) -> None:

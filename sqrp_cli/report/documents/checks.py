@@ -6,10 +6,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.report.documents.document import Document, Record, WorkspaceDocument
 
 if TYPE_CHECKING:
     from sqrp_cli.checks.dependency_check import Feasibility
+    from sqrp_cli.checks.registry import Rule
     from sqrp_cli.errors import Problem
     from sqrp_cli.programming.suggestion import SuggestedStep
 
@@ -124,10 +126,6 @@ class CheckDocument(WorkspaceDocument):
         )
 
 
-if TYPE_CHECKING:
-    from sqrp_cli.checks.registry import Rule
-
-
 @dataclass(frozen=True, kw_only=True)
 class RuleEntry(Record):
     """What is known about one kind of finding."""
@@ -152,16 +150,7 @@ class RuleEntry(Record):
     @classmethod
     def of(cls, rule: Rule) -> RuleEntry:
         """A rule of the registry."""
-        return cls(
-            code=rule.code,
-            subject=rule.subject,
-            severity=[name for name in ("error", "warning") if name in rule.severity],
-            meaning=rule.meaning,
-            why=rule.why,
-            file=rule.file,
-            passes=rule.passes,
-            fails=rule.fails,
-        )
+        return completed(cls, rule, severity=[name for name in ("error", "warning") if name in rule.severity])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
+from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.placing.placement import SpareCost, UnseenTarget, WithFewer
 from sqrp_cli.programming.placing.problem import FewestPossible, Objective
@@ -47,17 +48,15 @@ class CameraPlaced(Record):
     def of(cls, placed: PlacedCamera) -> CameraPlaced:
         """A camera as a record."""
         at = placed.view.at
-        return cls(
+        return completed(
+            cls,
+            placed,
             name=placed.camera.name,
             mount=placed.spot.name,
             lens=placed.lens.name,
             pose=placed.camera.X_FC.tolist(),
             frame=placed.camera.frame,
             look_at=None if at is None else (float(at[0]), float(at[1]), float(at[2])),
-            moved=placed.moved,
-            price=placed.price,
-            alone=placed.alone,
-            loss=placed.loss,
         )
 
 
@@ -182,46 +181,31 @@ def placed(found: Placement, patch: str) -> PlaceDocument:
     """A placement as a document."""
     question, demand = found.question, found.question.demand
     delays = [one.found.delay_worst for one in found.candidates if one.found.delay_worst is not None]
-    return PlaceDocument(
+    return completed(
+        PlaceDocument,
+        found,
         workspace=question.cell.workspace.name,
         tasks=[task.text for task in question.tasks],
         mounts=found.places,
         want=WishedFigures.of(demand.wish or Wish()),
-        met=found.met,
         cameras=[CameraPlaced.of(camera) for camera in found.cameras],
         keep=list(question.keep),
         survive=demand.survive,
         by=demand.objective,
         objective=found.objective,
-        bound=found.bound,
         gap=found.gap,
-        proven=found.proven,
         proof=_proof_in_words(found),
-        late=found.late,
-        too_slow=found.too_slow,
-        quickest=found.quickest,
         delay_worst=max(delays, default=None),
         price=sum(camera.price for camera in found.cameras),
-        fewest=found.fewest,
-        fewer=found.fewer,
         floor=demand.floor,
         reason=found.why,
-        without_spare=found.without_spare,
         candidates=[PlacedCandidate.of_candidate(one) for one in found.candidates],
         ways={f"{one.task}: {one.candidate.name}": one.found.way.parameters for one in found.candidates},
         infeasible=[
             InfeasibleCandidate(task=task, candidate=one.candidate.name, reason=one.reasons[0])
             for task, one in found.infeasible
         ],
-        unseen=found.unseen,
-        compared=Compared(
-            mounts=found.places,
-            in_the_way=found.in_the_way,
-            options=found.options,
-            ways=found.ways,
-            samples=found.samples,
-            fastest=found.fastest,
-        ),
+        compared=completed(Compared, found, mounts=found.places, in_the_way=found.in_the_way),
         patch=patch,
         interrupted=found.interrupted or None,
     )

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.report.documents.candidates import CandidateFigures
 from sqrp_cli.report.documents.document import LEFT_OUT, Document, Record, WorkspaceDocument
 from sqrp_cli.scoring.baselines.baseline import VanishedTask
@@ -107,10 +108,9 @@ class TaskResult(Record):
     def of(cls, result: ComparedScore) -> TaskResult:
         """One task of one workspace."""
         score = result.score
-        return cls(
-            workspace=score.workspace,
-            task=score.task,
-            status=score.status,
+        return completed(
+            cls,
+            score,
             best=None if score.best is None else CandidateFigures.of(score.best),
             reasons=list(score.reasons),
             baseline=None if result.comparison is None else ComparedTask.of(result.comparison),
