@@ -15,8 +15,8 @@ from sqrp_cli.api.answer import Answer
 from sqrp_cli.api.session import assess, check_choice, choose_candidate
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.geometry import inverse, read_only
+from sqrp_cli.knowledge.text.patches import patch
 from sqrp_cli.knowledge.text.source import SourceDocument
-from sqrp_cli.knowledge.text.yaml_edit import patch
 from sqrp_cli.knowledge.workspace.edits import stated_look_at, with_camera, with_further_camera, with_object, with_task
 from sqrp_cli.knowledge.workspace.load import read_workspace_document
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask, Workspace
@@ -43,7 +43,6 @@ from sqrp_cli.report.documents.advice import (
     WishedFigures,
     nearest_of,
 )
-from sqrp_cli.scoring.sweep import in_patch
 from sqrp_cli.scoring.work.results import KeptSearches, Results
 
 if TYPE_CHECKING:
@@ -187,7 +186,7 @@ class TaskAdvice(Answer[AdviceDocument]):
             return "", error.problems[0].message
         if content == self._file.content:
             return "", "the workspace says it already"
-        return patch(self._file, content, in_patch(self._file.path)), None
+        return patch(self._file, content), None
 
     def _changed(self, change: ProposedChange) -> bytes:
         """The workspace file with a change. Raises InputError for what it does not say itself."""

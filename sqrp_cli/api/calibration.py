@@ -122,17 +122,16 @@ class LearnedCurves(Answer["CalibrateDocument"]):
     @cached_property
     def patch(self) -> str:
         """A unified diff from the workspace file to the one with these curves."""
-        from sqrp_cli.knowledge.text.yaml_edit import patch
+        from sqrp_cli.knowledge.text.patches import patch
         from sqrp_cli.knowledge.workspace.edits import with_curve
         from sqrp_cli.knowledge.workspace.load import read_workspace_document
-        from sqrp_cli.scoring.sweep import in_patch
 
         document = read_workspace_document(self.cell.workspace.whole_file.file)
         content = document.content
         for name, one in self.detectors.items():
             if one.curve is not None:
                 content = with_curve(read_workspace_document(document.path, content), name, one.curve)
-        return patch(document, content, in_patch(document.path))
+        return patch(document, content)
 
     def show(self) -> None:
         """Print what `sqrp calibrate` prints."""

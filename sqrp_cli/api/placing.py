@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 from sqrp_cli.api.answer import Answer
 from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.knowledge.text.patches import patch
 from sqrp_cli.knowledge.text.source import SourceDocument
-from sqrp_cli.knowledge.text.yaml_edit import patch
 from sqrp_cli.knowledge.workspace.edits import NewCamera, with_cameras
 from sqrp_cli.knowledge.workspace.load import read_workspace_document
 from sqrp_cli.knowledge.workspace.mounts import place_file, read_mounts
@@ -26,7 +26,6 @@ from sqrp_cli.programming.placing.tensor import LocalVerdicts, Verdicts
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.programming.whole_task import split_steps
 from sqrp_cli.report.documents.placing import PlaceDocument, in_words, placed
-from sqrp_cli.scoring.sweep import in_patch
 from sqrp_cli.scoring.work.looks import ClusterVerdicts, KeptVerdicts
 from sqrp_cli.scoring.work.results import Results
 
@@ -106,7 +105,7 @@ class CellPlacement(Answer[PlaceDocument]):
         """A unified diff from the workspace file to the one with these cameras; empty where none were found."""
         if not self.found.cameras:
             return ""
-        return patch(self._file, self.patched, in_patch(self._file.path))
+        return patch(self._file, self.patched)
 
     @cached_property
     def patched(self) -> bytes:

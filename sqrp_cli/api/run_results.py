@@ -154,11 +154,10 @@ class Audit(Answer["AuditDocument"]):
 
         Raises InputError where the file does not say itself where such a camera is.
         """
-        from sqrp_cli.knowledge.text.yaml_edit import patch
+        from sqrp_cli.knowledge.text.patches import patch
         from sqrp_cli.knowledge.text.yaml_file import parse_yaml
         from sqrp_cli.knowledge.workspace.edits import with_camera
         from sqrp_cli.knowledge.workspace.load import read_workspace_document
-        from sqrp_cli.scoring.sweep import in_patch
 
         document = read_workspace_document(self.workspace.whole_file.file)
         content = document.content
@@ -166,7 +165,7 @@ class Audit(Answer["AuditDocument"]):
             if one.has_moved:
                 moved = replace(one.camera, X_FC=one.X_FC)
                 content = with_camera(parse_yaml(document.path, content), one.camera, moved, None)
-        return patch(document, content, in_patch(document.path)) if content != document.content else ""
+        return patch(document, content)
 
     @cached_property
     def document(self) -> AuditDocument:

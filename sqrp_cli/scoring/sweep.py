@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,8 +13,9 @@ from numpy.typing import NDArray
 
 from sqrp_cli.errors import InputError
 from sqrp_cli.geometry import Array
+from sqrp_cli.knowledge.text.patches import from_here, patch
 from sqrp_cli.knowledge.text.source import SourceDocument
-from sqrp_cli.knowledge.text.yaml_edit import edited, patch
+from sqrp_cli.knowledge.text.yaml_edit import edited
 from sqrp_cli.knowledge.workspace.load import read_workspace_document
 from sqrp_cli.scoring.cells import ScoredCell, read_cell
 from sqrp_cli.scoring.scorecard import Progress, Scorecard, score_cells
@@ -185,24 +184,6 @@ def _scored(variant: Variant, findings: Scorecard) -> ScoredVariant:
         time=mean("time"),
         delay=mean("delay_worst"),
     )
-
-
-def from_here(path: Path) -> str:
-    """The name of a file in a patch and in a command: relative if it is below the current folder."""
-    current = Path.cwd()
-    return (path.relative_to(current) if path.is_relative_to(current) else path).as_posix()
-
-
-def in_patch(path: Path) -> str:
-    """The name of a file in a patch; where it is not below the current folder, `patch` takes its bare name only."""
-    name = from_here(Path(os.path.normpath(Path.cwd() / path)))
-    return path.name if Path(name).is_absolute() else name
-
-
-def to_apply(patch: Path, path: Path) -> str:
-    """The command that applies a patch of a file, in the current folder."""
-    at = "" if in_patch(path) != path.name else f" -d {shlex.quote(str(path.parent))}"
-    return f"patch -p0{at} < {shlex.quote(str(patch))}"
 
 
 Mask = NDArray[np.bool_]

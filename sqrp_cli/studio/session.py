@@ -18,8 +18,9 @@ from sqrp_cli.api.cell import OpenCell
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import matrix_to_rpy
 from sqrp_cli.knowledge.text.input_file import YAML_ENDINGS, read_input
+from sqrp_cli.knowledge.text.patches import from_here, patch
 from sqrp_cli.knowledge.text.source import SourceDocument
-from sqrp_cli.knowledge.text.yaml_edit import changed_values, patch, with_values
+from sqrp_cli.knowledge.text.yaml_edit import changed_values, with_values
 from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES
 from sqrp_cli.knowledge.workspace.load import read_workspace_document, workspace_file
 from sqrp_cli.knowledge.workspace.workspace import Workspace
@@ -28,7 +29,6 @@ from sqrp_cli.platform.processes import Foreman, forked
 from sqrp_cli.programming.ranking import Criterion
 from sqrp_cli.programming.task import in_words
 from sqrp_cli.report.pages.page import tidy
-from sqrp_cli.scoring.sweep import from_here
 from sqrp_cli.studio.bench import Choose, Hold, Question, Rank, findings, serve
 from sqrp_cli.studio.draft import Change, Draft
 from sqrp_cli.studio.jobs import Job, Offer, Play, Report, Running, Search, Write

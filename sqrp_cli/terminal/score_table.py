@@ -6,8 +6,9 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
+from sqrp_cli.knowledge.text.patches import from_here
 from sqrp_cli.scoring.scorecard import ComparedScore, Scorecard, listed
-from sqrp_cli.scoring.sweep import ScoredVariant, Sweep, from_here
+from sqrp_cli.scoring.sweep import ScoredVariant, Sweep
 from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table, say, say_line
 
 _STYLES = {"passed": "green", "failed": "red", "error": "bold red"}

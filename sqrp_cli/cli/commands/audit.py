@@ -47,9 +47,9 @@ def command(
     Shows which cameras have moved, which clocks are wrong, and how often each camera showed each literal when it was
     predicted to.
     """
+    from sqrp_cli.knowledge.text.patches import to_apply
     from sqrp_cli.platform.files import check_not_read
     from sqrp_cli.runtime.cell.requirements import check_packages
-    from sqrp_cli.scoring.sweep import to_apply
     from sqrp_cli.terminal.console import note, progress
 
     if not 0.0 <= threshold <= 1.0:

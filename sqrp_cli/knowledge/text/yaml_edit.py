@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
-import io
 from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import yaml
@@ -175,13 +173,6 @@ def with_entries(document: SourceDocument, path: KeyPath, kept: Collection[str],
         end = len(text) if line < 0 else line
     new = f"\n{' ' * first.column}".join(left)
     return _checked(document, text[: first.index] + new + text[end:], path)
-
-
-def patch(document: SourceDocument, content: bytes, name: str) -> str:
-    """A unified diff from a document to a new content, with the file's name; empty if nothing differs."""
-    before, after = ([*io.StringIO(text.decode(), newline="\n")] for text in (document.content, content))
-    lines = difflib.unified_diff(before, after, name, name)
-    return "".join(line if line.endswith("\n") else f"{line}\n\\ No newline at end of file\n" for line in lines)
 
 
 def _checked(document: SourceDocument, text: str, path: KeyPath) -> bytes:
