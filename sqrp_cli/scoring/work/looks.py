@@ -111,7 +111,7 @@ class KeptVerdicts:
         missing = []
         for number, (key, part) in enumerate(zip(keys, parts, strict=True)):
             sees = self._known(key)
-            if sees is None or sees.shape != (len(part.lenses), len(part.views), len(part.way.items[0])):
+            if sees is None or sees.shape != (len(part.lenses), len(part.views), len(part.way.items.sample)):
                 missing.append(number)
             else:
                 done(number, sees)
