@@ -90,6 +90,10 @@ class CellPictures:
         size = (own.width // FINER, own.height // FINER)
         return cv2.GaussianBlur(cv2.resize(fine, size, interpolation=cv2.INTER_AREA), (0, 0), 0.7)
 
+    def close(self) -> None:
+        """Give the OpenGL context back."""
+        self._renderer.close()
+
 
 def _finer(camera: Camera) -> Camera:
     K = np.array(camera.matrix)
@@ -172,12 +176,12 @@ def random_move(rng: np.random.Generator, turned: bool) -> np.ndarray:
     return pose(R)
 
 
-def cases(count: int, cameras: list[str], seed: int) -> Iterator[tuple[str, Truth]]:
-    """Recordings with one moved camera, and as many with none; all with clocks that are off."""
+def cases(count: int, cameras: list[str], seed: int) -> Iterator[dict[str, Truth]]:
+    """Recordings with one moved camera, each beside one that is alike but for that; all with clocks that are off."""
     for number in range(count):
         rng = np.random.default_rng((seed, number))
         name = cameras[number % len(cameras)]
         offsets = {one: float(rng.choice([-1, 1]) * rng.uniform(0.02, 0.5)) for one in rng.permutation(cameras)[:2]}
-        moved = {name: random_move(rng, number % 2 == 0)}
-        yield f"moved {number}", Truth(seed=number, moved=moved, offsets=offsets)
-        yield f"still {number}", Truth(seed=number, offsets=offsets)
+        still = Truth(seed=number, offsets=offsets)
+        moved = replace(still, moved={name: random_move(rng, number % 2 == 0)})
+        yield {f"moved {number}": moved, f"still {number}": still}
