@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
@@ -119,10 +119,14 @@ def expected_names(name: str, valid: Iterable[str]) -> str:
         return f"did you mean `{close}`?"
     if not names:
         return "none is defined"
-    more = len(names) - MOST_NAMES
-    shown = ", ".join(f"`{valid_name}`" for valid_name in names[:MOST_NAMES])
-    listed = f"expected one of {shown}" + (f" and {more} more" if more > 0 else "")
+    listed = f"expected one of {first_names(names)}"
     return listed if close is None else f"{listed}; did you mean `{close}`?"
+
+
+def first_names(names: Sequence[str]) -> str:
+    """The first of some names, and how many there are more."""
+    more = len(names) - MOST_NAMES
+    return ", ".join(f"`{name}`" for name in names[:MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
 
 
 def no_such(name: str, what: str, known: Iterable[str]) -> str:

@@ -286,6 +286,16 @@ def read_sampling(samples: int | None, dt: str | None, tolerance: float | None) 
     return Adaptive()
 
 
+def read_share(text: str, option: str, least: float) -> float:
+    """A share, such as `97%` or `0.97`. Raises InputError for less than the least one, more than 1, and no share."""
+    from sqrp_cli.knowledge.text.units import SHARE, read_quantity
+
+    found = read_quantity(text)
+    if found is None or found.dimension not in (None, SHARE) or not least <= found.value <= 1.0:
+        raise _refused(f"{option} is `{text}`, expected {100 * least:g}% to 100%")
+    return found.value
+
+
 def read_calibration(text: str | None, seed: int) -> Calibration | None:
     """Standard deviations of camera poses, such as `5 mm, 0.5 deg`; either may be left out."""
     from sqrp_cli.programming.coverage.robustness import Calibration

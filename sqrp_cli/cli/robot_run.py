@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sqrp_cli.cli.options import program_with_warnings
+from sqrp_cli.cli.options import program_with_warnings, read_share
 from sqrp_cli.errors import InputError, Place, Problem
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def run_on_robot(
     opened = program_with_warnings(program, seed)
     outputs.check_not_read([*opened.files, robot])
     print_problems(opened.warnings)
-    share = _read_speed(speed)
+    share = 1.0 if speed is None else read_share(speed, "--speed", LEAST_SPEED)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # the robot is told to stop, as at Ctrl-C
     with open_robot(opened, robot, share) as session:
         _check(session, robot, as_json=as_json)
@@ -64,18 +64,6 @@ def run_on_robot(
                 finished.show(opened.workspace.name)
             note(f"interrupted at {finished}; the robot is told to stop")
             return None
-
-
-def _read_speed(text: str | None) -> float:
-    """The share of the program's speed. Raises InputError for anything else."""
-    from sqrp_cli.knowledge.text.units import SHARE, read_quantity
-
-    if text is None:
-        return 1.0
-    found = read_quantity(text)
-    if found is None or found.dimension not in (None, SHARE) or not LEAST_SPEED <= found.value <= 1.0:
-        raise InputError(Problem("bad-option", f"--speed is `{text}`, expected 1% to 100%, such as 10%"))
-    return found.value
 
 
 def _check(session: RobotSession, robot: Path, *, as_json: bool) -> None:

@@ -39,7 +39,9 @@ def _writable(stream: TextIO | None, *, results: bool) -> TextIO:
     if not isinstance(stream, io.TextIOWrapper):
         return stream  # kept in memory
     if isinstance(getattr(stream.buffer, "raw", stream.buffer), io.FileIO):
-        buffer = io.BufferedWriter(_Output(stream.fileno(), results=results))
+        # Libraries write errors of their own to the descriptor 2, where they can be caught; ours go on beside it.
+        descriptor = stream.fileno() if results else os.dup(stream.fileno())
+        buffer = io.BufferedWriter(_Output(descriptor, results=results))
         lines, at_once = stream.line_buffering, stream.write_through
         stream = io.TextIOWrapper(buffer, stream.encoding, line_buffering=lines, write_through=at_once)
     stream.reconfigure(errors="replace")  # whatever a terminal or pipe does not know becomes `?`

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 import tempfile
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -27,7 +29,7 @@ SUFFIXES = (".mcap", ".bag")
 
 def is_bag(path: Path) -> bool:
     """Whether a path is a recording, or the metadata of one."""
-    if path.is_dir():
+    if not path.is_file():
         return (path / METADATA).is_file()
     head = _head(path)
     return head.startswith((_ROS1, *_ROS2)) or (path.name == METADATA and b"rosbag2_bagfile_information" in head)
@@ -36,14 +38,23 @@ def is_bag(path: Path) -> bool:
 _KINDS = {".mcap": "MCAP file", ".bag": "bag of ROS 1", ".db3": "file of rosbag2 (SQLite)"}
 """What a file is by the end of its name."""
 
+_LARGEST_CHUNK = 1 << 28
+"""Bytes that a chunk of a recording may have when it is unpacked; recorders make them of a megabyte."""
+
 
 def check_kind(path: Path) -> None:
-    """Raises InputError for a file that is named as a recording and is none."""
+    """Raises InputError for what is named as a recording and is none, and for pipes and devices."""
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise InputError(Problem("unreadable-file", "this is neither a file nor a folder", Place(path)))
     kind = _KINDS.get(path.suffix.lower())
     if path.is_file() and kind is not None and not is_bag(path):
         what = "it is empty" if not path.stat().st_size else "it begins otherwise"
         message = f"this is no {kind}: {what}; expected a recording that was closed and is whole"
         raise InputError(Problem("unreadable-file", message, Place(path)))
+    if path.is_dir() and not is_bag(path) and (parts := sorted([*path.glob("*.mcap"), *path.glob("*.db3")])):
+        message = f"this folder has {parts[0].name}, but no {METADATA}: its recorder was not ended as it should be"
+        mend = f"ros2 bag reindex {shlex.quote(str(path))}"
+        raise InputError(Problem("unreadable-file", message, Place(path), mend=mend))
 
 
 def _head(path: Path) -> bytes:
@@ -83,9 +94,12 @@ class Bag:
         except ImportError as error:
             raise _missing("reading a recording", path) from error
         self.path = path
-        self.ros: Ros = 1 if path.is_file() and _head(path).startswith(_ROS1) else 2
+        _limit_memory()
+        head = _head(path) if path.is_file() else b""
+        self.ros: Ros = 1 if head.startswith(_ROS1) else 2
         self.types = message_types(self.ros)
         at = path.parent if path.name == METADATA else path
+        _check_suffix(at, head)
         with self._reading():
             self._reader: Any = rosbag1.Reader(at) if self.ros == 1 else rosbag2.Reader(at)
             self._reader.open()
@@ -96,9 +110,14 @@ class Bag:
         found = (Topic(one.topic, one.msgtype, one.msgcount) for one in self._reader.connections)
         return tuple(sorted(found, key=lambda topic: (topic.name, topic.type)))
 
-    def messages(self, topics: Collection[str]) -> Iterator[Packed]:
-        """The messages on some topics, in the order in which they were received. Raises InputError for damage."""
-        wanted = [one for one in self._reader.connections if one.topic in topics]
+    def messages(self, topics: Collection[str], types: Collection[str] = ()) -> Iterator[Packed]:
+        """The messages on some topics, in the order in which they were received; types: only of these, if any is given.
+
+        Raises InputError for damage.
+        """
+        wanted = [
+            one for one in self._reader.connections if one.topic in topics and (not types or one.msgtype in types)
+        ]
         if not wanted:  # no connection would mean all of them
             return
         with self._reading():
@@ -135,7 +154,42 @@ class Bag:
             raise
         except Exception as error:  # every library below has its own
             message = f"this recording cannot be read: {_told(error)}; expected one that was closed and is whole"
-            raise InputError(Problem("unreadable-file", message, Place(self.path))) from error
+            raise InputError(Problem("unreadable-file", message, Place(self.path), mend=_mend(self.path))) from error
+
+
+def _check_suffix(path: Path, head: bytes) -> None:
+    """Raises InputError for a file of ROS 2 whose name does not end as that of its kind."""
+    for start, suffix in zip(_ROS2, (".mcap", ".db3"), strict=True):
+        if head.startswith(start) and path.suffix != suffix:
+            message = f"this is a {_KINDS[suffix]}, whose name has to end in {suffix}"
+            mend = shlex.join(["mv", str(path), str(path.with_suffix(suffix))])
+            raise InputError(Problem("unreadable-file", message, Place(path), mend=mend))
+
+
+@cache
+def _limit_memory() -> None:
+    """Let rosbags unpack no chunk that is larger than it may be: a few bytes can be packed gigabytes."""
+    from bz2 import BZ2Decompressor
+
+    from lz4.frame import LZ4FrameDecompressor
+    from rosbags.rosbag1 import reader
+    from rosbags.rosbag2 import storage_mcap
+
+    mcap: Any = storage_mcap  # it has the zstd that this Python has
+    lz4 = _unpacking(LZ4FrameDecompressor)
+    reader.decompressors |= {"bz2": _unpacking(BZ2Decompressor), "lz4": lz4}
+    mcap.DECOMPRESSORS |= {"zstd": _unpacking(mcap.zstd.ZstdDecompressor), "lz4": lz4}
+
+
+def _unpacking(decompressor: Callable[[], Any]) -> Callable[..., bytes]:
+    def unpacked(packed: bytes, _size: int = 0) -> bytes:
+        machine = decompressor()
+        found: bytes = machine.decompress(packed, _LARGEST_CHUNK)
+        if not machine.eof:
+            raise ValueError(f"a chunk is cut off, or has more than {_LARGEST_CHUNK >> 20} MB")
+        return found
+
+    return unpacked
 
 
 def _missing(what: str, path: Path) -> InputError:
@@ -144,7 +198,16 @@ def _missing(what: str, path: Path) -> InputError:
 
 
 def _told(error: Exception) -> str:
-    return str(error).splitlines()[0] if str(error) else type(error).__name__
+    return str(error).splitlines()[0].rstrip(".") if str(error) else type(error).__name__
+
+
+def _mend(path: Path) -> str | None:
+    """The command that saves what is there of a recording that was not closed."""
+    if path.suffix == ".bag":
+        return shlex.join(["rosbag", "reindex", str(path)])
+    if path.suffix == ".mcap":
+        return shlex.join(["mcap", "recover", str(path), "-o", str(path.with_stem(f"{path.stem}-recovered"))])
+    return None
 
 
 class BagWriter:

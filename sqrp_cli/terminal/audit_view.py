@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sqrp_cli.errors import first_names
 from sqrp_cli.program.record import Program
 from sqrp_cli.runtime.record.events import listed
 from sqrp_cli.terminal.console import Column, plain, print_table, say
@@ -28,6 +29,11 @@ def print_audit(
     """What a recording says about a program's predictions; unsurveyed: why nothing is known of the cameras."""
     what = "; ".join(step.short_task for step in program.steps)
     say(f"{what} in {workspace}: {report.images} images compared, {report.skipped} skipped (not as planned)")
+    if report.damaged:
+        count = "1 image is" if len(report.damaged) == 1 else f"{len(report.damaged)} images are"
+        say(f"{count} damaged and left out: {report.damaged[0]}.", "yellow")
+    if report.missing:
+        say(_without(report.missing, report.other_topics), "yellow")
     if report.repeated:
         say(f"{report.repeated} images are bit by bit the same as the one before them; they count as blind.", "yellow")
     say()
@@ -53,6 +59,15 @@ def _total(precision: float | None, threshold: float) -> str:
         return "No image was predicted to show anything, so there is nothing to confirm."
     verdict = "at least" if precision >= threshold else "less than"
     return f"{100 * precision:.1f} % of what was predicted to be seen was seen, {verdict} {100 * threshold:g} %."
+
+
+def _without(cameras: Sequence[str], topics: Sequence[str]) -> str:
+    """What is said of cameras without images; topics: whose images may be theirs."""
+    them = "them" if cameras[1:] else "it"
+    said = f"There are no images of {listed(cameras)}: what was predicted of {them} is left out."
+    if not topics:
+        return said
+    return f"{said} Images of no camera are on {first_names(topics)}: --topic {cameras[0]}={topics[0]}"
 
 
 def _print_cameras(cameras: Mapping[str, CameraSurvey]) -> None:

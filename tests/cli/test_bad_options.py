@@ -12,7 +12,7 @@ BAD = [
     (["nosuch", "CELL"], ["there is no command `nosuch`", "`check`", "`rank`", "`init`"]),
     (["place", "CELL", "--survive", "2"], ["--survive is 2, expected a whole number from 0 to 1"]),
     (["place", "CELL", "--budget", "-5"], ["--budget is -5, expected a number from 0 on"]),
-    (["audit", "CELL", "CELL", "--threshold", "x"], ["--threshold is `x`, expected a number"]),
+    (["audit", "CELL", "CELL", "--threshold", "x"], ["--threshold is `x`, expected 0% to 100%"]),
     (["rank", "CELL", "watch seen", "--dt", "1e-9"], ["--dt", "1e-09", "at least"]),
     (["rank", "CELL", "watch seen", "--dt", "1 deg"], ["--dt", "`1 deg`", "a time such as"]),
     (["rank", "CELL", "watch seen", "--dt", "nan"], ["--dt", "`nan`"]),

@@ -7,6 +7,9 @@ import re
 import shutil
 from pathlib import Path
 
+from rosbags import rosbag2
+
+from sqrp_cli.ros.bag import Bag, written
 from sqrp_cli.starter.make import make_starter
 from tests.damage.child import call
 from tests.damage.mesh_bombs import binary_stl, collada, obj
@@ -50,6 +53,8 @@ transform:
 
 TASK = "pickup red"
 
+IMAGE = "sensor_msgs/msg/CompressedImage"
+
 
 MESHES = ("cube.stl", "binary.stl", "cube.obj", "cube.dae")
 
@@ -59,6 +64,12 @@ WATCHED, LOG, FRAMES, FRAME = "watched", "run.jsonl", "frames", "frame.png"
 BASELINE, RESULTS, SCORE = "baseline.json", "results", ["--samples", "2", "--jobs", "1", "--json"]
 
 FRAMES_KEPT = 4
+
+MCAP, ROS1, ROSBAG2 = "run.mcap", "run.bag", "rosbag2"
+"""The same run as recordings, with some of its images."""
+
+IMAGES_KEPT = 6
+"""Of each camera."""
 
 
 def whole_cell(folder: Path) -> Path:
@@ -106,7 +117,11 @@ def _record(made: Path) -> None:
     (watched / "workspace.yaml").write_text(text.replace("rate: 10 Hz", "rate: 5 Hz"), encoding="utf-8")
     program, frames = watched / "program.yaml", watched / FRAMES
     _do("rank", watched, TASK, "--samples", "2", "--program", program)
-    _do("run", program, "--sim", "--log", watched / LOG, "--frames", frames, "--json")
+    _do("run", program, "--sim", "--log", watched / LOG, "--frames", frames, "--record", watched / MCAP, "--json")
+    _do("run", program, "--sim", "--record", watched / ROS1, "--json")
+    for recording in (watched / MCAP, watched / ROS1):
+        _thin(recording)
+    _as_rosbag2(watched / MCAP, watched / ROSBAG2)
     columns, *rows = (frames / "frames.csv").read_text(encoding="utf-8").splitlines()
     planned = [row for row in rows if not row.endswith(",")]
     kept, first = planned[:FRAMES_KEPT], planned[0].split(",")[1]
@@ -115,6 +130,28 @@ def _record(made: Path) -> None:
     (frames / first).rename(frames / FRAME)
     text = "\n".join([columns, *kept]).replace(first, FRAME)
     (frames / "frames.csv").write_text(text + "\n", encoding="utf-8")
+
+
+def _thin(recording: Path) -> None:
+    """Leave of a recording the joint states, some images, and whether all went as planned."""
+    left, thinned = dict[str, int](), recording.with_name(f"thinned{recording.suffix}")
+    with Bag(recording) as bag, written(thinned) as writer:
+        kept = [topic for topic in bag.topics if topic.name in {"/joint_states", "/as_planned"} or topic.type == IMAGE]
+        every = {topic.name: max(topic.count // IMAGES_KEPT, 1) for topic in kept if topic.type == IMAGE}
+        for one in bag.messages([topic.name for topic in kept]):
+            left[one.topic] = left.get(one.topic, -1) + 1
+            if left[one.topic] % every.get(one.topic, 1) == 0:
+                writer.add(one.topic, one.t, bag.read(one))
+    thinned.replace(recording)
+
+
+def _as_rosbag2(recording: Path, folder: Path) -> None:
+    """Write the messages of an MCAP into a folder with SQLite."""
+    with Bag(recording) as bag, rosbag2.Writer(folder, version=8) as writer:
+        kinds = {topic.name: topic.type for topic in bag.topics}
+        ways = {name: writer.add_connection(name, kind, typestore=bag.types.store) for name, kind in kinds.items()}
+        for one in bag.messages(kinds):
+            writer.write(ways[one.topic], one.t, one.data)
 
 
 def _do(*words: object) -> str:

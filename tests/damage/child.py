@@ -16,6 +16,8 @@ from dataclasses import dataclass
 from types import FrameType, ModuleType
 from typing import NoReturn
 
+from sqrp_cli.runtime.cell.requirements import check_simulator
+
 LONGEST, MOST = 10.0, 1000.0
 """Processor time [s] and memory [MB] that a command may take."""
 
@@ -23,7 +25,21 @@ _WAIT, _MEMORY = 120, 3 << 30
 """When a command is killed [s], and its address space [bytes]: more than it may take, less than there is."""
 
 _SOURCES = ("sqrp_cli", "cv2", "trimesh", "collada", "distributed", "mujoco", "coal", "pinocchio", "ompl", "eaik")
-_SOURCES += ("embreex", "PIL", "fast_simplification", "lark", "rich", "yaml", "pydantic", "numpy", "ruckig")
+_SOURCES += (
+    "embreex",
+    "PIL",
+    "fast_simplification",
+    "lark",
+    "rich",
+    "yaml",
+    "pydantic",
+    "numpy",
+    "ruckig",
+    "rosbags",
+    "apsw",
+    "backports",
+    "ruamel",
+)
 
 _modules: list[str] = []
 
@@ -66,6 +82,7 @@ def call(command: Sequence[str]) -> Done:
 def _import_more() -> None:
     """Import what commands so far had to: those to come find it imported, as it is in memory anyway."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    check_simulator()  # it says which OpenGL MuJoCo draws with, which is read when that is imported
     for name in (name for name in _modules if name not in sys.modules):
         with contextlib.suppress(Exception), warnings.catch_warnings():
             warnings.simplefilter("ignore")

@@ -13,9 +13,9 @@ from pathlib import Path
 from random import Random
 from urllib.parse import urlsplit
 
-from tests.damage import cell_bombs, mesh_bombs, record_bombs, robot_bombs
+from tests.damage import cell_bombs, mesh_bombs, record_bombs, recording_bombs, robot_bombs
 from tests.damage.bombs import Bomb
-from tests.damage.cell import BASELINE, FRAME, FRAMES, LOG, RESULTS, SCORE, TASK, WATCHED
+from tests.damage.cell import BASELINE, FRAME, FRAMES, LOG, MCAP, RESULTS, ROS1, ROSBAG2, SCORE, TASK, WATCHED
 from tests.damage.mutations import damage
 
 Command = Callable[[Path], Sequence[object]]
@@ -41,32 +41,42 @@ class Kind:
     """A kind of input. share: of the cases. do: damages a cell that it may change, in its own way each turn.
 
     harmless: a file that is computed again where it is damaged, so that everything is as it would be without.
+    parts: whether a refusal must name a part of it, too; of a recording that cannot be read nothing is known but that.
     """
 
     name: str
     share: int
     do: Callable[[Path, Random, int], Damaged]
     harmless: bool = False
+    parts: bool = True
 
 
 def _file(
-    file: str, command: Command, bombs: Sequence[Bomb], share: int = 2, name: str = "", *, harmless: bool = False
+    file: str,
+    command: Command,
+    bombs: Sequence[Bomb],
+    share: int = 2,
+    title: str = "",
+    *,
+    harmless: bool = False,
+    parts: bool = True,
 ) -> Kind:
     """A file of the cell: in three of four turns as people and disks damage it, in the fourth a bomb."""
 
     def do(cell: Path, random: Random, turn: int) -> Damaged:
         path = _first(cell, file)
+        name = ROSBAG2 if path.parent.name == ROSBAG2 else path.name
         if turn % 4 == 0:
             bomb = bombs[turn // 4 % len(bombs)]
             bomb.set(path, random)
-            return Damaged(bomb.name, command(cell), path.name)
+            return Damaged(bomb.name, command(cell), name)
         done = damage(path.read_bytes(), random)
         path.unlink()  # the undamaged cell has the same file
         path.write_bytes(done.content)
-        lines = None if path.suffix == ".png" or path.name == "binary.stl" else done.lines
-        return Damaged(done.what, command(cell), path.name, lines, done.words)
+        lines = done.lines if parts and path.name != "binary.stl" else None
+        return Damaged(done.what, command(cell), name, lines, done.words)
 
-    return Kind(name or file, share, do, harmless)
+    return Kind(title or file, share, do, harmless, parts)
 
 
 def _first(cell: Path, file: str) -> Path:
@@ -111,6 +121,10 @@ def _replay_program(cell: Path) -> Sequence[object]:
 
 def _audit(cell: Path) -> Sequence[object]:
     return ["audit", cell / WATCHED / "program.yaml", cell / WATCHED / FRAMES, "--json"]
+
+
+def _recording(name: str) -> Command:
+    return lambda cell: ["audit", cell / WATCHED / "program.yaml", cell / WATCHED / name, "--json"]
 
 
 def _baseline(cell: Path) -> Sequence[object]:
@@ -220,7 +234,13 @@ KINDS = (
     _file(BASELINE, _baseline, record_bombs.BASELINE, 3),
     _file(f"{RESULTS}/*/*.json", _results, record_bombs.JSON, 2, "kept result", harmless=True),
     _file(f"{WATCHED}/{FRAMES}/frames.csv", _audit, record_bombs.FRAMES, 1, "frames.csv"),
-    _file(f"{WATCHED}/{FRAMES}/{FRAME}", _audit, record_bombs.PNG, 1, "frame"),
+    _file(f"{WATCHED}/{FRAMES}/{FRAME}", _audit, record_bombs.PNG, 1, "frame", parts=False),
+    _file(f"{WATCHED}/{MCAP}", _recording(MCAP), recording_bombs.MCAP, 2, "MCAP", parts=False),
+    _file(f"{WATCHED}/{ROS1}", _recording(ROS1), recording_bombs.ROS1, 2, "bag of ROS 1", parts=False),
+    _file(
+        f"{WATCHED}/{ROSBAG2}/*.db3", _recording(ROSBAG2), recording_bombs.SQLITE, 1, "rosbag2 with SQLite", parts=False
+    ),
+    _file(f"{WATCHED}/{ROSBAG2}/*.yaml", _recording(ROSBAG2), record_bombs.YAML, 1, "metadata.yaml", parts=False),
     _file("scheduler.json", _cluster, record_bombs.SCHEDULER, 2),
     Kind("task", 3, _task),
     Kind("name of a file", 2, _path),

@@ -113,13 +113,10 @@ def _first_error(said: str) -> str:
 
 
 def _names(message: str, kind: Kind, damage: Damaged) -> bool:
-    """Whether a message names the file and something in it, or says what the file itself is or is not.
-
-    A frame is itself a part, of a folder.
-    """
+    """Whether a message names the file and something in it, or says what the file itself is or is not."""
     parts = (pattern.search(message) for pattern in (_LINE, _KEY, _PART, _WHOLE))
     culprit = damage.name in message or _names_words(message, damage)
-    return culprit and (any(parts) or kind.name == "frame")
+    return culprit and (any(parts) or not kind.parts)
 
 
 def _names_words(message: str, damage: Damaged) -> bool:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sqrp_cli.cli.options import Json, Patches, ProgramPath, answer, program_with_warnings
+from sqrp_cli.cli.options import Json, Patches, ProgramPath, answer, program_with_warnings, read_share
 from sqrp_cli.errors import ExitCode, InputError, Problem
 
 NAME = "audit"
@@ -25,11 +25,11 @@ def command(
         ),
     ],
     threshold: Annotated[
-        float,
+        str,
         typer.Option(
-            "--threshold", metavar="SHARE", help="Least share of predicted detections that must have come true."
+            "--threshold", metavar="PERCENT", help="Least share of predicted detections that must have come true."
         ),
-    ] = 0.97,
+    ] = "97%",
     topic: Annotated[
         list[str] | None,
         typer.Option(
@@ -52,15 +52,14 @@ def command(
     from sqrp_cli.runtime.cell.requirements import check_packages
     from sqrp_cli.terminal.console import note, progress
 
-    if not 0.0 <= threshold <= 1.0:
-        raise InputError(Problem("bad-option", f"--threshold is {threshold:g}, expected 0 to 1"))
+    share = read_share(threshold, "--threshold", 0.0)
     topics = _topics(topic or [])
     check_packages()
     opened = program_with_warnings(program)
     if patch is not None:
         PATCHES.check(patch)
         check_not_read([patch], opened.files)
-    audit = opened.audit(recording, threshold, topics=topics, progress=progress)
+    audit = opened.audit(recording, share, topics=topics, progress=progress)
     answer(audit, as_json=as_json)
     if patch is not None:
         if audit.patch:

@@ -250,6 +250,12 @@ class AuditDocument(WorkspaceDocument):
     """Images of times at which the step did not go as planned."""
     repeated: int
     """Images identical to the one before them."""
+    damaged: int
+    """Images that are damaged and were left out."""
+    missing: list[str]
+    """Cameras of the workspace that the recording has no images of; what was predicted of them is not compared."""
+    other_topics: list[str]
+    """Topics with images of no camera."""
     precision: float | None
     """Share of the predicted images that showed the literal."""
     threshold: float
@@ -282,6 +288,9 @@ class AuditDocument(WorkspaceDocument):
             images=report.images,
             skipped=report.skipped,
             repeated=report.repeated,
+            damaged=len(report.damaged),
+            missing=list(report.missing),
+            other_topics=list(report.other_topics),
             precision=report.total.precision,
             threshold=threshold,
             passed=passed,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.errors import InputError, Place, Problem, expected_names, first_names
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.workspace.workspace import Workspace
@@ -20,7 +20,7 @@ from sqrp_cli.runtime.audit.motion import SPACING, JointTracks, found_steps
 from sqrp_cli.runtime.image import CameraImage, check_recorded
 from sqrp_cli.runtime.monitor.nominal_step import planned_joints
 from sqrp_cli.runtime.record.bag_recorder import AS_PLANNED
-from sqrp_cli.runtime.record.packed_image import image_of
+from sqrp_cli.runtime.record.packed_image import DamagedImageError, image_of
 
 IMAGES = ("sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image")
 """Types of images; the first one is taken where a camera has both."""
@@ -59,10 +59,16 @@ class BagFootage:
         moves as in the program.
         """
         self.path, self._program, self._workspace = path, program, workspace
+        self.damaged: dict[int, str] = {}
         with Bag(path) as bag:
-            self._topics = _image_topics(bag, workspace, topics)
+            there = [topic for topic in bag.topics if topic.type in IMAGES and topic.count]
+            self._topics = _cameras_of(there, workspace, topics, path)
             index = _indexed(bag, self._topics)
-        check_recorded(workspace, set(self._topics.values()))
+        self.recorded: Collection[str] = set(self._topics.values())
+        self.other_topics: Sequence[str] = [
+            name for name in _names(there) if not any(camera in name.split("/") for camera in self.recorded)
+        ]
+        check_recorded(workspace, self.recorded)
         self.frames: Sequence[Frame] = index.frames
         self._tracks, self._told = index.tracks, index.told
         arm = [name for name in program.joints if name in workspace.robot.home]
@@ -89,16 +95,19 @@ class BagFootage:
         return planned
 
     def images(self, frames: Sequence[Frame]) -> Iterator[tuple[Frame, CameraImage]]:
-        """The images of some frames, in the order of the recording."""
+        """The images of some frames, in the order of the recording, but for those that are damaged."""
         wanted = {frame.number: frame for frame in frames}
         if not wanted:
             return
         last = max(wanted)
         with Bag(self.path) as bag:
-            for number, packed in enumerate(bag.messages(self._topics)):
+            for number, packed in enumerate(bag.messages(self._topics, IMAGES)):
                 if number in wanted:
                     frame = wanted[number]
-                    yield frame, self._image(bag.read(packed), packed, frame)
+                    try:
+                        yield frame, self._image(bag.read(packed), packed, frame)
+                    except DamagedImageError as error:
+                        self.damaged[number] = error.problems[0].message
                 if number == last:
                     return
 
@@ -130,24 +139,23 @@ class BagFootage:
         return dict(zip(self._program.joints, q.T, strict=True))
 
 
-def _image_topics(bag: Bag, workspace: Workspace, given: Mapping[str, str]) -> dict[str, str]:
-    """The camera of each topic with images that is looked at. Raises InputError where there is none."""
-    topics = [topic for topic in bag.topics if topic.type in IMAGES and topic.count]
+def _cameras_of(topics: Sequence[Topic], workspace: Workspace, given: Mapping[str, str], path: Path) -> dict[str, str]:
+    """The camera of each topic, of those with images, that is looked at. Raises InputError where there is none."""
     found: dict[str, str] = {}
     for camera in workspace.cameras:
         own = [one for one in topics if _is_of(one, camera, given)]
         if not own and camera in given:
             message = f"there are no images on `{given[camera]}`; {expected_names(given[camera], _names(topics))}"
-            raise InputError(Problem("no-images", message, Place(bag.path)))
+            raise InputError(Problem("no-images", message, Place(path)))
         if own:
             name = min(own, key=lambda topic: (IMAGES.index(topic.type), topic.name)).name
-            _check_free(name, camera, found.setdefault(name, camera), given, bag.path)
+            _check_free(name, camera, found.setdefault(name, camera), given, path)
     if not found:
         cameras = ", ".join(workspace.cameras)
-        there = f"it has images on {', '.join(_names(topics))}" if topics else "it has no images at all"
+        there = f"it has images on {first_names(_names(topics))}" if topics else "it has no images at all"
         message = f"this recording has no images of {cameras}: {there}"
         mend = "sqrp audit PROGRAM RECORDING --topic CAMERA=TOPIC" if topics else None
-        raise InputError(Problem("no-images", message, Place(bag.path), mend=mend))
+        raise InputError(Problem("no-images", message, Place(path), mend=mend))
     return found
 
 
@@ -172,25 +180,23 @@ def _indexed(bag: Bag, topics: Mapping[str, str]) -> _Index:
     """When each image was taken, and all joint states."""
     frames = [
         Frame(topics[packed.topic], _stamp(bag.read(packed), packed), number)
-        for number, packed in _at_most(bag, topics, MOST_FRAMES, "images")
+        for number, packed in _at_most(bag, topics, IMAGES, MOST_FRAMES, "images")
     ]
-    names = {topic.name for topic in bag.topics if topic.type == JOINTS}
+    every = [topic.name for topic in bag.topics]
     tracks = JointTracks()
-    for _, packed in _at_most(bag, names, MOST_STATES, "joint states"):
+    for _, packed in _at_most(bag, every, [JOINTS], MOST_STATES, "joint states"):
         message = bag.read(packed)
         tracks.add(packed.topic, _stamp(message, packed), message.name, message.position)
     frames.sort(key=lambda frame: (frame.t, frame.camera))
-    changes = _at_most(bag, _told_of(bag), MOST_FRAMES, "changes of the plan")
+    changes = _at_most(bag, [AS_PLANNED], ["std_msgs/msg/Bool"], MOST_FRAMES, "changes of the plan")
     told = sorted((packed.t * 1e-9, bool(bag.read(packed).data)) for _, packed in changes)
     return _Index(frames, tracks.sorted(), told)
 
 
-def _told_of(bag: Bag) -> set[str]:
-    return {one.name for one in bag.topics if one.name == AS_PLANNED and one.type == "std_msgs/msg/Bool"}
-
-
-def _at_most(bag: Bag, topics: Mapping[str, str] | set[str], most: int, what: str) -> Iterator[tuple[int, Packed]]:
-    for number, packed in enumerate(bag.messages(topics)):
+def _at_most(
+    bag: Bag, topics: Collection[str], types: Collection[str], most: int, what: str
+) -> Iterator[tuple[int, Packed]]:
+    for number, packed in enumerate(bag.messages(topics, types)):
         if number >= most:
             message = f"this recording has more than {most:,} {what}; cut it to the run of the program"
             raise InputError(Problem("file-too-large", message, Place(bag.path)))

@@ -57,24 +57,6 @@ FRINGE = 0.2
 ALIKE = 4.0
 """Edges beside each other are wrong alike: so many count as one. Those of objects do so in all images together."""
 
-FAST = 20.0
-"""A point that moves faster than this along its normal is one that moves [pixels/s]."""
-
-LEAST_POINTS = 60
-"""Points that must meet an edge: less tell nothing of a camera."""
-
-WIDTHS = (5.0, 3.0, 2.0, 1.5, 1.2, 1.2, 1.2, 1.2)
-"""How far from where a point is expected edges count, one iteration after the other [pixels]."""
-
-PRIOR = (0.02, 0.02, 0.02, 0.02, 0.02, 0.02, 0.2)
-"""Standard deviations of turns [rad], shifts [m] and offset [s] before anything is seen."""
-
-FRINGE = 0.2
-"""Standard deviation of how far all edges may be outside of what they are of, as by light and lens [pixels]."""
-
-ALIKE = 4.0
-"""Edges beside each other are wrong alike: so many count as one."""
-
 BLUR = 1.0
 """Standard deviation of the blur of images before their edges are sought [pixels]."""
 
@@ -177,16 +159,19 @@ class _Points:
         change: the seven numbers of `CameraFit`, the fringe of all edges [pixels], and for each object its shift [m]
         and its turn [rad].
         """
-        away: Array = self._away(change[:3], self._placed(change)) + change[7]
+        away: Array = self._beside(self._placed(change) @ _rotation(change[:3])) + change[7]
         return away
 
     def slopes(self, change: Array) -> Array:
         """The derivative of `away`, shape (n, numbers of the change)."""
-        placed, h = self._placed(change), 1e-5
-        steps = h * np.eye(3)
-        turns = [self._away(change[:3] + step, placed) - self._away(change[:3] - step, placed) for step in steps]
-        moves = [self._away(change[:3], placed + step) - self._away(change[:3], placed - step) for step in steps]
-        by_turn, g = np.stack(turns, axis=1) / (2 * h), np.stack(moves, axis=1) / (2 * h)
+        R, h = _rotation(change[:3]), 1e-5
+        points = self._placed(change) @ R
+        steps = [self._beside(points + step) - self._beside(points - step) for step in h * np.eye(3)]
+        by_point = np.stack(steps, axis=1) / (2 * h)
+        # R(turn + d) = R(turn) exp([J d]), with the right Jacobian J of SO(3), here to the third order.
+        X = np.cross(np.eye(3), change[:3])
+        by_turn = np.cross(by_point, points) @ (np.eye(3) - X / 2 + X @ X / 6)
+        g = by_point @ R.T
         by_clock = -(g * self.speeds).sum(axis=1)
         by_place = np.column_stack([np.einsum("ni,nij->nj", g, self.R_CW), (g * self.levers).sum(axis=1)])
         by_object = (self.owned[:, :, None] * by_place[:, None, :]).reshape(len(g), -1)
@@ -200,12 +185,10 @@ class _Points:
         placed: Array = self.points + shifts - change[6] * self.speeds - change[3:6]
         return placed
 
-    def _away(self, turn: Array, placed: Array) -> Array:
-        """How far points are from where they were expected after a turn of the camera, (n,) [pixels]."""
-        R, _ = cv2.Rodrigues(np.ascontiguousarray(turn))
-        points = placed @ R
-        points[:, 2] = np.maximum(points[:, 2], 1e-3)
-        pixels, _ = self.projection.pixels(points)
+    def _beside(self, points: Array) -> Array:
+        """How far points of the optical frame (n, 3) are in the image from where they were expected, (n,) [pixels]."""
+        ahead = np.column_stack([points[:, :2], np.maximum(points[:, 2], 1e-3)])
+        pixels, _ = self.projection.pixels(ahead)
         away: Array = ((pixels - self.pixels) * self.normals).sum(axis=1)
         return away
 
@@ -274,6 +257,12 @@ def _judged(points: _Points, change: Array, prior: Array) -> CameraFit:
         moving_cost=float(loss[moving].mean() if moving.sum() >= LEAST_POINTS else loss.mean()),
         pixels=float(np.sqrt(np.mean(moved**2))),
     )
+
+
+def _rotation(turn: Array) -> Array:
+    """The matrix of a rotation vector (3,)."""
+    R: Array = cv2.Rodrigues(np.ascontiguousarray(turn))[0]
+    return R
 
 
 def _weights(r: Array) -> tuple[Array, float]:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, inverse, matrix_to_quaternion, transform
 from sqrp_cli.knowledge.frames import WORLD
@@ -164,8 +165,10 @@ def _outlines(
     solids: Solids, is_object: list[bool], movable: Collection[int], left_out: int, rng: np.random.Generator
 ) -> _Outline:
     """Points on the outlines of the robot and of each object; those of the robot are of its links."""
-    group = np.where(np.array([True, *is_object[1:]])[solids.body], solids.body, -1)
-    wanted = [number for number in np.unique(group).tolist() if number not in (0, left_out)]
+    groups = np.where([True, *is_object[1:]], np.arange(len(is_object)), -1)
+    group = groups[solids.body].astype(np.int16)
+    there = np.flatnonzero(np.bincount(solids.body.ravel()))
+    wanted = [number for number in np.unique(groups[there]).tolist() if number not in (0, left_out)]
     found = [
         one
         for number in wanted
@@ -179,20 +182,19 @@ def _outlines(
     return _Outline(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
-def _outline(solids: Solids, group: Array, number: int, nearer: float) -> _Outline | None:
+def _outline(solids: Solids, group: NDArray[np.int16], number: int, nearer: float) -> _Outline | None:
     """Points on the outline of a group of bodies, where it is nearer than what is beside it by a distance [m]."""
-    inside = group == number
-    rows, columns = np.nonzero(inside)
-    height, width = inside.shape
+    height, width = group.shape
     margin = int(4 * SMOOTHED) + 1
-    top, left = max(rows.min() - margin, 0), max(columns.min() - margin, 0)
-    crop = slice(top, rows.max() + margin + 1), slice(left, columns.max() + margin + 1)
-    share = cv2.GaussianBlur(inside[crop].astype(np.float32), (0, 0), SMOOTHED, borderType=cv2.BORDER_REPLICATE)
-    z = solids.z[crop]
+    first_column, first_row, columns, rows = cv2.boundingRect((group == number).astype(np.uint8))
+    top, left = max(first_row - margin, 0), max(first_column - margin, 0)
+    crop = slice(top, first_row + rows + margin), slice(left, first_column + columns + margin)
+    inside, z = group[crop] == number, solids.z[crop]
+    share = cv2.GaussianBlur(inside.astype(np.float32), (0, 0), SMOOTHED, borderType=cv2.BORDER_REPLICATE)
     # Outermost pixels of the group next to what is behind it.
-    outer = cv2.erode(inside[crop].astype(np.uint8), _CROSS, borderType=cv2.BORDER_REPLICATE) == 0
-    nearest_outside = cv2.erode(np.where(inside[crop], np.float32(1e6), z).astype(np.float32), _CROSS)
-    edge = outer & inside[crop] & (nearest_outside > z + nearer)
+    outer = cv2.erode(inside.astype(np.uint8), _CROSS, borderType=cv2.BORDER_REPLICATE) == 0
+    nearest_outside = cv2.erode(np.where(inside, np.float32(1e6), z).astype(np.float32), _CROSS)
+    edge = outer & inside & (nearest_outside > z + nearer)
     v, u = np.nonzero(edge)
     whole = (v + top >= margin) & (v + top < height - margin) & (u + left >= margin) & (u + left < width - margin)
     v, u = v[whole], u[whole]

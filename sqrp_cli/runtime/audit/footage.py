@@ -5,7 +5,7 @@ There are two clocks to keep apart: that of the robot, on which the joints are k
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -50,8 +50,14 @@ class Footage(ImageSource, Protocol):
 
     frames: Sequence[Frame]
     """All images with a time, in order."""
+    recorded: Collection[str]
+    """Cameras of the workspace that it has images of."""
+    other_topics: Sequence[str]
+    """Topics with images of no camera of the workspace."""
     unplanned: int
     """Images without a time: the step did not go as planned."""
+    damaged: dict[int, str]
+    """What is wrong with damaged images that `images` has left out so far, by their place in the recording."""
     starts: Sequence[float]
     """When the motion of each step of the program began, by the robot's clock [s]."""
 
@@ -69,11 +75,15 @@ _APART = 1000.0
 class FolderFootage:
     """A folder of frames, whose times are those of the program: the robot is taken to be where the program wants it."""
 
+    other_topics: Sequence[str] = ()
+
     def __init__(self, program: Program, workspace: Workspace, folder: Path) -> None:
         """Raises InputError for a folder that cannot be used."""
         self.path, self._program, self._workspace = folder, program, workspace
+        self.damaged: dict[int, str] = {}
         self._entries = list(read_frames(folder, list(workspace.cameras), len(program.steps)))
-        check_recorded(workspace, {entry.camera for entry in self._entries})
+        self.recorded: Collection[str] = {entry.camera for entry in self._entries}
+        check_recorded(workspace, self.recorded)
         longest = max((step.time for step in program.steps), default=0.0)
         self.starts: Sequence[float] = [index * (longest + _APART) for index in range(len(program.steps))]
         usable = [(number, entry) for number, entry in enumerate(self._entries) if entry.t is not None]

@@ -59,6 +59,12 @@ class AuditReport:
     """How many were identical to the image before them."""
     lost: tuple[MaybeLost, ...] = ()
     """What may have been lost without the arm leaving its path."""
+    missing: tuple[str, ...] = ()
+    """Cameras of the workspace without images: their predictions were not compared."""
+    other_topics: tuple[str, ...] = ()
+    """Topics with images of no camera."""
+    damaged: tuple[str, ...] = ()
+    """What is wrong with each image that is damaged and was left out."""
 
     @property
     def total(self) -> Confusion:
@@ -111,9 +117,12 @@ def audit(
         tuple(check.counts for check in checks),
         tuple(found for check in checks for found in check.disagreements),
         compared,
-        len(footage.frames) + footage.unplanned - compared,
+        len(footage.frames) + footage.unplanned - compared - len(footage.damaged),
         repeated,
         tuple(lost),
+        tuple(name for name in workspace.cameras if name not in footage.recorded),
+        tuple(footage.other_topics),
+        tuple(footage.damaged.values()),
     )
 
 

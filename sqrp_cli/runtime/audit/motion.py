@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, Problem, first_names
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.program.record import Program, Step
 from sqrp_cli.runtime.monitor.nominal_step import planned_joints
@@ -28,6 +28,9 @@ LEAST_SHARE = 0.35
 
 GAP = 0.2
 """Between joint states farther apart than this [s] the joints are not known."""
+
+LONGEST = 12 * 3600.0
+"""Longest recording that is searched [s]; that of a longer one, or of one in which a clock jumped, is refused."""
 
 _ONE_RUN = 2.0
 """Starts that fit as well as the first one, and are not later than this after it [s], are of the same run."""
@@ -95,11 +98,16 @@ def found_steps(program: Program, arm: Sequence[str], tracks: JointTracks, path:
     """
     missing = [name for name in arm if name not in tracks.names]
     if missing:
-        there = ", ".join(sorted(tracks.names)[:12]) or "none"
+        there = first_names(sorted(tracks.names)) or "none"
         message = f"the joint states of this recording lack {', '.join(missing)}; they have {there}"
         raise InputError(Problem("no-joints", message, Place(path)))
     columns = [program.joints.index(name) for name in arm]
     earliest, latest = tracks.span(arm)
+    if latest - earliest > LONGEST:
+        hours = (latest - earliest) / 3600
+        message = f"the joint states of this recording span {hours:,.0f} hours, more than {LONGEST / 3600:.0f}"
+        mend = "cut the recording to the run of the program"
+        raise InputError(Problem("file-too-large", message, Place(path), mend=mend))
     starts: list[float] = []
     for number, step in enumerate(program.steps, 1):
         fit = _best_start(step, columns, arm, tracks, (earliest, latest))

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from tempfile import TemporaryFile
+
 import cv2
 import numpy as np
 
@@ -21,6 +26,10 @@ _CONVERSIONS = {
     "mono8": cv2.COLOR_GRAY2RGB,
     "8UC1": cv2.COLOR_GRAY2RGB,
     "8UC3": cv2.COLOR_BGR2RGB,
+    "yuv422": cv2.COLOR_YUV2RGB_UYVY,
+    "uyvy": cv2.COLOR_YUV2RGB_UYVY,
+    "yuv422_yuy2": cv2.COLOR_YUV2RGB_YUY2,
+    "yuyv": cv2.COLOR_YUV2RGB_YUY2,
     "bayer_rggb8": cv2.COLOR_BayerRGGB2RGB,
     "bayer_bggr8": cv2.COLOR_BayerBGGR2RGB,
     "bayer_gbrg8": cv2.COLOR_BayerGBRG2RGB,
@@ -29,14 +38,19 @@ _CONVERSIONS = {
 """How each encoding of `sensor_msgs/Image` becomes red, green and blue."""
 
 _CHANNELS = {"rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4}
+_CHANNELS |= dict.fromkeys(("yuv422", "uyvy", "yuv422_yuy2", "yuyv"), 2)
 """Bytes of a pixel; of other encodings one."""
+
+
+class DamagedImageError(InputError):
+    """An image of a recording that is damaged, as one in thousands may be."""
 
 
 def image_of(message: Message, camera: Camera, place: Place, where: str) -> ImageArray:
     """The image of a `sensor_msgs/CompressedImage` or `Image`.
 
-    place, where: the file, and the message in it. Raises InputError for one that is damaged, has another size than the
-    camera, or is packed in a way that is not read.
+    place, where: the file, and the message in it. Raises DamagedImageError for one that is damaged, and InputError for
+    one that has another size than the camera, or is packed in a way that is not read.
     """
     expected = ImageSize(camera.width, camera.height)
     if hasattr(message, "encoding"):
@@ -45,14 +59,31 @@ def image_of(message: Message, camera: Camera, place: Place, where: str) -> Imag
     found = png_size(content) if content.startswith(b"\x89PNG") else _jpeg_size(content)
     if found is None:
         what = f"as `{message.format}`" if message.format else "in a way that is not said"
-        raise _refused("unreadable", f"the image of {where}, packed {what}, is no whole JPEG or PNG", place)
+        raise _damaged(f"the image of {where}, packed {what}, is no whole JPEG or PNG", place)
     _check_size(found, expected, place, where)
-    is_png = content.startswith(b"\x89PNG")
-    damage = png_damage(content) if is_png else None
-    image = None if damage else decoded(bare_png(content) if is_png else content)
-    if image is None or image.shape[:2] != (camera.height, camera.width):
-        raise _refused("unreadable", f"the image of {where} is damaged: {damage or 'it cannot be decoded'}", place)
+    if content.startswith(b"\x89PNG"):
+        damage = png_damage(content)
+        image = None if damage else decoded(bare_png(content))
+    else:
+        with _complaints() as said:
+            image = decoded(content)
+        damage = next((line for line in said if "JPEG" in line), None)
+    if damage or image is None or image.shape[:2] != (camera.height, camera.width):
+        raise _damaged(f"the image of {where} is damaged: {damage or 'it cannot be decoded'}", place)
     return image
+
+
+@contextmanager
+def _complaints() -> Iterator[list[str]]:
+    """The lines that a library writes to the standard error meanwhile: it has no other way to tell of damage."""
+    said: list[str] = []
+    with TemporaryFile() as file, ExitStack() as back:
+        kept = os.dup(2)
+        back.callback(os.close, kept)
+        back.callback(os.dup2, kept, 2)
+        os.dup2(file.fileno(), 2)
+        yield said
+        said += os.pread(file.fileno(), 10_000, 0).decode(errors="replace").splitlines()
 
 
 def _unpacked(message: Message, expected: ImageSize, place: Place, where: str) -> ImageArray:
@@ -64,7 +95,7 @@ def _unpacked(message: Message, expected: ImageSize, place: Place, where: str) -
     _check_size(found, expected, place, where)
     row = found.width * channels
     if message.step < row or len(message.data) < message.step * found.height:
-        raise _refused("unreadable", f"the image of {where} has fewer bytes than its {found} pixels need", place)
+        raise _damaged(f"the image of {where} has fewer bytes than its {found} pixels need", place)
     rows = np.asarray(message.data, np.uint8)[: message.step * found.height].reshape(found.height, message.step)
     pixels = np.ascontiguousarray(rows[:, :row]).reshape(found.height, found.width, -1).squeeze()
     conversion = _CONVERSIONS[encoding]
@@ -90,6 +121,10 @@ def _jpeg_size(content: bytes) -> ImageSize | None:
 def _check_size(found: ImageSize, expected: ImageSize, place: Place, where: str) -> None:
     if found != expected:
         raise _refused("wrong-size", f"the image of {where} is {found}, the workspace says {expected}", place)
+
+
+def _damaged(message: str, place: Place) -> DamagedImageError:
+    return DamagedImageError(Problem("unreadable", message, place))
 
 
 def _refused(code: str, message: str, place: Place) -> InputError:

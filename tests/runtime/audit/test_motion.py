@@ -69,7 +69,7 @@ def test_a_step_that_was_stopped_on_the_way_is_found_by_its_beginning() -> None:
 @pytest.mark.parametrize(
     ("runs", "arm", "says"),
     [
-        ([], ["shoulder", "wrist"], "lack wrist; they have elbow, shoulder"),
+        ([], ["shoulder", "wrist"], "lack wrist; they have `elbow`, `shoulder`"),
         ([(5.0, OUT, 1.0)], ARM, "the motion of step 2, pickup g1, is not in the joint states"),
         ([(5.0, moved([0.0, 0.0], [0.6, -0.4], 9.0), 1.0)], ARM, "the motion of step 1"),
     ],
