@@ -11,7 +11,7 @@ from textwrap import fill
 
 from sqrp_cli.platform.memory import keep_freed_memory
 
-PARTS = ("rank", "versions", "coverage", "growth", "candidates", "ways", "planning", "paths")
+PARTS = ("rank", "versions", "coverage", "growth", "candidates", "ways", "planning", "paths", "audit")
 
 
 def main() -> None:
@@ -30,7 +30,7 @@ def main() -> None:
     print(
         fill(f"Python {platform.python_version()}, " + ", ".join(f"{name} {version(name)}" for name in libraries), 80)
     )
-    print(f"{platform.machine()}, {os.cpu_count()} cores, one used")
+    print(f"{platform.machine()}, {os.cpu_count()} cores, one used (by audits, all)")
     print(f"{arguments.runs} runs: the median where times are wall times, the least where they are CPU times")
     if "rank" in parts:
         from tests.benchmarks.startup import processes, stages
@@ -65,6 +65,10 @@ def main() -> None:
         from tests.benchmarks.paths import paths
 
         paths(arguments.cells)
+    if "audit" in parts:
+        from tests.benchmarks.audit import audits
+
+        audits(arguments.runs)
 
 
 if __name__ == "__main__":

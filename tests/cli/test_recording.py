@@ -135,3 +135,70 @@ def test_what_is_planned_is_exported_with_the_same_topics(
         positions = dict(zip(state.name, state.position, strict=True))
         assert positions == pytest.approx({name: world.joints[name] for name in positions}, abs=1e-6)
     assert {one.message for message in seen for one in message.status} >= {"true", "false"}
+
+
+def test_a_camera_without_images_is_named_with_the_topics_that_may_be_its(
+    sqrp: Callable[..., Any], slip_run: SlipRun, tmp_path: Path
+) -> None:
+    with Bag(slip_run.cell.folder / "run.mcap") as bag, written(tmp_path / "one.mcap") as writer:
+        for one in bag.messages({"/joint_states", "/cam3/image_raw/compressed", "/cam5/image_raw/compressed"}):
+            writer.add(one.topic.replace("cam5", "left"), one.t, bag.read(one))
+    found = sqrp("audit", slip_run.cell.program, tmp_path / "one.mcap", "--threshold", "0%", columns=200)
+    assert "There are no images of cam5: what was predicted of it is left out." in found.out
+    assert "--topic cam5=/left/image_raw/compressed" in found.out
+    document = sqrp("audit", slip_run.cell.program, tmp_path / "one.mcap", "--json").document
+    assert (document["missing"], document["other_topics"]) == (["cam5"], ["/left/image_raw/compressed"])
+
+
+def test_images_that_are_damaged_are_left_out_and_counted(
+    sqrp: Callable[..., Any], slip_run: SlipRun, tmp_path: Path, audited: Any
+) -> None:
+    images, seen = "/cam3/image_raw/compressed", 0
+    with Bag(slip_run.cell.folder / "run.mcap") as bag, written(tmp_path / "damaged.mcap") as writer:
+        for one in bag.messages({topic.name for topic in bag.topics}):
+            message = bag.read(one)
+            seen += one.topic == images
+            if one.topic == images and seen in (3, 7):
+                message.data = message.data[: len(message.data) // 2]
+            writer.add(one.topic, one.t, message)
+    found = sqrp("audit", slip_run.cell.program, tmp_path / "damaged.mcap", "--json").document
+    assert found["damaged"] == 2
+    assert found["images"] + found["skipped"] + 2 == audited.document["images"] + audited.document["skipped"]
+
+
+@pytest.mark.parametrize("threshold", ["97%", "97 %", "0.97"])
+def test_the_threshold_may_be_a_percentage(
+    sqrp: Callable[..., Any], quick_cell: Cell, tmp_path: Path, threshold: str
+) -> None:
+    # It is read before the recording, which is none.
+    found = sqrp("audit", quick_cell.program, tmp_path, "--threshold", threshold)
+    assert "--threshold" not in found.err
+    assert "expected 0% to 100%" in sqrp("audit", quick_cell.program, tmp_path, "--threshold", "97").err
+
+
+def test_a_recorder_that_was_killed_leaves_a_folder_that_can_be_mended(
+    sqrp: Callable[..., Any], quick_cell: Cell, tmp_path: Path
+) -> None:
+    (tmp_path / "run_0.mcap").write_bytes(b"\x89MCAP0\r\n")
+    found = sqrp("audit", quick_cell.program, tmp_path)
+    assert found.code == 2
+    assert f"ros2 bag reindex {tmp_path}" in " ".join(found.err.split())
+    assert "mcap recover" in sqrp("audit", quick_cell.program, tmp_path / "run_0.mcap").err
+
+
+def test_of_several_streams_with_the_name_of_a_camera_one_is_asked_for(
+    sqrp: Callable[..., Any], slip_run: SlipRun, tmp_path: Path
+) -> None:
+    images = "/cam3/image_raw/compressed"
+    others = ("/cam3/aligned_depth/image_raw/compressed", "/cam3/depth/image_raw/compressedDepth")
+    with Bag(slip_run.cell.folder / "run.mcap") as bag, written(tmp_path / "depth.mcap") as writer:
+        for one in bag.messages({"/joint_states", images}):
+            for topic in (one.topic, *(others if one.topic == images else ())):
+                writer.add(topic, one.t, bag.read(one))
+    found = sqrp("audit", slip_run.cell.program, tmp_path / "depth.mcap", columns=200)
+    assert found.code == 2
+    assert f"there are images of cam3 on `{others[0]}`, `{images}`; which are they?" in found.err
+    opened = open_program(slip_run.cell.program)
+    footage = opened.footage(tmp_path / "depth.mcap", {"cam3": images})
+    assert {one.camera for one in footage.frames} == {"cam3"}
+    assert footage.other_topics == []

@@ -28,6 +28,9 @@ from sqrp_cli.runtime.robot_body import RobotBody
 
 EPOCH = 1_700_000_000
 FINER = 2
+_BRIGHTER = (255.0 * (np.arange(256) / 255.0) ** 0.9).astype(np.float32)
+"""What each value of a pixel becomes."""
+
 REST = 1.0
 """The robot stands before and after each step [s]."""
 
@@ -152,7 +155,8 @@ def _picture(
 
 
 def _packed(types: object, image: np.ndarray, stamp: int, truth: Truth, rng: np.random.Generator) -> object:
-    noisy = np.clip(255.0 * (image / 255.0) ** 0.9 + rng.normal(0.0, 2.0, image.shape), 0, 255).astype(np.uint8)
+    noisy = _BRIGHTER[image] + 2.0 * rng.standard_normal(image.shape, np.float32)
+    noisy = np.clip(noisy, 0, 255).astype(np.uint8)
     if truth.quality:
         kind, options = "jpeg", [cv2.IMWRITE_JPEG_QUALITY, truth.quality]
         data = cv2.imencode(".jpg", cv2.cvtColor(noisy, cv2.COLOR_RGB2BGR), options)[1].ravel()

@@ -61,12 +61,15 @@ class BagFootage:
         self.path, self._program, self._workspace = path, program, workspace
         self.damaged: dict[int, str] = {}
         with Bag(path) as bag:
-            there = [topic for topic in bag.topics if topic.type in IMAGES and topic.count]
+            there = [topic for topic in bag.topics if topic.type in IMAGES and topic.count and not _is_depth(topic)]
             self._topics = _cameras_of(there, workspace, topics, path)
             index = _indexed(bag, self._topics)
         self.recorded: Collection[str] = set(self._topics.values())
+        used = {_stream(name) for name in self._topics}
         self.other_topics: Sequence[str] = [
-            name for name in _names(there) if not any(camera in name.split("/") for camera in self.recorded)
+            name
+            for name in _names(there)
+            if _stream(name) not in used and not {*workspace.cameras} & {*name.split("/")}
         ]
         check_recorded(workspace, self.recorded)
         self.frames: Sequence[Frame] = index.frames
@@ -148,6 +151,7 @@ def _cameras_of(topics: Sequence[Topic], workspace: Workspace, given: Mapping[st
             message = f"there are no images on `{given[camera]}`; {expected_names(given[camera], _names(topics))}"
             raise InputError(Problem("no-images", message, Place(path)))
         if own:
+            _check_one_stream(_names(own), camera, path)
             name = min(own, key=lambda topic: (IMAGES.index(topic.type), topic.name)).name
             _check_free(name, camera, found.setdefault(name, camera), given, path)
     if not found:
@@ -157,6 +161,23 @@ def _cameras_of(topics: Sequence[Topic], workspace: Workspace, given: Mapping[st
         mend = "sqrp audit PROGRAM RECORDING --topic CAMERA=TOPIC" if topics else None
         raise InputError(Problem("no-images", message, Place(path), mend=mend))
     return found
+
+
+def _stream(topic: str) -> str:
+    """The name of a stream of images, packed or not."""
+    return topic.removesuffix("/compressed")
+
+
+def _is_depth(topic: Topic) -> bool:
+    return topic.name.endswith("/compressedDepth")
+
+
+def _check_one_stream(topics: Sequence[str], camera: str, path: Path) -> None:
+    """Raises InputError where topics with the name of a camera have different images, as colours and depths."""
+    if len({_stream(topic) for topic in topics}) > 1:
+        message = f"there are images of {camera} on {first_names(topics)}; which are they?"
+        mend = f"sqrp audit PROGRAM RECORDING --topic {camera}={topics[0]}"
+        raise InputError(Problem("bad-option", message, Place(path), mend=mend))
 
 
 def _check_free(topic: str, camera: str, other: str, given: Mapping[str, str], path: Path) -> None:

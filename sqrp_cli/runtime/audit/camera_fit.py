@@ -10,7 +10,7 @@ motions to and fro.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -89,17 +89,7 @@ class SeenEdges:
         values = cv2.remap(gray, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) if len(x) else x
         contrast = np.abs(np.gradient(values, GRAIN, axis=1)) if len(x) else x
         outside = (x < 1) | (x > size[0] - 2) | (y < 1) | (y > size[1] - 2)
-        seen = replace(
-            edges,
-            points=edges.points[kept],
-            speeds=edges.speeds[kept],
-            beside=edges.beside[kept],
-            body=edges.body[kept],
-            owner=edges.owner[kept],
-            levers=edges.levers[kept],
-            freedom=edges.freedom[kept],
-        )
-        return cls(seen, pixels, normals, np.where(outside, 0.0, contrast))
+        return cls(edges.of(kept), pixels, normals, np.where(outside, 0.0, contrast))
 
 
 def reach_of(camera: Camera) -> float:

@@ -7,14 +7,14 @@ in it, smoothed, gives points of its edge to a fraction of a pixel, with their p
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array, inverse, matrix_to_quaternion, transform
+from sqrp_cli.geometry import Array, Mask, inverse, matrix_to_quaternion, transform
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.robot.joint_tree import Couplings
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
@@ -77,6 +77,11 @@ class ExpectedEdges:
     """Standard deviations of the place of their object along the world's axes [m] and of that turn [rad], (n, 4)."""
     R_CW: Array
     """The world's axes in the optical frame, (3, 3)."""
+
+    def of(self, kept: Mask) -> ExpectedEdges:
+        """Some of the points, (n,)."""
+        columns = ("points", "speeds", "beside", "body", "owner", "levers", "freedom")
+        return replace(self, **{name: getattr(self, name)[kept] for name in columns})
 
 
 class EdgeRenderer:

@@ -137,7 +137,7 @@ def _read(
         camera = workspace.cameras[name]
         most = int(np.clip(MEMORY // (camera.width * camera.height), TRIED, IMAGES))
         t = np.array([frame.t for frame in frames])
-        near = np.flatnonzero(_around_plan(footage, t)) if len(t) else np.empty(0, dtype=int)
+        near = np.flatnonzero(footage.as_planned(t))
         wanted |= {frames[near[i]] for i in _spread(len(near), most)}
     kept: dict[str, list[_Kept]] = {name: [] for name in workspace.cameras}
     changes = {name: ImageChanges([], []) for name in workspace.cameras}
@@ -148,11 +148,6 @@ def _read(
         if frame in wanted:
             kept[frame.camera].append(_Kept(frame, gray))
     return kept, changes
-
-
-def _around_plan(footage: Footage, t: Array) -> NDArray[np.bool_]:
-    """Whether the robot did as planned at a time, or soon before or after: clocks may be off."""
-    return footage.as_planned(t)
 
 
 def _spread(count: int, most: int) -> list[int]:

@@ -10,7 +10,7 @@ import pytest
 from sqrp_cli.errors import InputError, Place
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.ros.messages import message_types
-from sqrp_cli.runtime.record.packed_image import image_of
+from sqrp_cli.runtime.record.packed_image import DamagedImageError, image_of
 from sqrp_cli.runtime.record.png import jpeg_of, png_of
 
 CAMERA = Camera(
@@ -63,6 +63,24 @@ def test_a_mosaic_of_colours_becomes_an_image() -> None:
     assert np.abs(found - IMAGE)[2:-2, 2:-2].max() <= 6
 
 
+@pytest.mark.parametrize(("encoding", "luma"), [("yuv422_yuy2", 0), ("yuyv", 0), ("yuv422", 1), ("uyvy", 1)])
+def test_images_of_brightness_and_colour_are_read(encoding: str, luma: int) -> None:
+    r, g, b = (IMAGE[..., i].astype(float) for i in range(3))
+    y = 16 + 0.257 * r + 0.504 * g + 0.098 * b  # ITU-R BT.601, limited range
+    u, v = 128 - 0.148 * r - 0.291 * g + 0.439 * b, 128 + 0.439 * r - 0.368 * g - 0.071 * b
+    pixels = np.empty((48, 64, 2))
+    pixels[..., luma], pixels[:, ::2, 1 - luma], pixels[:, 1::2, 1 - luma] = y, u[:, ::2], v[:, ::2]
+    found = image_of(bare(encoding, pixels.round().astype(np.uint8), 128), CAMERA, PLACE, "here")
+    assert np.abs(found.astype(int) - IMAGE).max() <= 8
+
+
+def test_a_jpeg_that_is_damaged_inside_is_told_in_the_words_of_its_decoder(capfd: pytest.CaptureFixture[str]) -> None:
+    whole = jpeg_of(IMAGE)
+    with pytest.raises(DamagedImageError, match=r"here is damaged: .*JPEG"):
+        image_of(packed(whole[: 3 * len(whole) // 4] + b"\xff\xd9"), CAMERA, PLACE, "here")
+    assert capfd.readouterr().err == ""
+
+
 @pytest.mark.parametrize(
     ("message", "says"),
     [
@@ -74,7 +92,7 @@ def test_a_mosaic_of_colours_becomes_an_image() -> None:
         (bare("rgb8", IMAGE, 192, width=32, height=24), "is 32x24, the workspace says 64x48"),
         (bare("rgb8", IMAGE[:20], 192), "has fewer bytes than its 64x48 pixels need"),
         (bare("rgb8", IMAGE, 10), "has fewer bytes than its 64x48 pixels need"),
-        (bare("yuv422", IMAGE, 192), "has the encoding `yuv422`; read are rgb8"),
+        (bare("mono16", IMAGE, 192), "has the encoding `mono16`; read are rgb8"),
     ],
 )
 def test_an_image_that_cannot_be_read_is_told_with_its_message(message: Any, says: str) -> None:
