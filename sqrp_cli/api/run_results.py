@@ -137,6 +137,7 @@ class Audit(Answer["AuditDocument"]):
         """Whether so many came true, no camera has moved and no clock is wrong."""
         precision = self.report.total.precision
         as_stated = not any(one.has_moved or one.has_wrong_clock for one in self.cameras.values())
+        as_stated = as_stated and not self.report.apart
         return precision is not None and precision >= self.threshold and as_stated
 
     @property

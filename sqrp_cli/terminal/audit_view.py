@@ -32,6 +32,9 @@ def print_audit(
     if report.damaged:
         count = "1 image is" if len(report.damaged) == 1 else f"{len(report.damaged)} images are"
         say(f"{count} damaged and left out: {report.damaged[0]}.", "yellow")
+    for name, after in report.apart.items():
+        when = f"{abs(after):,.0f} s {'after' if after > 0 else 'before'} the robot's motion"
+        say(f"All images of {name} are, by their stamps, {when} or more: its clock is not the robot's.", "red")
     if report.missing:
         say(_without(report.missing, report.other_topics), "yellow")
     if report.repeated:

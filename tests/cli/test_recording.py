@@ -202,3 +202,27 @@ def test_of_several_streams_with_the_name_of_a_camera_one_is_asked_for(
     footage = opened.footage(tmp_path / "depth.mcap", {"cam3": images})
     assert {one.camera for one in footage.frames} == {"cam3"}
     assert footage.other_topics == []
+
+
+def test_a_camera_whose_clock_is_another_one_is_named(
+    sqrp: Callable[..., Any], slip_run: SlipRun, tmp_path: Path
+) -> None:
+    with Bag(slip_run.cell.folder / "run.mcap") as bag, written(tmp_path / "apart.mcap") as writer:
+        for one in bag.messages({"/joint_states", "/cam3/image_raw/compressed", "/cam5/image_raw/compressed"}):
+            message = bag.read(one)
+            message.header.stamp.sec += 60 if "cam5" in one.topic else 0
+            writer.add(one.topic, one.t, message)
+    found = sqrp("audit", slip_run.cell.program, tmp_path / "apart.mcap", "--threshold", "0%", "--json")
+    assert found.code == 1
+    time = open_program(slip_run.cell.program).program.steps[0].time
+    assert found.document["apart"] == {"cam5": pytest.approx(60.0 - time, abs=0.3)}
+
+
+def test_a_recording_in_place_of_the_program_is_told(sqrp: Callable[..., Any], slip_run: SlipRun) -> None:
+    recording = slip_run.cell.folder / "run.mcap"
+    found = sqrp("audit", recording, slip_run.cell.program, columns=300)
+    assert found.code == 2
+    assert "this is a recording; expected a program here" in found.err
+    assert f"sqrp audit {slip_run.cell.program} {recording}" in found.err
+    twice = sqrp("audit", slip_run.cell.program, recording, "--topic", "cam3=/a", "--topic", "cam3=/b")
+    assert "--topic names both /a and /b for cam3" in twice.err

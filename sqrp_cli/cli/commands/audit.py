@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from sqrp_cli.cli.options import Json, Patches, ProgramPath, answer, program_with_warnings, read_share
-from sqrp_cli.errors import ExitCode, InputError, Problem
+from sqrp_cli.errors import ExitCode, InputError, Place, Problem
 
 NAME = "audit"
 
@@ -49,11 +50,17 @@ def command(
     """
     from sqrp_cli.knowledge.text.patches import to_apply
     from sqrp_cli.platform.files import check_not_read
+    from sqrp_cli.ros.bag import is_bag
     from sqrp_cli.runtime.cell.requirements import check_packages
     from sqrp_cli.terminal.console import note, progress
 
     share = read_share(threshold, "--threshold", 0.0)
     topics = _topics(topic or [])
+    if is_bag(program):
+        mend = shlex.join(["sqrp", "audit", str(recording), str(program)])
+        raise InputError(
+            Problem("bad-option", "this is a recording; expected a program here", Place(program), mend=mend)
+        )
     check_packages()
     opened = program_with_warnings(program)
     if patch is not None:
@@ -71,12 +78,14 @@ def command(
 
 
 def _topics(texts: list[str]) -> dict[str, str]:
-    """Topics by camera. Raises InputError for a text that is no pair."""
-    pairs = {}
+    """Topics by camera. Raises InputError for a text that is no pair, and for two topics of a camera."""
+    pairs: dict[str, str] = {}
     for text in texts:
         camera, equals, topic = text.partition("=")
         if not (camera and equals and topic):
             message = f"--topic is `{text}`, expected CAMERA=TOPIC such as cam1=/left/image_raw/compressed"
             raise InputError(Problem("bad-option", message))
+        if pairs.get(camera, topic) != topic:
+            raise InputError(Problem("bad-option", f"--topic names both {pairs[camera]} and {topic} for {camera}"))
         pairs[camera] = topic
     return pairs

@@ -252,6 +252,9 @@ class AuditDocument(WorkspaceDocument):
     """Images identical to the one before them."""
     damaged: int
     """Images that are damaged and were left out."""
+    apart: Mapping[str, float]
+    """How long after the robot's motion the images of a camera are [s], negative: before it; of cameras all of whose
+    images are more than 3 s away from it, so that none was compared."""
     missing: list[str]
     """Cameras of the workspace that the recording has no images of; what was predicted of them is not compared."""
     other_topics: list[str]
@@ -261,7 +264,7 @@ class AuditDocument(WorkspaceDocument):
     threshold: float
     """Least `precision` that passes, in 0..1."""
     passed: bool
-    """Whether `precision` is at least that, no camera has moved and no clock is wrong."""
+    """Whether `precision` is at least that, no camera has moved, and no clock is wrong or `apart`."""
     cameras: Mapping[str, AuditedCamera]
     """By name; none without an OpenGL that draws."""
     patch: str
@@ -289,6 +292,7 @@ class AuditDocument(WorkspaceDocument):
             skipped=report.skipped,
             repeated=report.repeated,
             damaged=len(report.damaged),
+            apart=report.apart,
             missing=list(report.missing),
             other_topics=list(report.other_topics),
             precision=report.total.precision,

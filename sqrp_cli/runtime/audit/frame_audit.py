@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
@@ -13,6 +13,7 @@ from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program, Step
+from sqrp_cli.runtime.audit.clock import FARTHEST
 from sqrp_cli.runtime.audit.footage import Footage, Frame, ImageSource
 from sqrp_cli.runtime.monitor.nominal_step import NominalStep, values_when_open
 from sqrp_cli.runtime.monitor.prediction_check import PredictionCheck
@@ -65,6 +66,9 @@ class AuditReport:
     """Topics with images of no camera."""
     damaged: tuple[str, ...] = ()
     """What is wrong with each image that is damaged and was left out."""
+    apart: Mapping[str, float] = field(default_factory=dict)
+    """How long after the robot's motion the images of a camera are whose clock is not the robot's [s]: all of them are
+    more than `FARTHEST` after it, or before it, which is negative."""
 
     @property
     def total(self) -> Confusion:
@@ -123,7 +127,20 @@ def audit(
         tuple(name for name in workspace.cameras if name not in footage.recorded),
         tuple(footage.other_topics),
         tuple(footage.damaged.values()),
+        _apart(program, footage),
     )
+
+
+def _apart(program: Program, footage: Footage) -> dict[str, float]:
+    """`AuditReport.apart` of a recording."""
+    begin, end = footage.starts[0], footage.starts[-1] + program.steps[-1].time
+    found = {}
+    for camera in sorted(footage.recorded):
+        t = np.array([frame.t for frame in footage.frames if frame.camera == camera])
+        after = np.maximum(t - end, 0.0) + np.minimum(t - begin, 0.0)
+        if len(t) and np.abs(after).min() > FARTHEST:
+            found[camera] = float(after[np.argmin(np.abs(after))])
+    return found
 
 
 def _note_false(detection: Detection, t: float, planned: Iterable[str], false_at: dict[str, list[float]]) -> None:

@@ -114,7 +114,8 @@ def found_steps(program: Program, arm: Sequence[str], tracks: JointTracks, path:
         if fit.share < LEAST_SHARE:
             message = (
                 f"the motion of step {number}, {step.short_task}, is not in the joint states of this recording: where"
-                f" they are nearest to it, at {fit.start - tracks.span(arm)[0]:.2f} s, {fit.share:.0%} of it fits"
+                f" they are nearest to it, at {fit.start - tracks.span(arm)[0]:.2f} s, {fit.share:.0%} of it fits;"
+                " expected one that begins before the motion does"
             )
             raise InputError(Problem("other-motion", message, Place(path)))
         starts.append(fit.start)
