@@ -59,6 +59,20 @@ def test_every_message_is_what_the_types_of_rosbags_pack_again(recording: Path) 
             assert bag.types.encode(bag.read(one)) == bytes(one.data)
 
 
+def test_every_message_is_what_rosbags_packs_by_the_definitions_in_the_recording(recording: Path) -> None:
+    from rosbags.highlevel import AnyReader
+
+    with AnyReader([recording]) as reader:
+        store, ros1, read = reader.typestore, recording.suffix == ".bag", set()
+        for connection, _, data in reader.messages():
+            kind = connection.msgtype
+            message = store.deserialize_ros1(data, kind) if ros1 else store.deserialize_cdr(data, kind)
+            packed = store.serialize_ros1(message, kind) if ros1 else store.serialize_cdr(message, kind)
+            assert bytes(packed) == bytes(data), kind
+            read.add(connection.topic)
+        assert read == set(reader.topics)
+
+
 def test_an_mcap_is_read_by_the_library_of_its_format(recording: Path) -> None:
     reader = pytest.importorskip("mcap.reader")
     if recording.suffix != ".mcap":
