@@ -8,7 +8,7 @@ sums over pieces, and suprema lie at their ends: nothing is sampled.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -43,7 +43,14 @@ class Onset:
     x: Array
     """When it happens, shape (n,), n >= 2 [s]."""
     shown: Array
-    """From when on images show it, shape (n,), never falling [s]."""
+    """From when on images surely show it, shape (n,), never falling [s]."""
+    usual: Array | None = None
+    """From when on they usually do, shape (n,), never falling, not after `shown` [s]; None if that is the same."""
+
+    @property
+    def as_usual(self) -> Onset:
+        """The onset whose images show it when they usually do."""
+        return self if self.usual is None else Onset(self.x, self.usual)
 
     @classmethod
     def at_once(cls, start: float, end: float) -> Onset:
@@ -72,7 +79,7 @@ class Delays:
 
 
 def delays(windows: Sequence[Window], onset: Onset, end: float, cost: Callable[[Array], Array], bends: Array) -> Delays:
-    """The delays of something that happens at any x of `onset`.
+    """The delays of something that happens at any x of `onset`: the worst by what is sure, the rest by what is usual.
 
     windows: apart from each other, in order. end: when it is noticed if no image shows it [s]. cost: of being noticed
     at times, shape (n,) each, linear between `bends` [s].
@@ -80,6 +87,16 @@ def delays(windows: Sequence[Window], onset: Onset, end: float, cost: Callable[[
     Of several rates, the mean takes the phases to be the same share of every period, and the worst delay only counts on
     windows as long as a period, so that it holds whatever the phases are.
     """
+    usual = _delays(windows, onset.as_usual, end, cost, bends)
+    if onset.usual is None:
+        return usual
+    return replace(usual, worst=_delays(windows, Onset(onset.x, onset.shown), end, cost, bends).worst)
+
+
+def _delays(
+    windows: Sequence[Window], onset: Onset, end: float, cost: Callable[[Array], Array], bends: Array
+) -> Delays:
+    """As `delays`, of an onset whose images always show it at one time."""
     windows = list(_useful(windows, onset))
     shares, widths = _phases(windows, onset, bends)
     images = _images(windows, onset, shares)

@@ -4,19 +4,23 @@ A part that the tool loses falls freely, with the tool's velocity, down to where
 that it is not held once it lies clear of where the tool would show it, or apart from there and in a place in which it
 is looked for, too: seen in between, a detector of colours calls it neither held nor gone. It shows that it is in its
 place once the line of sight through its centre meets the middle plane of its box inside the box.
+
+How far apart is enough depends on what the tool hides of the part, and cameras may contradict each other. So there are
+two answers: when images *surely* show it, each camera by itself, and when they *usually* do, with more cameras that say
+so than cameras that say the opposite.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, Indices
+from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.knowledge.camera.judging import FULL, LEAST_SHARE, SHIFT_PIXELS, SHIFT_SHARE
+from sqrp_cli.knowledge.camera.judging import EMPTY, FULL, LEAST_SHARE, SHIFT_PIXELS, SHIFT_SHARE
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.skill.target_box import object_of
 from sqrp_cli.logic.formula_time import Stretch
@@ -26,18 +30,44 @@ from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.sensing.observer import Observer, sees_all
 from sqrp_cli.programming.targets import SoughtBox, Target
 
-APART_PIXELS, APART_SHARE = SHIFT_PIXELS, 2.0 * SHIFT_SHARE
-"""How far apart images must show a part from where the tool would show it: pixels, and a share of its size.
 
-Twice the detector's share: where fingers hide one end of it, the middle of what is seen moves by half as much.
-"""
+class Rule(NamedTuple):
+    """What a detector of colours needs to call a part not held, as far as it may be known beforehand."""
 
-INSIDE_SHARE = 1.0 - np.sqrt(1.0 - LEAST_SHARE * (1.0 - FULL / 2))
-"""How far from a place, as a share of its length that way, a part surely fills enough of it to count as there.
+    pixels: float
+    """How far apart it must be seen from where the tool would show it [pixels], ..."""
+    share: float
+    """... and a share of its size."""
+    inside: float
+    """How far from a place, as a share of its length that way, it fills enough of it to count as there."""
+    covered: float
+    """How much of where the tool would show it it may cover if it counts as there nowhere: a share."""
 
-Moved by a share d, a convex silhouette still covers (1 - d)^2 of itself at least (Brunn-Minkowski), even if all that
-it leaves uncovered is in the share of it that must be visible.
-"""
+
+SURE = Rule(
+    pixels=SHIFT_PIXELS,
+    # Twice the detector's share: where fingers hide one end of it, the middle of what is seen moves by half as much.
+    share=2.0 * SHIFT_SHARE,
+    # Moved by a share d, a convex silhouette still covers (1 - d)^2 of itself at least (Brunn-Minkowski), even if all
+    # that it leaves uncovered is in the share of it that must be visible.
+    inside=1.0 - float(np.sqrt(1.0 - LEAST_SHARE * (1.0 - FULL / 2))),
+    covered=0.0,
+)
+"""So much is surely enough."""
+
+HIDDEN = 0.5
+"""Share of the width of a part that its tool usually hides at the end at which it holds it."""
+
+USUAL = Rule(
+    # Of what moves by d, the middle of what is seen moves by (1 - HIDDEN / 2) d: the tool lays bare HIDDEN d of the
+    # part's width, half a length from its middle.
+    pixels=SHIFT_PIXELS / (1.0 - HIDDEN / 2),
+    share=SHIFT_SHARE / (1.0 - HIDDEN / 2),
+    # Moved along an edge by a share d, a box covers 1 - d of itself.
+    inside=1.0 - FULL / 2,
+    covered=EMPTY,
+)
+"""So much is usually enough."""
 
 GRAVITY = 9.81
 """[m/s^2]."""
@@ -93,7 +123,9 @@ def onset(
     found = _by_camera(stage, observer, literals, targets, interval)
     if found is None:
         return Onset.at_once(interval.start, interval.end)
-    return _between(found.x, found.shown.max(axis=0, initial=0.0), interval)
+    surely = found.shown.max(axis=0, initial=0.0)
+    shown = _between(found.x, surely, interval)
+    return replace(shown, usual=_between(found.x, np.minimum(found.usual, surely), interval).shown)
 
 
 def least_delays(
@@ -124,7 +156,9 @@ class _ByCamera(NamedTuple):
     x: Array
     """When the fault becomes true, shape (s,) [s]."""
     shown: Array
-    """From when on each shows it, as soon as it is lost where the camera is not asked, shape (c, s) [s]."""
+    """From when on each surely shows it, as soon as it is lost where the camera is not asked, shape (c, s) [s]."""
+    usual: Array
+    """From when on all of them together usually show it, shape (s,) [s]."""
 
 
 def _by_camera(
@@ -142,27 +176,65 @@ def _by_camera(
     if name is None or not left or interval.length <= 0.0:
         return None
     loss = _loss(stage, name, interval)
-    x, shown = loss.t, np.tile(loss.t, (len(observer.cameras), 1))
+    needed = {box: targets[lit.atom].cameras for lit, found in boxes.items() for box in found}
+    x, shown, usual = loss.t, np.tile(loss.t, (len(observer.cameras), 1)), loss.t
     rests = [box for box in _rests(stage, targets, name) if box not in reached]
     left_by, *by_place = _watching(stage, observer, [left, *([box] for box in [*reached, *rests])], interval)
     held = HeldPart(loss, _turn(stage, left[0], loss.t), np.array(left[0].size))
-    eyes, focal = _eyes([observer.cameras[number] for number in left_by])
-    shows = _apart(held, eyes, focal)
-    if left[0].limits.kind == "color":
-        there = [
-            np.where(np.isin(left_by, by)[:, None, None], _at_place(held, stage, box, eyes), -np.inf)
-            for box, by in zip([*reached, *rests], by_place, strict=True)
-        ]
-        shows = np.maximum(_clear(held, eyes), np.minimum(shows, np.max(there, axis=0, initial=-np.inf)))
-    shown[left_by] = loss.t + _first(shows)
+    view = _View(*_eyes([observer.cameras[number] for number in left_by]))
+    places = [(box, np.isin(left_by, by)) for box, by in zip([*reached, *rests], by_place, strict=True)]
+    told_by_color = left[0].limits.kind == "color"
+    _, gone = _moments(held, stage, view, places if told_by_color else None, SURE)
+    shown[left_by] = loss.t + gone
+    usual = loss.t + _outvoted(*_moments(held, stage, view, places if told_by_color else None, USUAL), needed[left[0]])
     for box, by in zip(reached, by_place, strict=False):
         X_WB = stage.resting[box.frame][0] @ box.X_FB
         offset = (loss.free - X_WB[:3, 3]) @ X_WB[:3, :3]
         half = 0.5 * np.array(box.size)
         x = np.maximum(x, loss.t + _first((half - np.abs(offset)).min(axis=2)[None])[0])
         eyes, _ = _eyes([observer.cameras[number] for number in by])
-        shown[by] = np.maximum(shown[by], loss.t + _first(_in_place(loss, X_WB, half, eyes)))
-    return _ByCamera(x, shown)
+        there = _first(_in_place(loss, X_WB, half, eyes))
+        shown[by] = np.maximum(shown[by], loss.t + there)
+        usual = np.maximum(usual, loss.t + _outvoted(there, there, needed[box]))
+    return _ByCamera(x, shown, usual)
+
+
+class _View(NamedTuple):
+    """Cameras that look at a part."""
+
+    eyes: Array
+    """Where they are, shape (c, 3) [m]."""
+    focal: Array
+    """Their focal lengths, shape (c,) [pixels]."""
+
+
+def _moments(
+    held: HeldPart, stage: Stage, view: _View, places: Sequence[tuple[SoughtBox, Mask]] | None, rule: Rule
+) -> tuple[Array, Array]:
+    """How long after a loss images of each camera no longer show the part held, and show it not held, (c, s) each [s].
+
+    places: in which it is looked for, each with the cameras that see it, shape (c,); None where a marker tells.
+    """
+    apart = _apart(held, view.eyes, view.focal, rule)
+    if places is None:
+        return _first(apart), _first(apart)
+    there = [
+        np.where(sees[:, None, None], _at_place(held, stage, box, view.eyes, rule), -np.inf) for box, sees in places
+    ]
+    gone = np.maximum(_clear(held, view.eyes, rule), np.minimum(apart, np.max(there, axis=0, initial=-np.inf)))
+    return _first(apart), _first(gone)
+
+
+def _outvoted(until: Array, since: Array, needed: int) -> Array:
+    """When more cameras say something than say the opposite, and as many as needed, shape (s,) [s].
+
+    until: when each of c cameras ceases to say the opposite, (c, s) [s]. since: when each says it, (c, s) [s].
+    """
+    times = np.concatenate([until, since])
+    yes = (since[None] <= times[:, None]).sum(axis=1)
+    no = (until[None] > times[:, None]).sum(axis=1)
+    found: Array = np.where((yes > no) & (yes >= needed), times, np.inf).min(axis=0, initial=np.inf)
+    return np.where(np.isfinite(found), found, since.max(axis=0, initial=0.0))
 
 
 def _between(x: Array, shown: Array, interval: Stretch) -> Onset:
@@ -275,30 +347,30 @@ def _eyes(cameras: Sequence[Camera]) -> tuple[Array, Array]:
     )
 
 
-def _apart(held: HeldPart, eyes: Array, focal: Array) -> Array:
+def _apart(held: HeldPart, eyes: Array, focal: Array, rule: Rule) -> Array:
     """By how much a part is further from where the tool would show it than it must be, shape (c, s, f) [m]."""
     across, distance, _ = _beside(held.loss.held, held.loss.free, eyes)
-    least = APART_PIXELS * distance / focal[:, None, None] + APART_SHARE * held.spread
+    least = rule.pixels * distance / focal[:, None, None] + rule.share * held.spread
     margin: Array = np.linalg.norm(across, axis=3) - least
     return margin
 
 
-def _clear(held: HeldPart, eyes: Array) -> Array:
-    """By how much a part is seen beside where the tool would show it, covering none of that, shape (c, s, f) [m]."""
+def _clear(held: HeldPart, eyes: Array, rule: Rule) -> Array:
+    """By how much a part is seen beside where the tool would show it, covering too little of that, (c, s, f) [m]."""
     across, distance, nearer = _beside(held.loss.held, held.loss.free, eyes)
     length = _length(across, held.loss.held - eyes[:, None, None], held.R_WB[:, None], held.size)
     scale = distance / (distance - nearer)
-    margin: Array = np.linalg.norm(across, axis=3) * scale - 0.5 * (1.0 + scale) * length
+    margin: Array = np.linalg.norm(across, axis=3) * scale - 0.5 * (1.0 + scale) * (1.0 - rule.covered) * length
     return margin
 
 
-def _at_place(held: HeldPart, stage: Stage, box: SoughtBox, eyes: Array) -> Array:
+def _at_place(held: HeldPart, stage: Stage, box: SoughtBox, eyes: Array, rule: Rule) -> Array:
     """By how much a part is nearer to where a place would show it than it must be to fill it, shape (c, s, f) [m]."""
     X_WB = stage.resting[box.frame][0] @ box.X_FB
     place = np.broadcast_to(X_WB[:3, 3], held.loss.free.shape)
     across, *_ = _beside(place, held.loss.free, eyes)
     length = _length(across, place - eyes[:, None, None], X_WB[:3, :3], held.size)
-    margin: Array = INSIDE_SHARE * length - np.linalg.norm(across, axis=3)
+    margin: Array = rule.inside * length - np.linalg.norm(across, axis=3)
     return margin
 
 

@@ -280,7 +280,9 @@ class SightOnset(Record):
     x: list[float]
     """When it happens [s]."""
     shown: list[float]
-    """From when on images show it [s]."""
+    """From when on images surely show it [s]."""
+    usual: list[float]
+    """From when on they usually show it [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -297,7 +299,10 @@ class FaultSight(Record):
         """As a study found it."""
         return cls(
             windows=[SightWindow(**window._asdict()) for window in study.windows[fault]],
-            onsets=[SightOnset(x=one.x.tolist(), shown=one.shown.tolist()) for one in study.onsets[fault]],
+            onsets=[
+                SightOnset(x=one.x.tolist(), shown=one.shown.tolist(), usual=one.as_usual.shown.tolist())
+                for one in study.onsets[fault]
+            ],
         )
 
 
