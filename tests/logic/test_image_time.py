@@ -119,3 +119,15 @@ def test_two_short_windows_are_a_sure_image_if_every_phase_falls_into_one() -> N
 def test_what_parts_late_is_shown_by_later_images_only() -> None:
     found = of([Window(0.0, 4.0, 0.1, 0.05)], Onset(np.array([1.0, 2.0]), np.array([1.03, 2.03])))
     assert (found.mean, found.worst) == (pytest.approx(0.13), pytest.approx(0.18))
+
+
+@settings(max_examples=15, deadline=None)
+@given(windows=some_windows((0.1,)), onset=onsets(), sooner=st.floats(0.0, 1.0))
+def test_the_mean_is_by_what_images_usually_show_and_the_worst_by_what_they_surely_do(
+    windows: list[Window], onset: Onset, sooner: float
+) -> None:
+    usual = np.maximum.accumulate(onset.x + sooner * (onset.shown - onset.x))
+    both = of(windows, Onset(onset.x, onset.shown, usual))
+    assert both.mean == of(windows, Onset(onset.x, usual)).mean
+    assert both.worst == of(windows, onset).worst
+    assert both.mean <= of(windows, onset).mean + 1e-9

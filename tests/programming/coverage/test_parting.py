@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sqrp_cli.geometry import Array, rpy_to_matrix
+from sqrp_cli.geometry import Array, pose, rpy_to_matrix
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.frames import FrameName
 from sqrp_cli.knowledge.skill.target_box import TargetBox
@@ -22,7 +22,10 @@ from sqrp_cli.runtime.perception.vision import filled
 from sqrp_cli.runtime.surface import Surface
 from tests.runtime.cell.scenes import camera, thing
 
+Size = tuple[float, float, float]
+
 EYES = [camera("low", (4.9, 0.1, 0.45), (4.0, 0.0, 0.2)), camera("high", (4.2, 0.4, 0.9), (4.0, 0.0, 0.2))]
+NEAR = camera("near", (4.4, 0.0, 0.2), (4.0, 0.0, 0.2))
 SIZES = [(0.02, 0.02, 0.06), (0.05, 0.03, 0.04)]
 HELD = np.array([4.0, 0.0, 0.2])
 STEPS = 24
@@ -31,13 +34,18 @@ WAYS = [(0.0, 0.0, -1.0), (0.3, 0.5, -0.8), (0.0, 1.0, 0.0)]
 
 
 class Painted:
-    """What one camera shows of a green box wherever it is, before grey."""
+    """What one camera shows of a green box wherever it is, before grey, and of a dark tool that may stand before it."""
 
-    def __init__(self, eye: Any, size: tuple[float, float, float]) -> None:
+    def __init__(self, eye: Any, size: tuple[float, float, float], tool: tuple[Array, Size] | None = None) -> None:
+        """tool: where its middle is, and its size."""
         self.size, self.eye = size, eye
         self.object = thing("part", (4.0, 0.0, 0.02), size, color="green")
         self.posed = PosedCamera(Projection.of(eye), eye.X_FC)
         self._surface = [Surface.of(part) for part in self.object.parts]
+        self._tool = ProjectedParts(())
+        if tool is not None:
+            surfaces = [Surface.of(part) for part in thing("tool", (0.0, 0.0, 0.0), tool[1]).parts]
+            self._tool = self.posed.silhouette(surfaces, {surfaces[0].parent: pose(np.eye(3), tool[0])})
 
     def projected(self, X_WO: Array) -> ProjectedObject:
         box = self.posed.outline(X_WO, self.size)
@@ -49,9 +57,10 @@ class Painted:
         plain = np.full((*self.posed.shape, 3), 128, dtype=np.uint8)
         image = plain.copy()
         image[filled(self.posed.shape, (0, 0), [self.projected(X_WO).box.corners])] = (0, 200, 0)
+        image[self._tool.mask(self.posed.shape, (0, 0), np.inf)] = 20
         nothing = np.zeros(self.posed.shape, dtype=bool)
         view: Any = SimpleNamespace(
-            image=image, camera=self.eye, posed_camera=self.posed, robot=ProjectedParts(()),
+            image=image, camera=self.eye, posed_camera=self.posed, robot=self._tool,
             believed=SimpleNamespace(holding=True, X_WO={}), pose=lambda box: box.X_FB,
             cell=SimpleNamespace(objects={}, detectors={"color": SimpleNamespace(min_visible=0.5)}),
             is_at_tool=lambda box: box.name == "tool", projected=lambda _, X: self.projected(X),
@@ -87,9 +96,9 @@ def test_from_when_on_a_part_counts_as_seen_lost_the_detector_says_so(eye: Any, 
         held = parting.HeldPart(loss, X_WH[None, :3, :3], np.array(size))
         eyes, focal = parting._eyes([eye])
         stage: Any = SimpleNamespace(resting={rest.frame: np.eye(4)[None]})
-        clear = parting._clear(held, eyes)[0, 0] >= 0
-        apart = parting._apart(held, eyes, focal)[0, 0] >= 0
-        there = parting._at_place(held, stage, rest, eyes)[0, 0] >= 0  # type: ignore[arg-type]
+        clear = parting._clear(held, eyes, parting.SURE)[0, 0] >= 0
+        apart = parting._apart(held, eyes, focal, parting.SURE)[0, 0] >= 0
+        there = parting._at_place(held, stage, rest, eyes, parting.SURE)[0, 0] >= 0  # type: ignore[arg-type]
         poses = [turned(at) for at in free]
         alone = np.array([painted.shows_not_held([tool], X) for X in poses])
         beside = np.array([painted.shows_not_held([tool, rest], X) for X in poses])
@@ -99,3 +108,38 @@ def test_from_when_on_a_part_counts_as_seen_lost_the_detector_says_so(eye: Any, 
         late.append((alone.argmax() - clear.argmax()) / STEPS)
     assert between, "apart is not enough: in between the detector calls it neither held nor gone"
     assert min(late) >= -0.2, "the bound is close to what the detector really needs"
+
+
+@pytest.mark.parametrize("hidden", [0.3, 0.5, 0.7])
+@pytest.mark.parametrize("size", SIZES)
+def test_what_a_tool_hides_of_a_part_tells_how_far_it_must_fall_until_an_image_shows_it(
+    size: Size, hidden: float
+) -> None:
+    depth, width, height = size
+    before_it = HELD + np.array([0.6 * depth, 0.0, 0.5 * height])
+    painted = Painted(NEAR, size, (before_it, (0.1 * depth, hidden * width, 0.5 * height)))
+    X_WH = pose(np.eye(3), HELD)
+    boxes = [box_at("tool", X_WH, size), box_at("rest", pose(np.eye(3), HELD - (0, 0, 0.1 * height)), size)]
+    falls = np.linspace(0.0, 0.5 * height, 200)
+    shown = [painted.shows_not_held(boxes, pose(np.eye(3), HELD - (0, 0, fall))) for fall in falls]
+    outline = painted.projected(X_WH).box
+    across, along = np.ptp(outline.polygon, axis=0) / (width, height)  # pixels of a metre
+    taken = hidden + 2.0 / (across * width)  # the detector takes tools to be a pixel wider than they are
+    least = (parting.SHIFT_PIXELS + parting.SHIFT_SHARE * outline.area**0.5) / (1.0 - taken / 2)
+    assert falls[np.argmax(shown)] * along == pytest.approx(least, rel=0.1)
+
+
+def test_cameras_show_what_more_of_them_say_than_deny() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        cameras, needed = int(rng.integers(1, 6)), int(rng.integers(1, 3))
+        until = rng.integers(0, 20, (cameras, 3)).astype(float)
+        since = until + rng.integers(0, 10, (cameras, 3))
+        for column, found in enumerate(parting._outvoted(until, since, needed)):
+            agreed = (
+                t
+                for t in np.arange(30.0)
+                if (since[:, column] <= t).sum() > (until[:, column] > t).sum()
+                and (since[:, column] <= t).sum() >= needed
+            )
+            assert found == next(agreed, since[:, column].max())
