@@ -6,6 +6,10 @@ exact verdicts. A draw takes one pose for each camera, and counts in time which 
 observed once more as a whole, by all cameras together, and must agree. From the worst and the best draw of each figure
 a search goes on to worse and better poses. Prints a line for each figure and the summary; exit code 1 where a pose
 leaves a certificate, or a draw is not what the cameras see together.
+
+A certificate proves each instant by itself, so it is also compared with the poses *at each instant*: what the worst
+pose of each camera at that instant makes of the figure, and what the best one does. Where a figure changes at many
+instants, no single draw is the worst at all of them; then draws differ by less, but no hull is decided any later.
 """
 
 from __future__ import annotations
@@ -120,6 +124,8 @@ class Draws:
     """The pose of each camera, shape (draws, c)."""
     found: Sequence[Sequence[Qualities]]
     """The qualities of each candidate in each draw."""
+    at_each_instant: Sequence[tuple[Qualities, Qualities]]
+    """The qualities of each candidate by the worst and by the best poses at each instant."""
 
     @classmethod
     def of(cls, trial: Trial, draws: int, poses: int) -> Draws:
@@ -138,8 +144,9 @@ class Draws:
         chosen = random.integers(poses, size=(draws, cameras))
         by_target = iter(zip(*seen, strict=True))
         at = chosen + poses * np.arange(cameras)
-        found = [_qualities(watch, [next(by_target) for _ in watch.targets], at) for watch in watches]
-        return cls(errors, chosen, found)
+        views = [Views.of(watch, [next(by_target) for _ in watch.targets]) for watch in watches]
+        found = [one.qualities(at) for one in views]
+        return cls(errors, chosen, found, [one.at_each_instant(cameras) for one in views])
 
     def of_draw(self, draw: int) -> Array:
         """The errors of all cameras, shape (c, 2, 3)."""
@@ -190,29 +197,61 @@ class Cells:
         return seen
 
 
-def _qualities(watch: Watch, seen: Sequence[Sequence[Timeline]], poses: Indices) -> list[Qualities]:
-    """The qualities of a motion in draws.
+@dataclass(frozen=True, eq=False)
+class Views:
+    """What is seen of r targets in n cells of a motion, from each of p poses of any camera."""
 
-    seen: of each target, from each pose of any camera; poses: those of each draw, by index, shape (draws, c).
-    """
-    cells = Cells.of(watch)
-    required = watch.stage.requires(watch.targets, Samples(cells.piece, cells.t)).T
-    needed = np.array([target.cameras for target in watch.targets])[:, None]
-    views = np.stack([[cells.seen(timeline) for timeline in one] for one in seen])  # targets, poses, cells
+    seen: Mask
+    """Whether a pose sees a target in a cell, shape (r, p, n)."""
+    required: Mask
+    """Whether a target must be seen in a cell, shape (r, n)."""
+    needed: Indices
+    """How many cameras must see each target, shape (r, 1)."""
+    lengths: Array
+    """Of the cells, see `Cells`, shape (2, n) [s]."""
+    total: Array
+    """T and T_eoi of the motion, shape (2,) [s]."""
 
-    def times(views: Mask, required: Mask, lengths: Array, draw: Indices) -> Array:
-        covered: Mask = np.all((views[:, draw].sum(axis=1) >= needed) | ~required, axis=0)
-        found: Array = lengths[:, covered].sum(axis=1)
+    @classmethod
+    def of(cls, watch: Watch, seen: Sequence[Sequence[Timeline]]) -> Views:
+        """By the timeline of each target from each pose."""
+        cells = Cells.of(watch)
+        return cls(
+            seen=np.stack([[cells.seen(timeline) for timeline in one] for one in seen]),
+            required=watch.stage.requires(watch.targets, Samples(cells.piece, cells.t)).T,
+            needed=np.array([target.cameras for target in watch.targets])[:, None],
+            lengths=cells.lengths,
+            total=np.array([watch.T, watch.T_eoi]),
+        )
+
+    def qualities(self, poses: Indices) -> list[Qualities]:
+        """Those in draws; poses: those of each, by index, shape (draws, c)."""
+        varies: Mask = np.any(self.seen.any(axis=1) != self.seen.all(axis=1), axis=0)
+        always, changing = self._some(~varies), self._some(varies)
+        return [
+            self._quality(always._times(always.seen[:, poses[0]]) + changing._times(changing.seen[:, draw]))
+            for draw in poses
+        ]
+
+    def at_each_instant(self, cameras: int) -> tuple[Qualities, Qualities]:
+        """The least and the most that poses of c cameras make of the qualities if each instant may have its own."""
+        by_camera = self.seen.reshape(len(self.seen), cameras, -1, self.seen.shape[2])
+        least, most = by_camera.all(axis=2), by_camera.any(axis=2)
+        return self._quality(self._times(least)), self._quality(self._times(most))
+
+    def _some(self, cells: Mask) -> Views:
+        chosen = {"seen": self.seen[..., cells].copy(), "required": self.required[:, cells]}
+        return replace(self, **chosen, lengths=self.lengths[:, cells])
+
+    def _times(self, seen: Mask) -> Array:
+        """How long enough cameras see all that they must; seen: by each of c cameras, shape (r, c, n)."""
+        covered: Mask = np.all((seen.sum(axis=1) >= self.needed) | ~self.required, axis=0)
+        found: Array = self.lengths[:, covered].sum(axis=1)
         return found
 
-    varies: Mask = np.any(views.any(axis=1) != views.all(axis=1), axis=0)
-    always, changing = (
-        (views[..., some].copy(), required[:, some], cells.lengths[:, some]) for some in (~varies, varies)
-    )
-    total = np.array([watch.T, watch.T_eoi])
-    of_draws = (times(*always, poses[0]) + times(*changing, draw) for draw in poses)
-    return [Qualities(*(float(q) if T else None for q, T in zip(one / np.maximum(total, 1e-9), total, strict=True)))
-            for one in of_draws]  # fmt: skip
+    def _quality(self, times: Array) -> Qualities:
+        shares = zip(times / np.maximum(self.total, 1e-9), self.total, strict=True)
+        return Qualities(*(float(q) if T else None for q, T in shares))
 
 
 def within_unit(errors: Array) -> Array:
@@ -269,12 +308,17 @@ def _compare(trial: Trial, drawn: Draws, index: int, figure: str) -> bool:
     # Draws are counted in cells; what is searched is not.
     broken: bool = low < least - ROUNDING or high > most + ROUNDING
     broken |= min(values) < least - AGREED or max(values) > most + AGREED
-    spread, width = max(values) - min(values), most - least
-    ratio = f"{width / spread:.1f} times as wide" if spread > 0 else f"{100 * width:.2f} points wide, all draws alike"
+    worst, best = (getattr(one, figure) for one in drawn.at_each_instant[index])
+    width = most - least
+    ratio = f"{_times(width, max(values) - min(values))} draws, {_times(width, best - worst)} poses at each instant"
     found = {"proven": (least, most), "drawn": (min(values), max(values)), "searched": (low, high)}
     words = ", ".join(f"{word} {100 * first:6.2f} to {100 * last:6.2f}" for word, (first, last) in found.items())
     print(f"  {trial.names[index]:24s} {figure}: {words}: {ratio}{', BROKEN' if broken else ''}", flush=True)
     return broken
+
+
+def _times(width: float, of: float) -> str:
+    return f"{width / of:.1f} times as wide as" if of > 0 else f"{100 * width:.2f} points wide, against alike"
 
 
 if __name__ == "__main__":
