@@ -97,7 +97,7 @@ def _delays(
     windows: Sequence[Window], onset: Onset, end: float, cost: Callable[[Array], Array], bends: Array
 ) -> Delays:
     """As `delays`, of an onset whose images always show it at one time."""
-    windows = list(_useful(windows, onset))
+    whole, windows = windows, list(_useful(windows, onset))
     shares, widths = _phases(windows, onset, bends)
     images = _images(windows, onset, shares)
     x, length = onset.x[0], onset.x[-1] - onset.x[0]
@@ -107,7 +107,7 @@ def _delays(
     spent = (images.share * costs[:-1].reshape(images.known.shape)).sum(axis=1) + gone * costs[-1]
     noticed = (images.share * images.known).sum(axis=1) + gone * end
     several = len({window.period for window in windows}) > 1
-    worst = _surely(windows, onset, end) if several else _latest(images, onset, end)
+    worst = _surely(whole, onset, end) if several else _latest(images, onset, end)
     return Delays(
         mean=float(weight @ noticed - x - 0.5 * length),
         worst=worst,

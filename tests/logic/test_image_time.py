@@ -102,6 +102,21 @@ def test_no_phases_of_cameras_with_several_rates_exceed_the_worst_delay(
     assert latest <= of(windows, onset).worst + 1e-9
 
 
+def test_the_worst_delay_of_several_rates_is_that_at_the_end_of_the_faster_windows() -> None:
+    windows = [Window(0.0, 1.5, 0.1, 0.05), Window(1.5, 4.0, 1 / 7, 0.12)]
+    assert of(windows, Onset.at_once(1.0, 1.3)).worst == pytest.approx(0.1 + 0.05)
+    assert of(windows, Onset.at_once(1.0, 2.0)).worst == pytest.approx(1.5 - 1.4 + 1 / 7 + 0.12)
+    assert of(windows, Onset.at_once(1.6, 2.0)).worst == pytest.approx(1 / 7 + 0.12)
+
+
+@settings(max_examples=30, deadline=None)
+@given(onset=onsets(), change=st.floats(0.0, 4.0), lag=st.sampled_from([0.02, 0.05]))
+def test_no_change_of_rate_costs_more_than_an_image_of_each(onset: Onset, change: float, lag: float) -> None:
+    windows = [Window(0.0, change, 0.1, lag), Window(change, END, 0.07, lag)]
+    parted = float((onset.shown - onset.x).max())
+    assert of(windows, onset).worst <= parted + 0.1 + 0.07 + lag + 1e-9
+
+
 def test_a_window_shorter_than_a_period_is_no_sure_image() -> None:
     found = of([Window(2.0, 2.052, 0.1, 0.05)], Onset.at_once(1.0, 1.0))
     assert found.unseen == pytest.approx(0.48)
