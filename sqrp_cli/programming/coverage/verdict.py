@@ -191,7 +191,17 @@ def stretches(blind: Mask) -> Iterator[Indices]:
 
 
 def explain_stretches(cell: Cell, lost: Sequence[tuple[Study, Indices]]) -> list[BlindStretch]:
-    """The lost literal in each run of uncovered samples, and why; of several literals, that lost in most of a few."""
+    """The lost literal in each run of uncovered samples, and why; of several literals, that lost in most of a few.
+
+    Where that one is lost for a part of the run only, the stretch is the longest such part.
+    """
+    found = _look(cell, lost)
+    parts = iter(_look(cell, [(look.study, look.longest_loss(cell)) for look in found if not look.is_lost.all()]))
+    return [(look if look.is_lost.all() else next(parts)).stretch(cell) for look in found]
+
+
+def _look(cell: Cell, lost: Sequence[tuple[Study, Indices]]) -> list[_WorstLoss]:
+    """The literal that is lost in most of a few samples of each run, by verdicts on all runs at once."""
     if not lost:
         return []
     looks = [_CauseLook.of(study, rows) for study, rows in lost]
@@ -200,17 +210,17 @@ def explain_stretches(cell: Cell, lost: Sequence[tuple[Study, Indices]]) -> list
     rows = [np.arange(*ends) for look, ends in zip(looks, pairwise(first), strict=True) for _ in look.targets]
     targets = [target for look in looks for target in look.targets]
     matrices = iter(cell.observer.verdicts(targets, states, rows=rows, shares=False))
-    return [look.stretch(cell, [next(matrices) for _ in look.targets]) for look in looks]
+    return [look.worst([next(matrices) for _ in look.targets]) for look in looks]
 
 
 @dataclass(frozen=True, eq=False)
 class _CauseLook:
     """A look at a few samples of a stretch that is not covered."""
 
-    start: float
-    """First sample of the stretch [s]."""
-    end: float
-    """Last sample of the stretch [s]."""
+    study: Study
+    """Whose stretch it is."""
+    rows: Indices
+    """All samples of the stretch."""
     samples: Samples
     """m of them."""
     targets: tuple[Target, ...]
@@ -227,29 +237,66 @@ class _CauseLook:
         uncovered = timeline.observation.required[chosen] & ~timeline.observation.covered[chosen]
         columns = np.flatnonzero(uncovered.any(axis=0))
         return cls(
-            start=float(samples.t[rows[0]]),
-            end=float(samples.t[rows[-1]]),
+            study=study,
+            rows=rows,
             samples=Samples(samples.piece[chosen], samples.t[chosen]),
             targets=tuple(study.targets[column] for column in columns.tolist()),
             uncovered=uncovered[:, columns],
         )
 
-    def stretch(self, cell: Cell, matrices: Sequence[tuple[BoxVerdicts, ...]]) -> BlindStretch:
-        """What the verdicts on the targets say about the stretch."""
+    def worst(self, matrices: Sequence[tuple[BoxVerdicts, ...]]) -> _WorstLoss:
+        """The target that is lost in most of the samples, by the verdicts on each target in them."""
         lost = [
-            uncovered & (sees_all(boxes).sum(axis=1) < target.cameras)
+            uncovered & _is_lost(target, boxes)
             for uncovered, target, boxes in zip(self.uncovered.T, self.targets, matrices, strict=True)
         ]
-        worst = int(np.sum(lost, axis=1).argmax())
-        causes = tuple(_camera_causes(cell, matrices[worst], np.flatnonzero(lost[worst])))
+        most = int(np.sum(lost, axis=1).argmax())
+        return _WorstLoss(self.study, self.rows, self.targets[most], matrices[most], lost[most])
+
+
+def _is_lost(target: Target, boxes: Sequence[BoxVerdicts]) -> Mask:
+    """The samples in which fewer cameras than needed see the target, shape (m,)."""
+    seeing: Indices = sees_all(boxes).sum(axis=1)
+    return seeing < target.cameras
+
+
+@dataclass(frozen=True, eq=False)
+class _WorstLoss:
+    """The target that is lost in most of a few samples of a stretch that is not covered."""
+
+    study: Study
+    """Whose stretch it is."""
+    rows: Indices
+    """All samples of the stretch."""
+    target: Target
+    boxes: tuple[BoxVerdicts, ...]
+    """The verdicts on its boxes in the few samples."""
+    is_lost: Mask
+    """In which of these it is lost, shape (m,)."""
+
+    def longest_loss(self, cell: Cell) -> Indices:
+        """The samples of the longest part of the stretch in which the target is required and lost."""
+        timeline, rows = self.study.timeline, self.rows
+        samples = Samples(timeline.samples.piece[rows], timeline.samples.t[rows])
+        every = np.arange(len(rows))
+        states = states_of([self.study.stage], [samples])
+        (boxes,) = cell.observer.verdicts([self.target], states, rows=[every], shares=False)
+        column = self.study.targets.index(self.target)
+        parts = stretches(timeline.observation.required[rows, column] & _is_lost(self.target, boxes))
+        return rows[max(parts, key=lambda part: samples.t[part[-1]] - samples.t[part[0]])]
+
+    def stretch(self, cell: Cell) -> BlindStretch:
+        """What the verdicts say about the stretch."""
+        causes = tuple(_camera_causes(cell, self.boxes, np.flatnonzero(self.is_lost)))
         blind = {cause.camera for cause in causes}
+        t = self.study.timeline.samples.t
         return BlindStretch(
-            start=self.start,
-            end=self.end,
-            atom=self.targets[worst].atom,
+            start=float(t[self.rows[0]]),
+            end=float(t[self.rows[-1]]),
+            atom=self.target.atom,
             causes=causes,
             seeing=tuple(camera.name for camera in cell.observer.cameras if camera.name not in blind),
-            needed=self.targets[worst].cameras,
+            needed=self.target.cameras,
         )
 
 

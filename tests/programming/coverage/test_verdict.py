@@ -14,7 +14,7 @@ from sqrp_cli.programming.coverage.blind_spans import cause_totals, sample_weigh
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.coverage.verdict import explain_stretches, stretches, verdict
 from sqrp_cli.programming.sensing.cause import Cause
-from sqrp_cli.programming.sensing.observer import Observer
+from sqrp_cli.programming.sensing.observer import Observer, sees_all
 from sqrp_cli.programming.task import read_task
 
 CANDIDATES = ("g1", "g2", "g3", "g4", "g5")
@@ -121,3 +121,19 @@ def test_where_two_cameras_are_needed_each_is_reported_with_whether_it_sees_for_
     assert str(stretch).startswith(f"Fewer than 2 cameras see {found.targets[0].atom} from ")
     told = " ".join(part for part in re.split(r"[(;)]", str(stretch)) if "for a part of that time" in part)
     assert {camera for camera in share if camera in told} == partly
+
+
+def test_a_literal_is_named_for_times_at_which_it_is_lost_itself(cell: Cell, studies: dict[str, Study]) -> None:
+    found = studies["g4"]
+    timeline = found.timeline
+    matrix = timeline.observation.full_matrix
+    seen = np.array([sees_all(boxes).any(axis=1) for boxes in matrix]).T
+    lost = timeline.observation.required & ~seen
+    every = np.flatnonzero(timeline.monitored & ~timeline.covered)
+    (stretch,) = explain_stretches(cell, [(found, every)])
+    column = next(place for place, target in enumerate(found.targets) if target.atom == stretch.atom)
+    t = timeline.samples.t
+    inside = timeline.monitored & (stretch.start <= t) & (t <= stretch.end)
+    assert inside.any()
+    assert lost[inside, column].all()
+    assert not lost[every, column].all(), "else nothing was narrowed"
