@@ -69,11 +69,13 @@ def print_ranking(
 def _sentences(feasible: Sequence[Ranked], by: Criterion, *, all_ways: bool) -> Iterator[str]:
     """Why the first is first and the last last, and what other ways there are."""
     yield why_first(feasible, by)
+    last = feasible[-1].assessment
+    all_seen = last.verdict == NOTHING_MISSING
     if len(feasible) > 1:
-        last = feasible[-1].assessment
-        name, all_seen = last.candidate.name, last.verdict == NOTHING_MISSING
-        beginning = f"Even in the last, {name}," if all_seen else f"Last is {name}:"
+        beginning = f"Even in the last, {last.candidate.name}," if all_seen else f"Last is {last.candidate.name}:"
         yield f"{beginning} {last.verdict[0].lower()}{last.verdict[1:]}"
+    elif not all_seen:
+        yield last.verdict
     yield from filter(None, (faster_ways(feasible, all_shown=all_ways), blind_ends(feasible)))
 
 
@@ -200,9 +202,29 @@ def _print_feasible(feasible: Sequence[Ranked], shown: Sequence[Ranked]) -> None
     print_table(columns, rows)
     if len(shown) < len(feasible):
         say(f"... and {len(feasible) - len(shown)} more (--all)", "dim")
-    faults = feasible[0].assessment.faults
+    _print_about_faults([ranked.assessment for ranked in shown])
+
+
+def _print_about_faults(shown: Sequence[Assessment]) -> None:
+    """Which faults the last columns are about, and which of them no image may show."""
+    faults, retried = list(shown[0].faults), _retried(shown[0])
     if len(faults) > 1:
-        say(plain(f"The last columns are about the worst of the faults {', '.join(faults)}.", "dim"))
+        about = f"seen, at worst: the longest of {', '.join(faults)}"
+        done = f"; all done: after a retry of {', '.join(retried)}" if retried else ""
+        say(plain(f"{about}{done}.", "dim"))
+    unseen = [said for name in faults if (said := _unseen(name, shown))]
+    if unseen:
+        say(f"Noticed only when the skill ends, as no image shows it: {', '.join(unseen)}.")
+
+
+def _unseen(fault: str, shown: Sequence[Assessment]) -> str | None:
+    """Of which candidates a fault may be seen in no image, and how often; None if it is always seen."""
+    blind = sorted((one for one in shown if one.faults[fault].unseen > 0), key=lambda one: -one.faults[fault].unseen)
+    if not blind:
+        return None
+    first, *others = (one.candidate.name for one in blind)
+    whose = f" of {first}{f' and {len(others)} more' if others else ''}" if len(shown) > 1 else ""
+    return f"{fault}{whose} in {'up to ' if others else ''}{100 * blind[0].faults[fault].unseen:.0f} % of cases"
 
 
 def _settings(ranked: Ranked, names: Sequence[str]) -> str:
@@ -225,9 +247,14 @@ def _fault_figures(assessment: Assessment) -> Iterator[_Figure]:
         title = faults[0] if len(faults) == 1 else "fault"
         yield _Figure(f"{title}\nseen [s]", lambda found: _worst(found, "delay_mean"))
         yield _Figure("at\nworst", lambda found: _worst(found, "delay_worst"))
-    retried = assessment.candidate.skill.retried_faults.intersection(faults)
+    retried = _retried(assessment)
     if retried:
         yield _Figure("all\ndone", lambda found: f"{max(found.faults[name].expected_time for name in retried):.1f}")
+
+
+def _retried(assessment: Assessment) -> list[str]:
+    """The faults of a candidate after which it is tried again."""
+    return [name for name in assessment.faults if name in assessment.candidate.skill.retried_faults]
 
 
 def _worst(assessment: Assessment, delay: Literal["delay_mean", "delay_worst"]) -> Styled:

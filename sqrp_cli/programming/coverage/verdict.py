@@ -41,7 +41,7 @@ _SENTENCES = {
     Cause.OBLIQUE: "{camera} sees {target} {figure} too obliquely",
     Cause.TOO_SMALL: "{camera} sees {target} {figure} too small",
     Cause.HIDDEN: "{camera} cannot see {target} behind {by}",
-    Cause.SAME_COLOUR: "{camera} cannot tell {target} from {by} behind it, which has the same colour",
+    Cause.SAME_COLOUR: "{camera} cannot tell {target} from {by} of the same colour behind it",
 }
 
 _ADVICE = {
