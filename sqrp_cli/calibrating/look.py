@@ -21,7 +21,6 @@ from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.likelihood import Shutter, likelihoods
-from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates, fixed_frame
 from sqrp_cli.programming.targets import SoughtBox, Target
 from sqrp_cli.runtime.audit.frame_audit import detected
@@ -68,7 +67,7 @@ def _of_camera(
     """The boxes in the images of one camera, those looks alone that count."""
     images = [image for image, _ in shown]
     camera = cell.workspace.cameras[images[0].frame.camera]
-    observer = Observer((camera,), cell.observer.solids)
+    observer = replace(cell.observer, cameras=(camera,))
     starts = together.sought.starts
     states, opens, closes = (
         _states(robot, [getattr(image, when) for image in images], starts) for when in ("believed", "opens", "closes")

@@ -42,6 +42,7 @@ def cell_warnings(cell: Cell) -> tuple[Problem, ...]:
         *parts_outside_size(workspace),
         *overlapping_shapes(workspace),
         *cameras_inside(workspace, model, cell.observer.solids),
+        *lamps_inside(workspace, cell.observer.solids),
         *unreachable_speeds(workspace, model),
         *assumed_contacts(cell),
     )
@@ -103,6 +104,21 @@ def cameras_inside(workspace: Workspace, model: RobotModel, solids: Sequence[Sol
             place = workspace.places.get(f"cameras.{camera.name}")
             yield Problem(code, message, place, severity="warning", mend=mend)
             break
+
+
+def lamps_inside(workspace: Workspace, solids: Sequence[Solid]) -> Iterator[Problem]:
+    """Lamps inside an object, which keeps all their light."""
+    for name, light in workspace.lights.items():
+        for solid in solids if light.position is not None else ():
+            around = workspace.objects.get(solid.part.parent)
+            if around is not None and around.X_WO is not None:
+                position = transform(inverse(around.X_WO), np.array([light.position]))[0]
+                if solid.contains(position):
+                    message = f"light `{name}` is inside `{around.name}`, which keeps all its light"
+                    place = workspace.places.get(f"lights.{name}")
+                    mend = f"move one of them; if `{around.name}` is the lamp's housing, leave it out of the workspace"
+                    yield Problem("light-inside-object", message, place, severity="warning", mend=mend)
+                    break
 
 
 def unreachable_speeds(workspace: Workspace, model: RobotModel) -> Iterator[Problem]:

@@ -1,12 +1,13 @@
 """Colours that have a name: their paint, and which of them detectors of colours cannot tell apart.
 
-Light without a colour of its own changes how bright a paint is, not its hue; detectors of colours look for hues.
+Light without a colour of its own changes how bright a paint is, not its hue, unless it saturates; detectors of colours
+look for hues.
 """
 
 from __future__ import annotations
 
 import colorsys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 Rgb = tuple[float, float, float]
 """Red, green and blue, 0 to 1."""
@@ -39,6 +40,9 @@ HUE_TOLERANCE = 12
 LEAST_SATURATION = 0.3
 """Below it, in 0..1, a paint has no hue to look for."""
 
+LEAST_SEEN_SATURATION, LEAST_VALUE = 90 / 255, 40 / 255
+"""Below these, in 0..1, a detector of colours counts a pixel as grey or black, not as coloured."""
+
 
 def hue_of(color: str | None) -> int | None:
     """The hue (0 to `HUES` - 1) of a colour's name; None for one without a hue, or that has no paint here."""
@@ -54,4 +58,14 @@ def look_alike(sought: str | None, other: str | None) -> bool:
     if first is None or second is None:
         return False
     apart = abs(first - second)
+    return min(apart, HUES - apart) <= HUE_TOLERANCE
+
+
+def detected_as(color: str, pixel: Sequence[float]) -> bool:
+    """Whether a detector that looks for a colour takes a pixel, red, green and blue in 0..1, for it."""
+    sought, (r, g, b) = hue_of(color), pixel
+    hue, saturation, value = colorsys.rgb_to_hsv(r, g, b)
+    if sought is None or saturation < LEAST_SEEN_SATURATION or value < LEAST_VALUE:
+        return False
+    apart = abs(hue * HUES - sought)
     return min(apart, HUES - apart) <= HUE_TOLERANCE

@@ -49,14 +49,14 @@ class Cell:
             workspace=workspace,
             model=model,
             collision=CollisionScene(model, objects, unchecked, workspace.padding),
-            observer=Observer(tuple(workspace.cameras.values()), solids),
+            observer=Observer(tuple(workspace.cameras.values()), solids, workspace.lights),
             self_contacts=contacts,
             seed=seed,
         )
 
     def seen_by(self, workspace: Workspace) -> Cell:
         """The cell of a workspace that differs in its cameras only; motions stay the same."""
-        observer = Observer(tuple(workspace.cameras.values()), self.observer.solids)
+        observer = replace(self.observer, cameras=tuple(workspace.cameras.values()))
         return replace(self, workspace=workspace, observer=observer)
 
     @property

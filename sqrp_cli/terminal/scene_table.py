@@ -36,6 +36,7 @@ def print_scene(cell: Cell) -> None:
     _print_files(cell)
     say()
     _print_objects(cell)
+    _print_lights(workspace)
     say(f"\nskills  {', '.join(workspace.skills)}")
     say(f"state   {', '.join(sorted(map(str, workspace.state))) or 'nothing holds'}")
     say(f"tasks   {', '.join(expected.task for expected in workspace.tasks) or 'none'}")
@@ -90,6 +91,22 @@ def _print_objects(cell: Cell) -> None:
     print_table(
         [Column("object"), Column("what"), Column("size [m]"), Column("at [m]"), Column(""), Column("on")], objects
     )
+
+
+def _print_lights(workspace: Workspace) -> None:
+    if workspace.lights:
+        rows = [
+            (
+                name,
+                f"{light.intensity:g}",
+                "everywhere" if light.is_ambient else _numbers(light.heading),
+                "" if light.position is None else _numbers(np.array(light.position)),
+                "" if light.position is None else f"{np.degrees(2 * light.half_beam):.0f}",
+            )
+            for name, light in workspace.lights.items()
+        ]
+        say()
+        print_table([Column("light"), *map(Column, ("intensity", "direction", "at [m]", "beam [deg]"))], rows)
 
 
 def print_new_cell(folder: Path, starter: Starter, run: FirstRun | None, *, own_arm: bool) -> None:

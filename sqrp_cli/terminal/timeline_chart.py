@@ -43,6 +43,8 @@ SIGNS: dict[Cause, tuple[str, str]] = {
     Cause.TOO_SMALL: ("s", "magenta"),
     Cause.HIDDEN: ("h", "red"),
     Cause.SAME_COLOUR: ("c", "red"),
+    Cause.TOO_DARK: ("d", "red"),
+    Cause.TOO_BRIGHT: ("b", "red"),
 }
 """Sign and colour of each cause."""
 
@@ -52,7 +54,11 @@ NOT_REQUIRED = ("·", "dim")
 LEGEND = (
     "█ covered  h hidden  o out of image  f too far  n too near  a angle  s too small  - not covered  · not required"
 )
-SAME_COLOUR = "  c same colour behind"
+SELDOM = {
+    Cause.SAME_COLOUR: "  c same colour behind",
+    Cause.TOO_DARK: "  d too dark",
+    Cause.TOO_BRIGHT: "  b too bright",
+}
 """Added to it where a camera cannot see something for that."""
 
 
@@ -73,9 +79,9 @@ def print_study(
     for row in _Chart(study, study.motion.time).rows(cell):
         say(row)
     totals = cause_totals(cell, study)
-    said = any(total.cause is Cause.SAME_COLOUR for total in totals)
+    seldom = [words for cause, words in SELDOM.items() if any(total.cause is cause for total in totals)]
     say(plain(_doings(study), "dim"))
-    say(plain(LEGEND + SAME_COLOUR * said, "dim"))
+    say(plain("".join([LEGEND, *seldom]), "dim"))
     _print_faults(assessment)
     say(f"\n{_camera_failures(cell, study, assessment)}")
     if totals:

@@ -28,6 +28,7 @@ MAX_PIXELS = 200_000_000
 PixelCount = Annotated[int, Field(strict=True, gt=0, le=100_000)]
 FieldOfView = Annotated[float, In(ANGLE, radians(0.01), radians(179.9))]
 FocalLength = Annotated[float, In(PIXELS, 0.1, LARGEST)]
+Gain = Annotated[float, In(None, 1e-6, 1e6)]
 Frequency = Annotated[float, In(FREQUENCY, 1e-3, LARGEST)]
 
 
@@ -79,6 +80,15 @@ class Sensing(Stored):
     rate: Annotated[Frequency, Field(description="Images per second.")]
     latency: Annotated[Time, Field(description="From exposure to the image being available.")] = 0.0
     exposure: Annotated[Time, Field(description="How long the shutter is open; what moves meanwhile is blurred.")] = 0.0
+
+    gain: Annotated[
+        Gain | None, Field(description="Brightness of its images in the light that the cell states; default 1.")
+    ] = None
+
+    @property
+    def brightness(self) -> float:
+        """Of its images, relative to the light."""
+        return 1.0 if self.gain is None else self.gain
 
     @property
     def response(self) -> float:

@@ -61,6 +61,7 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
         cameras=cameras,
         detectors=detectors,
         objects=objects,
+        lights=file.lights,
         state=frozenset(facts),
         skills=skills,
         tasks=tuple(file.tasks),

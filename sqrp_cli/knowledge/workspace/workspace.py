@@ -16,6 +16,7 @@ from sqrp_cli.errors import Place, Problem
 from sqrp_cli.knowledge.camera.camera import Camera, CameraEntry
 from sqrp_cli.knowledge.camera.detector import Detector, DetectorEntry
 from sqrp_cli.knowledge.fixture.fixture_file import FixturesEntry
+from sqrp_cli.knowledge.light import MOST_LIGHTS, Light
 from sqrp_cli.knowledge.markers import Marker
 from sqrp_cli.knowledge.robot.robot import Robot, RobotEntry
 from sqrp_cli.knowledge.scene import ObjectEntry, SceneObject
@@ -76,6 +77,9 @@ class WorkspaceFile(Entry):
     fixtures: list[FixturesEntry] = Field(
         default=[], max_length=50, description="Files with further objects that never move: scenes and worlds."
     )
+    lights: dict[Name, Light] = Field(
+        default={}, max_length=MOST_LIGHTS, description="Lights by name; without any, cameras see all brightly enough."
+    )
     state: list[Text] = Field(default=[], description="The facts that hold now; every other one does not.")
     tasks: list[ExpectedTask] = Field(default=[], description="Tasks that the cell must support.")
     padding: Padding = Field(default=0.0, description="Least distance that motions keep from fixed objects.")
@@ -127,6 +131,8 @@ class Workspace:
     cameras: Mapping[str, Camera]
     detectors: Mapping[str, Detector]
     objects: Mapping[str, SceneObject]
+    lights: Mapping[str, Light]
+    """If there are none, cameras see everything brightly enough."""
     state: frozenset[Atom]
     """The facts that hold at the beginning; every other one is false."""
     skills: Mapping[str, Skill]

@@ -191,11 +191,14 @@ class CameraLook:
         self.row: Indices = np.array([r for r, _ in pairs], dtype=np.int64)
         """The sample of each of the n boxes that the camera must see, shape (n,)."""
         box = np.array([b for _, b in pairs], dtype=np.int64)
-        solids, states = scene.cell.observer.solids, scene.states
+        observer, states = scene.cell.observer, scene.states
+        lights = tuple(observer.lights.values())
         self._order = np.array(_spread(len(pairs)), dtype=np.int64)
         self._failures = np.zeros(len(pairs), dtype=np.int64)
         self.camera = (
-            MovedCamera(Projection.of(camera), boxes, solids, states, box=box, state=self.row) if pairs else None
+            MovedCamera(Projection.of(camera), boxes, observer.solids, states, box=box, state=self.row, lights=lights)
+            if pairs
+            else None
         )
 
     @property

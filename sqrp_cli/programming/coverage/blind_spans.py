@@ -120,6 +120,10 @@ def by_name(cell: Cell, cause: Cause, by: int) -> str | None:
     match cause:
         case Cause.HIDDEN | Cause.SAME_COLOUR:
             return cell.solid_name(by)
+        case Cause.TOO_DARK:
+            return None if by < 0 else cell.solid_name(by)
+        case Cause.TOO_BRIGHT:
+            return list(cell.observer.lights)[by]
         case Cause.OUT_OF_IMAGE:
             return SIDES[by]
         case _:

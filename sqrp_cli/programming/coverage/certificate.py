@@ -37,9 +37,8 @@ class Certificate:
 
 def certify(watch: Watch, observer: Observer, sampling: Sampling, bounds: PoseBounds) -> Certificate:
     """What is proven of a motion."""
-    cameras, solids = observer.cameras, observer.solids
     sure, possible = (
-        observe(watch, BoundedObserver(cameras, solids, bounds=bounds, surely=surely), sampling, full=False)
+        observe(watch, BoundedObserver.of(observer, bounds, surely=surely), sampling, full=False)
         for surely in (True, False)
     )
     # Bisection leaves an error, that of the figures that the least is about, and that of the most.

@@ -63,4 +63,4 @@ def perturbed(observer: Observer, calibration: Calibration, draw: int) -> Observ
         )
         for camera, error in zip(observer.cameras, errors, strict=True)
     )
-    return Observer(tuple(cameras), observer.solids)
+    return replace(observer, cameras=tuple(cameras))

@@ -42,6 +42,8 @@ _SENTENCES = {
     Cause.TOO_SMALL: "{camera} sees {target} {figure} too small",
     Cause.HIDDEN: "{camera} cannot see {target} behind {by}",
     Cause.SAME_COLOUR: "{camera} cannot tell {target} from {by} of the same colour behind it",
+    Cause.TOO_DARK: "{target} is too dark for {camera}{shadow}",
+    Cause.TOO_BRIGHT: "{target} is too bright for {camera} in the light of {by}",
 }
 
 _ADVICE = {
@@ -54,6 +56,8 @@ _ADVICE = {
     Cause.TOO_SMALL: "move {camera} closer or narrow its view",
     Cause.HIDDEN: "move {camera} to where {by} is not in its way, or try another approach",
     Cause.SAME_COLOUR: "move {camera} to where {by} is not behind it, or give {by} another colour",
+    Cause.TOO_DARK: "raise the gain of {camera} or add light from where nothing shades {target}",
+    Cause.TOO_BRIGHT: "lower the gain of {camera} or dim {by}",
 }
 
 _OTHER_WAY = ", or try another approach"
@@ -69,7 +73,7 @@ class CameraCause:
     cause: Cause
     """The limit."""
     by: str | None
-    """The occluder, what has the same colour behind it, or the side of the image; None otherwise."""
+    """The occluder, what has the same colour behind it, what shades it or the light on it, or the side of the image."""
     figure: float
     """Mean amount by which the limit is missed, in the limit's unit."""
     partly: bool
@@ -84,13 +88,15 @@ class CameraCause:
                 figure = f"{self.figure:.0f} px"
             case _:
                 figure = f"{self.figure:.2f} m"
-        return templates[self.cause].format(camera=self.camera, by=self.by, figure=figure, target=atom)
+        shadow = f", in the shadow of {self.by}" if self.by else ""
+        return templates[self.cause].format(camera=self.camera, by=self.by, figure=figure, target=atom, shadow=shadow)
 
     @property
     def words(self) -> str:
         """The cause in a few words."""
-        pattern = {Cause.HIDDEN: "behind {}", Cause.SAME_COLOUR: "same colour as {} behind it"}.get(self.cause)
-        words = self.cause.words if pattern is None else pattern.format(self.by)
+        words = f"behind {self.by}" if self.cause is Cause.HIDDEN else self.cause.words
+        if self.cause in (Cause.SAME_COLOUR, Cause.TOO_DARK, Cause.TOO_BRIGHT):
+            words = self.cause.by(self.by)
         return f"{words} for a part of that time" if self.partly else words
 
 

@@ -17,7 +17,7 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.placing.scenes import JudgedWay
 from sqrp_cli.programming.placing.views import View, camera_of
 from sqrp_cli.programming.sensing.moved_camera import MovedCamera
-from sqrp_cli.programming.solids import Solid
+from sqrp_cli.programming.sensing.observer import Observer
 
 TOGETHER = 24
 """Poses judged as one piece of work."""
@@ -87,12 +87,12 @@ def seen_by(
     for _, group in groupby(range(len(views)), key=lambda index: spots[views[index].spot].frame):
         rows = list(group)
         at = [spots[views[row].spot] for row in rows]
-        sees[:, rows] = _in_frame(cell.observer.solids, way, at, [views[row] for row in rows], lenses)
+        sees[:, rows] = _in_frame(cell.observer, way, at, [views[row] for row in rows], lenses)
     return sees
 
 
 def _in_frame(
-    solids: tuple[Solid, ...],
+    observer: Observer,
     way: JudgedWay,
     spots: Sequence[Spot],
     views: Sequence[View],
@@ -106,10 +106,11 @@ def _in_frame(
         MovedCamera(
             Projection.of(camera_of(lens.name, spots[0], views[0], lens)),
             boxes,
-            solids,
+            observer.solids,
             way.states,
             box=box,
             state=state,
+            lights=tuple(observer.lights.values()),
         )
         for lens in lenses
     ]

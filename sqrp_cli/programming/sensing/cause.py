@@ -18,6 +18,8 @@ class Cause(IntEnum):
     TOO_SMALL = 7
     HIDDEN = 8
     SAME_COLOUR = 9
+    TOO_DARK = 10
+    TOO_BRIGHT = 11
 
     @property
     def label(self) -> str | None:
@@ -31,8 +33,15 @@ class Cause(IntEnum):
         return self.name.lower().replace("detector", "too").replace("_", " ") + detector
 
     def by(self, culprit: str | None) -> str:
-        """The cause in words, with the occluder, what has the same colour behind it, or the side of the image."""
-        patterns = {Cause.HIDDEN: "{} by {}", Cause.OUT_OF_IMAGE: "{} ({})", Cause.SAME_COLOUR: "{} as {} behind it"}
+        """The cause in words, with the culprit if there is one, or the side of the image."""
+        patterns = {
+            Cause.HIDDEN: "{} by {}",
+            Cause.OUT_OF_IMAGE: "{} ({})",
+            Cause.SAME_COLOUR: "{} as {} behind it",
+            Cause.TOO_BRIGHT: "{} in the light of {}",
+        }
+        if culprit is not None:
+            patterns[Cause.TOO_DARK] = "{} in the shadow of {}"
         return patterns.get(self, "{}").format(self.words, culprit)
 
 

@@ -8,11 +8,13 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, Indices, Mask, box_corners, inverse, transform
 from sqrp_cli.knowledge.camera.projection import Projection
+from sqrp_cli.knowledge.light import Light
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.limits import check_limits
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.sensing.sight_lines import SightLines, WatchedBoxes, shrink
 from sqrp_cli.programming.sensing.visibility.backdrop import backdrop_of
+from sqrp_cli.programming.sensing.visibility.lighting import lighting_of
 from sqrp_cli.programming.sensing.visibility.occlusion import HullTester, near_pairs
 from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
 from sqrp_cli.programming.solids import Solid, Solids
@@ -31,8 +33,10 @@ class MovedCamera:
         *,
         box: Indices,
         state: Indices,
+        lights: Sequence[Light] = (),
     ) -> None:
         """box, state: the n looks, by index, shape (n,) each."""
+        self._lights = lights
         self._projection, self._boxes = projection, boxes
         self._box, self._state = box, state
         self._X_WF = states.X_WF[projection.camera.frame]
@@ -88,7 +92,9 @@ class MovedCamera:
             offset=self._offset[box],
         )
         poses, least = self._watched.solid_poses, self._least[box]
-        needed = backdrop_of(lines, self._boxes, poses, self._watched.alike).needed(least)
+        gain = np.full(len(look), self._projection.camera.brightness)
+        lost = lighting_of(lines, self._watched, gain, self._lights).lost if self._lights else 0.0
+        needed = backdrop_of(lines, self._boxes, poses, self._watched.alike).needed(least, lost)
         near = near_pairs(lines, poses, self._watched.opaque)
         visible: Mask = needed <= 1.0
         # Shares also detect free hulls, and faster.

@@ -5,7 +5,7 @@ The full verdict matrix, or only the coverage, as fast as possible.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, TypeVar
 
@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import Array, Indices, Mask, begins_run
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.projection import Projection
+from sqrp_cli.knowledge.light import Light
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.limits import LimitVerdicts
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.sensing.sight_lines import BoxViews, Pairs, SightLines, WatchedBoxes
 from sqrp_cli.programming.sensing.visibility.backdrop import backdrop_of
 from sqrp_cli.programming.sensing.visibility.culprit import find_hidden, find_largest
+from sqrp_cli.programming.sensing.visibility.lighting import lighting_of
 from sqrp_cli.programming.sensing.visibility.occlusion import HullTester, near_pairs
 from sqrp_cli.programming.sensing.visibility.part_shares import part_shares
 from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
@@ -43,7 +45,8 @@ class BoxVerdicts:
     cause: NDArray[np.int8]
     """Codes of `Cause`, shape (m, c)."""
     by: Indices
-    """Index of the solid that hides it or has its colour behind it, of the image side where out of the image, else -1.
+    """Index of the solid that hides it, has its colour behind it or shades it, of the light in which it is too bright,
+    of the image side where it is out of the image, else -1.
 
     Shape (m, c).
     """
@@ -91,6 +94,8 @@ class Observer:
 
     cameras: tuple[Camera, ...]
     solids: tuple[Solid, ...]
+    lights: Mapping[str, Light] = field(default_factory=dict)
+    """By name; if there are none, cameras see everything brightly enough."""
     _projections: tuple[Projection, ...] = field(init=False)
     _solids: Solids = field(init=False)
     _parts: Indices = field(init=False)
@@ -163,6 +168,11 @@ class Observer:
             occluders[line].append(Occluder(name=names[part], share=share, alone=alone))
         return [tuple(sorted(some, key=lambda one: (-one.share, one.name))) for some in occluders]
 
+    @property
+    def gains(self) -> Array:
+        """Of the cameras, shape (c,)."""
+        return np.array([camera.brightness for camera in self.cameras])
+
     def _tiers(self) -> list[NDArray[np.int64]]:
         """Indices of cameras grouped by response, fastest first."""
         responses = np.array([camera.response for camera in self.cameras])
@@ -190,9 +200,10 @@ class Observer:
         """
         boxes = questions.boxes_of(asked)
         view = boxes.asked
-        lines = watched.sight_lines(BoxViews(boxes.box, camera[view], questions.state[asked][view]))
+        views = BoxViews(boxes.box, camera[view], questions.state[asked][view])
+        lines = watched.sight_lines(views)
         near = self._near(watched, lines)
-        needed = self._needed(watched, lines)
+        needed = self._needed(watched, lines, self.gains[views.camera])
         pending = np.bincount(view[near.line], minlength=len(asked))
         possible = np.ones(len(asked), dtype=bool)
         possible[view[needed > 1.0]] = False
@@ -211,9 +222,14 @@ class Observer:
         """The solids that may be in the way of sight lines; along a line without any, the box is seen."""
         return near_pairs(lines, watched.solid_poses, watched.opaque)
 
-    def _needed(self, watched: WatchedBoxes, lines: SightLines) -> Array:
-        """The share of the box of each sight line that must be visible to be seen; above 1 if none is enough."""
-        return backdrop_of(lines, watched.boxes, watched.solid_poses, watched.alike).needed(watched.least_of(lines))
+    def _needed(self, watched: WatchedBoxes, lines: SightLines, gain: Array) -> Array:
+        """The share of the box of each of v sight lines that must be visible to be seen; above 1 if none is enough.
+
+        gain: of the camera of each, shape (v,).
+        """
+        lost = lighting_of(lines, watched, gain, tuple(self.lights.values())).lost if self.lights else 0.0
+        backdrop = backdrop_of(lines, watched.boxes, watched.solid_poses, watched.alike)
+        return backdrop.needed(watched.least_of(lines), lost)
 
     def _unseen(self, watched: WatchedBoxes, lines: SightLines, near: Pairs, needed: Array) -> Indices:
         """Those of the sight lines in the pairs along which too little is visible of the box, by index.
@@ -254,8 +270,18 @@ class Observer:
         share = np.ones(len(hidden))
         share[seen.line] = seen.share
         backdrop = backdrop_of(lines, boxes, poses, watched.alike)
-        same = ~hidden & (np.where(whole, 1.0, share) < backdrop.needed(least))
+        share[whole] = 1.0
+        same = ~hidden & (share < backdrop.needed(least))
         cause[camera[same], at[same]], by[camera[same], at[same]] = Cause.SAME_COLOUR, backdrop.by[same]
+        if self.lights:
+            lighting = lighting_of(lines, watched, self.gains[views.camera], tuple(self.lights.values()))
+            badly = np.flatnonzero(~hidden & ~same & (share < backdrop.needed(least, lighting.lost)))
+            is_bright = lighting.bright[badly] > lighting.dark[badly]
+            for lit, why, culprit in (
+                (badly[is_bright], Cause.TOO_BRIGHT, lighting.brightest[badly[is_bright]]),
+                (badly[~is_bright], Cause.TOO_DARK, lighting.shading(badly[~is_bright], self._parts)),
+            ):
+                cause[camera[lit], at[lit]], by[camera[lit], at[lit]] = why, culprit
 
         def of_boxes(values: NDArray[Scalar]) -> list[NDArray[Scalar]]:
             return np.split(values.T, np.cumsum(counts)[:-1])

@@ -20,6 +20,7 @@ from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
 
 if TYPE_CHECKING:
     from sqrp_cli.knowledge.camera import camera, detector
+    from sqrp_cli.knowledge.light import Light
     from sqrp_cli.knowledge.robot import robot
     from sqrp_cli.knowledge.workspace.workspace import Workspace
     from sqrp_cli.programming.cell import Cell
@@ -149,6 +150,8 @@ class CameraScene(Record):
     """From exposure to the image being available [s]."""
     exposure: float | None = field(default=None, metadata=LEFT_OUT)
     """How long the shutter is open [s]; left out where nothing is said."""
+    gain: float | None = field(default=None, metadata=LEFT_OUT)
+    """Brightness of its images; left out where nothing is said, as 1."""
     lens_file: str | None = field(default=None, metadata=LEFT_OUT)
     """Format of the calibration file, and the camera's name in it; left out if the workspace states the image."""
     pose_file: str | None = field(default=None, metadata=LEFT_OUT)
@@ -217,6 +220,31 @@ class ObjectScene(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class LightScene(Record):
+    """A light; from everywhere, if it has neither a direction nor a position."""
+
+    intensity: float
+    """How bright it makes a white surface that faces it, of a lamp at 1 m; 1 saturates at gain 1."""
+    direction: list[float] | None = field(default=None, metadata=LEFT_OUT)
+    """Unit vector in the world in which it shines, or in the middle of a lamp's beam."""
+    position: list[float] | None = field(default=None, metadata=LEFT_OUT)
+    """Of a lamp in the world [m]."""
+    beam: float | None = field(default=None, metadata=LEFT_OUT)
+    """Opening angle of a lamp's beam [rad]."""
+
+    @classmethod
+    def of(cls, light: Light) -> LightScene:
+        """A light of a cell."""
+        lamp = light.position is not None
+        return cls(
+            intensity=light.intensity,
+            direction=None if light.is_ambient else light.heading.tolist(),
+            position=list(light.position) if light.position is not None else None,
+            beam=2.0 * light.half_beam if lamp else None,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
 class OpaquePart(Record):
     """A solid part that is neither in the URDF nor the box of an object."""
 
@@ -256,6 +284,8 @@ class ShowDocument(WorkspaceDocument):
     """By name."""
     objects: Mapping[str, ObjectScene]
     """By name."""
+    lights: Mapping[str, LightScene] | None = field(default=None, metadata=LEFT_OUT)
+    """By name; left out where there are none."""
     opaque: list[OpaquePart]
     """Of tools, and of objects that are not just boxes."""
     state: list[str]
@@ -276,6 +306,7 @@ class ShowDocument(WorkspaceDocument):
             cameras={name: CameraScene.of(cell, one) for name, one in workspace.cameras.items()},
             detectors={name: DetectorScene.of(one, workspace) for name, one in workspace.detectors.items()},
             objects=_objects(workspace, cell),
+            lights={name: LightScene.of(one) for name, one in workspace.lights.items()} or None,
             opaque=[OpaquePart.of(cell, part) for part in _opaque_parts(cell)],
             state=sorted(map(str, workspace.state)),
             skills=list(workspace.skills),

@@ -56,6 +56,12 @@ _FLOOR_COLOR: Rgb = (0.36, 0.35, 0.34)
 _PLAIN_COLOR: Rgb = (0.75, 0.74, 0.72)
 """Of objects whose colour has no name here; like the two above without a hue that a detector looks for."""
 
+SHADOWS_AROUND = 1.5
+"""How far around arm and objects stated lights cast shadows: more than an arm's length [m]."""
+
+_SHADOW_PIXELS = 4096
+"""Along the map of each light's shadows: a pixel of a millimetre or two."""
+
 _ROBOT, _MOVABLE, _FIXED = 1, 2, 4
 """Bits of what may touch what: movable objects touch everything, the robot also fixed objects, but not itself."""
 _TOUCHES = {_ROBOT: 0, _MOVABLE: _ROBOT | _MOVABLE | _FIXED, _FIXED: _ROBOT}
@@ -87,7 +93,10 @@ def build_model(workspace: Workspace, objects: Mapping[str, Array]) -> mujoco.Mj
     spec.option.impratio = 100.0  # so that objects between fingers hardly creep
     spec.compiler.degree = False
     spec.compiler.balanceinertia = True
-    _light(spec)
+    if workspace.lights:
+        _light(spec, workspace, objects)
+    else:
+        _light_evenly(spec)
     builder = _ModelBuilder(spec)
     robot = workspace.robot
     builder.add_robot(robot)
@@ -279,16 +288,44 @@ def _principal(inertial: Inertial) -> tuple[float, Array, Array]:
     return mass, inertial.X_LI @ pose(axes), np.maximum(moments, mass * 1e-5)
 
 
-def _light(spec: mujoco.MjSpec) -> None:
+def _light(spec: mujoco.MjSpec, workspace: Workspace, objects: Mapping[str, Array]) -> None:
+    """The stated lights, which cast shadows on the arm, the objects and around them."""
+    places = np.stack([workspace.robot.X_WB[:3, 3], *(X_WO[:3, 3] for X_WO in objects.values())])
+    middle = places.mean(axis=0)
+    spec.stat.center = middle
+    spec.stat.extent = float(np.linalg.norm(places - middle, axis=1).max()) + SHADOWS_AROUND
+    spec.visual.map.shadowclip = spec.visual.map.shadowscale = 1.0
+    spec.visual.quality.shadowsize, spec.visual.quality.offsamples = _SHADOW_PIXELS, 0
+    for stated in workspace.lights.values():
+        if not stated.is_ambient:
+            light = spec.worldbody.add_light(castshadow=True, dir=stated.heading)
+            light.diffuse, light.specular, light.ambient = (stated.intensity,) * 3, (0.0,) * 3, (0.0,) * 3
+            if stated.position is None:
+                light.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+                light.pos = middle - spec.stat.extent * stated.heading
+            else:
+                light.type, light.pos = mujoco.mjtLightType.mjLIGHT_SPOT, stated.position
+                light.cutoff, light.exponent = np.degrees(stated.half_beam), 0.0
+                light.attenuation = (0.0, 0.0, 1.0)
+    ambient = sum(light.intensity for light in workspace.lights.values() if light.is_ambient)
+    _light_everywhere(spec, ambient, 0.0)
+
+
+def _light_evenly(spec: mujoco.MjSpec) -> None:
     """Even light without shadows, and no more quality than the software renderer has time for."""
     spec.visual.quality.shadowsize = 0
     spec.visual.quality.offsamples = 0
-    spec.visual.headlight.ambient[:] = 0.45
-    spec.visual.headlight.diffuse[:] = 0.25
-    spec.visual.headlight.specular[:] = 0.0
     light = spec.worldbody.add_light(type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, castshadow=False)
     light.dir = (0.2, 0.1, -1.0)
     light.diffuse, light.specular, light.ambient = (0.30,) * 3, (0.0,) * 3, (0.0,) * 3
+    _light_everywhere(spec, 0.45, 0.25)
+
+
+def _light_everywhere(spec: mujoco.MjSpec, ambient: float, from_camera: float) -> None:
+    """Light from everywhere and from the camera, and a plain sky."""
+    spec.visual.headlight.ambient[:] = ambient
+    spec.visual.headlight.diffuse[:] = from_camera
+    spec.visual.headlight.specular[:] = 0.0
     sky = spec.add_texture(name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, width=64, height=64)
     sky.builtin = mujoco.mjtBuiltin.mjBUILTIN_FLAT
     sky.rgb1 = sky.rgb2 = (0.80, 0.80, 0.80)

@@ -68,7 +68,9 @@ class Renderer:
             raise no_opengl(f"it does not start ({str(error).splitlines()[0] if str(error) else error!r})") from error
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
         self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + 100)
-        for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION, mujoco.mjtRndFlag.mjRND_HAZE):
+        self._shadows = bool(model.vis.quality.shadowsize)
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = self._shadows
+        for flag in (mujoco.mjtRndFlag.mjRND_REFLECTION, mujoco.mjtRndFlag.mjRND_HAZE):
             self._scene.flags[flag] = 0
         self._option, self._view = mujoco.MjvOption(), mujoco.MjvCamera()
         self._option.geomgroup[:] = 0
@@ -89,7 +91,7 @@ class Renderer:
     def image(self, name: str, t: float) -> NDArray[np.uint8]:
         """The image that a camera takes at time t [s], shape (height, width, 3)."""
         camera, optics = self._cameras[name], self._optics[name]
-        picture, area = self._rendered(self._camera_pose(camera), optics)
+        picture, area = self._rendered(self._camera_pose(camera), optics, camera.brightness)
         mujoco.mjr_readPixels(picture, None, area, self._context)
         return self._with_noise(optics.image(cv2.flip(picture, 0)), camera, t)
 
@@ -118,9 +120,10 @@ class Renderer:
         y = top + (np.arange(optics.height) + 0.5) / optics.height * (bottom - top)
         return Solids(bodies[np.minimum(numbers, self._scene.ngeom)], z, x, y)
 
-    def _rendered(self, X_WC: Array, optics: Optics) -> tuple[NDArray[np.uint8], mujoco.MjrRect]:
+    def _rendered(self, X_WC: Array, optics: Optics, gain: float = 1.0) -> tuple[NDArray[np.uint8], mujoco.MjrRect]:
         """Draw what an eye sees; returns memory for the picture, and where the picture is."""
-        self._leave_out_unseen(X_WC, optics)
+        if not self._shadows:
+            self._leave_out_unseen(X_WC, optics)
         mujoco.mjv_updateScene(
             self._model, self._data, self._option, None, self._view, mujoco.mjtCatBit.mjCAT_ALL.value, self._scene
         )
@@ -132,6 +135,8 @@ class Renderer:
             eye.frustum_width = NEAR * (optics.high[0] - optics.low[0]) / 2
             eye.frustum_top, eye.frustum_bottom = -NEAR * optics.low[1], -NEAR * optics.high[1]
         for light in self._scene.lights[: self._scene.nlight]:
+            if self._shadows:  # before colours are clipped, unlike in the picture
+                light.diffuse, light.ambient = gain * light.diffuse, gain * light.ambient
             if light.headlight:
                 light.pos, light.dir = X_WC[:3, 3], X_WC[:3, 2]
         area = mujoco.MjrRect(0, 0, optics.width, optics.height)

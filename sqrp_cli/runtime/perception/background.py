@@ -6,10 +6,13 @@ import numpy as np
 
 from sqrp_cli.geometry import Mask
 from sqrp_cli.runtime.image import ImageArray
-from sqrp_cli.runtime.perception.vision import alike, color_mask, dilated, inpainted
+from sqrp_cli.runtime.perception.vision import alike, color_mask, dilated, inpainted, shade_of
 
 TOLERANCE = 24
 """Largest difference of a colour channel (of 255) from the background; covers noise and mild changes of light."""
+
+SHADE_TOLERANCE = 0.12
+"""How much of a pixel's brightness may be of another hue in a shade of the background."""
 
 COLOR_BITS = 4
 """Bits per channel of the coarse colours that make up the robot's palette."""
@@ -25,13 +28,16 @@ class Background:
     For a camera that moves there is no such picture: colours of what surrounds the robot stand for it.
     """
 
-    def __init__(self, image: ImageArray, robot: Mask, sought: Mask, movables: Mask, *, moving: bool) -> None:
+    def __init__(
+        self, image: ImageArray, robot: Mask, sought: Mask, movables: Mask, *, moving: bool, shadows: bool = False
+    ) -> None:
         """robot, sought, movables: what the robot, watched and movable objects cover in the first image.
 
+        shadows: whether shadows may fall on the background, so that a darker or lighter shade of it is background too.
         Objects may stand before the robot: their colours are not the robot's. What looks like the watched one in one
         place must not count as surroundings in another.
         """
-        objects = sought | movables
+        objects, self._shadows = sought | movables, shadows
         self._palette = _palette(image[robot & ~dilated(objects, 2)])
         self._surroundings = _palette(image[~(robot | objects)]) if moving else None
         self._unknown = dilated(robot | sought, 3)
@@ -56,7 +62,8 @@ class Background:
         part = image[crop]
         if self._surroundings is not None:
             return self._surroundings[_coarse(part)]
-        return alike(part, self._picture[crop], TOLERANCE)
+        same = alike(part, self._picture[crop], TOLERANCE)
+        return same | shade_of(part, self._picture[crop], SHADE_TOLERANCE, TOLERANCE / 4) if self._shadows else same
 
     def has_hue(self, image: ImageArray, crop: tuple[slice, slice], color: str) -> Mask:
         """Where, in a crop, the background has the hue of a colour: a shade of it there may be the background's own."""

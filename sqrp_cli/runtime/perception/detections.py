@@ -46,6 +46,8 @@ class CellModel:
     robot: RobotBody
     markers: Mapping[str, Marker]
     """On links, by the link's name."""
+    shadows: bool = False
+    """Whether its stated lights cast shadows that move with the robot."""
 
     @classmethod
     def of(cls, workspace: Workspace, robot: RobotBody) -> CellModel:
@@ -53,7 +55,8 @@ class CellModel:
         check_plugins(workspace)
         objects = workspace.objects
         surfaces = {name: tuple(Surface.of(part).coarsened() for part in obj.parts) for name, obj in objects.items()}
-        return cls(workspace.cameras, workspace.detectors, objects, surfaces, robot, workspace.robot.markers)
+        shadows = any(not light.is_ambient for light in workspace.lights.values())
+        return cls(workspace.cameras, workspace.detectors, objects, surfaces, robot, workspace.robot.markers, shadows)
 
 
 @dataclass(frozen=True, eq=False)

@@ -69,7 +69,7 @@ class ImageDetector:
         if self._background is None:
             moving = self._camera.frame != WORLD
             masks = (view.robot_mask(), view.sought_mask(), view.movables_mask())
-            self._background = Background(view.image, *masks, moving=moving)
+            self._background = Background(view.image, *masks, moving=moving, shadows=self._cell.shadows)
         elif not self._background.is_complete:
             self._background.learn(view.image, view.covered(3))
         return self._background

@@ -14,11 +14,8 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.markers import ORIGINAL, opencv_name
-from sqrp_cli.knowledge.paint import HUE_TOLERANCE, HUES, hue_of
+from sqrp_cli.knowledge.paint import HUE_TOLERANCE, HUES, LEAST_SEEN_SATURATION, LEAST_VALUE, hue_of
 from sqrp_cli.runtime.image import ImageArray
-
-LEAST_SATURATION, LEAST_VALUE = 90, 40
-"""Below these (of 255) a pixel counts as grey or black, not as coloured."""
 
 cv2.setNumThreads(1)  # one process per core looks at images already
 
@@ -45,18 +42,31 @@ def color_mask(image: ImageArray, color: str) -> Mask:
     if hue is None:
         return np.zeros(image.shape[:2], dtype=bool)
     hsv = cv2.cvtColor(image, cv2.COLOR_RGB2HSV)
+    saturation, value = (round(255 * least) for least in (LEAST_SEEN_SATURATION, LEAST_VALUE))
     first, last = hue - HUE_TOLERANCE, hue + HUE_TOLERANCE
     mask = np.zeros(image.shape[:2], dtype=bool)
     for turn in (-HUES, 0, HUES):  # hues go round
         low, high = max(first + turn, 0), min(last + turn, HUES - 1)
         if low <= high:
-            mask |= cv2.inRange(hsv, (low, LEAST_SATURATION, LEAST_VALUE), (high, 255, 255)) > 0
+            mask |= cv2.inRange(hsv, (low, saturation, value), (high, 255, 255)) > 0
     return mask
 
 
 def alike(first: ImageArray, second: ImageArray, tolerance: int) -> Mask:
     """Where two images of the same size differ by at most a tolerance in every channel."""
     same: Mask = cv2.inRange(cv2.absdiff(first, second), (0, 0, 0), (tolerance,) * 3) > 0
+    return same
+
+
+def shade_of(first: ImageArray, second: ImageArray, share: float, values: float) -> Mask:
+    """Where the first image shows what the second does in brighter or darker light: every channel in proportion.
+
+    It may differ by a share of its brightest channel and some values more.
+    """
+    one, other = first.astype(np.float32), second.astype(np.float32)
+    factor = (one * other).sum(axis=2) / np.maximum((other * other).sum(axis=2), 1.0)
+    off = np.abs(one - factor[..., None] * other).max(axis=2)
+    same: Mask = off <= share * one.max(axis=2) + values
     return same
 
 

@@ -69,6 +69,8 @@ CauseLabel = Literal[
     "too_small",
     "hidden",
     "same_colour",
+    "too_dark",
+    "too_bright",
 ]
 
 

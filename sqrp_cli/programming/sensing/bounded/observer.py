@@ -16,6 +16,7 @@ from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines, WatchedBoxes
 from sqrp_cli.programming.sensing.visibility.backdrop import backdrop_bounds
+from sqrp_cli.programming.sensing.visibility.lighting import light_bounds
 from sqrp_cli.programming.sensing.visibility.occlusion import near_pairs
 from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
 from sqrp_cli.programming.targets import SoughtBox
@@ -43,9 +44,15 @@ class BoundedObserver(Observer):
     def _near(self, watched: WatchedBoxes, lines: SightLines) -> Pairs:
         return near_pairs(lines, watched.solid_poses, watched.opaque, self.bounds.reach)
 
-    def _needed(self, watched: WatchedBoxes, lines: SightLines) -> Array:
+    @classmethod
+    def of(cls, observer: Observer, bounds: PoseBounds, *, surely: bool) -> BoundedObserver:
+        """The same cell, with its cameras within bounds."""
+        return cls(observer.cameras, observer.solids, observer.lights, bounds=bounds, surely=surely)
+
+    def _needed(self, watched: WatchedBoxes, lines: SightLines, gain: Array) -> Array:
         bounds = backdrop_bounds(lines, watched.boxes, watched.solid_poses, watched.alike, self.bounds.reach)
-        needed = bounds.needed(watched.least_of(lines))
+        lost = light_bounds(lines, watched, gain, tuple(self.lights.values())) if self.lights else None
+        needed = bounds.needed(watched.least_of(lines), lost)
         return needed.high if self.surely else needed.low
 
     def _unseen(self, watched: WatchedBoxes, lines: SightLines, near: Pairs, needed: Array) -> Indices:

@@ -44,12 +44,12 @@ class Backdrop:
     by: Indices
     """Index of the solid with most of that, -1 where there is none, shape (v,)."""
 
-    def needed(self, least: Array) -> Array:
+    def needed(self, least: Array, lost: Array | float = 0.0) -> Array:
         """The share of each box that must be visible, where its detector needs `least` (v,): never less than that.
 
-        Where all that looks alike is visible too, enough is left to be told from it.
+        Where all that looks alike is visible too, enough is left to be told from it. lost: what else cannot be told.
         """
-        return np.maximum(least, np.where(self.by >= 0, np.minimum(least, LEAST_TELLING) + self.share, 0.0))
+        return _needed(least, self.share + lost)
 
 
 def backdrop_of(lines: SightLines, boxes: Sequence[SoughtBox], poses: SolidPoses, alike: Mask) -> Backdrop:
@@ -79,11 +79,14 @@ class BackdropBounds(NamedTuple):
     high: Array
     """Shape (v,)."""
 
-    def needed(self, least: Array) -> BackdropBounds:
+    def needed(self, least: Array, lost: tuple[Array, Array] | None = None) -> BackdropBounds:
         """Between what the shares lie that must be visible, see `Backdrop.needed`."""
-        telling = np.minimum(least, LEAST_TELLING)
-        low, high = (np.maximum(least, np.where(share > 0, telling + share, 0.0)) for share in self)
-        return BackdropBounds(low, high)
+        low, high = lost or (np.zeros(len(least)),) * 2
+        return BackdropBounds(_needed(least, self.low + low), _needed(least, self.high + high))
+
+
+def _needed(least: Array, lost: Array) -> Array:
+    return np.maximum(least, np.where(lost > 0, np.minimum(least, LEAST_TELLING) + lost, 0.0))
 
 
 def backdrop_bounds(

@@ -40,7 +40,7 @@ class Sight {
       mesh.material.color = shades[KINDS[kindOf(verdict)][0]];
       mesh.material.opacity = verdict.covered ? 0.9 : 0.42;
       stretch(mesh, camera.position(), center, verdict.covered ? 1 : 0.45);
-      if (['hidden', 'same_colour'].includes(verdict.cause) && [null, camera.name].includes(through))
+      if (['hidden', 'same_colour', 'too_dark'].includes(verdict.cause) && [null, camera.name].includes(through))
         culprits.push(verdict.by);
     }
     return culprits;

@@ -72,6 +72,8 @@ const KINDS = {
   missed: ['missed', '–', 'not covered'],
   hidden: ['hidden', 'h', 'hidden'],
   same_colour: ['same', 'c', 'same colour behind'],
+  too_dark: ['same', 'd', 'too dark'],
+  too_bright: ['same', 'b', 'too bright'],
   out_of_image: ['out', 'o', 'out of image'],
   too_far: ['range', 'f', 'too far'],
   too_near: ['range', 'n', 'too near'],
@@ -109,6 +111,8 @@ function reasonOf(verdict) {
   const words = KINDS[kindOf(verdict)][2];
   if (verdict.cause === 'hidden') return `hidden by ${verdict.by}`;
   if (verdict.cause === 'same_colour') return `same colour as ${verdict.by} behind it`;
+  if (verdict.cause === 'too_dark' && verdict.by) return `${words} in the shadow of ${verdict.by}`;
+  if (verdict.cause === 'too_bright') return `${words} in the light of ${verdict.by}`;
   return verdict.cause === 'out_of_image' ? `${words} (${verdict.by})` : words;
 }
 

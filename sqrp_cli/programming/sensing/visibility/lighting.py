@@ -1,0 +1,257 @@
+"""How boxes are lit: how much of each is too dark or too bright for its detector to tell what it looks for.
+
+Each face of a box is a matt surface: a light adds its intensity times the cosine of its angle to the face (Lambert's
+law). A light sees of a face what a camera in its place would see; the rest is in shadow, of what hides the box from
+cameras. Shadows of several lights on one face are taken as independent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from sqrp_cli.geometry import Array, Indices, Mask, cross, inverse, pose, transform
+from sqrp_cli.knowledge.light import ANY_BRIGHTNESS, MARKER, Brightness, Light, brightness_of
+from sqrp_cli.programming.sensing.sight_lines import SightLines, WatchedBoxes
+from sqrp_cli.programming.sensing.visibility.culprit import find_largest
+from sqrp_cli.programming.sensing.visibility.occlusion import near_pairs
+from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
+from sqrp_cli.programming.targets import SoughtBox
+
+ROUGH = 0.02
+"""Share of a box up to which it counts as well lit: shares are known to 2 points."""
+
+_FAR = 1000.0
+"""Distance from which a directional light shines [m]."""
+
+_THICKNESS = 2e-4
+"""Of the plate that stands for a face of a box [m]."""
+
+_FAINT = 1e-3
+"""Intensity on a face up to which its shadow does not matter."""
+
+_NARROW = 0.05
+"""Share of the largest face of a box up to which another does not matter from cameras that may be anywhere."""
+
+_SIDES = np.repeat(np.eye(3), 2, axis=0) * np.tile([[-1.0], [1.0]], (3, 1))
+"""Outward normals of the faces of a box in its own axes, shape (6, 3)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lighting:
+    """How much of the boxes of v sight lines cannot be told for want or excess of light."""
+
+    dark: Array
+    """Share of the silhouette that is too dark, in 0..1, shape (v,)."""
+    bright: Array
+    """Share that is too bright, shape (v,)."""
+    whole: Mask
+    """Whether all of the box must be told, as of a marker, shape (v,)."""
+    _lines: SightLines
+    _watched: WatchedBoxes
+    _lights: Sequence[Light]
+    _faces: _Faces
+    _light: _LightOn
+
+    @property
+    def lost(self) -> Array:
+        """The share that cannot be told, shape (v,)."""
+        return _lost(self.dark + self.bright, self.whole)
+
+    @property
+    def brightest(self) -> Indices:
+        """Index of the light that does most to what is seen of each box, shape (v,)."""
+        shares = (self._light.strength * self._light.reached)[:, self._faces.same] * self._faces.weight
+        totals = np.stack([np.bincount(self._faces.line, share, len(self.dark)) for share in shares])
+        found: Indices = totals.argmax(axis=0)
+        return found
+
+    def shading(self, which: Indices, part: Indices) -> Indices:
+        """Index of the solid that keeps most light from each of some boxes, by index, -1 where none does.
+
+        part: of each solid, shape (s,), see `find_largest`.
+        """
+        found = np.full(len(which), -1, dtype=np.int64)
+        missing = (self._light.strength * (1.0 - self._light.reached))[:, self._faces.same] * self._faces.weight
+        for row, line in enumerate(which.tolist()):
+            at = np.flatnonzero(self._faces.line == line)
+            index, face = np.unravel_index(missing[:, at].argmax(), (len(missing), len(at)))
+            if missing[index, at[face]] > 0:
+                plate = _plates(self._faces, self._faces.same[at[[face]]], self._lines, self._lights[int(index)])
+                near = near_pairs(plate, self._watched.solid_poses, self._watched.opaque)
+                found[row] = find_largest(plate, self._watched.solid_poses, near, part)[0]
+        return found
+
+
+def lighting_of(lines: SightLines, watched: WatchedBoxes, gain: Array, lights: Sequence[Light]) -> Lighting:
+    """How the boxes of v sight lines are lit, as cameras with these gains (v,) see them."""
+    faces, range_ = _Faces.of(lines, every=False), _Range.of(lines, watched.boxes, gain)
+    lit = _light_on(faces, range_, lines, watched, lights)
+    total = np.bincount(faces.line, faces.weight, len(gain))
+    dark, bright = (
+        np.bincount(faces.line, faces.weight * share, len(gain)) / np.maximum(total, 1e-300) for share in lit.badly
+    )
+    return Lighting(
+        dark=dark,
+        bright=bright,
+        whole=range_.whole,
+        _lines=lines,
+        _watched=watched,
+        _lights=lights,
+        _faces=faces,
+        _light=lit,
+    )
+
+
+class LightBounds(NamedTuple):
+    """Between what the shares of v boxes lie that cannot be told."""
+
+    low: Array
+    high: Array
+
+
+def light_bounds(lines: SightLines, watched: WatchedBoxes, gain: Array, lights: Sequence[Light]) -> LightBounds:
+    """How the boxes of sight lines may be lit, from wherever cameras look: as the worst and the best lit face."""
+    faces, range_ = _Faces.of(lines, every=True), _Range.of(lines, watched.boxes, gain)
+    badly = sum(_light_on(faces, range_, lines, watched, lights).badly, np.zeros(len(faces.line)))
+    low, high = np.ones(len(gain)), np.zeros(len(gain))
+    np.minimum.at(low, faces.line, badly)
+    np.maximum.at(high, faces.line, badly)
+    return LightBounds(_lost(low, range_.whole), _lost(high, range_.whole))
+
+
+def _lost(share: Array, whole: Mask) -> Array:
+    return np.where(share <= ROUGH, 0.0, np.where(whole, 1.0, share))
+
+
+class _Range(NamedTuple):
+    """Between which intensities v boxes are told by the cameras that see them."""
+
+    least: Array
+    most: Array
+    whole: Mask
+
+    @classmethod
+    def of(cls, lines: SightLines, boxes: Sequence[SoughtBox], gain: Array) -> _Range:
+        ranges = np.array([_brightness(box) for box in boxes], dtype=float)
+        box = lines.box[lines.hull]
+        least, most = ranges[box].T / gain
+        return cls(least, most, np.array([entry.color is None for entry in boxes], dtype=bool)[box])
+
+
+def _brightness(box: SoughtBox) -> Brightness:
+    if box.limits.kind == "aruco":
+        return MARKER
+    return ANY_BRIGHTNESS if box.color is None else brightness_of(box.color)
+
+
+@dataclass(frozen=True, eq=False)
+class _Faces:
+    """The faces of boxes that cameras see: n of them, which show u different ones."""
+
+    line: Indices
+    """The sight line of each, shape (n,)."""
+    weight: Array
+    """How large it is in the image, shape (n,)."""
+    same: Indices
+    """Which of the different ones it is, shape (n,)."""
+    first: Indices
+    """A sight line of each different one, shape (u,)."""
+    side: Indices
+    """Which face of its box that is, shape (u,)."""
+
+    @classmethod
+    def of(cls, lines: SightLines, *, every: bool) -> _Faces:
+        """every: all faces of some size, from wherever they are seen."""
+        hull = lines.hull
+        half = lines.half_size[hull]
+        areas = np.repeat(half[:, [1, 0, 0]] * half[:, [2, 2, 1]], 2, axis=1)
+        eye = transform(inverse(lines.X_WB[hull]), lines.eyes[hull][:, None])[:, 0] - lines.offset[hull]
+        way = eye[:, None] - _SIDES * half[:, None]
+        weight = areas * np.maximum((way * _SIDES).sum(axis=2), 0.0) / np.linalg.norm(way, axis=2) ** 3
+        if every:
+            weight = 1.0 * (areas > _NARROW * areas.max(axis=1)[:, None])
+        line, side = np.nonzero(weight > 0)
+        key = (lines.box[hull[line]] * (lines.state.max(initial=0) + 1) + lines.state[line]) * len(_SIDES) + side
+        _, first, same = np.unique(key, return_index=True, return_inverse=True)
+        return cls(line=line, weight=weight[line, side], same=same, first=line[first], side=side[first])
+
+    def centers(self, lines: SightLines) -> Array:
+        """The centres of the different ones in the world, shape (u, 3) [m]."""
+        hull = lines.hull[self.first]
+        center_B = lines.offset[hull] + _SIDES[self.side] * lines.half_size[hull]
+        return transform(lines.X_WB[hull], center_B[:, None])[:, 0]
+
+
+class _LightOn(NamedTuple):
+    """What k lights do to faces."""
+
+    strength: Array
+    """Intensity on each of u different faces where nothing casts a shadow, shape (k, u)."""
+    reached: Array
+    """Share of each that is not in shadow, shape (k, u)."""
+    badly: tuple[Array, Array]
+    """Shares of n faces that are too dark and too bright, shape (n,) each."""
+
+
+def _light_on(
+    faces: _Faces, range_: _Range, lines: SightLines, watched: WatchedBoxes, lights: Sequence[Light]
+) -> _LightOn:
+    hull = lines.hull[faces.first]
+    normal = (lines.X_WB[hull, :3, :3] @ _SIDES[faces.side][:, :, None])[..., 0]
+    point = faces.centers(lines)
+    ambient = sum(light.intensity for light in lights if light.is_ambient)
+    strength, reached = np.zeros((len(lights), len(hull))), np.ones((len(lights), len(hull)))
+    for index, light in enumerate(lights):
+        if not light.is_ambient:
+            rays = light.rays(point)
+            strength[index] = rays.strength * np.maximum((rays.towards * normal).sum(axis=1), 0.0)
+    least, most = range_.least[faces.line], range_.most[faces.line]
+    brightest = (ambient + strength.sum(axis=0))[faces.same]
+    # Where shadows change nothing, none is looked for.
+    asked = np.zeros(len(hull), dtype=bool)
+    asked[faces.same[(brightest >= least) & ((ambient < least) | (brightest > most))]] = True
+    for index, light in enumerate(lights):
+        some = np.flatnonzero(asked & (strength[index] > _FAINT))
+        if len(some):
+            plates = _plates(faces, some, lines, light)
+            near = near_pairs(plates, watched.solid_poses, watched.opaque)
+            seen = visible_shares(plates, watched.solid_poses, near)
+            reached[index, some[seen.line]] = seen.share
+    dark, bright = np.zeros(len(faces.line)), np.zeros(len(faces.line))
+    shining = [index for index, light in enumerate(lights) if not light.is_ambient]
+    for on in product((False, True), repeat=len(shining)):
+        chance, total = np.ones(len(hull)), np.full(len(hull), float(ambient))
+        for index, lit in zip(shining, on, strict=True):
+            chance = chance * (reached[index] if lit else 1.0 - reached[index])
+            total = total + lit * strength[index]
+        dark += chance[faces.same] * (total[faces.same] < least)
+        bright += chance[faces.same] * (total[faces.same] > most)
+    return _LightOn(strength, reached, (dark, bright))
+
+
+def _plates(faces: _Faces, some: Indices, lines: SightLines, light: Light) -> SightLines:
+    """Some of the different faces, by index, shape (f,), as a light sees them."""
+    line, point = faces.first[some], faces.centers(lines)[some]
+    hull, side = lines.hull[line], _SIDES[faces.side[some]]
+    rays = light.rays(point)
+    X_WL = np.tile(pose(), (len(some), 1, 1))
+    forward = -rays.towards
+    across = cross(forward, np.where(np.abs(forward[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]]))
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    X_WL[:, :3, 0], X_WL[:, :3, 1], X_WL[:, :3, 2] = across, cross(forward, across), forward
+    X_WL[:, :3, 3] = point + np.minimum(rays.distance, _FAR)[:, None] * rays.towards
+    half = lines.half_size[hull]
+    return SightLines(
+        state=lines.state[line],
+        hull=np.arange(len(some)),
+        box=lines.box[hull],
+        X_WC=X_WL,
+        X_WB=lines.X_WB[hull],
+        half_size=np.where(side != 0, 0.5 * _THICKNESS, half),
+        offset=lines.offset[hull] + side * (half + 0.5 * _THICKNESS),
+    )
