@@ -67,5 +67,5 @@ def detected_as(color: str, pixel: Sequence[float]) -> bool:
     hue, saturation, value = colorsys.rgb_to_hsv(r, g, b)
     if sought is None or saturation < LEAST_SEEN_SATURATION or value < LEAST_VALUE:
         return False
-    apart = abs(hue * HUES - sought)
+    apart = abs(round(hue * HUES) - sought)
     return min(apart, HUES - apart) <= HUE_TOLERANCE

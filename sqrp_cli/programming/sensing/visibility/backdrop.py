@@ -47,9 +47,10 @@ class Backdrop:
     def needed(self, least: Array, lost: Array | float = 0.0) -> Array:
         """The share of each box that must be visible, where its detector needs `least` (v,): never less than that.
 
-        Where all that looks alike is visible too, enough is left to be told from it. lost: what else cannot be told.
+        Where all that looks alike is visible too, enough is left to be told from it. lost: the share of what is
+        visible that cannot be told for other reasons, in 0..1, shape (v,).
         """
-        return _needed(least, self.share + lost)
+        return _needed(least, self.share, lost)
 
 
 def backdrop_of(lines: SightLines, boxes: Sequence[SoughtBox], poses: SolidPoses, alike: Mask) -> Backdrop:
@@ -81,12 +82,14 @@ class BackdropBounds(NamedTuple):
 
     def needed(self, least: Array, lost: tuple[Array, Array] | None = None) -> BackdropBounds:
         """Between what the shares lie that must be visible, see `Backdrop.needed`."""
-        low, high = lost or (np.zeros(len(least)),) * 2
-        return BackdropBounds(_needed(least, self.low + low), _needed(least, self.high + high))
+        low, high = lost or (0.0, 0.0)
+        return BackdropBounds(_needed(least, self.low, low), _needed(least, self.high, high))
 
 
-def _needed(least: Array, lost: Array) -> Array:
-    return np.maximum(least, np.where(lost > 0, np.minimum(least, LEAST_TELLING) + lost, 0.0))
+def _needed(least: Array, alike: Array, lost: Array | float) -> Array:
+    told = np.maximum(1.0 - lost, 1e-9)
+    telling = (np.minimum(least, LEAST_TELLING) + alike) / told
+    return np.maximum(least, np.where((alike > 0) | (told < 1), telling, 0.0))
 
 
 def backdrop_bounds(
