@@ -113,7 +113,7 @@ class Brightness(NamedTuple):
 
 ANY_BRIGHTNESS = Brightness(0.0, inf)
 
-MARKER = Brightness(0.12, inf)
+MARKER = Brightness(0.2, inf)
 """Of the white of a marker: with less, black and white differ too little for a threshold. Black stays black."""
 
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 os.environ.setdefault("MUJOCO_GL", "egl")
+os.environ["LP_NUM_THREADS"] = "0"
 
 import numpy as np
 

@@ -19,7 +19,6 @@ from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.coverage.verdict import verdict
 from sqrp_cli.programming.program_update import make_step
 from sqrp_cli.programming.ranking import rank
-from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.runtime.cell.engine import mujoco
 from sqrp_cli.runtime.cell.mujoco_model import build_model, quaternion
@@ -41,7 +40,7 @@ def without_colours(cell: Cell) -> Cell:
     """The cell as it was judged before colours counted."""
     observer = cell.observer
     plain = tuple(replace(solid, color=None) for solid in observer.solids)
-    return replace(cell, observer=Observer(observer.cameras, plain))
+    return replace(cell, observer=replace(observer, solids=plain))
 
 
 def best_of(cell: Cell, task: str) -> Study | None:

@@ -207,23 +207,27 @@ def _light_on(
     ambient = sum(light.intensity for light in lights if light.is_ambient)
     strength, reached = np.zeros((len(lights), len(hull))), np.ones((len(lights), len(hull)))
     for index, light in enumerate(lights):
-        if not light.is_ambient:
+        if light.is_ambient:
+            strength[index] = light.intensity
+        else:
             rays = light.rays(point)
             strength[index] = rays.strength * np.maximum((rays.towards * normal).sum(axis=1), 0.0)
     least, most = range_.least[faces.line], range_.most[faces.line]
-    brightest = (ambient + strength.sum(axis=0))[faces.same]
+    brightest = strength.sum(axis=0)[faces.same]
     # Where shadows change nothing, none is looked for.
     asked = np.zeros(len(hull), dtype=bool)
     asked[faces.same[(brightest >= least) & ((ambient < least) | (brightest > most))]] = True
-    for index, light in enumerate(lights):
-        some = np.flatnonzero(asked & (strength[index] > _FAINT))
+    width = 2.0 * np.linalg.norm(lines.half_size[hull], axis=1)
+    shining = [index for index, light in enumerate(lights) if not light.is_ambient]
+    for index in shining:
+        # Between a face and a lamp that is closer to it than it is wide nothing is taken to be.
+        some = np.flatnonzero(asked & (strength[index] > _FAINT) & (lights[index].rays(point).distance > width))
         if len(some):
-            plates = _plates(faces, some, lines, light)
+            plates = _plates(faces, some, lines, lights[index])
             near = near_pairs(plates, watched.solid_poses, watched.opaque)
             seen = visible_shares(plates, watched.solid_poses, near)
             reached[index, some[seen.line]] = seen.share
     dark, bright = np.zeros(len(faces.line)), np.zeros(len(faces.line))
-    shining = [index for index, light in enumerate(lights) if not light.is_ambient]
     for on in product((False, True), repeat=len(shining)):
         chance, total = np.ones(len(hull)), np.full(len(hull), float(ambient))
         for index, lit in zip(shining, on, strict=True):
