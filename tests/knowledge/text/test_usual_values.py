@@ -84,7 +84,7 @@ def test_ranges_are_in_order_and_say_why() -> None:
 
 
 BOUNDED_ENOUGH = {
-    *("up", "quaternion", "normal"),  # directions, whose length does not matter or is checked
+    *("up", "quaternion", "normal", "direction"),  # directions, whose length does not matter or is checked
     *("coefficients", "fx", "fy", "cx", "cy"),  # of a lens, checked together
     *(
         "id",
@@ -100,6 +100,7 @@ BOUNDED_ENOUGH = {
         "velocity_scaling",
         "acceleration_scaling",
         "angle_tolerance",
+        "beam",
     ),  # whose bounds are the usual ones
     *("home", "fingers"),  # positions of joints, checked against their limits
     "curve",  # learned from frames
