@@ -75,15 +75,20 @@ class Lighting:
 
         part: of each solid, shape (s,), see `find_largest`.
         """
-        found = np.full(len(which), -1, dtype=np.int64)
-        missing = (self._light.strength * (1.0 - self._light.reached))[:, self._faces.same] * self._faces.weight
-        for row, line in enumerate(which.tolist()):
-            at = np.flatnonzero(self._faces.line == line)
-            index, face = np.unravel_index(missing[:, at].argmax(), (len(missing), len(at)))
-            if missing[index, at[face]] > 0:
-                plate = _plates(self._faces, self._faces.same[at[[face]]], self._lines, self._lights[int(index)])
-                near = near_pairs(plate, self._watched.solid_poses, self._watched.opaque)
-                found[row] = find_largest(plate, self._watched.solid_poses, near, part)[0]
+        faces, lit = self._faces, self._light
+        missing = (lit.strength * (1.0 - lit.reached))[:, faces.same] * faces.weight
+        light, most = missing.argmax(axis=0), missing.max(axis=0)
+        order = np.lexsort((most, faces.line))
+        last = order[np.flatnonzero(np.diff(faces.line[order], append=-1))]
+        darkest = np.full(len(self.dark), -1, dtype=np.int64)
+        darkest[faces.line[last]] = last
+        face, found = darkest[which], np.full(len(which), -1, dtype=np.int64)
+        for index, one in enumerate(self._lights):
+            rows = np.flatnonzero((face >= 0) & (light[face] == index) & (most[face] > 0))
+            if len(rows):
+                plates = _plates(faces, faces.same[face[rows]], self._lines, one)
+                near = near_pairs(plates, self._watched.solid_poses, self._watched.opaque)
+                found[rows] = find_largest(plates, self._watched.solid_poses, near, part)
         return found
 
 
