@@ -25,7 +25,6 @@ from sqrp_cli.programming.placing.room import blocked, hidden_by, pairs_apart
 from sqrp_cli.programming.placing.scenes import JudgedWay, judged, middle_of, of_first_grip, varied
 from sqrp_cli.programming.placing.tensor import LocalVerdicts, joined_items, seen_by, view_batches
 from sqrp_cli.programming.placing.views import Option, View, options_of, price_of, views_of
-from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.ways.find import planned_ways
 from sqrp_cli.programming.ways.time_limit import TimeLimit
 
@@ -127,8 +126,8 @@ class Survey:
         cameras = [self.camera_at(option) for option in range(len(self.options))]
         response = min((camera.response for camera in cameras), default=0.0)
         some = [cameras[first : first + _TOGETHER] for first in range(0, len(cameras), _TOGETHER)]
-        solids = self.question.cell.observer.solids
-        found = [least_fault_delays(way.scene, Observer(tuple(of_some), solids), response) for of_some in some]
+        observer = self.question.cell.observer
+        found = [least_fault_delays(way.scene, replace(observer, cameras=tuple(of_some)), response) for of_some in some]
         return np.concatenate([np.empty(0), *found])
 
     def _verdicts(self, ways: Sequence[JudgedWay]) -> list[Mask]:
@@ -233,7 +232,7 @@ class Survey:
     def _cell_of(self, cameras: Sequence[Camera]) -> Cell:
         cell, together = self.question.cell, {camera.name: camera for camera in cameras}
         workspace = replace(cell.workspace, cameras=together)
-        return replace(cell, workspace=workspace, observer=Observer(tuple(together.values()), cell.observer.solids))
+        return replace(cell, workspace=workspace, observer=replace(cell.observer, cameras=tuple(together.values())))
 
     def studies(self, choice: Choice) -> list[Study]:
         """The exact studies of the chosen ways with the chosen cameras, and those that stay."""
