@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping
 from typing import Any, cast
 from xml.sax.saxutils import quoteattr
 
@@ -92,7 +92,7 @@ class DdsTransport:
         """As `Transport` says."""
         return int(self._writers[topic.name].get_publication_matched_status().current_count)
 
-    def senders(self, topic: Topic) -> Sequence[str]:
+    def senders(self) -> Mapping[str, Collection[str]]:
         """As `Transport` says."""
         from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
 
@@ -104,8 +104,12 @@ class DdsTransport:
                 self._endpoints[str(found.key)] = found
             else:
                 self._endpoints.pop(str(found.key), None)
-        names = [one.type_name for one in self._endpoints.values() if one.topic_name == _wire_name(topic.name)]
-        return [name.replace("::dds_::", "::").removesuffix("_").replace("::", "/") for name in names]
+        types: dict[str, set[str]] = {}
+        for one in self._endpoints.values():
+            if one.topic_name.startswith("rt/") and one.participant_key != self._participant.guid:
+                name = one.type_name.replace("::dds_::", "::").removesuffix("_").replace("::", "/")
+                types.setdefault(one.topic_name.removeprefix("rt"), set()).add(name)
+        return types
 
     def wait(self, seconds: float) -> None:
         """As `Transport` says."""

@@ -7,13 +7,16 @@ place. Written by the interface of rclpy in Humble and Jazzy; it needs an instal
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping
 from importlib import import_module
 from typing import Any
 
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.ros.messages import Message, MessageTypes, message_types
 from sqrp_cli.ros.transport import Inbox, Send, Topic
+
+NODE = "sqrp"
+"""How we are called."""
 
 SERVED_WITHIN = 5.0
 """How long the server of an action is waited for [s]."""
@@ -35,7 +38,7 @@ class RclpyTransport:
         self.types: MessageTypes = message_types(2)
         self._context = Context()
         rclpy.init(context=self._context, domain_id=domain)
-        self._node = rclpy.create_node("sqrp", context=self._context)
+        self._node = rclpy.create_node(NODE, context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._publishers: dict[str, Any] = {}
@@ -95,9 +98,12 @@ class RclpyTransport:
         """As `Transport` says."""
         return int(self._publishers[topic.name].get_subscription_count())
 
-    def senders(self, topic: Topic) -> Sequence[str]:
+    def senders(self) -> Mapping[str, Collection[str]]:
         """As `Transport` says."""
-        return [found.topic_type for found in self._node.get_publishers_info_by_topic(topic.name)]
+        names = (name for name, _ in self._node.get_topic_names_and_types())
+        sent = {name: self._node.get_publishers_info_by_topic(name) for name in names}
+        others = {name: {one.topic_type for one in them if one.node_name != NODE} for name, them in sent.items()}
+        return {name: types for name, types in others.items() if types}
 
     def wait(self, seconds: float) -> None:
         """As `Transport` says."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
@@ -78,12 +78,12 @@ class Ros1Transport:
         """As `Transport` says."""
         return int(self._publishers[topic.name].get_num_connections())
 
-    def senders(self, topic: Topic) -> Sequence[str]:
-        """As `Transport` says: by the master."""
+    def senders(self) -> Mapping[str, Collection[str]]:
+        """As `Transport` says: by the master, which remembers also nodes that were killed."""
         publishers, _, _ = self._master.getSystemState()
         kinds = {name: kind.replace("/", "/msg/") for name, kind in self._master.getTopicTypes()}
-        wanted = topic.name if topic.name.startswith("/") else f"/{topic.name}"
-        return [kinds.get(name, "") for name, nodes in publishers if name == wanted for _ in nodes]
+        own = self._rospy.get_name()
+        return {name: {kinds[name]} for name, nodes in publishers if name in kinds and set(nodes) - {own}}
 
     def wait(self, seconds: float) -> None:
         """As `Transport` says."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -57,13 +57,11 @@ class Inbox:
     def take(self) -> list[Arrived]:
         """The messages that wait, in the order in which they came.
 
-        Raises MessageError for bytes that are no message of the topic's type; those before it are gone, too.
+        No more than wait now: who is flooded gets on, too. Raises MessageError for bytes that are no message of the
+        topic's type; those before it are gone, too.
         """
-        found = []
-        while self._waiting:
-            data, t = self._waiting.popleft()
-            found.append(Arrived(self._types.decode(self.topic.type, data), t))
-        return found
+        waiting = [self._waiting.popleft() for _ in range(len(self._waiting))]
+        return [Arrived(self._types.decode(self.topic.type, data), t) for data, t in waiting]
 
 
 class Transport(Protocol):
@@ -82,8 +80,8 @@ class Transport(Protocol):
     def readers(self, topic: Topic) -> int:
         """How many read a topic that is published here."""
 
-    def senders(self, topic: Topic) -> Sequence[str]:
-        """The type of each that sends on a topic, as far as is known; of our own type or another one."""
+    def senders(self) -> Mapping[str, Collection[str]]:
+        """The types that others send, by the full name of their topic, as far as is known."""
 
     def wait(self, seconds: float) -> None:
         """Wait until a message comes, at most for some time [s]."""

@@ -73,6 +73,10 @@ class Portions:
         if ends:
             self._next = self._brakes_at = float("inf")
 
+    def begins(self, reference: StoppableReference, now: float) -> bool:
+        """Whether a motion from standing is due at a time [s]."""
+        return reference.revision != self._revision and (self._told is None or now >= self._told.rests_at)
+
     def begin(self, reference: StoppableReference, now: float) -> None:
         """Nothing is to be sent until the reference changes: the robot stands where it begins."""
         self._revision, self._told = reference.revision, reference.stopped(now)

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
 import yaml
-from pydantic import Field
+from pydantic import AfterValidator, Field
 from pydantic_core import PydanticCustomError
 
-from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.knowledge.text.entries import Angle, Distance, Entry, In, Name, Number, Share, Stored, Text, Time
 from sqrp_cli.knowledge.text.input_file import missing_file
+from sqrp_cli.knowledge.text.source import SourceDocument, describe
 from sqrp_cli.knowledge.text.units import TIME
 from sqrp_cli.knowledge.text.validation import validate
 from sqrp_cli.knowledge.text.yaml_file import read_yaml
@@ -23,14 +27,27 @@ TransportName = Literal["dds", "rclpy", "ros1"]
 ToolType = Literal["std_msgs/msg/Bool", "std_msgs/msg/Float64", "std_msgs/msg/Float64MultiArray"]
 ImageType = Literal["sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"]
 
+_TOPIC = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z0-9_]+)*")
+
+
+def _topic_name(name: str) -> str:
+    if not _TOPIC.fullmatch(name):
+        expected = "a topic such as `/arm/joint_states`: letters, digits and `_`, parted by `/`"
+        raise PydanticCustomError("wrong-value", f"found {describe(name)}, expected {expected}")
+    return name
+
+
+TopicName = Annotated[str, AfterValidator(_topic_name)]
+"""A name that ROS allows for topics and actions."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class TrajectoryEntry(Stored):
     """Where joint trajectories go: to a topic, or to an action."""
 
-    topic: Text | None = None
+    topic: TopicName | None = None
     """Of a joint_trajectory_controller, such as `/joint_trajectory_controller/joint_trajectory`."""
-    action: Text | None = None
+    action: TopicName | None = None
     """Of a follow_joint_trajectory action, such as `/arm_controller/follow_joint_trajectory`; with rclpy and ROS 1."""
 
     def __post_init__(self) -> None:
@@ -38,16 +55,21 @@ class TrajectoryEntry(Stored):
         if (self.topic is None) == (self.action is None):
             raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `topic`, `action`")
 
+    @property
+    def name(self) -> str:
+        """Of the topic or the action."""
+        return (self.topic or self.action or "").rstrip("/")
+
 
 @dataclass(frozen=True, kw_only=True)
 class ImageTopicEntry(Stored):
     """The topics of a camera."""
 
-    image: Text
+    image: TopicName
     """Of its images."""
     type: ImageType = "sensor_msgs/msg/Image"
     """Of its messages: raw images or compressed ones."""
-    info: Text | None = None
+    info: TopicName | None = None
     """Of its `CameraInfo`; without it, matrix and resolution are not compared with the workspace."""
     frame: Text | None = None
     """Its optical frame in TF; by default, what its `CameraInfo` says."""
@@ -59,7 +81,7 @@ class ImageTopicEntry(Stored):
 class ToolEntry(Stored):
     """The topic that has the tool hold and let go."""
 
-    topic: Text
+    topic: TopicName
     """Such as `/suction`."""
     type: ToolType = "std_msgs/msg/Bool"
     """Of its messages."""
@@ -106,7 +128,7 @@ class RobotFile(Entry):
     )
     use_sim_time: bool = Field(default=False, description="Whether `/clock` gives the time, as in simulations.")
     trajectory: TrajectoryEntry = Field(description="Where joint trajectories go.")
-    joint_states: Text = Field(default="/joint_states", description="Topic of the joints' positions.")
+    joint_states: TopicName = Field(default="/joint_states", description="Topic of the joints' positions.")
     joints: dict[Text, Text] | None = Field(
         default=None,
         description="The joints that the controller moves, in its order: name in the workspace, name in the messages; "
@@ -114,10 +136,19 @@ class RobotFile(Entry):
     )
     cameras: dict[Name, ImageTopicEntry] = Field(min_length=1, description="Topics of each camera of the workspace.")
     tool: ToolEntry | None = Field(default=None, description="What has the tool hold and let go.")
-    force: Text | None = Field(default=None, description="Topic of a force sensor (WrenchStamped), for guarded moves.")
+    force: TopicName | None = Field(
+        default=None, description="Topic of a force sensor (WrenchStamped), for guarded moves."
+    )
     tf: bool = Field(default=True, description="Whether camera poses are compared with TF, where it has them.")
     world: Text = Field(default="world", description="What TF calls the frame `world` of the workspace.")
     tolerances: TolerancesEntry = Field(default=TolerancesEntry(), description="How far the cell may be off.")
+
+    @property
+    def where(self) -> str:
+        """Where its topics are looked for, for messages."""
+        if self.transport == "ros1":
+            return f"at the master {self.master or 'of ROS_MASTER_URI'}"
+        return f"in domain {self.domain}" + (f" on {self.network}" if self.network else "")
 
     def joint_names(self, program: Program) -> dict[str, str]:
         """The joints that are moved, in order: by name in the program, their names in messages."""
@@ -130,45 +161,55 @@ def read_robot_file(path: Path, workspace: Workspace, program: Program) -> Robot
         raise InputError(missing_file(path))
     document = read_yaml(path)
     file = validate(document, RobotFile)
-    problems = [*_camera_problems(file, workspace, path), *_joint_problems(file, program, path)]
+    problems = [*_camera_problems(file, workspace, document), *_joint_problems(file, workspace, program, document)]
     actions = {p.action for step in program.steps for p in step.primitives}
     if file.tool is None and actions & {"Grasp", "Release"}:
         message = "the program grasps, but the file has no `tool` that can be told to"
-        problems.append(Problem("missing-key", message, Place(path), mend="tool: {topic: /suction}"))
+        problems.append(Problem("missing-key", message, document.key_place(()), mend="tool: {topic: /suction}"))
     guarded = any(p.guard is not None for step in program.steps for p in step.primitives)
     if file.force is None and guarded:
         message = "the program has moves that end at contact, but the file has no topic of a `force` sensor"
-        problems.append(Problem("missing-key", message, Place(path), mend="force: /wrench"))
+        problems.append(Problem("missing-key", message, document.key_place(()), mend="force: /wrench"))
     if file.trajectory.action is not None and file.transport == "dds":
         message = "actions need the vendor's own middleware; with dds, trajectories go to a topic"
-        problems.append(Problem("conflicting-keys", message, Place(path), mend="trajectory: {topic: ...}"))
+        mend = "trajectory: {topic: ...}"
+        problems.append(document.problem("conflicting-keys", ("trajectory", "action"), message, mend))
     if problems:
         raise InputError(*problems)
     return file
 
 
-def _camera_problems(file: RobotFile, workspace: Workspace, path: Path) -> list[Problem]:
+def _camera_problems(file: RobotFile, workspace: Workspace, document: SourceDocument) -> Iterator[Problem]:
     cameras = workspace.cameras
-    unknown = [
-        Problem("unknown-camera", f"there is no camera `{name}`; {expected_names(name, cameras)}", Place(path))
-        for name in file.cameras
-        if name not in cameras
-    ]
+    for name in file.cameras:
+        if name not in cameras:
+            message = f"there is no camera `{name}`; {expected_names(name, cameras)}"
+            yield Problem("unknown-camera", message, document.key_place(("cameras", name)))
     missing = [name for name in cameras if name not in file.cameras]
     if missing:
         names = ", ".join(f"`{name}`" for name in missing)
-        unknown.append(Problem("missing-key", f"`cameras` lacks {names} of the workspace", Place(path)))
-    return unknown
+        yield Problem("missing-key", f"`cameras` lacks {names} of the workspace", document.key_place(("cameras",)))
 
 
-def _joint_problems(file: RobotFile, program: Program, path: Path) -> list[Problem]:
-    return [
-        Problem(
-            "unknown-joint", f"the program has no joint `{name}`; {expected_names(name, program.joints)}", Place(path)
-        )
-        for name in file.joints or {}
-        if name not in program.joints
-    ]
+def _joint_problems(
+    file: RobotFile, workspace: Workspace, program: Program, document: SourceDocument
+) -> Iterator[Problem]:
+    """Of `joints`, which names every joint that the trajectories move; fingers may be left to the tool."""
+    if file.joints is None:
+        return
+    for name in file.joints:
+        if name not in program.joints:
+            message = f"the program has no joint `{name}`; {expected_names(name, program.joints)}"
+            yield Problem("unknown-joint", message, document.key_place(("joints", name)))
+    fingers = workspace.robot.fingers
+    left_out = [n for n in program.joints if n not in file.joints and (fingers is None or n not in fingers.open)]
+    if left_out:
+        names = ", ".join(f"`{name}`" for name in left_out)
+        message = f"`joints` lacks {names}, which the program moves"
+        yield Problem("missing-key", message, document.key_place(("joints",)))
+    for wire, count in Counter(file.joints.values()).items():
+        if count > 1:
+            yield document.problem("duplicate-name", ("joints",), f"{count} joints are called `{wire}` in messages")
 
 
 def as_yaml(file: RobotFile) -> str:

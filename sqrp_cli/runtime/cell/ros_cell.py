@@ -58,6 +58,7 @@ _GOAL, _GOAL_ID = "control_msgs/msg/FollowJointTrajectoryActionGoal", "actionlib
 _RESULT = "control_msgs/msg/FollowJointTrajectoryActionResult"
 _GIVEN_UP = (4, 5, 9)
 """Aborted, rejected and lost, as `actionlib_msgs/GoalStatus` has them."""
+_BOOL = "std_msgs/msg/Bool"
 _POINT = "trajectory_msgs/msg/JointTrajectoryPoint"
 
 
@@ -65,7 +66,8 @@ class RosClock:
     """The time of a cell: that of this computer, or of `/clock`."""
 
     def __init__(self, transport: Transport, *, simulated: bool) -> None:
-        self._inbox = transport.subscribe(CLOCK) if simulated else None
+        self.inbox = transport.subscribe(CLOCK) if simulated else None
+        """What comes on `/clock`, where that is the time."""
         self._newest = 0
         self._ahead = time.time_ns() - _steady_ns()
         self._heard = self._looked = self._settles = time.monotonic()
@@ -77,14 +79,14 @@ class RosClock:
         looked, self._looked = self._looked, time.monotonic()
         if self._looked - looked > PAUSE:
             self._heard, self._settles = self._looked, self._looked + SETTLE
-        for arrived in self._inbox.take() if self._inbox is not None else ():
+        for arrived in self.inbox.take() if self.inbox is not None else ():
             if (newest := nanoseconds(arrived.message.clock)) > self._newest:
                 self._newest, self._heard = newest, max(self._heard, arrived.t)
 
     @property
     def ns(self) -> int:
         """The time since the epoch of the clock [ns]; 0 before any is known. That of this computer never steps."""
-        return _steady_ns() + self._ahead if self._inbox is None else self._newest
+        return _steady_ns() + self._ahead if self.inbox is None else self._newest
 
     @property
     def now(self) -> float:
@@ -98,12 +100,12 @@ class RosClock:
     @property
     def is_settled(self) -> bool:
         """Whether what was read last is the time now, also after a pause of our own."""
-        return self._inbox is None or self._looked >= self._settles
+        return self.inbox is None or self._looked >= self._settles
 
     @property
     def stands_still(self) -> bool:
         """Whether `/clock` has nothing new to say any more."""
-        return self._inbox is not None and self._looked - self._heard > CLOCK_STOPS
+        return self.inbox is not None and self._looked - self._heard > CLOCK_STOPS
 
 
 def _steady_ns() -> int:
@@ -227,6 +229,10 @@ class RosCell:
         if file.force is not None:
             self._force = transport.subscribe(Topic(name=file.force, type="geometry_msgs/msg/WrenchStamped"))
         self._newton = 0.0
+        self.presence = Topic(name=f"{file.trajectory.name}/sqrp_run", type=_BOOL)
+        """Each run sends and reads it, never a message: so that another one knows."""
+        transport.publish(self.presence)
+        transport.subscribe(self.presence)
         self.commands: list[Topic] = []
         """The topics that the robot obeys."""
         self._tool = self._tool_sender(transport)
@@ -289,6 +295,10 @@ class RosCell:
         """Send what is due; where that would be a jump, nothing more is sent, and that is trouble."""
         silent, paused = now - self._followed.t, (_steady_ns() - self._followed.ns) * 1e-9
         self._followed = _Followed(now, _steady_ns())
+        if self._portions.begins(reference, now):
+            wanted, limit = reference.states(np.array([now])).positions[0], self.file.tolerances.start
+            if (off := self._off(reference.joints, wanted, limit, "where the motion begins")) is not None:
+                self._end(off)
         self._portions.follow(reference, now)
         if self._portions.over:
             jumped = self.file.use_sim_time and silent > AHEAD and paused < PAUSE
@@ -298,6 +308,10 @@ class RosCell:
     def _end(self, why: str) -> None:
         """Send no motion any more."""
         self._portions.over = True
+        self._note(why)
+
+    def _note(self, why: str) -> None:
+        """There is trouble; the first counts."""
         self._trouble = self._trouble or Stopped(why)
 
     def read(self) -> None:
@@ -322,12 +336,12 @@ class RosCell:
                     self._waiting[name].append(image)
                     self.ages[name].append(Shown(image.t, now))
         except MessageError as error:
-            self._trouble = self._trouble or Stopped(f"a message is malformed: {error}")
+            self._note(f"a message is malformed: {error}")
         except InputError as error:
-            self._trouble = self._trouble or Stopped(error.problems[0].message)
+            self._note(error.problems[0].message)
         for flood in self._floods:
             if (found := flood.check()) is not None:
-                self._trouble = self._trouble or Stopped(found)
+                self._note(found)
 
     def _note_result(self, message: Message) -> None:
         """The controller is done with a goal."""
@@ -338,7 +352,7 @@ class RosCell:
     def _note_end(self, why: str | None) -> None:
         """The controller is done with the newest trajectory; why: it gave up."""
         if why is not None:
-            self._trouble = self._trouble or Stopped(f"the controller gave up: {why}")
+            self._note(f"the controller gave up: {why}")
 
     def grasp(self) -> None:
         """As `Cell` says; nothing is commanded where there is trouble: the robot may be elsewhere."""
@@ -421,15 +435,16 @@ class RosCell:
         wanted, before = reference.states(np.array([then, changed])).positions
         if then - changed > STILL and float(np.abs(wanted - before).max()) > MOVED:
             return Stopped(f"the joint states on {topic} are frozen: the same for {then - changed:.2f} s of motion")
-        return self._off_the_path(reference.joints, wanted, then)
+        off = self._off(reference.joints, wanted, self.file.tolerances.tracking, "where it should be")
+        return None if off is None else Stopped(off)
 
-    def _off_the_path(self, joints: Sequence[str], wanted: Array, t: float) -> Stopped | None:
-        """The joint that is too far from where it should be at time t [s]."""
-        found, limit = self.joints.at(t), self.file.tolerances.tracking
+    def _off(self, joints: Sequence[str], wanted: Array, limit: float, where: str) -> str | None:
+        """The joint that by the newest joint states is further from where it is wanted than a limit [rad]."""
+        found = self.joints.at()
         for name, q in zip(joints, wanted.tolist(), strict=True):
             if name in found and name in self.moved and abs(found[name] - q) > limit:
                 off = np.degrees(abs(found[name] - q))
-                return Stopped(f"`{name}` is {off:.1f} deg from where it should be, more than {np.degrees(limit):.1f}")
+                return f"`{name}` is {off:.1f} deg from {where}, more than {np.degrees(limit):.1f}"
         return None
 
     def _image(self, camera: Camera, message: Message) -> CameraImage:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
+from sqrp_cli.errors import expected_names
 from sqrp_cli.geometry import Array, inverse, pose
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.static_transforms import unit_quaternion
@@ -26,6 +27,9 @@ PATIENCE = 15.0
 
 MOVES = 0.002
 """A robot whose joints change by more meanwhile is moving [rad or m]."""
+
+ANOTHER_CLOCK = 1e7
+"""Times that are further from ours are none of this computer's clock [s]."""
 
 _TF = "tf2_msgs/msg/TFMessage"
 _INFO = "sensor_msgs/msg/CameraInfo"
@@ -89,6 +93,8 @@ def check_cell(cell: RosCell, start: Mapping[str, float], progress: Callable[[],
     seen = _watch(cell, progress)
     if (trouble := cell.malformed) is not None:
         return [CellCheck("messages", "content", "", "", str(trouble))]
+    if not cell.joints.known and not any(cell.ages.values()) and not cell.transport.senders():
+        return [CellCheck("network", "senders", "none", "", f"nobody sends anything {cell.file.where}")]
     checks = [*_connections(cell), *_joints(cell, start, seen)]
     transforms = listening.poses()
     for name, about in cell.file.cameras.items():
@@ -124,20 +130,33 @@ def _watch(cell: RosCell, progress: Callable[[], None]) -> list[Mapping[str, flo
 
 
 def _connections(cell: RosCell) -> Iterator[CellCheck]:
-    """Whether somebody is there at each topic, with the same type."""
-    for inbox in (cell.states, *cell.images.values()):
-        senders, topic = set(cell.transport.senders(inbox.topic)), inbox.topic
-        problem = None
+    """Whether somebody is there at each topic, with the same type, and nobody else commands the robot."""
+    offered = cell.transport.senders()
+    clock = cell.clock.inbox
+    for inbox in (cell.states, *cell.images.values(), *(() if clock is None else (clock,))):
         if not inbox.count:
-            problem = f"nothing comes on `{topic.name}`"
-            if senders - {topic.type}:
-                problem = f"`{topic.name}` carries {', '.join(sorted(senders))}, not {topic.type}"
-            elif senders and topic.reliable:
-                problem += "; its sender may not be reliable: set `reliable: false`"
-            yield CellCheck(topic.name, "messages", "none", topic.type, problem)
+            topic = inbox.topic
+            yield CellCheck(topic.name, "messages", "none", topic.type, _nothing_on(topic, offered))
     for topic in cell.commands:
         if cell.transport.readers(topic) == 0:
             yield CellCheck(topic.name, "readers", "none", "1", f"nobody reads `{topic.name}` to follow it")
+    others = cell.transport.readers(cell.presence) - 1
+    if others > 0:
+        problem = "another `sqrp run` is connected to this robot, or was killed within the last 10 s"
+        yield CellCheck("robot", "commanded by", f"{others} more", "", problem)
+
+
+def _nothing_on(topic: Topic, offered: Mapping[str, Collection[str]]) -> str:
+    """Why no message comes on a topic, as far as what others send tells."""
+    types = set(offered.get("/" + topic.name.lstrip("/"), ()))
+    if types - {topic.type}:
+        return f"`{topic.name}` carries {', '.join(sorted(types))}, not {topic.type}"
+    if types and topic.reliable:
+        return f"nothing comes on `{topic.name}`; its sender may not be reliable: set `reliable: false`"
+    alike = [name for name, kinds in offered.items() if topic.type in kinds]
+    if not types and alike:
+        return f"nobody sends on `{topic.name}`; {expected_names(topic.name, alike)}"
+    return f"nothing comes on `{topic.name}`"
 
 
 def _joints(cell: RosCell, start: Mapping[str, float], seen: list[Mapping[str, float]]) -> Iterator[CellCheck]:
@@ -168,7 +187,11 @@ def _age(cell: RosCell, about: str, ages: list[float], latency: float) -> CellCh
     age, limit = float(np.median(ages)), cell.file.tolerances.clock
     off = age - latency
     problem = None
-    if abs(off) > limit:
+    if abs(off) > ANOTHER_CLOCK:
+        problem = (
+            f"{about} have times of another clock; `use_sim_time: true` is for simulations, whose time is `/clock`"
+        )
+    elif abs(off) > limit:
         which = "behind" if off > 0 else "ahead"
         said = f"{about}: {1e3 * age:.0f} ms old when they come, the workspace says {1e3 * latency:.0f} ms"
         problem = f"{said}; their clock is {1e3 * abs(off):.0f} ms {which}, or they are late"

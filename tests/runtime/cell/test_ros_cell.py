@@ -51,7 +51,8 @@ class Wire:
         self.inboxes: dict[str, Inbox] = {}
         self.sent: list[tuple[str, Message]] = []
         self.t, self.closed, self.each = 0.0, False, lambda: None
-        self.kinds: dict[str, str] = {}
+        self.kinds: dict[str, set[str]] = {"/joint_states": {"sensor_msgs/msg/JointState"}}
+        self.runs = 1
 
     def publish(self, topic: Topic):
         return lambda message: self.sent.append((topic.name, message))
@@ -59,11 +60,11 @@ class Wire:
     def subscribe(self, topic: Topic) -> Inbox:
         return self.inboxes.setdefault(topic.name, Inbox(topic, self.types, lambda: None))
 
-    def readers(self, _topic: Topic) -> int:
-        return 1
+    def readers(self, topic: Topic) -> int:
+        return self.runs if topic.name.endswith("/sqrp_run") else 1
 
-    def senders(self, topic: Topic) -> list[str]:
-        return [self.kinds.get(topic.name, topic.type)]
+    def senders(self) -> dict[str, set[str]]:
+        return self.kinds
 
     def wait(self, _seconds: float) -> None:
         self.tick()
@@ -287,29 +288,104 @@ def test_a_camera_that_was_moved_by_2_cm_is_named_with_the_distance() -> None:
     assert checked(wire, cell(wire)) == ["TF has `cam` 20.0 mm and 0.00 deg from where the workspace has it"]
 
 
-def test_a_topic_that_carries_something_else_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("senders", "said"),
+    [
+        (
+            {"/cam/image": {"sensor_msgs/msg/CompressedImage"}},
+            "`/cam/image` carries sensor_msgs/msg/CompressedImage, not sensor_msgs/msg/Image",
+        ),
+        (
+            {"/cam/image_raw": {"sensor_msgs/msg/Image"}, "/cam/image_info": {"sensor_msgs/msg/CameraInfo"}},
+            "nobody sends on `/cam/image`; did you mean `/cam/image_raw`?",
+        ),
+        (
+            {"/cam/image": {"sensor_msgs/msg/Image"}},
+            "nothing comes on `/cam/image`; its sender may not be reliable: set `reliable: false`",
+        ),
+        ({"/other": {"std_msgs/msg/Bool"}}, "nothing comes on `/cam/image`"),
+    ],
+)
+def test_why_nothing_comes_on_a_topic_is_said(
+    monkeypatch: pytest.MonkeyPatch, senders: dict[str, set[str]], said: str
+) -> None:
     monkeypatch.setattr("sqrp_cli.runtime.cell.ros_checks.PATIENCE", 0.1)
     wire = Wire()
     robot = cell(wire)
-    wire.kinds["/cam/image"] = "sensor_msgs/msg/CompressedImage"
+    wire.kinds = senders
     wire.each = lambda: wire.joints(Q0)
     found = [one.problem for one in check_cell(robot, {"a": 0.0, "b": 0.5}, lambda: None) if one.problem]
-    assert "`/cam/image` carries sensor_msgs/msg/CompressedImage, not sensor_msgs/msg/Image" in found
+    assert said in found
+
+
+def test_where_nobody_sends_anything_it_is_said_where(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sqrp_cli.runtime.cell.ros_checks.PATIENCE", 0.1)
+    wire = Wire()
+    robot = cell(wire, domain=7, network="lo")
+    wire.kinds = {}
+    assert [one.problem for one in check_cell(robot, {}, lambda: None)] == ["nobody sends anything in domain 7 on lo"]
+
+
+def test_a_second_run_at_one_robot_is_refused() -> None:
+    wire = Wire()
+    wire.runs = 2
+    assert checked(wire, cell(wire)) == [
+        "another `sqrp run` is connected to this robot, or was killed within the last 10 s"
+    ]
+
+
+def test_times_of_another_clock_are_not_called_late() -> None:
+    wire = Wire()
+    found = checked(wire, cell(wire), late=1.7e9)
+    assert len(found) == 1
+    assert "`use_sim_time: true`" in found[0]
+
+
+def test_a_robot_that_was_moved_since_it_was_checked_is_not_moved() -> None:
+    wire = Wire()
+    robot = cell(wire)
+    follow(wire, robot, 2.0, lambda _now, _q: wire.joints(Q0 + np.radians([1.0, 0.0])))
+    assert str(robot.trouble()) == "`a` is 1.0 deg from where the motion begins, more than 0.5"
+    assert trajectories(wire) == []
+
+
+def test_who_is_flooded_takes_no_more_than_waits() -> None:
+    types = message_types(2)
+    inbox = Inbox(Topic(name="/clock", type=CLOCK.type), types, lambda: None)
+    data = types.encode(types.make(CLOCK.type))
+    more = SimpleNamespace(decode=lambda *_: inbox.put(data))  # another comes while one is read
+    inbox._types = more
+    inbox.put(data)
+    assert len(inbox.take()) == 1
 
 
 def test_a_file_that_does_not_fit_says_everything_that_is_wrong(tmp_path: Path) -> None:
     path = tmp_path / "robot.yaml"
     path.write_text(
-        "trajectory: {action: /a}\njoints: {a: a, elbwo: e}\ncameras:\n  cma: {image: /i}\n"
+        "trajectory: {action: /a}\njoints: {a: e, elbwo: e}\ncameras:\n  cma: {image: /i}\n"
         "joint_states: /joint_states\n"
     )
     grasp = SimpleNamespace(action="Grasp", guard=None)
     program = SimpleNamespace(joints=("a", "elbow"), steps=(SimpleNamespace(primitives=(grasp,)),))
     with pytest.raises(InputError) as caught:
-        read_robot_file(path, SimpleNamespace(cameras={"cam": CAMERA}), program)
-    said = " ".join(problem.message for problem in caught.value.problems)
-    for part in ("no camera `cma`", "lacks `cam`", "no joint `elbwo`", "has no `tool`", "actions need the vendor's"):
-        assert part in said
+        read_robot_file(path, WORKSPACE, program)
+    said = {problem.message: problem.place.line for problem in caught.value.problems}
+    for part, line in {
+        "no camera `cma`": 4, "lacks `cam`": 3, "no joint `elbwo`": 2, "lacks `elbow`, which the program moves": 2,
+        "2 joints are called `e`": 2, "has no `tool`": None, "actions need the vendor's": 1,
+    }.items():  # fmt: skip
+        assert [said[message] for message in said if part in message] == [line]
+
+
+@pytest.mark.parametrize("name", ["/cam 1/image", "cam-1/image", "/", "/cam//image", "/1/image", "/cam1/image/"])
+def test_a_name_that_no_topic_can_have_is_refused_with_its_line(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_text(f"trajectory: {{topic: /a}}\ncameras:\n  cam: {{image: '{name}'}}\n")
+    with pytest.raises(InputError) as caught:
+        read_robot_file(path, WORKSPACE, SimpleNamespace(joints=(), steps=()))
+    problem = caught.value.problems[0]
+    assert problem.place.line == 3
+    assert f"`cameras.cam.image`: found `{name}`, expected a topic such as" in problem.message
 
 
 def test_without_a_simulated_clock_time_is_that_of_this_computer() -> None:
