@@ -16,6 +16,7 @@ from sqrp_cli.errors import InputError, Problem
 
 if TYPE_CHECKING:
     from sqrp_cli.api.run_results import SimulatedRun
+    from sqrp_cli.ros.transport import Transport
     from sqrp_cli.runtime.cell.robot_file import RobotFile
     from sqrp_cli.runtime.cell.ros_checks import CellCheck
     from sqrp_cli.runtime.record.events import Listener
@@ -26,6 +27,9 @@ Served = Literal["ros2", "ros1"]
 
 LOOPBACK = "127.0.0.1"
 """The network on which a cell is served if nobody says otherwise: this computer alone."""
+
+LISTENED = 0.7
+"""For how long it is listened whether another cell is served [s]: to be heard takes 0.3 s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,15 +123,27 @@ def serve(
     joints = list(file.joints or {}) if program is None else program.program.joints
     from sqrp_cli.ros.connect import connect
 
-    with SimulatedCell(cell.workspace, world, seed) as simulated:
-        simulated.frames(list(cell.workspace.cameras))  # the processes that draw are ready then
-        transport = connect(file.transport, domain=file.domain, network=file.network, master=file.master)
-        try:
+    transport = connect(file.transport, domain=file.domain, network=file.network, master=file.master)
+    try:
+        _check_alone(transport, file)
+        with SimulatedCell(cell.workspace, world, seed) as simulated:
+            simulated.frames(list(cell.workspace.cameras))  # the processes that draw are ready then
             server = CellServer(simulated, cell.workspace, file, transport, Faults(injected, steps, joints), tell)
             ready()
             server.serve(lambda: False, factor)
-        finally:
-            transport.close()
+    finally:
+        transport.close()
+
+
+def _check_alone(transport: Transport, file: RobotFile) -> None:
+    """Raises InputError where another cell is served: of two clocks and two arms, nobody could tell which is which."""
+    from sqrp_cli.runtime.cell.ros_cell import CLOCK
+
+    inbox = transport.subscribe(CLOCK)
+    transport.wait(LISTENED)
+    if inbox.count:
+        mend = "--domain N, with another number" if file.transport == "dds" else "ROS_MASTER_URI of another master"
+        raise InputError(Problem("would-overwrite", f"another cell is served {file.where}: `/clock` comes", mend=mend))
 
 
 def _free_domain() -> int:

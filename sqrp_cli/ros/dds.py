@@ -126,7 +126,7 @@ class DdsTransport:
     def _topic(self, topic: Topic) -> Any:  # noqa: ANN401 # of a library whose types depend on what was made
         from cyclonedds.topic import Topic as DdsTopic
 
-        return DdsTopic(self._participant, _wire_name(topic.name), _carrier(topic.type, self.types), qos=_qos(topic))
+        return DdsTopic(self._participant, _wire_name(topic.name), _carrier(topic.type, self.types))
 
     def _receive(self) -> None:
         """Bring what comes to the inboxes, until the end."""

@@ -1,5 +1,7 @@
 """Trials of a cell on the wire, each in processes of their own: `python -m tests.wire [ros2|ros1] [--only PART]`.
 
+`--share 1/2` and `2/2` make every other trial each, so that two cores or two sittings make all of them.
+
 slips: as many slips as in simulation, seen within a frame and 20 ms of when they are seen there, with the same outcome.
 losses: cameras and joint states that stay out, repeat themselves or are late; the arm stands within 0.5 s, by the cell.
 kills: `kill -9` of the run; the arm stands within a second of the cell's own clock.
@@ -67,8 +69,8 @@ class Served:
 
 
 class Trials:
-    def __init__(self, how: str, pace: float, folder: Path) -> None:
-        self.how, self.pace, self.folder = how, pace, folder
+    def __init__(self, how: str, pace: float, folder: Path, share: slice) -> None:
+        self.how, self.pace, self.folder, self.share = how, pace, folder, share
         self.workspace = small_cell(folder)
         self.program = folder / "pick.yaml"
         subprocess.run(sqrp("rank", self.workspace, "pickup g2", "--program", self.program), check=True, stdout=-3)
@@ -106,8 +108,8 @@ class Trials:
             capture_output=True,
             text=True,
         )
-        good = 0
-        for one in json.loads(sweep.stdout)["runs"]:
+        good, runs = 0, json.loads(sweep.stdout)["runs"][self.share]
+        for one in runs:
             x = one["x"]
             log = self.folder / "run.jsonl"
             with self.served(f"slip@{x:.3f}") as cell:
@@ -127,13 +129,14 @@ class Trials:
                 "ok" if close and same else f"NO: {document.get('reason')} {err[-200:]}",
                 flush=True,
             )
-        print(f"slips: {good} of {count} as in simulation")
-        return good == count
+        print(f"slips: {good} of {len(runs)} as in simulation")
+        return good == len(runs)
 
     def losses(self, count: int) -> bool:
         good, draw = 0, random.Random(0)  # noqa: S311 # of trials
-        for number in range(count):
-            fault = LOSSES[number % len(LOSSES)].format(f"{draw.uniform(0.8, 2.4):.3f}")
+        times = [f"{draw.uniform(0.8, 2.4):.3f}" for _ in range(count)]
+        faults = [LOSSES[number % len(LOSSES)].format(t) for number, t in enumerate(times)][self.share]
+        for fault in faults:
             with self.served(fault) as cell:
                 code, document, err = self.run(cell)
                 time.sleep(1.0 / self.pace)
@@ -146,18 +149,19 @@ class Trials:
                 "ok" if well else "NO",
                 flush=True,
             )
-        print(f"losses: {good} of {count} standing within {STANDING} s")
-        return good == count
+        print(f"losses: {good} of {len(faults)} standing within {STANDING} s")
+        return good == len(faults)
 
     def kills(self, count: int) -> bool:
         good, draw = 0, random.Random(1)  # noqa: S311 # of trials
-        for _ in range(count):
+        pauses = [draw.uniform(0.2, 2.0) for _ in range(count)][self.share]
+        for pause in pauses:
             with self.served() as cell:
                 run = subprocess.Popen(sqrp("run", self.program, "--robot", cell.config, "--yes"), stdout=-3, stderr=-3)
                 while not cell.times("the arm moves"):
                     time.sleep(0.02)
                     assert run.poll() is None
-                time.sleep(draw.uniform(0.2, 2.0) / self.pace)
+                time.sleep(pause / self.pace)
                 killed = cell_time(cell)
                 run.send_signal(signal.SIGKILL)
                 run.wait()
@@ -168,8 +172,8 @@ class Trials:
                 f"killed at {killed:.2f} s: stands {late:.3f} s later  {'ok' if late <= AFTER_A_KILL else 'NO'}",
                 flush=True,
             )
-        print(f"kills: {good} of {count} standing within {AFTER_A_KILL} s")
-        return good == count
+        print(f"kills: {good} of {len(pauses)} standing within {AFTER_A_KILL} s")
+        return good == len(pauses)
 
     def refusals(self) -> bool:
         """Cells that differ from the workspace of the program in one thing each."""
@@ -244,9 +248,11 @@ def main() -> int:
     parser.add_argument("--n", type=int, default=20)
     parser.add_argument("--pace", type=float, default=0.5)
     parser.add_argument("--only", choices=("slips", "losses", "kills", "refusals"))
+    parser.add_argument("--share", default="1/1", help="K/N: every Nth trial, from the Kth on")
     given = parser.parse_args()
+    first, every = map(int, given.share.split("/"))
     with tempfile.TemporaryDirectory() as folder, master(given.how):
-        trials = Trials(given.how, given.pace, Path(folder))
+        trials = Trials(given.how, given.pace, Path(folder), slice(first - 1, None, every))
         parts = {
             "refusals": trials.refusals,
             "losses": lambda: trials.losses(given.n),
