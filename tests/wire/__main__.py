@@ -69,8 +69,9 @@ class Served:
 
 
 class Trials:
-    def __init__(self, how: str, pace: float, folder: Path, share: slice) -> None:
+    def __init__(self, how: str, pace: float, folder: Path, share: slice, sweep: Path | None = None) -> None:
         self.how, self.pace, self.folder, self.share = how, pace, folder, share
+        self.kept_sweep = sweep or folder / "sweep.json"
         self.workspace = small_cell(folder)
         self.program = folder / "pick.yaml"
         subprocess.run(sqrp("rank", self.workspace, "pickup g2", "--program", self.program), check=True, stdout=-3)
@@ -103,12 +104,10 @@ class Trials:
 
     def slips(self, count: int) -> bool:
         """Slips in the middles of equal parts of the lift, against a sweep in simulation."""
-        sweep = subprocess.run(
-            sqrp("run", self.program, "--sim", "--sweep", "slip@a4", "--n", count, "--json"),
-            capture_output=True,
-            text=True,
-        )
-        good, runs = 0, json.loads(sweep.stdout)["runs"][self.share]
+        if not self.kept_sweep.exists():
+            sweep = sqrp("run", self.program, "--sim", "--sweep", "slip@a4", "--n", count, "--json")
+            self.kept_sweep.write_text(subprocess.run(sweep, capture_output=True, text=True, check=False).stdout)
+        good, runs = 0, json.loads(self.kept_sweep.read_text())["runs"][self.share]
         for one in runs:
             x = one["x"]
             log = self.folder / "run.jsonl"
@@ -249,10 +248,11 @@ def main() -> int:
     parser.add_argument("--pace", type=float, default=0.5)
     parser.add_argument("--only", choices=("slips", "losses", "kills", "refusals"))
     parser.add_argument("--share", default="1/1", help="K/N: every Nth trial, from the Kth on")
+    parser.add_argument("--sweep", type=Path, help="keep the sweep in simulation, or take it from there")
     given = parser.parse_args()
     first, every = map(int, given.share.split("/"))
     with tempfile.TemporaryDirectory() as folder, master(given.how):
-        trials = Trials(given.how, given.pace, Path(folder), slice(first - 1, None, every))
+        trials = Trials(given.how, given.pace, Path(folder), slice(first - 1, None, every), given.sweep)
         parts = {
             "refusals": trials.refusals,
             "losses": lambda: trials.losses(given.n),

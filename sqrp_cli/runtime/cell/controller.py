@@ -15,6 +15,9 @@ from sqrp_cli.runtime.cell.engine import mujoco
 BANDWIDTH = 60.0
 """Of each joint's position loop, critically damped [rad/s]."""
 
+FURTHEST = 1e6
+"""No motor is driven further [rad or m]: a simulation that is told to go on does not get unstable."""
+
 
 @dataclass(frozen=True)
 class Payload:
@@ -85,7 +88,7 @@ class Controller:
             self._model.jnt_actfrcrange[self._joint_ids] = self._efforts + self._weight()[:, None]
         torque = self._inverse_dynamics(velocity, acceleration, payload)
         led = self.wanted + (torque + self._damping * velocity) / self._stiffness
-        self._data.ctrl[:] = np.where(np.isnan(self._force), led, self._force)
+        self._data.ctrl[:] = np.where(np.isnan(self._force), np.clip(led, -FURTHEST, FURTHEST), self._force)
 
     def torques(self) -> Array:
         """What each motor gave in the last time step, within its limit [Nm or N], shape (motors,)."""

@@ -23,6 +23,7 @@ from sqrp_cli.runtime.cell.interface import StoppableReference
 from sqrp_cli.runtime.cell.portions import AHEAD, Portion, Portions
 from sqrp_cli.runtime.cell.robot_file import RobotFile
 from sqrp_cli.runtime.image import CameraImage
+from sqrp_cli.runtime.pauses import Pauses
 from sqrp_cli.runtime.record.packed_image import image_of
 from sqrp_cli.runtime.record.report import Stopped
 
@@ -31,9 +32,6 @@ TICK = 0.004
 
 JOINTS_OVERDUE = 0.12
 """How old the newest joint states may get [s]."""
-
-STALL = 0.03
-"""After a pause of our own this long [s], which may have kept messages from coming, none counts as missing at once."""
 
 PAUSE, SETTLE = 0.1, 0.05
 """After a pause of our own this long [s], `/clock` is believed so much later [s]: what was sent has to be received."""
@@ -46,6 +44,9 @@ CLOCK_STOPS = 2.0
 
 FLOOD_FACTOR, FLOOD_WINDOW, MOST_JOINT_STATES = 20.0, 0.5, 5000.0
 """A flood: so many times more images than a camera takes, or so many joint states a second, over a window [s]."""
+
+LONGEST_JUMP = 300.0
+"""A `/clock` that goes on by so much more than the time of this computer [s] has jumped, even where the arm stands."""
 
 _NO_TIME = "`/clock` stands still"
 
@@ -249,7 +250,7 @@ class RosCell:
         self._portions = Portions(self._send, () if fingers is None else tuple(fingers.open))
         self._reference: StoppableReference | None = None
         self._trouble: Stopped | None = None
-        self._read_at = self._fair_from = 0.0
+        self._pauses = Pauses()
         self._followed = _Followed(0.0, _steady_ns())
 
     @property
@@ -260,7 +261,7 @@ class RosCell:
     def begin(self) -> None:
         """Count time from now on."""
         self.clock.read()
-        self.clock.origin = self.clock.ns
+        self.clock.origin, self._followed = self.clock.ns, _Followed(0.0, _steady_ns())
         self.joints = JointLog(self.joints._names)
         for waiting in self._waiting.values():
             waiting.clear()
@@ -282,11 +283,12 @@ class RosCell:
         self._reference = reference
         while True:
             self.read()
-            now, stands_still = self.t, self.clock.stands_still
+            stands_still = self.clock.stands_still
             if stands_still:
                 self._end(_NO_TIME)
             elif self.clock.is_settled:
-                self._follow(reference, now)
+                self._follow(reference, self.t)
+            now = self.t
             if stands_still or (now >= t and self.clock.is_settled):
                 return max(t, now) if now >= t else now
             self.transport.wait(TICK)
@@ -300,7 +302,10 @@ class RosCell:
             if (off := self._off(reference.joints, wanted, limit, "where the motion begins")) is not None:
                 self._end(off)
         self._portions.follow(reference, now)
-        if self._portions.over:
+        if self._portions.over or silent - paused > LONGEST_JUMP:
+            if self._trouble is None:  # time that nobody has seen is none of the run
+                self.clock.origin += round(silent * 1e9)
+                self._followed = _Followed(self.t, self._followed.ns)
             jumped = self.file.use_sim_time and silent > AHEAD and paused < PAUSE
             why = "this computer was too busy to send the next part of the motion for"
             self._end(f"`/clock` jumped ahead by {silent:.1f} s" if jumped else f"{why} {silent:.1f} s")
@@ -319,9 +324,7 @@ class RosCell:
         try:
             self.clock.read()
             now = self.t
-            if now - self._read_at > STALL:  # messages may have waited as long as we did
-                self._fair_from = now + min(now - self._read_at, JOINTS_OVERDUE)
-            self._read_at = now
+            self._pauses.look(now)
             for arrived in self.states.take():
                 self.joints.add(self.clock.since(arrived.message.header.stamp), arrived.message, now)
             if self._force is not None:
@@ -382,7 +385,7 @@ class RosCell:
             return self._trouble
         if self.clock.stands_still:
             return Stopped(_NO_TIME)
-        return self._joint_trouble(self._read_at)
+        return self._joint_trouble()
 
     def tracking_error(self) -> float | None:
         """As `Cell` says: nobody measures where the tool is."""
@@ -418,17 +421,14 @@ class RosCell:
     ) -> None:
         self.close()
 
-    def _joint_trouble(self, now: float) -> Stopped | None:
+    def _joint_trouble(self) -> Stopped | None:
         """What joint states say of the robot, or that they say nothing."""
-        topic, reference = f"`{self.file.joint_states}`", self._reference
-        if now < self._fair_from:
-            return None
-        if now - self.joints.came > JOINTS_OVERDUE:
-            return Stopped(f"the joint states are lost: none on {topic} for {now - self.joints.came:.2f} s")
-        if now - self.joints.newest > JOINTS_OVERDUE:
-            return Stopped(
-                f"the joint states on {topic} come too late: the newest are {now - self.joints.newest:.2f} s old"
-            )
+        topic, reference, waited = f"`{self.file.joint_states}`", self._reference, self._pauses.waited
+        if waited(self.joints.came) > JOINTS_OVERDUE:
+            return Stopped(f"the joint states are lost: none on {topic} for {waited(self.joints.came):.2f} s")
+        if waited(self.joints.newest) > JOINTS_OVERDUE:
+            old = waited(self.joints.newest)
+            return Stopped(f"the joint states on {topic} come too late: the newest are {old:.2f} s old")
         if reference is None:
             return None
         then, changed = self.joints.newest, self.joints.changed

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.runtime.image import CameraImage
+from sqrp_cli.runtime.pauses import Pauses
 from sqrp_cli.runtime.perception.detections import BelievedState, Detection
 from sqrp_cli.runtime.perception.detector_pool import DetectorPool
 from sqrp_cli.runtime.perception.image_stream import OVERDUE_PERIODS, Expose, Streams, lost_if_crashed
@@ -28,10 +29,6 @@ MOST_WAITING = 3
 SLACK, LOOKING_SLACK = 0.08, 0.3
 """How much later than in simulation an image may come, and be looked at, in real time [s]."""
 
-
-STALL, LONGEST_GRACE = 0.03, 0.2
-"""After a pause of our own this long [s] no image counts as missing for as long again, at most so long: it may not have
-been received yet. Who pauses again and again looks too slowly, which is told."""
 
 FIRST = 3.0
 """How much longer the first image may take, for which the robot waits [s]."""
@@ -88,7 +85,7 @@ class ReceivedStreams(Streams):
         self._clock = clock
         self._streams = {name: _Stream(camera) for name, camera in cameras.items()}
         self._looked = 0.0
-        self._fair_from = 0.0
+        self._pauses = Pauses()
 
     @property
     def next_exposure(self) -> float:
@@ -123,11 +120,14 @@ class ReceivedStreams(Streams):
             stream.waiting.clear()
         return now
 
+    def present(self, t: float) -> float:
+        """As `Streams` says."""
+        return max(t, self._clock())
+
     def expose(self, t: float, take: Expose, believed: Callable[[float], BelievedState]) -> list[CameraImage]:
         """As `Streams` says: the images that have come."""
-        if t - self._looked > STALL:
-            self._fair_from = t + min(t - self._looked, LONGEST_GRACE)
         self._looked = t
+        self._pauses.look(t)
         found = []
         for name, image in take(list(self._streams)).items():
             stream = self._streams[name]
@@ -166,10 +166,13 @@ class ReceivedStreams(Streams):
 
     def failure(self, t: float) -> MonitoringLost | None:
         """As `Streams` says. The worst reason counts: no images, then old ones, then nobody who looks at them."""
-        streams = self._streams.values()
-        fair = t >= self._fair_from
-        old = [one for one in streams if fair and t > min(one.newest + one.patience, one.came + one.overdue) + SLACK]
-        lost = {one.camera.name: t - one.newest for one in old if t > one.came + 1.0 / one.camera.rate}
+        streams, waited = self._streams.values(), self._pauses.waited
+        old = [
+            one
+            for one in streams
+            if waited(one.newest) > one.patience + SLACK or waited(one.came) > one.overdue + SLACK
+        ]
+        lost = {one.camera.name: t - one.newest for one in old if waited(one.came) > 1.0 / one.camera.rate}
         late = {one.camera.name: t - one.newest for one in old}
         slow = {one.camera.name: t - one.seen for one in streams if t > one.seen + one.patience + LOOKING_SLACK}
         failed = list(lost or late or slow)

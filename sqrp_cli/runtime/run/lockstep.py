@@ -81,6 +81,11 @@ class Lockstep:
         """In a real cell time has passed while nobody looked, such as for planning: go on from now."""
         self.now = self.collector.streams.resume(self.now)
 
+    @property
+    def present(self) -> float:
+        """When what is commanded now begins [s]."""
+        return self.collector.streams.present(self.now)
+
     def pass_time(self, end: float = float("inf")) -> list[Evidence]:
         """Let time pass until the next event, at most until `end` [s].
 
@@ -126,7 +131,7 @@ class Lockstep:
 
     def _command_stop(self, reason: str) -> None:
         self.cancel("tool", "primitive")
-        self.stop_told = self.now
+        self.now = self.stop_told = self.present
         self.publisher.doing = "stops"
         self.publisher.publish(Stopping(t=self.now, reason=reason))
 

@@ -180,7 +180,7 @@ class Run:
     def _move(self, attempt: Attempt, number: int) -> Alarm | None:
         """Play the motion of an attempt at the step of a number, then look at what came of it."""
         lockstep = self._lockstep
-        attempt.start = lockstep.now
+        attempt.start = lockstep.present
         self._schedule(attempt, number, attempt.start)
         self._robot.motion.play(attempt.step.primitives, attempt.start)
         end = attempt.end

@@ -195,12 +195,12 @@ class CellServer:
         """Follow a trajectory from now on, unless no controller would."""
         try:
             begins = self.reference.ends <= self.t and self.reference.moves_from(message)
-            if begins:
-                for told in self._faults.motion_begins(self.t, self.reference):
-                    self._tell(f"{self.t:.2f} s: {told}")
             stamp = nanoseconds(message.header.stamp)
             start = None if stamp == 0 else (stamp - self._origin) * 1e-9
             self.reference.replace(message, self.t, start)
+            if begins:
+                for told in self._faults.motion_begins(self.t, self.reference):
+                    self._tell(f"{self.t:.2f} s: {told}")
         except RefusedTrajectory as error:
             self._tell(f"{self.t:.2f} s: a trajectory is refused: {error}")
             if self._action is not None:

@@ -16,6 +16,9 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.ros.messages import Message, nanoseconds
 from sqrp_cli.runtime.cell.interface import JointStates
 
+MOST = 1e4
+"""No joint goes so far [rad or m], or moves so [per s, per s^2]."""
+
 
 class RefusedTrajectory(SqrpError):  # noqa: N818 - it is an answer
     """A trajectory that no controller would follow; the message says why."""
@@ -99,8 +102,8 @@ class FollowedTrajectory:
             if any(len(one) not in ((len(order),) if kind == "positions" else (0, len(order))) for one in values):
                 raise RefusedTrajectory(f"its points have not one of the {kind} for each joint")
             rows.append(np.array([one[order] if len(one) else np.zeros(len(order)) for one in values]))
-        if not all(np.isfinite(row).all() for row in rows):
-            raise RefusedTrajectory("it holds what is no number")
+        if not all((np.abs(row) < MOST).all() for row in rows):
+            raise RefusedTrajectory("it holds values that no joint can have")
         return JointStates(*rows)
 
 

@@ -165,6 +165,27 @@ def test_joint_states_that_stay_out_are_old_or_do_not_follow_are_told_within_a_f
     assert 1.5 <= robot.t <= 1.5 + 0.21
 
 
+def test_who_pauses_again_and_again_still_notices_that_joint_states_are_lost() -> None:
+    wire = Wire()
+    robot = cell(wire)
+    wire.wait = lambda _seconds: [wire.tick() for _ in range(15)]  # 60 ms pass between two looks
+    follow(wire, robot, 3.0, lambda t, q: wire.joints(q) if t < 1.5 else None)
+    assert "joint states are lost" in str(robot.trouble())
+    assert robot.t <= 1.5 + 0.31
+
+
+@pytest.mark.parametrize("pause", [0.1, 0.2, 0.3])
+def test_a_pause_of_our_own_is_no_loss_of_joint_states(pause: float) -> None:
+    wire = Wire()
+    robot = cell(wire)
+    follow(wire, robot, 1.5)
+    wire.t += pause  # nothing of it is received yet
+    robot.read()
+    assert robot.trouble() is None
+    follow(wire, robot, 1.5 + pause + 0.1)
+    assert robot.trouble() is None
+
+
 @pytest.mark.parametrize(
     ("spoil", "reason"),
     [
@@ -441,9 +462,17 @@ def test_what_clock_says_right_after_a_pause_is_not_believed(monkeypatch: pytest
     follow(wire, robot, 1.8)
     before = len(wire.sent)
     monkeypatch.setattr(ros_cell, "SETTLE", 0.05)
-    steps = iter([0.1, 0.1, 1.1])  # one message after another, late
-    wire.wait = lambda _seconds: (time.sleep(0.02), setattr(wire, "t", wire.t + next(steps, 0.0)), wire.tick())
-    time.sleep(0.11)
+    steps, passed = iter([0.1, 0.1, 1.1]), [time.monotonic() + 0.11]  # one message after another, late
+    boot = ros_cell._steady_ns() - time.monotonic_ns()
+    monkeypatch.setattr(time, "monotonic", lambda: passed[0])
+    monkeypatch.setattr(ros_cell, "_steady_ns", lambda: boot + int(passed[0] * NS))
+
+    def wait(_seconds: float) -> None:
+        passed[0] += 0.02
+        wire.t += next(steps, 0.0)
+        wire.tick()
+
+    wire.wait = wait
     wire.tick()
     robot.advance(1.9, playback())
     assert "too busy to send" in str(robot.trouble())
@@ -470,6 +499,16 @@ def test_ctrl_c_after_a_pause_sends_nothing() -> None:
     wire.tick()
     robot.close()
     assert len(wire.sent) == before
+
+
+@pytest.mark.parametrize("moves", [True, False])
+def test_a_clock_that_jumps_far_takes_no_run_with_it(moves: bool) -> None:
+    wire = Wire()
+    robot = cell(wire)
+    follow(wire, robot, 1.8 if moves else 0.5)
+    wire.t += 1e6
+    assert robot.advance(1.82, playback()) < 3.0
+    assert "`/clock` jumped ahead by 100000" in str(robot.trouble())
 
 
 @pytest.mark.parametrize("step", [-4.0, 4.0])

@@ -39,9 +39,12 @@ class Lookers:
 
 
 class Cameras:
-    """Two cameras out of step that send images for a while, in steps of 5 ms."""
+    """Two cameras out of step that send images for a while; they are looked for in steps of 5 ms [s]."""
 
-    def __init__(self, takes: float = 0.01, late: dict[str, float] | None = None, lost=lambda _name, _t: False) -> None:
+    def __init__(
+        self, takes: float = 0.01, late: dict[str, float] | None = None, lost=lambda _name, _t: False, step=0.005
+    ) -> None:
+        self.step = step
         self.lookers = Lookers(takes)
         known = {name: SimpleNamespace(name=name, rate=RATE, latency=LATENCY) for name in ("cam1", "cam2")}
         self.streams = ReceivedStreams(known, self.lookers, lambda: self.lookers.now)
@@ -54,9 +57,10 @@ class Cameras:
 
     def until(self, end: float):
         """What fails, and when."""
-        self.streams.resume(0.0)
+        if not self.lookers.now:
+            self.streams.resume(0.0)
         while self.lookers.now < end:
-            self.lookers.now = round(self.lookers.now + 0.005, 6)
+            self.lookers.now = round(self.lookers.now + self.step, 6)
             now = self.lookers.now
             self.seen += [found.t for found in self.streams.collect(now)]
             self.streams.expose(now, self.arrived, lambda _: None)
@@ -114,14 +118,30 @@ def test_time_in_which_nobody_looked_is_no_failure() -> None:
     assert cameras.streams.failure(cameras.lookers.now + 0.2) is None
 
 
-def test_a_pause_of_our_own_is_not_taken_for_a_lost_camera_but_a_lost_camera_is_still_told() -> None:
+def paused(seconds: float) -> Cameras:
+    """Cameras after a pause of our own, when what was sent meanwhile has not been received yet."""
     cameras = Cameras()
     assert cameras.until(2.0) is None
-    cameras.lookers.now += 0.3
-    now = cameras.lookers.now
-    cameras.streams.expose(now, lambda _: {}, lambda _: None)  # what was sent meanwhile has not been received yet
-    assert cameras.streams.failure(now) is None
-    cameras.lookers.now = now + 0.2
-    how = cameras.streams.failure(now + 0.2)
-    assert how is not None
+    cameras.lookers.now += seconds
+    cameras.streams.expose(cameras.lookers.now, lambda _: {}, lambda _: None)
+    assert cameras.streams.failure(cameras.lookers.now) is None
+    return cameras
+
+
+def test_a_pause_of_our_own_is_not_taken_for_a_lost_camera() -> None:
+    assert paused(0.3).until(5.0) is None
+
+
+def test_a_camera_that_is_lost_in_a_pause_of_our_own_is_still_told() -> None:
+    cameras = paused(0.2)
+    cameras.due.clear()
+    told, how = cameras.until(5.0)
     assert how.fault == "camera-loss"
+    assert told < 2.2 + TOLD
+
+
+def test_who_pauses_again_and_again_still_notices_a_lost_camera() -> None:
+    cameras = Cameras(lost=lambda name, t: name == "cam2" and t >= 2.0, step=0.05)
+    told, how = cameras.until(5.0)
+    assert (how.fault, list(how.cameras)) == ("camera-loss", ["cam2"])
+    assert told <= 2.0 + 2 * TOLD
