@@ -302,11 +302,12 @@ class RosCell:
             if (off := self._off(reference.joints, wanted, limit, "where the motion begins")) is not None:
                 self._end(off)
         self._portions.follow(reference, now)
-        if self._portions.over or silent - paused > LONGEST_JUMP:
+        far = silent - paused > LONGEST_JUMP
+        if self._portions.over or far:
             if self._trouble is None:  # time that nobody has seen is none of the run
                 self.clock.origin += round(silent * 1e9)
                 self._followed = _Followed(self.t, self._followed.ns)
-            jumped = self.file.use_sim_time and silent > AHEAD and paused < PAUSE
+            jumped = far or (self.file.use_sim_time and silent > AHEAD and paused < PAUSE)
             why = "this computer was too busy to send the next part of the motion for"
             self._end(f"`/clock` jumped ahead by {silent:.1f} s" if jumped else f"{why} {silent:.1f} s")
 

@@ -143,7 +143,8 @@ def test_trajectories_that_no_controller_would_follow_are_refused() -> None:
     with pytest.raises(RefusedTrajectory, match="its joints are a, c"):
         arm.replace(good, 0.0, None)
     for spoil, why in (
-        (lambda points: points[0].positions.__setitem__(0, np.nan), "no number"),
+        (lambda points: points[0].positions.__setitem__(0, np.nan), "no joint can have"),
+        (lambda points: points[0].velocities.__setitem__(0, 1e300), "no joint can have"),
         (lambda points: points.reverse(), "do not rise"),
         (lambda points: points.clear(), "no points"),
     ):
