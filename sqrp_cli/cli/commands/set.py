@@ -26,6 +26,7 @@ def command(workspace: WorkspacePath, values: Values) -> ExitCode:
     from sqrp_cli.knowledge.text.yaml_edit import with_values
     from sqrp_cli.knowledge.workspace.load import read_workspace_document, workspace_file
     from sqrp_cli.platform.files import write_atomically
+    from sqrp_cli.programming.task import impossible_tasks
     from sqrp_cli.terminal.console import note, print_problems
 
     file = workspace_file(workspace)
@@ -35,9 +36,10 @@ def command(workspace: WorkspacePath, values: Values) -> ExitCode:
         note(f"{file} says so already; nothing was written")
         return ExitCode.OK
     opened = OpenCell.read(workspace, 0, content)
-    print_problems(one for one in opened.findings if one.severity != "error")
-    if opened.errors:
-        raise InputError(*opened.errors)
+    findings = (*opened.findings, *impossible_tasks(opened.workspace))
+    print_problems(one for one in findings if one.severity != "error")
+    if errors := [one for one in findings if one.severity == "error"]:
+        raise InputError(*errors)
     write_atomically(file, content)
     note(f"{file} is written")
     return ExitCode.OK
