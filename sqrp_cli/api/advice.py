@@ -276,13 +276,7 @@ def find_advice(
         question = _question(session, wish, choose, kinds, jobs, progress)
         adviser, best = Adviser(question), question.best
         found = TaskAdvice(
-            session=session,
-            path=path,
-            content=content,
-            wish=wish,
-            way=adviser.way,
-            before=adviser.before,
-            answers=(),
+            session=session, path=path, content=content, wish=wish, way=adviser.way, before=adviser.before, answers=()
         )
         if found.met:
             return found

@@ -127,6 +127,12 @@ def check_callable(value: object, name: str, expected: str) -> None:
         raise refused(name, value, expected)
 
 
+def check_means(jobs: object, progress: object) -> None:
+    """Raises InputError for anything but a number of processes, and what can show progress."""
+    check_count(jobs, "jobs", 1)
+    check_progress(progress)
+
+
 def check_progress(value: object) -> None:
     """Raises InputError for anything that cannot show progress."""
     check_callable(value, "progress", "a function of a title and a total")

@@ -15,7 +15,7 @@ from sqrp_cli.api.arguments import (
     check_calibration,
     check_callable,
     check_count,
-    check_progress,
+    check_means,
     check_sampling,
     check_text,
     check_texts,
@@ -164,8 +164,7 @@ class OpenCell:
         from sqrp_cli.programming.ranking import rank
 
         by = check_by(by)
-        check_count(jobs, "jobs", 1)
-        check_progress(progress)
+        check_means(jobs, progress)
         session = self.begin(
             task,
             sampling=sampling,
@@ -200,8 +199,7 @@ class OpenCell:
         from sqrp_cli.api.session import assess, at_step, check_choice, check_one_step, choose_candidate
         from sqrp_cli.programming.ranking import rank
 
-        check_count(jobs, "jobs", 1)
-        check_progress(progress)
+        check_means(jobs, progress)
         if choose is not None:
             check_text(choose, "choose", "the name of a candidate, `best`, or None for all")
         session = self.begin(task, sampling=sampling, after=after, ways=ways, max_time=max_time)
@@ -248,8 +246,7 @@ class OpenCell:
         from sqrp_cli.api.advice import find_advice
         from sqrp_cli.programming.advice.change import read_kinds
 
-        check_count(jobs, "jobs", 1)
-        check_progress(progress)
+        check_means(jobs, progress)
         check_text(choose, "choose", "the name of a candidate, or `best`")
         if want is not None:
             check_text(want, "want", "a wish such as `q_eoi 100 %, time 20 s`")
@@ -312,8 +309,7 @@ class OpenCell:
             mounts=optional_path(mounts, "mounts"),
         )
         check_sampling(sampling)
-        check_count(jobs, "jobs", 1)
-        check_progress(progress)
+        check_means(jobs, progress)
         means = Means(sampling or Adaptive(), jobs, None, optional_path(out, "out"), self.seed)
         return find_placement(self.cell, request, means=means, progress=progress, content=self.content)
 
@@ -340,8 +336,7 @@ class OpenCell:
         from sqrp_cli.programming.suggestion import Suggester
         from sqrp_cli.programming.task import impossible_tasks
 
-        check_count(jobs, "jobs", 1)
-        check_progress(progress)
+        check_means(jobs, progress)
         if plan is not None and not isinstance(plan, bool):
             raise refused("plan", plan, "True, False, or None for where it is needed")
         if planner is not None:
@@ -403,8 +398,7 @@ class OpenCell:
         from sqrp_cli.scoring.work.compute import Means, open_computer
 
         check_sampling(sampling)
-        check_count(jobs, "jobs", 1)
-        check_progress(progress)
+        check_means(jobs, progress)
         means = Means(sampling or Adaptive(), jobs, None, optional_path(out, "out"), self.seed)
         with open_computer(means) as computer:
             return Scores(score_cells(list(read_cells([self.workspace.path])), computer, progress))

@@ -454,11 +454,7 @@ def _recorder(workspace: Workspace, path: Path | None, closing: ExitStack) -> Ba
 
 
 def _gallery(
-    workspace: Workspace,
-    film: Path | None,
-    frames: Path | None,
-    recorder: BagRecorder | None,
-    screen: Screen | None,
+    workspace: Workspace, film: Path | None, frames: Path | None, recorder: BagRecorder | None, screen: Screen | None
 ) -> ImageRecorder | None:
     """Writers of the images of a run, as a film, one by one, and in a recording."""
     if film is None and frames is None and recorder is None and screen is None:

@@ -8,15 +8,7 @@ from typing import Literal
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.domain import merge_domains
-from sqrp_cli.logic.planner import (
-    AlreadySatisfied,
-    GaveUp,
-    Plan,
-    Planner,
-    PlanningResult,
-    ProvenImpossible,
-    find_plan,
-)
+from sqrp_cli.logic.planner import AlreadySatisfied, GaveUp, Plan, Planner, PlanningResult, ProvenImpossible, find_plan
 from sqrp_cli.logic.planning_task import PlanStep
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment

@@ -204,11 +204,7 @@ class CellReader(EntryReader):
             self._report("on-itself", (*path, "on"), message, mend=f"name what `{name}` stands on, or leave `on` out")
         elif entry.on is not None and entry.on not in self.file.objects:
             others = [other for other in self.file.objects if other != name]
-            self._report(
-                "unknown-object",
-                (*path, "on"),
-                no_such(entry.on, "object", others),
-            )
+            self._report("unknown-object", (*path, "on"), no_such(entry.on, "object", others))
         if isinstance(entry.pose, Held) and (entry.fixed or name not in held):
             why = "the object is fixed" if entry.fixed else f"the tool holds `{held[0]}`"
             self._report("wrong-value", (*path, "pose"), f"found `held`, expected a pose, because {why}")
@@ -298,11 +294,7 @@ class CellReader(EntryReader):
         for argument, parameter in zip(arguments, signature.parameters, strict=True):
             entry = self.file.objects.get(argument)
             if entry is None:
-                self._report(
-                    "unknown-object",
-                    path,
-                    no_such(argument, "object", self.file.objects),
-                )
+                self._report("unknown-object", path, no_such(argument, "object", self.file.objects))
             elif not domain.fits(entry.types, parameter.type):
                 message = f"`{argument}` is of type `{entry.type}`, expected `{parameter.type}`: {signature}"
                 self._report("wrong-object-type", path, message)

@@ -339,11 +339,7 @@ class RobotReader(EntryReader):
             paths = {name: (*path, name) for name in values}
         for name, quantity in values.items():
             if name not in dimensions:
-                self._report(
-                    "unknown-joint",
-                    paths[name],
-                    no_such(name, "movable joint", dimensions),
-                )
+                self._report("unknown-joint", paths[name], no_such(name, "movable joint", dimensions))
             elif quantity.dimension not in (None, dimensions[name]):
                 self._wrong_unit(paths[name], quantity, dimensions[name])
         wrong = next((name for name, quantity in values.items() if quantity.value < SMALLEST_LIMIT), None)
