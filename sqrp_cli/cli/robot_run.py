@@ -40,6 +40,8 @@ def run_on_robot(
     from sqrp_cli.terminal.console import note, print_problems
     from sqrp_cli.terminal.run_view import FinishedSteps, LiveView
 
+    if as_json and not dry_run and not yes:
+        raise InputError(Problem("bad-option", "--json leaves no room for a question; add --yes, or --dry-run"))
     opened = program_with_warnings(program, seed)
     outputs.check_not_read([*opened.files, robot])
     print_problems(opened.warnings)

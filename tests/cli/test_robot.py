@@ -28,6 +28,7 @@ TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
         (["cell", TABLETOP, "--serve", "ros2", "--fault", "slip@a4"], "--fault needs --program"),
         (["run", "pick.yaml", "--sim", "--speed", "10%"], "--speed is about --robot, which is missing"),
         (["run", "pick.yaml", "--yes"], "--yes is about --robot, which is missing"),
+        (["run", "pick.yaml", "--robot", "r.yaml", "--json"], "--json leaves no room for a question; add --yes"),
         (["run", "pick.yaml", "--robot", "r.yaml", "--sim"], "--robot and --sim exclude each other"),
         (["run", "pick.yaml", "--robot", "r.yaml", "--fault", "slip@a4"], "--robot and --fault exclude each other"),
     ],

@@ -102,6 +102,7 @@ class CellServer:
         self._q = np.array([at[name] for name in joints])
         self._stood, self._still = True, STILL_FOR
         self._cancelled = Event()
+        self._complaint, self._complained = "", 0.0
         self._open_topics()
 
     def _open_topics(self) -> None:
@@ -189,7 +190,7 @@ class CellServer:
                 (self._cell.grasp if arrived.message.data else self._cell.release)()
                 self._tell(f"{self.t:.2f} s: the tool {'holds' if arrived.message.data else 'lets go'}")
         except MessageError as error:
-            self._tell(f"{self.t:.2f} s: a message is malformed: {error}")
+            self._complain(f"a message is malformed: {error}")
 
     def follow(self, message: Message) -> None:
         """Follow a trajectory from now on, unless no controller would."""
@@ -202,9 +203,15 @@ class CellServer:
                 for told in self._faults.motion_begins(self.t, self.reference):
                     self._tell(f"{self.t:.2f} s: {told}")
         except RefusedTrajectory as error:
-            self._tell(f"{self.t:.2f} s: a trajectory is refused: {error}")
+            self._complain(f"a trajectory is refused: {error}")
             if self._action is not None:
                 self._action.refuse(str(error))
+
+    def _complain(self, what: str) -> None:
+        """Say what is wrong with a message; the same again once a second at most, however many come."""
+        if what != self._complaint or self.t - self._complained >= 1.0:
+            self._tell(f"{self.t:.2f} s: {what}")
+            self._complaint, self._complained = what, self.t
 
     def _happen(self, fault: InjectedFault) -> None:
         self._tell(f"{self.t:.3f} s: {fault.text} is made to happen")
