@@ -43,9 +43,10 @@ _LARGEST_CHUNK = 1 << 28
 
 
 def check_kind(path: Path) -> None:
-    """Raises InputError for what is named as a recording and is none, and for pipes and devices."""
-    if path.exists() and not path.is_file() and not path.is_dir():
-        raise InputError(Problem("unreadable-file", "this is neither a file nor a folder", Place(path)))
+    """Raises InputError for what is named as a recording and is none, and for pipes and devices, also in its folder."""
+    for part in (path, *(path.iterdir() if path.is_dir() else ())):
+        if part.exists() and not part.is_file() and not part.is_dir():
+            raise InputError(Problem("unreadable-file", f"{part.name} is neither a file nor a folder", Place(path)))
     kind = _KINDS.get(path.suffix.lower())
     if path.is_file() and kind is not None and not is_bag(path):
         what = "it is empty" if not path.stat().st_size else "it begins otherwise"

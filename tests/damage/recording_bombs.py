@@ -244,10 +244,11 @@ def _mcap(*records: bytes) -> bytes:
     return _BEGIN + b"".join(records) + _record(2, struct.pack("<QQI", 0, 0, 0)) + _MAGIC
 
 
-def _packed_zeros(count_: int) -> bytes:
+def mcap_of_zeros(size: int, *, said: int | None = None) -> bytes:
+    """An MCAP with a chunk of so many zeros, packed; said: how many it says that it has, if not as many."""
     from backports import zstd
 
-    return zstd.compress(bytes(count_))
+    return _mcap(_chunk(size if said is None else said, b"zstd", zstd.compress(bytes(size))))
 
 
 MCAP = (
@@ -256,8 +257,8 @@ MCAP = (
     _sparse(_BEGIN, 8 << 30),
     whole("no-records", lambda: _mcap()),
     whole("other-profile", lambda: _mcap().replace(b"ros2", b"ros9")),
-    whole("zstd-of-a-gigabyte", lambda: _mcap(_chunk(1 << 30, b"zstd", _packed_zeros(1 << 30)))),
-    whole("zstd-says-less", lambda: _mcap(_chunk(100, b"zstd", _packed_zeros(1 << 28)))),
+    whole("zstd-of-a-gigabyte", lambda: mcap_of_zeros(1 << 30)),
+    whole("zstd-says-less", lambda: mcap_of_zeros(1 << 28, said=100)),
     whole("zstd-broken", lambda: _mcap(_chunk(100, b"zstd", b"\xff" * 100))),
     whole("packed-as-x", lambda: _mcap(_chunk(100, b"x", b"\xff" * 100))),
     whole("chunk-of-2^63", lambda: _mcap(struct.pack("<BQ", 6, 2**63) + bytes(100))),

@@ -1,12 +1,15 @@
 from __future__ import annotations
 
+import os
+import tracemalloc
 from pathlib import Path
 
 import pytest
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.ros.bag import Bag, BagWriter, is_bag
+from sqrp_cli.ros.bag import Bag, BagWriter, check_kind, is_bag
 from sqrp_cli.ros.messages import message_types
+from tests.damage.recording_bombs import mcap_of_zeros
 
 
 @pytest.fixture(scope="module", params=[".mcap", ".bag"])
@@ -70,3 +73,32 @@ def read(path: Path) -> None:
     with Bag(path) as bag:
         for one in bag.messages(["/said"]):
             bag.read(one)
+
+
+def test_pipes_are_not_waited_for(tmp_path: Path) -> None:
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information:\n")
+    os.mkfifo(tmp_path / "run.mcap")
+    for path in (tmp_path, tmp_path / "run.mcap"):
+        with pytest.raises(InputError, match=r"run\.mcap is neither a file nor a folder"):
+            check_kind(path)
+        assert is_bag(tmp_path / "run.mcap") is False
+
+
+def test_a_chunk_that_unpacks_to_gigabytes_is_refused_before(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(mcap_of_zeros(1 << 30))
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match="has more than 256 MB"):
+            read(path)
+        assert tracemalloc.get_traced_memory()[1] < 600_000_000
+    finally:
+        tracemalloc.stop()
+
+
+def test_files_of_ros_2_are_told_by_their_beginning(tmp_path: Path) -> None:
+    path = tmp_path / "run.bag2"
+    path.write_bytes(b"SQLite format 3\0")
+    with pytest.raises(InputError, match=r"whose name has to end in \.db3") as caught:
+        read(path)
+    assert caught.value.problems[0].mend == f"mv {path} {path.with_suffix('.db3')}"
