@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import os
+import socket
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -17,20 +18,29 @@ from sqrp_cli.ros.dds import DdsTransport
 from sqrp_cli.ros.messages import MessageError, message_types
 from sqrp_cli.ros.transport import Inbox, Topic
 
-DOMAIN = 100 + os.getpid() % 100
-"""Tests that run at the same time do not meet, or hardly."""
 STATES = Topic(name="/states", type="sensor_msgs/msg/JointState", depth=50, reliable=True)
 
 
 @pytest.fixture(scope="module")
-def ends() -> Iterator[tuple[DdsTransport, DdsTransport]]:
-    one, other = DdsTransport(DOMAIN, "127.0.0.1"), DdsTransport(DOMAIN, "127.0.0.1")
+def domain() -> Iterator[int]:
+    """A domain whose tests no other ones on this computer meet: who holds its last port, by TCP, has it."""
+    for number in range(50, 100):
+        with socket.socket() as held, suppress(OSError):
+            held.bind(("127.0.0.1", 7400 + 250 * number + 249))
+            yield number
+            return
+    pytest.fail("no domain is free")
+
+
+@pytest.fixture(scope="module")
+def ends(domain: int) -> Iterator[tuple[DdsTransport, DdsTransport]]:
+    one, other = DdsTransport(domain, "127.0.0.1"), DdsTransport(domain, "127.0.0.1")
     yield one, other
     one.close()
     other.close()
 
 
-def until(so: Callable[[], object], seconds: float = 10.0) -> None:
+def until(so: Callable[[], object], seconds: float = 60.0) -> None:
     end = time.monotonic() + seconds
     while not so():
         assert time.monotonic() < end, "it never came"
@@ -50,15 +60,18 @@ def test_messages_arrive_whole_and_in_order(ends: tuple[DdsTransport, DdsTranspo
         send(types.make(STATES.type, name=["a"], position=np.array([float(number)])))
     until(lambda: inbox.count == 20)
     assert [one.message.position[0] for one in inbox.take()] == list(range(20))
+    until(lambda: STATES.name in ends[1].senders())
     assert ends[1].senders()[STATES.name] == {"sensor_msgs/msg/JointState"}
 
 
 def test_a_flood_keeps_the_newest_messages_and_no_more(ends: tuple[DdsTransport, DdsTransport]) -> None:
     topic = Topic(name="/flood", type="std_msgs/msg/Float64", depth=5, reliable=True)
     send, inbox = meet(ends, topic)
+    types = message_types(2)
     for number in range(3000):
-        send(message_types(2).make(topic.type, data=float(number)))
-    until(lambda: inbox.count and (time.sleep(0.2) or True))
+        send(types.make(topic.type, data=float(number)))
+    last = types.encode(types.make(topic.type, data=2999.0))
+    until(lambda: inbox.count and inbox._waiting[-1][0] == last)
     found = [one.message.data for one in inbox.take()]
     assert len(found) <= 5
     assert found[-1] == 2999.0
@@ -121,6 +134,6 @@ def test_the_library_writes_the_same_bytes_of_its_own_objects() -> None:
     assert theirs.serialize() == types.encode(ours)
 
 
-def test_a_network_that_this_computer_lacks_is_said() -> None:
+def test_a_network_that_this_computer_lacks_is_said(domain: int) -> None:
     with pytest.raises(InputError, match="cannot use domain"):
-        DdsTransport(DOMAIN + 1, "203.0.113.7")
+        DdsTransport(domain + 50, "203.0.113.7")
