@@ -47,7 +47,7 @@ check: all
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	@$(DIGEST) | cmp --silent - .venv/tested || $(MAKE) test
-	$(BIN)/pytest --numprocesses auto -m slow
+	$(BIN)/pytest --numprocesses auto -m 'slow and not trial'
 
 # The documentation, as pages that open from the disk: build/site/index.html.
 docs: all
@@ -84,6 +84,7 @@ trials: all
 	$(BIN)/python -m tests.detectors
 	$(BIN)/python -m tests.studio
 	$(BIN)/python -m tests.recordings
+	$(BIN)/pytest --numprocesses auto -m trial
 
 # 10,000 damaged inputs of every kind, each in a process of its own with limits; takes a quarter of an hour.
 damage: all

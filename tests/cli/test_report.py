@@ -474,7 +474,7 @@ def test_a_cell_with_hostile_files_has_pages_that_work(browser, sqrp, watch, tmp
     assert sqrp(command, cell, *(["watch cube"] if command == "rank" else []), "--report", path).code == 0
     opened = Opened(browser, path)
     assert "evil" in opened.js("document.title + document.body.innerText")
-    click_at_random(opened, 5, 1.0)
+    click_at_random(opened, 5, 10)
     assert opened.complaints == []
     assert opened.requests == [path.as_uri()]
     assert opened.page.locator("img, a[href]:not(.skip), b:has-text('evil')").count() == 0

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from tests.cli.browser import PATIENCE
+
 WHERE = """(role) => {
   const { gizmo, scene } = sqrp;
   gizmo.fit(scene.eye);
@@ -21,6 +23,7 @@ class Hand:
 
     def __init__(self, browser: Any, address: str, width: int = 1400, height: int = 900) -> None:
         self.context = browser.new_context(viewport={"width": width, "height": height})
+        self.context.set_default_timeout(PATIENCE)
         self.page = self.context.new_page()
         self.complaints: list[str] = []
         self.page.on("pageerror", lambda error: self.complaints.append(error.stack or str(error)))
@@ -39,11 +42,11 @@ class Hand:
 
     def wait(self, condition: str, argument: Any = None) -> None:
         """Wait until a condition holds; condition: the body of a function of `x`."""
-        self.page.wait_for_function(f"(x) => {{ {condition} }}", arg=argument, timeout=90_000)
+        self.page.wait_for_function(f"(x) => {{ {condition} }}", arg=argument)
 
     def ready(self) -> None:
         """Wait for the ranking and for the chosen candidate over time."""
-        self.page.wait_for_selector("html[data-ready=true]", timeout=90_000)
+        self.page.wait_for_selector("html[data-ready=true]")
 
     def ranked(self) -> list[dict[str, Any]]:
         """The candidates, once those of the present text are there."""

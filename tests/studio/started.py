@@ -22,7 +22,7 @@ class Started:
         environment = {**os.environ, "PYTHONPATH": str(ROOT)}
         self.process = subprocess.Popen(command, text=True, cwd=cwd, env=environment, preexec_fn=_heed_ctrl_c, **pipes)
         assert self.process.stdout is not None
-        ready, _, _ = select.select([self.process.stdout], [], [], 60)
+        ready, _, _ = select.select([self.process.stdout], [], [], 180)
         self.address = self.process.stdout.readline().strip() if ready else ""
         if not self.address:
             self.process.kill()
@@ -32,7 +32,7 @@ class Started:
     def closed(self) -> tuple[int, str]:
         """Its exit code, and what it printed on stderr."""
         self.process.send_signal(signal.SIGINT)
-        _, err = self.process.communicate(timeout=20)
+        _, err = self.process.communicate(timeout=120)
         return self.process.returncode, err
 
 

@@ -19,10 +19,10 @@ def test_a_part_that_is_dropped_by_a_click_is_a_fault_of_the_command(browser, st
     hand = Hand(browser, studio.address)
     hand.page.fill("#program", str(program))
     hand.page.click("#run")
-    hand.page.wait_for_selector("#run-images img[src]", timeout=60_000)
-    hand.page.wait_for_function("() => document.querySelector('#run-doing').textContent === 'lift'", timeout=120_000)
+    hand.page.wait_for_selector("#run-images img[src]")
+    hand.page.wait_for_function("() => document.querySelector('#run-doing').textContent === 'lift'")
     hand.page.click("#run-slip")
-    hand.page.wait_for_function("() => !sqrp.runs.going", timeout=120_000)
+    hand.page.wait_for_function("() => !sqrp.runs.going")
     line = shlex.split(hand.js("sqrp.state.lines.at(-1).line"))
     assert line[:4] == ["sqrp", "run", str(program), "--sim"]
     assert line[4] == "--fault"

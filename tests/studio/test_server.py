@@ -17,7 +17,7 @@ from sqrp_cli.studio.session import _PLAIN
 
 def answer(studio, path: str, **headers: str) -> tuple[int, bytes]:
     """Status and body of a GET request."""
-    connection = http.client.HTTPConnection(studio.host, timeout=10)
+    connection = http.client.HTTPConnection(studio.host, timeout=120)
     connection.putrequest("GET", path, skip_host="Host" in headers)
     for name, value in headers.items():
         connection.putheader(name, value)
@@ -73,7 +73,7 @@ def test_no_connection_from_another_page_or_without_the_token(studio, path, orig
 def test_the_page_of_the_studio_is_told_the_cell(studio):
     where = f"ws://{studio.host}/{studio.token}/live"
     with connect(where, origin=f"http://{studio.host}", max_size=None) as own:
-        told = {json.loads(own.recv(timeout=30))["do"] for _ in range(2)}
+        told = {json.loads(own.recv(timeout=120))["do"] for _ in range(2)}
         assert told == {"state", "cell"}
 
 
@@ -95,7 +95,7 @@ def test_a_request_that_is_none_is_refused(studio, text):
     where = f"ws://{studio.host}/{studio.token}/live"
     with connect(where, origin=f"http://{studio.host}", max_size=None) as own:
         own.send(text)
-        while (message := json.loads(own.recv(timeout=30)))["do"] != "refused":
+        while (message := json.loads(own.recv(timeout=120)))["do"] != "refused":
             pass
         assert "not understood" in message["problems"][0]["message"]
 
@@ -111,7 +111,7 @@ def own(studio):
 
 def heard(own, do: str, number: int | None = None):
     """The next message of a kind, about a ranking or sketch of a number."""
-    while (message := json.loads(own.recv(timeout=60)))["do"] != do or number not in (None, message.get("number")):
+    while (message := json.loads(own.recv(timeout=120)))["do"] != do or number not in (None, message.get("number")):
         assert message["do"] != "problems"
     return message
 
