@@ -24,6 +24,11 @@ def _own() -> tuple[int, str]: ...
 """
 
 
+@pytest.fixture(scope="module")
+def package() -> SourceTree:
+    return SourceTree(ROOT)
+
+
 def test_what_is_counted(tmp_path: Path) -> None:
     package = tmp_path / "sqrp_cli"
     package.mkdir()
@@ -42,8 +47,8 @@ def test_what_is_counted(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("field", [RECORD_FIELDS[subject] for subject in ("target's box", "fault's figures", "camera")])
-def test_a_new_field_touches_at_most_three_files(field: str) -> None:
-    assert 1 <= len(SourceTree(ROOT).modules_that_write(field)) <= 3
+def test_a_new_field_touches_at_most_three_files(field: str, package: SourceTree) -> None:
+    assert 1 <= len(package.modules_that_write(field)) <= 3
 
 
 def test_the_table_has_a_column_for_each_checkout(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,6 +7,7 @@ import shlex
 import pytest
 
 CHOSEN = ("--choose", "g1")
+FEW = ("--samples", "3")
 
 
 @pytest.mark.parametrize(
@@ -20,7 +21,7 @@ CHOSEN = ("--choose", "g1")
     ids=" ".join,
 )
 def test_all_ways_are_shown(words, sqrp, tabletop):
-    outcome = sqrp("explain", tabletop, "pickup g1", *words)
+    outcome = sqrp("explain", tabletop, "pickup g1", *FEW, *words)
     assert outcome.code == 0
     assert "g1: 16 of 32 ways can be done; Pareto-optimal are" in outcome.out
 
@@ -30,8 +31,8 @@ def test_the_words_of_the_command_may_follow_the_bare_option(sqrp, watch):
 
 
 def test_the_best_way_alone_is_shown_and_the_fastest_is_explained(sqrp, tabletop):
-    best = sqrp("explain", tabletop, "pickup g1", "--ways", "best")
-    assert best.out == sqrp("explain", tabletop, "pickup g1").out
+    best = sqrp("explain", tabletop, "pickup g1", *FEW, "--ways", "best")
+    assert best.out == sqrp("explain", tabletop, "pickup g1", *FEW).out
     assert "Pareto-optimal are" not in best.out
     fastest = sqrp("explain", tabletop, "pickup g1", "--ways", "fastest", "--json").document
     (ranked,) = sqrp("rank", tabletop, "pickup g1", "--ways", "fastest", "--json").document["candidates"]
@@ -54,7 +55,7 @@ def test_the_command_that_says_how_much_helps_can_be_typed(sqrp, tabletop):
     assert words[3:] == ["pickup green", "--want", "q_eoi 100 %", *CHOSEN, "--ways", "fastest"]
     advice = sqrp(*words[1:], "--kinds", "way", "--json").document
     assert (advice["candidate"], advice["before"]["q_eoi"]) == ("g1", 0.0)
-    seen = sqrp("explain", tabletop, "pickup green", *CHOSEN)
+    seen = sqrp("explain", tabletop, "pickup g1")
     assert "--want 'q_avg 100 %'" in seen.out
 
 

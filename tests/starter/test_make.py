@@ -47,7 +47,13 @@ LINKS = {
 """Where a robot programmer would fix a tool."""
 
 
-@pytest.fixture(scope="module", params=ARMS)
+SLOW = "xarm7"
+"""Seven axes, whose home and cubes are sought for half a minute."""
+
+
+@pytest.fixture(
+    scope="module", params=[pytest.param(name, marks=pytest.mark.trial) if name == SLOW else name for name in ARMS]
+)
 def arm(request: pytest.FixtureRequest) -> str:
     name: str = request.param
     return name

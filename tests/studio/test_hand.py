@@ -49,8 +49,9 @@ def test_a_dragged_camera_moves_verdicts_at_once_and_the_ranking_when_it_rests(h
     hand.take("camera", "cam5")
     x, y = hand.js("sqrp.gizmo.target.move.position.slice(0, 2)")
     covered = hand.js("document.querySelector('#figures').textContent")
-    hand.drag("x", 90, 20, steps=6)
-    assert hand.js("sqrp.latencies.length") > 0
+    hand.drag("x", 90, 20, steps=6, leave=True)
+    hand.wait("return sqrp.latencies.length > 0")
+    hand.page.mouse.up()
     hand.wait("return sqrp.state.dirty")
     moved_x, moved_y = hand.js("sqrp.state.handles.camera.cam5.position.slice(0, 2)")
     assert moved_x != x
@@ -199,8 +200,8 @@ def test_a_syntax_error_outside_is_shown_and_recovered_from(hand, cell):
     hand.page.click("#save-now")
     hand.wait("return document.querySelector('#notices').textContent.includes('changed meanwhile')")
     file.write_bytes(good.replace(b"rate: 10 Hz", b"rate: 20 Hz", 1))
-    hand.wait("return document.querySelector('#notices').textContent.includes('new state') && sqrp.settled")
-    assert hand.js("sqrp.overview.scenes[0].cameras.cam1.rate") == 20
+    hand.wait("return document.querySelector('#notices').textContent.includes('new state')")
+    hand.wait("return sqrp.overview.scenes[0].cameras.cam1.rate === 20 && sqrp.settled")
     assert hand.js("sqrp.state.unsaved.length") == 1
     undo_all(hand)
     file.write_bytes(good)

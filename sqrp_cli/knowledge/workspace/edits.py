@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import Array, inverse, matrix_to_quaternion, matrix_to_rpy, pose
-from sqrp_cli.knowledge.camera.camera import Camera, ImageEntry
+from sqrp_cli.knowledge.camera.camera import Camera, ImageEntry, Sensing
 from sqrp_cli.knowledge.camera.curve import Curve
 from sqrp_cli.knowledge.frames import WORLD
+from sqrp_cli.knowledge.text.entries import In
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.text.units import ANGLE, FREQUENCY, LENGTH, PIXELS, SHARE, TIME, Dimension, read_quantity
 from sqrp_cli.knowledge.text.yaml_edit import appended, edited, respelled, with_entries
@@ -92,14 +93,8 @@ def with_further_camera(document: SourceDocument, camera: Camera, like: str, loo
     return appended(document, ("cameras",), f"{camera.name}: {_flow(ordered)}")
 
 
-_SENSING_UNITS = {
-    "near": ("m", LENGTH),
-    "far": ("m", LENGTH),
-    "rate": ("Hz", FREQUENCY),
-    "latency": ("ms", TIME),
-    "exposure": ("ms", TIME),
-}
-"""What a file states of how a camera senses, in the units that people use for it."""
+_SENSING_UNITS = {LENGTH: "m", FREQUENCY: "Hz", TIME: "ms"}
+"""The units that people use for how a camera senses."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,10 +129,10 @@ def _entry(new: NewCamera) -> dict[str, Any]:
     if new.image.distortion is not None:
         lens = new.image.distortion
         image["distortion"] = {"model": lens.model, "coefficients": list(lens.coefficients)}
-    sensing = {
-        name: _number(f"0 {unit}", getattr(camera, name), dimension)
-        for name, (unit, dimension) in _SENSING_UNITS.items()
-    }
+    sensing = {}
+    for name, kind in get_type_hints(Sensing, include_extras=True).items():
+        (dimension,) = (mark.dimension for mark in kind.__metadata__ if isinstance(mark, In) and mark.dimension)
+        sensing[name] = _number(f"0 {_SENSING_UNITS[dimension]}", getattr(camera, name), dimension)
     if not camera.exposure:
         del sensing["exposure"]
     frame = {} if camera.frame == WORLD else {"frame": camera.frame}
