@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import compileall
+import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +14,10 @@ from hypothesis import settings
 
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.platform.memory import keep_all_so_far, keep_freed_memory
 from sqrp_cli.programming.arm.kinematics import RobotModel
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the workers, which start afterwards; as the command does
 
 settings.register_profile("sqrp", deadline=None, derandomize=True)
 settings.load_profile("sqrp")
@@ -23,6 +27,12 @@ def pytest_configure(config: pytest.Config) -> None:
     """Compile the package once: the tests start it in many processes, each of which may be told to keep no bytecode."""
     if not hasattr(config, "workerinput"):  # pytest-xdist gives that to its workers, which start afterwards
         compileall.compile_dir(Path(__file__).parents[1] / "sqrp_cli", quiet=2)
+
+
+def pytest_collection_finish() -> None:
+    """Have memory kept and garbage collected as in a process of the command, many of which run in this one."""
+    keep_freed_memory()
+    keep_all_so_far()
 
 
 TABLETOP = Path(__file__).parents[1] / "workspaces" / "tabletop"

@@ -183,7 +183,8 @@ def test_where_nothing_helps_it_says_what_comes_nearest_and_which_limit_is_in_th
     text = file.read_text(encoding="utf-8")
     start, end = text.index("  cam3:"), text.index("skills:")
     file.write_text(text[:start] + text[end:], encoding="utf-8")
-    command = ("advise", own, TASK, "--ways", "fastest", "--kinds", "aim", "--jobs", 1)
+    kept = own.parent / "kept"
+    command = ("advise", own, TASK, "--ways", "fastest", "--kinds", "aim", "--jobs", 1, "--out", kept)
     outcome = sqrp(*command)
     assert outcome.code == 1
     assert "Nothing meets the wish." in outcome.out

@@ -32,17 +32,22 @@ def test_in_the_real_world(finding: Finding[Screws], real: Screws) -> None:
     assert finding.holds(real), f"no longer so: {finding.text}"
 
 
-def test_the_findings_in_the_real_world_survive_inexact_cameras() -> None:
+some_draws_and_all = pytest.mark.parametrize("draws", [4, pytest.param(DRAWS, marks=pytest.mark.trial)])
+
+
+@some_draws_and_all
+def test_the_findings_in_the_real_world_survive_inexact_cameras(draws: int) -> None:
     cell = screws_cell()
-    lost = [failing(REAL, pick_screws(moved(cell, draw))) for draw in range(DRAWS)]
-    assert sum(not texts for texts in lost) >= 18, lost
+    lost = [failing(REAL, pick_screws(moved(cell, draw))) for draw in range(draws)]
+    assert sum(not texts for texts in lost) >= 0.9 * draws, lost
 
 
-def test_the_findings_in_simulation_survive_inexact_cameras() -> None:
+@some_draws_and_all
+def test_the_findings_in_simulation_survive_inexact_cameras(draws: int) -> None:
     cell = tabletop()
     picking = Picking.of(cell)
-    lost = [failing(SIMULATED, picking.seen_in(moved(cell, draw))) for draw in range(DRAWS)]
-    assert sum(not texts for texts in lost) >= 18, lost
+    lost = [failing(SIMULATED, picking.seen_in(moved(cell, draw))) for draw in range(draws)]
+    assert sum(not texts for texts in lost) >= 0.9 * draws, lost
 
 
 @pytest.mark.slow

@@ -46,7 +46,7 @@ def motion(walled: Cell) -> Motion:
     started = time.process_time()
     planned = walled.plan()
     assert isinstance(planned, Motion)
-    assert time.process_time() - started < 2.0
+    assert time.process_time() - started < 10.0
     return planned
 
 
