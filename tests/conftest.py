@@ -19,7 +19,7 @@ from sqrp_cli.programming.arm.kinematics import RobotModel
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the workers, which start afterwards; as the command does
 
-settings.register_profile("sqrp", deadline=None, derandomize=True)
+settings.register_profile("sqrp", deadline=None, derandomize=True, max_examples=40)
 settings.load_profile("sqrp")
 
 

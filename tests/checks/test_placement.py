@@ -40,7 +40,7 @@ def test_boxes_along_one_axis_penetrate_by_their_common_length() -> None:
     assert cube_at(0.0, 0.0, 0.0).penetration(cube_at(0.3, 0.0, 0.0)) < 0.0
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(boxes, boxes)
 def test_penetration_is_symmetric_and_unchanged_by_moving_both(a: PlacedBox, b: PlacedBox) -> None:
     depth = a.penetration(b)
@@ -49,7 +49,7 @@ def test_penetration_is_symmetric_and_unchanged_by_moving_both(a: PlacedBox, b: 
     assert np.isclose(moved(a, X_VW).penetration(moved(b, X_VW)), depth, atol=1e-12)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(boxes, boxes)
 def test_boxes_with_a_common_point_penetrate(a: PlacedBox, b: PlacedBox) -> None:
     grid = np.stack(np.meshgrid(*[np.linspace(-0.499, 0.499, 9)] * 3), axis=-1).reshape(-1, 3)
@@ -58,7 +58,7 @@ def test_boxes_with_a_common_point_penetrate(a: PlacedBox, b: PlacedBox) -> None
         assert a.penetration(b) > 0.0
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(boxes, boxes, st.integers(0, 2**32 - 1))
 def test_no_shorter_way_than_the_penetration_separates(a: PlacedBox, b: PlacedBox, seed: int) -> None:
     depth = a.penetration(b)
@@ -69,7 +69,7 @@ def test_no_shorter_way_than_the_penetration_separates(a: PlacedBox, b: PlacedBo
         assert a.penetration(moved(b, pose(position=0.999 * depth * direction))) > 0.0
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(boxes, boxes)
 def test_boxes_apart_have_no_corner_in_each_other(a: PlacedBox, b: PlacedBox) -> None:
     if a.penetration(b) <= 0.0:
@@ -77,7 +77,7 @@ def test_boxes_apart_have_no_corner_in_each_other(a: PlacedBox, b: PlacedBox) ->
         assert not inside(b.corners, a).any()
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(boxes, boxes, st.floats(-3.0, 3.0))
 def test_the_gap_from_above_is_that_of_the_shadows(a: PlacedBox, b: PlacedBox, height: float) -> None:
     gap = a.gap_from_above(b)

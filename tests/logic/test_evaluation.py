@@ -106,7 +106,7 @@ def ten_cases(most_samples: int = 6) -> st.SearchStrategy[Cases]:
     return st.integers(0, 2**32 - 1).map(made)
 
 
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=120, deadline=None)
 @given(ten_cases())
 def test_the_verdict_equals_that_of_a_brute_force_evaluator_at_every_instant(cases: Cases) -> None:
     for formula, trace in cases:
@@ -115,7 +115,7 @@ def test_the_verdict_equals_that_of_a_brute_force_evaluator_at_every_instant(cas
         assert [signal.at(half / 2) for half in range(len(values))] == values, (str(formula), trace)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(ten_cases())
 def test_every_sub_formula_has_its_own_verdict(cases: Cases) -> None:
     def check(verdict: FormulaVerdict) -> None:
@@ -127,7 +127,7 @@ def test_every_sub_formula_has_its_own_verdict(cases: Cases) -> None:
         check(evaluate(formula, trace))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(ten_cases(most_samples=3))
 def test_a_decision_is_the_same_under_every_completion_of_the_evidence(cases: Cases) -> None:
     for formula, trace in cases:
@@ -147,7 +147,7 @@ def test_a_decision_is_the_same_under_every_completion_of_the_evidence(cases: Ca
             assert outcomes == {truth}, (str(formula), trace)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(ten_cases())
 def test_the_monitor_says_the_same_as_the_evaluation_of_the_evidence_so_far(cases: Cases) -> None:
     for formula, trace in cases:

@@ -46,7 +46,7 @@ from tests.programming.studies import HOLD, WatchedMotion, always, eventually, w
 DENSE = int(os.environ.get("SQRP_DENSE_SAMPLES", "2000"))
 """Samples per primitive of the reference."""
 
-SCENES = 10
+SCENES = 5
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,7 @@ def excess(trajectory: Trajectory, limits: MotionLimits, per_phase: int) -> floa
 
 
 @given(EXPONENT, EXPONENT, EXPONENT)
-@settings(max_examples=300)
+@settings(max_examples=80)
 def test_a_law_keeps_its_limits_rises_and_lasts_as_the_closed_form_says(v: float, a: float, j: float) -> None:
     limits = MotionLimits(*(np.array(10.0**x) for x in (v, a, j)))
     law = rest_to_rest(limits)
@@ -61,7 +61,7 @@ EXTREME = st.floats(-9, 9)
 
 
 @given(EXTREME, EXTREME, EXTREME)
-@settings(max_examples=300)
+@settings(max_examples=80)
 def test_limits_however_far_apart_have_a_law_that_keeps_them(v: float, a: float, j: float) -> None:
     limits = MotionLimits(*(np.array(10.0**x) for x in (v, a, j)))
     law = rest_to_rest(limits)
@@ -134,7 +134,7 @@ def test_a_joint_move_to_where_the_arm_is_takes_no_time() -> None:
 
 
 @given(st.integers(0, 10_000))
-@settings(max_examples=50)
+@settings(max_examples=30)
 def test_a_curved_path_keeps_every_limit_at_a_finer_step_than_the_one_used(seed: int) -> None:
     rng = np.random.default_rng(seed)
     limits = random_limits(rng)
@@ -142,7 +142,7 @@ def test_a_curved_path_keeps_every_limit_at_a_finer_step_than_the_one_used(seed:
 
 
 @given(st.integers(0, 10_000), st.floats(0.01, 1))
-@settings(max_examples=50)
+@settings(max_examples=30)
 def test_a_path_with_limits_along_it_keeps_both_and_is_slowed_down_only_as_needed(seed: int, speed: float) -> None:
     rng = np.random.default_rng(seed)
     path, limits = random_path(rng), random_limits(rng)

@@ -119,7 +119,7 @@ def streams(draw: st.DrawFn) -> tuple[dict[str, tuple[float, float]], Vote]:
     return cameras, lambda name, t: shown[name][round(t * cameras[name][0]) % 30]
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(streams(), st.integers(1, 2))
 def test_a_fault_is_seen_when_a_brute_force_look_at_all_that_has_arrived_sees_it(found, needed: int) -> None:
     cameras, vote = found
