@@ -5,23 +5,25 @@ BIN := .venv/bin
 
 INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
 
-.PHONY: all rank run test check docs bench load damage planners trials pictures calibrate reproduce format clean
+.PHONY: all rank run test check lint slow docs bench load damage planners trials pictures calibrate reproduce format clean
 
 all: .venv/installed
 
-# Three steps, so that a first look does not install the tools of developers.
-.venv/rank: pyproject.toml constraints.txt
+.venv/pyvenv.cfg:
 	$(PYTHON) -m venv .venv
+
+# Each by itself, so that a first look does not install the tools of developers.
+.venv/rank: pyproject.toml constraints.txt | .venv/pyvenv.cfg
 	$(INSTALL) '.[robots,xacro]'
 	@touch $@
 
-.venv/run: .venv/rank
+.venv/run: pyproject.toml constraints.txt | .venv/pyvenv.cfg
 	$(INSTALL) '.[robots,sim,report,xacro,bags,ros2,studio]'
-	@touch $@
+	@touch .venv/rank $@
 
-.venv/installed: .venv/run
+.venv/installed: pyproject.toml constraints.txt | .venv/pyvenv.cfg
 	$(INSTALL) '.[robots,sim,report,place,cluster,planners,xacro,bags,ros2,studio,dev]'
-	@touch $@
+	@touch .venv/rank .venv/run $@
 
 rank: .venv/rank
 	$(BIN)/sqrp rank workspaces/tabletop "pickup green"
@@ -42,11 +44,16 @@ test: all
 
 # Everything, but not again the tests that passed with the very files that are here.
 check: all
+	@$(DIGEST) | cmp --silent - .venv/tested || $(MAKE) test
+	$(MAKE) --jobs 2 lint slow
+
+lint: all
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	@$(DIGEST) | cmp --silent - .venv/tested || $(MAKE) test
+
+slow: all
 	$(BIN)/pytest --numprocesses auto -m 'slow and not trial'
 
 # The documentation, as pages that open from the disk: build/site/index.html.
