@@ -76,19 +76,17 @@ def test_documents_of_new_workspaces_and_of_programs_fit_their_schemas(sqrp, tmp
     validate(sqrp("program", program, "--json").document, "program")
 
 
-def test_documents_of_runs_and_audits_and_every_line_of_a_log_fit_their_schemas(sqrp, tmp_path):
-    program, frames, log = tmp_path / "pick.yaml", tmp_path / "frames", tmp_path / "run.jsonl"
-    sqrp("rank", TABLETOP, "pickup g2", "--program", program)
-    slip = ("--fault", "slip@a4+1")
-    validate(sqrp("run", program, "--sim", *slip, "--frames", frames, "--log", log, "--json").document, "run")
-    lines = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]
+def test_documents_of_runs_and_audits_and_every_line_of_a_log_fit_their_schemas(sqrp, slip_run):
+    folder = slip_run.cell.folder
+    validate(slip_run.outcome.document, "run")
+    lines = [json.loads(line) for line in (folder / "run.jsonl").read_text(encoding="utf-8").splitlines()]
     assert {"run", "step", "state", "evidence", "fault", "retry", "report"} <= {line["event"] for line in lines}
     log_lines = jsonschema.Draft202012Validator(strict(schema_of("log")))
     for line in lines:
         log_lines.validate(line)
     for line in {line["event"]: line for line in lines}.values():
         assert_no_other_key_fits(line, "log")
-    validate(sqrp("audit", program, frames, "--json").document, "audit")
+    validate(sqrp("audit", slip_run.cell.program, folder / "frames", "--json").document, "audit")
 
 
 def validate(document: dict, name: str) -> None:

@@ -20,7 +20,17 @@ MADE = {"commands.md", "robot.md", "workspace.md", "skill.md", "findings.md", "u
 """Pages that are made from the code."""
 
 
-@pytest.mark.parametrize("page", RUN, ids=[str(page.relative_to(ROOT)) for page in RUN])
+SLOW = ROOT / "docs" / "howto" / "audit.md"
+"""A run with all cameras of the tabletop, which is recorded and audited."""
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, id=str(page.relative_to(ROOT)), marks=[pytest.mark.slow] if page == SLOW else [])
+        for page in RUN
+    ],
+)
 def test_commands_print_what_the_page_shows(page: Path) -> None:
     for block, printed in played(page):
         assert printed == block.output, block.command
