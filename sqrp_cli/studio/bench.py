@@ -5,7 +5,6 @@ A later question supersedes an earlier one: what is still computed for that is e
 
 from __future__ import annotations
 
-import json
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -27,51 +26,21 @@ from sqrp_cli.programming.coverage.assessment import Assessment, rehearsal
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.pipeline import Assignment
-from sqrp_cli.programming.ranking import Criterion, Ranked, rank
+from sqrp_cli.programming.ranking import Ranked, rank
+from sqrp_cli.programming.sensing.sight_memory import Seen, SightMemory
 from sqrp_cli.programming.ways.find import Plans, WantedWay
-from sqrp_cli.report.documents.checks import ReportedProblem
 from sqrp_cli.report.documents.playback import Positions
 from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.candidate_page import SceneModel, candidate_rows, played
-from sqrp_cli.report.pages.page import row, tidy
+from sqrp_cli.report.pages.page import row
 from sqrp_cli.report.sentences import summary
-from sqrp_cli.studio.moves import Move, moved
+from sqrp_cli.studio.messages import findings, message
+from sqrp_cli.studio.moves import moved
+from sqrp_cli.studio.questions import Choose, Hold, Question, Rank
 from sqrp_cli.studio.sketch import Sketch
 
 KEPT_PLANS = 64
 """Motions of so many candidates at most are kept for other cameras."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Rank:
-    """To rank a task in the cell of a text."""
-
-    content: bytes
-    """Of the workspace file."""
-    task: str
-    by: Criterion
-    number: int
-    """Of the question; answers carry it."""
-    of_saved: bool = False
-    """Whether only figures are wanted, to compare others with."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Choose:
-    """To show a candidate over time."""
-
-    name: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class Hold:
-    """To sketch the chosen candidate while a hand holds something."""
-
-    move: Move
-    number: int
-
-
-Question = Rank | Choose | Hold
 
 
 def serve(pipe: Connection, path: Path, seed: int, jobs: int) -> None:
@@ -98,8 +67,17 @@ class _Run:
     session: Session
     left: deque[int]
     found: dict[int, Assessment]
-    workers: dict[Worker[int, Assessment], int | None]
+    workers: dict[Worker[int, _Assessed], int | None]
     """Each with the candidate that it computes."""
+
+
+@dataclass(frozen=True)
+class _Assessed:
+    """The answer of a process that assesses candidates."""
+
+    assessment: Assessment
+    seen: Sequence[Seen]
+    """What it learnt of what cameras see."""
 
 
 class _Bench:
@@ -107,6 +85,7 @@ class _Bench:
         self._pipe, self._path, self._seed, self._jobs = pipe, path, seed, jobs
         self._cell: Cell | None = None
         self._kin: object = None
+        self._memory = SightMemory()
         self._model: SceneModel | None = None
         self._task: tuple[object, Session, Plans] | None = None
         self._run: _Run | None = None
@@ -118,7 +97,7 @@ class _Bench:
 
     def say(self, do: str, **fields: object) -> None:
         """Send an answer."""
-        self._pipe.send(_text(do, **fields))
+        self._pipe.send(message(do, **fields))
 
     def fail(self, error: Exception) -> None:
         """Say that something went wrong."""
@@ -180,8 +159,9 @@ class _Bench:
                 plans.of(session.cell, candidate, session.assignment.world, fastest=False)  # type: ignore[union-attr]
         count = len(session.task.candidates)
         assignment, candidates = session.assignment, session.task.candidates
-        workers: dict[Worker[int, Assessment], int | None] = {
-            Worker(forked(), _assessor, assignment, candidates): None for _ in range(min(self._jobs, count))
+        workers: dict[Worker[int, _Assessed], int | None] = {
+            Worker(forked(), _assessor, assignment, candidates, self._memory): None
+            for _ in range(min(self._jobs, count))
         }
         self._run = _Run(asked, session, deque(range(count)), {}, workers)
         for worker in workers:
@@ -195,7 +175,11 @@ class _Bench:
         workspace, known = opened.workspace, self._cell
         kin = _all_but_cameras(workspace)
         same = known is not None and kin == self._kin
-        cell = known.seen_by(workspace) if same and known is not None else opened.cell
+        if same and known is not None:
+            cell = known.seen_by(workspace)
+        else:
+            self._memory = SightMemory()
+            cell = replace(opened.cell, observer=replace(opened.cell.observer, memory=self._memory))
         self._cell, self._kin = cell, kin
         if not asked.of_saved:
             model = self._model if same and self._model is not None else SceneModel.of(cell)
@@ -216,24 +200,27 @@ class _Bench:
         self._task = key, session, plans
         return session, plans
 
-    def _hand_out(self, run: _Run, worker: Worker[int, Assessment]) -> None:
+    def _hand_out(self, run: _Run, worker: Worker[int, _Assessed]) -> None:
         run.workers[worker] = run.left.popleft() if run.left else None
         index = run.workers[worker]
         if index is not None:
             worker.send(index)
 
-    def _take(self, worker: Worker[int, Assessment]) -> None:
+    def _take(self, worker: Worker[int, _Assessed]) -> None:
         run = self._run
         assert run is not None  # noqa: S101 - it has the worker
         index = run.workers[worker]
         assert index is not None  # noqa: S101 - it has answered
         try:
-            found = worker.receive()
+            answer = worker.receive()
         except WorkerDied as error:
             raise InputError(Problem("worker-died", "a process was killed; is there enough memory?")) from error
         candidate = run.session.task.candidates[index]
-        way = found.best_way and replace(found.best_way, skill=candidate.skill)
-        run.found[index] = replace(found, candidate=candidate, best_way=way)
+        assessment = answer.assessment
+        way = assessment.best_way and replace(assessment.best_way, skill=candidate.skill)
+        run.found[index] = replace(assessment, candidate=candidate, best_way=way)
+        for seen in answer.seen:
+            self._memory.take(seen)
         self._hand_out(run, worker)
         if len(run.found) == len(run.session.task.candidates):
             self._ranked(run)
@@ -321,11 +308,6 @@ class _Bench:
         )
 
 
-def findings(problems: Sequence[Problem]) -> list[ReportedProblem]:
-    """Problems as documents have them."""
-    return [ReportedProblem.of(problem) for problem in problems]
-
-
 def _all_but_cameras(workspace: Workspace) -> object:
     """What decides motions and requirements: equal for workspaces that differ in their cameras only."""
     values = {path: value for path, value in workspace.values.items() if not path.startswith("cameras.")}
@@ -337,15 +319,22 @@ def _all_but_cameras(workspace: Workspace) -> object:
     return values, files
 
 
-def _assessor(assignment: Assignment, candidates: Sequence[Candidate]) -> Callable[[int], Assessment]:
-    return lambda index: assignment.assess(candidates[index])
+def _assessor(
+    assignment: Assignment, candidates: Sequence[Candidate], memory: SightMemory
+) -> Callable[[int], _Assessed]:
+    def assess(index: int) -> _Assessed:
+        memory.learnt.clear()
+        assessment = assignment.assess(candidates[index])
+        return _Assessed(assessment, memory.learnt)
+
+    return assess
 
 
 def _explainer(assignment: Assignment, ranked: Ranked) -> Callable[[str], str]:
     def explain(name: str) -> str:
         explained = assignment.explain_whole(ranked)
         detail = played(assignment, explained, brief=True) if explained.steps else None
-        return _text("detail", name=name, detail=detail)
+        return message("detail", name=name, detail=detail)
 
     return explain
 
@@ -382,8 +371,3 @@ def _changes(X: Array) -> list[list[object]]:
     """The poses of an object where they change, shape (m, 4, 4) or (1, 4, 4), each after its index."""
     moves = np.flatnonzero(np.r_[True, np.any(X[1:] != X[:-1], axis=(1, 2))])
     return [[int(k), *X[k, :3, 3].tolist(), *matrix_to_quaternion(X[k, :3, :3])] for k in moves]
-
-
-def _text(do: str, **fields: object) -> str:
-    """An answer: figures with all their digits, nothing invisible in names."""
-    return json.dumps(tidy({"do": do, **fields}, digits=None), allow_nan=False)

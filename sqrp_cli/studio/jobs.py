@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import base64
-import json
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.platform.processes import Foreman, forked
-from sqrp_cli.programming.ranking import Criterion
-from sqrp_cli.report.documents.checks import ReportedProblem
-from sqrp_cli.report.pages.page import tidy
+from sqrp_cli.studio.messages import findings, message
+
+if TYPE_CHECKING:
+    from sqrp_cli.programming.ranking import Criterion
 
 IMAGE_SPACING = 0.2
 """Simulated time between the images of a camera that browsers get [s]."""
@@ -125,10 +125,10 @@ def _work(pipe: Connection, theirs: Connection, job: Job) -> Callable[[None], No
             case Play():
                 _play(job, say)
     except InputError as error:
-        say("refused", problems=[ReportedProblem.of(problem) for problem in error.problems])
+        say("refused", problems=findings(error.problems))
     except Exception as error:
         problem = Problem("internal-error", f"internal error: {type(error).__name__}: {error}")
-        say("refused", problems=[ReportedProblem.of(problem)])
+        say("refused", problems=findings([problem]))
     pipe.close()
     return lambda _: None
 
@@ -140,8 +140,7 @@ class _Teller:
         self.pipe = pipe
 
     def __call__(self, do: str, offers: Sequence[Offer] = (), **fields: object) -> None:
-        text = json.dumps(tidy({"do": do, **fields}, digits=None), allow_nan=False)
-        self.pipe.send(Report(text=text, offers=tuple(offers)))
+        self.pipe.send(Report(text=message(do, **fields), offers=tuple(offers)))
 
     @contextmanager
     def progress(self, title: str, total: int) -> Iterator[Callable[[int], None]]:

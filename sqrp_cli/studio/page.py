@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib import resources
 
-from sqrp_cli.report.pages.page import assembled
+from sqrp_cli.report.pages.assembly import assembled
 
 SCRIPTS = ("gizmo", "fields", "runs", "studio")
 """Its own scripts, each after those that it needs."""

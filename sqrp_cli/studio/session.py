@@ -5,35 +5,32 @@ from __future__ import annotations
 import asyncio
 import json
 import math
-import multiprocessing
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
-from multiprocessing.connection import Connection
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.api.cell import OpenCell
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import matrix_to_rpy
 from sqrp_cli.knowledge.text.input_file import YAML_ENDINGS, read_input
-from sqrp_cli.knowledge.text.patches import from_here, patch
+from sqrp_cli.knowledge.text.patches import patch
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.yaml_edit import changed_values, with_values
 from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES
 from sqrp_cli.knowledge.workspace.load import read_workspace_document, workspace_file
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.platform.files import write_atomically
-from sqrp_cli.platform.processes import Foreman, forked
-from sqrp_cli.programming.ranking import Criterion
 from sqrp_cli.programming.task import in_words
-from sqrp_cli.report.pages.page import tidy
-from sqrp_cli.studio.bench import Choose, Hold, Question, Rank, findings, serve
+from sqrp_cli.studio.bench_process import Bench
 from sqrp_cli.studio.draft import Change, Draft
 from sqrp_cli.studio.jobs import Job, Offer, Play, Report, Running, Search, Write
+from sqrp_cli.studio.messages import findings, kind_of, message
 from sqrp_cli.studio.moves import Move, aim, way_up, written
 from sqrp_cli.studio.page import studio_page
+from sqrp_cli.studio.questions import Choose, Hold, Question, Rank
 from sqrp_cli.studio.requests import (
     Apply,
     AskTask,
@@ -48,6 +45,9 @@ from sqrp_cli.studio.requests import (
     read_request,
 )
 from sqrp_cli.studio.server import Live, Tell
+
+if TYPE_CHECKING:
+    from sqrp_cli.programming.ranking import Criterion
 
 LOOK_EVERY = 0.4
 """How often files are looked at for changes of others [s]."""
@@ -65,14 +65,15 @@ class Asked:
 class Studio:
     """The state that all browsers share, and the process that computes."""
 
-    def __init__(self, opened: OpenCell, task: str, jobs: int) -> None:
-        """Raises InputError for a workspace that cannot be read."""
+    def __init__(self, opened: OpenCell, task: str, jobs: int, bench: Bench) -> None:
+        """bench: of the same workspace. Raises InputError for a workspace that cannot be read."""
         self._given, self._seed = opened.path, opened.seed
         file = workspace_file(opened.path)
         saved = read_input(file, MAX_BYTES)
         self._draft = Draft(path=file, saved=saved, first=saved)
         self._workspace = opened.workspace
-        self._task, self._by = task, get_args(Criterion)[0]
+        self._task: str = task
+        self._by: Criterion = "q_eoi"
         self._chosen = ""
         self._number = 0
         self._asked: Asked | None = None
@@ -88,16 +89,14 @@ class Studio:
         self._offers: tuple[Offer, ...] = ()
         self._lines: list[tuple[str, str]] = []
         self._stamps: Mapping[Path, object] = {}
-        self._pipe, theirs = multiprocessing.Pipe()
-        self._bench: Foreman[None, None] = Foreman(forked(), _bench, theirs, self._pipe, opened.path, opened.seed, jobs)
-        theirs.close()
+        self._bench = bench
         self.live = Live(self._heard, self._greet)
 
     # What browsers are told
 
     def say(self, do: str, **fields: object) -> None:
         """Tell all browsers, and keep it for those that come."""
-        text = json.dumps(tidy({"do": do, **fields}, digits=None), allow_nan=False)
+        text = message(do, **fields)
         self._kept[do] = text
         self.live.tell(text)
 
@@ -153,7 +152,7 @@ class Studio:
         """Serve until it is cancelled; ready: called with the address. Raises InputError for a port that is taken."""
         self._over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         await self.live.open(port)
-        asyncio.get_running_loop().add_reader(self._pipe.fileno(), self._answered)
+        asyncio.get_running_loop().add_reader(self._bench.pipe.fileno(), self._answered)
         self._rank()  # meanwhile the page is put together
         self.live.show(studio_page(f"{self._workspace.name}: studio", self.live.socket))
         ready(self.live.address)
@@ -168,16 +167,14 @@ class Studio:
             await self.live.close()
 
     def close(self) -> None:
-        """End the process."""
+        """End what takes longer."""
         with suppress(OSError, RuntimeError):
-            asyncio.get_running_loop().remove_reader(self._pipe.fileno())
+            asyncio.get_running_loop().remove_reader(self._bench.pipe.fileno())
         if self._running is not None:
             self._running.end()
-        self._pipe.close()
-        self._bench.close()
 
     def _send(self, question: Question) -> None:
-        self._pipe.send(question)
+        self._bench.ask(question)
 
     def _rank(self) -> None:
         self._number += 1
@@ -187,13 +184,13 @@ class Studio:
 
     def _answered(self) -> None:
         try:
-            text = self._pipe.recv()
+            text = self._bench.pipe.recv()
         except (EOFError, OSError):
             message = "the process that computes was killed; is there enough memory?"
             self._over.set_exception(InputError(Problem("worker-died", message)))
-            asyncio.get_running_loop().remove_reader(self._pipe.fileno())
+            asyncio.get_running_loop().remove_reader(self._bench.pipe.fileno())
             return
-        do = text.split('"', 4)[3]
+        do = kind_of(text)
         if do in ("sketch", "held", "progress"):
             self.live.tell(text, passing=do == "progress")
             return
@@ -239,12 +236,12 @@ class Studio:
         try:
             await self._obey(text)
         except InputError as error:
-            tell(json.dumps(tidy({"do": "refused", "problems": findings(error.problems)}, digits=None)))
+            tell(message("refused", problems=findings(error.problems)))
 
     async def _obey(self, text: str) -> None:
         match read_request(text):
             case HoldAt(move=move, number=number):
-                self.live.tell(json.dumps({"do": "move", "move": asdict(move)}))
+                self.live.tell(message("move", move=move))
                 self._held, self._comparing = True, None
                 self._send(Hold(move=move, number=number))
             case PutDown(move=move):
@@ -340,11 +337,13 @@ class Studio:
 
     def difference(self) -> None:
         """Show what saving would change."""
+        from sqrp_cli.scoring.sweep import from_here
+
         saved = read_workspace_document(self._draft.path, self._draft.saved)
         values = changed_values(saved, self._draft.content)
         line = self._command("set", *(f"{k}={v}" for k, v in values.items())) if values else ""
         text = patch(saved, self._draft.content, from_here(self._draft.path))
-        self.live.tell(json.dumps(tidy({"do": "difference", "patch": text.splitlines(), "line": line})))
+        self.live.tell(message("difference", patch=text.splitlines(), line=line))
 
     def save(self) -> None:
         """Write the text into the file. Raises InputError where the file has changed meanwhile."""
@@ -384,7 +383,7 @@ class Studio:
         except (EOFError, OSError):
             self.stop()
             return
-        do = report.text.split('"', 4)[3]
+        do = kind_of(report.text)
         if do == "offers":
             self._offers = report.offers
         if do in ("offers", "run-began", "run-ended"):
@@ -401,7 +400,7 @@ class Studio:
             asyncio.get_running_loop().remove_reader(self._running.pipe.fileno())
             self._running.end()
             self._running = None
-            self.live.tell(json.dumps({"do": "job-ended"}))
+            self.live.tell(message("job-ended"))
 
     def search(self, *, placing: bool) -> None:
         """Look for the least changes that help the chosen candidate, or for other places of all cameras."""
@@ -522,13 +521,6 @@ def _program_file(name: str) -> Path:
 
 def _run_line(file: str, faults: Sequence[str]) -> str:
     return shlex.join(["sqrp", "run", file, "--sim", *(word for fault in faults for word in ("--fault", fault))])
-
-
-def _bench(theirs: Connection, ours: Connection, path: Path, seed: int, jobs: int) -> Callable[[None], None]:
-    """Compute until the other end of the pipe is closed."""
-    ours.close()
-    serve(theirs, path, seed, jobs)
-    return lambda _: None
 
 
 def _handles(workspace: Workspace) -> Mapping[str, object]:

@@ -12,9 +12,9 @@ import pytest
 
 FLAGS = [
     "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+    "--disable-component-update", "--disable-sync", "--disable-gpu", "--enable-unsafe-swiftshader",
 ]  # fmt: skip
-"""For a browser that is run by root, asks no server for anything, and draws in three dimensions without a card."""
+"""For a browser that is run by root, asks no server for anything, and works as on a machine without a graphics card."""
 
 PATIENCE = 180_000
 """How long anything may take before it counts as hanging [ms]: other tests may have all cores."""

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import builtins
 import json
 import re
 
 import numpy as np
 import pytest
 
-from sqrp_cli.report.pages.page import CellScene, PageContent, PageRow, packed, page
+from sqrp_cli.report.pages import libraries
+from sqrp_cli.report.pages.assembly import packed
+from sqrp_cli.report.pages.page import CellScene, PageContent, PageRow, page
 from tests.cli.browser import Opened, click_at_random
 from tests.cli.hostile import hostile_cell
 
@@ -98,14 +99,8 @@ def test_a_report_that_cannot_be_written_is_refused_before_anything_is_computed(
 
 
 def test_a_missing_library_is_named_with_the_command_that_installs_it(sqrp, watch, tmp_path, monkeypatch):
-    real = builtins.__import__
-
-    def refuse(name, *arguments, **keywords):
-        if name.split(".")[0] == "fast_simplification":
-            raise ModuleNotFoundError("no such module", name=name)
-        return real(name, *arguments, **keywords)
-
-    monkeypatch.setattr(builtins, "__import__", refuse)
+    real = libraries.find_spec
+    monkeypatch.setattr(libraries, "find_spec", lambda name: None if name == "fast_simplification" else real(name))
     outcome = sqrp("rank", watch, "watch green", "--report", tmp_path / "page.html")
     assert (outcome.code, outcome.out) == (2, "")
     assert "pip install trimesh fast-simplification" in outcome.err
@@ -494,8 +489,8 @@ def watch_documents(watch) -> tuple[list[tuple[dict, dict]], dict, dict]:
     from sqrp_cli.report.documents.explanation import CandidateStudy
     from sqrp_cli.report.documents.playback import PlayedCandidate
     from sqrp_cli.report.documents.scene import ShowDocument
+    from sqrp_cli.report.pages.assembly import tidy
     from sqrp_cli.report.pages.candidate_page import SceneModel
-    from sqrp_cli.report.pages.page import tidy
 
     session = Session.begin(Cell.load(load_workspace(watch)), "watch green", None, Adaptive())
     assessments = list(assess_all(session.assignment, session.task.candidates, 1))

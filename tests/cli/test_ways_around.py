@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import yaml
 
-from sqrp_cli.report.pages.page import tidy
+from sqrp_cli.report.pages.assembly import tidy
 from tests.cli.conftest import Outcome
 from tests.cli.pages import detail_in
 

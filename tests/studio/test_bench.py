@@ -7,8 +7,8 @@ import pytest
 
 from sqrp_cli import open_cell
 from sqrp_cli.programming.coverage.sampling import FixedStep
+from sqrp_cli.report.pages.assembly import tidy
 from sqrp_cli.report.pages.candidate_page import played
-from sqrp_cli.report.pages.page import tidy
 from sqrp_cli.studio.moves import Move, moved
 from sqrp_cli.studio.sketch import SHORTEST, Sketch
 from tests.studio.started import ROOT

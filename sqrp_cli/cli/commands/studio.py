@@ -13,6 +13,7 @@ from sqrp_cli.errors import ExitCode
 
 if TYPE_CHECKING:
     from sqrp_cli.api.cell import OpenCell
+    from sqrp_cli.studio.bench_process import Bench
 
 NAME = "studio"
 
@@ -38,16 +39,27 @@ def command(
 
     The page is for this machine only. Ctrl-C closes it; what was not saved is lost.
     """
-    from sqrp_cli.programming.task import read_task
     from sqrp_cli.report.pages.libraries import check_libraries
+    from sqrp_cli.studio.bench_process import Bench
     from sqrp_cli.studio.server import check_server
 
     check_server()
     check_libraries()
-    opened = open_with_warnings(workspace, seed)
+    bench = Bench(workspace, seed, job_count(jobs))  # loads its libraries while this process reads the workspace
+    try:
+        opened = open_with_warnings(workspace, seed)
+        return _serve(opened, _checked_task(task, opened), bench, port, job_count(jobs), show=not no_browser)
+    finally:
+        bench.close()
+
+
+def _checked_task(task: str | None, opened: OpenCell) -> str:
+    """The task to begin with. Raises InputError for one that cannot be read."""
+    from sqrp_cli.programming.task import read_task
+
     task = task or _first_task(opened)
-    read_task(task, opened.workspace)  # refused here and now
-    return _serve(opened, task, port, job_count(jobs), show=not no_browser)
+    read_task(task, opened.workspace)
+    return task
 
 
 def _first_task(opened: OpenCell) -> str:
@@ -63,7 +75,7 @@ def _first_task(opened: OpenCell) -> str:
     return next(iter(known.skills))
 
 
-def _serve(opened: OpenCell, task: str, port: int, jobs: int, *, show: bool) -> ExitCode:
+def _serve(opened: OpenCell, task: str, bench: Bench, port: int, jobs: int, *, show: bool) -> ExitCode:
     """Show the page until Ctrl-C."""
     import asyncio
     import webbrowser
@@ -78,7 +90,7 @@ def _serve(opened: OpenCell, task: str, port: int, jobs: int, *, show: bool) -> 
         if show:
             webbrowser.open(address)
 
-    studio = Studio(opened, task, jobs)
+    studio = Studio(opened, task, jobs, bench)
     try:
         asyncio.run(studio.run(port, ready))
     except KeyboardInterrupt:

@@ -6,7 +6,8 @@ The full verdict matrix, or only the coverage, as fast as possible.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -20,6 +21,7 @@ from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.limits import LimitVerdicts
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.sensing.sight_lines import BoxViews, Pairs, SightLines, WatchedBoxes
+from sqrp_cli.programming.sensing.sight_memory import SEEN, UNKNOWN, UNSEEN, SightMemory, Sights
 from sqrp_cli.programming.sensing.visibility.backdrop import backdrop_of
 from sqrp_cli.programming.sensing.visibility.culprit import find_hidden, find_largest
 from sqrp_cli.programming.sensing.visibility.lighting import lighting_of
@@ -96,6 +98,8 @@ class Observer:
     solids: tuple[Solid, ...]
     lights: Mapping[str, Light] = field(default_factory=dict)
     """By name; if there are none, cameras see everything brightly enough."""
+    memory: SightMemory | None = None
+    """What was seen before of the same solids, if that is to be kept."""
     _projections: tuple[Projection, ...] = field(init=False)
     _solids: Solids = field(init=False)
     _parts: Indices = field(init=False)
@@ -142,17 +146,56 @@ class Observer:
         Cameras with the fastest response come first, so the result is the response of the best k cameras.
         """
         questions = _Questions.of(targets, rows)
-        watched = self._watched([box for target in targets for box in target.boxes], states)
-        response, count = np.full(len(questions.state), np.nan), np.zeros(len(questions.state), dtype=np.int64)
-        within = questions.within_limits(watched)
-        possible = within.sum(axis=0) >= questions.needed
+        sights = np.full((len(self.cameras), len(questions.state)), UNKNOWN, dtype=np.int8)
+        if self.memory is None:
+            self._look(targets, states, questions, sights)
+        else:
+            keys = self.memory.questions(targets, states, rows, self._frames)
+            sights = self.memory.recalled(self.cameras, keys)
+            asked = np.flatnonzero(self._open(sights, questions.needed))
+            if len(asked):
+                found = sights[:, asked]
+                self._look(targets, states, questions.some(asked), found)
+                self.memory.note(self.cameras, [keys[index] for index in asked], found)
+                sights[:, asked] = found
+        response = self._response(sights, questions.needed)
+        return tuple(CoveredStates(~np.isnan(response), response).split([len(of_target) for of_target in rows]))
+
+    def _open(self, sights: Sights, needed: Indices) -> Mask:
+        """Whether a camera that is not known to see the target of a question may matter, shape (q,)."""
+        seen, matters = np.zeros(len(needed), dtype=np.int64), np.zeros(len(needed), dtype=bool)
         for tier in self._tiers():
-            order, open_ones = np.nonzero(within[tier] & possible & (count < questions.needed))
-            if len(open_ones):
-                self._count_seeing(watched, questions, tier[order], open_ones, count)
-            reached = (count >= questions.needed) & np.isnan(response)
-            response[reached] = self.cameras[tier[0]].response
-        return tuple(CoveredStates(count >= questions.needed, response).split([len(of_target) for of_target in rows]))
+            seen += (sights[tier] == SEEN).sum(axis=0)
+            matters |= (seen < needed) & (sights[tier] == UNKNOWN).any(axis=0)
+        return matters & ((sights != UNSEEN).sum(axis=0) >= needed)
+
+    def _response(self, sights: Sights, needed: Indices) -> Array:
+        """The k-th smallest response among the cameras that see the target of a question, NaN if fewer do, (q,) [s]."""
+        seen, response = np.zeros(len(needed), dtype=np.int64), np.full(len(needed), np.nan)
+        for tier in self._tiers():
+            seen += (sights[tier] == SEEN).sum(axis=0)
+            response[(seen >= needed) & np.isnan(response)] = self.cameras[tier[0]].response
+        return response
+
+    def _look(self, targets: Sequence[Target], states: SceneStates, questions: _Questions, sights: Sights) -> None:
+        """Replace what is unknown in the `sights` of questions, as far as it matters."""
+        camera = np.flatnonzero((sights == UNKNOWN).any(axis=1))
+        if not len(camera):
+            return
+        watched = self._watched([box for target in targets for box in target.boxes], states, camera)
+        within = questions.within_limits(watched)
+        known = sights[camera]
+        known[(known == UNKNOWN) & ~within] = UNSEEN
+        sights[camera] = known
+        possible = (sights != UNSEEN).sum(axis=0) >= questions.needed
+        count = np.zeros(len(questions.state), dtype=np.int64)
+        place = np.empty(len(self.cameras), dtype=np.int64)
+        place[camera] = np.arange(len(camera))
+        for tier in self._tiers():
+            count += (sights[tier] == SEEN).sum(axis=0)
+            order, asked = np.nonzero((sights[tier] == UNKNOWN) & possible & (count < questions.needed))
+            if len(asked):
+                sights[tier[order], asked] = self._seeing(watched, questions, place[tier[order]], asked, count)
 
     def occluders(self, boxes: Sequence[SoughtBox], states: SceneStates, views: BoxViews) -> list[tuple[Occluder, ...]]:
         """Which parts hide how much of the boxes in views, largest share first, ties by name; for each view.
@@ -168,18 +211,22 @@ class Observer:
             occluders[line].append(Occluder(name=names[part], share=share, alone=alone))
         return [tuple(sorted(some, key=lambda one: (-one.share, one.name))) for some in occluders]
 
-    @property
-    def gains(self) -> Array:
-        """Of the cameras, shape (c,)."""
-        return np.array([camera.brightness for camera in self.cameras])
-
     def _tiers(self) -> list[NDArray[np.int64]]:
         """Indices of cameras grouped by response, fastest first."""
         responses = np.array([camera.response for camera in self.cameras])
         return [np.flatnonzero(responses == response) for response in np.unique(responses)]
 
-    def _watched(self, boxes: Sequence[SoughtBox], states: SceneStates) -> WatchedBoxes:
-        return WatchedBoxes(boxes, self._projections, self._solids, states)
+    def _watched(self, boxes: Sequence[SoughtBox], states: SceneStates, cameras: Indices | None = None) -> WatchedBoxes:
+        """Boxes watched by some cameras, by index; by all of them by default."""
+        return WatchedBoxes(boxes, self._some(cameras), self._solids, states)
+
+    def _some(self, cameras: Indices | None) -> Sequence[Projection]:
+        return self._projections if cameras is None else [self._projections[index] for index in cameras]
+
+    @cached_property
+    def _frames(self) -> list[str]:
+        """Those that carry solids or cameras."""
+        return sorted({*self._solids.parents, *(camera.frame for camera in self.cameras)})
 
     def limits(self, boxes: Sequence[SoughtBox], states: SceneStates, rows: Indices) -> LimitVerdicts:
         """Limits of every camera for boxes in the states `rows`: all rows of the first box, then of the next.
@@ -189,25 +236,27 @@ class Observer:
         box, state = np.repeat(np.arange(len(boxes)), len(rows)), np.tile(rows, len(boxes))
         return self._watched(boxes, states).limits(box, state)
 
-    def _count_seeing(
+    def _seeing(
         self, watched: WatchedBoxes, questions: _Questions, camera: Indices, asked: Indices, count: Indices
-    ) -> None:
-        """Add to `count` of each question the number of cameras that see its target, at least up to the needed number.
+    ) -> NDArray[np.int8]:
+        """Whether views see their targets, shape (v,); `UNKNOWN` where enough others do. Those that do add to `count`.
 
-        camera, asked: views by index of camera and question, shape (v,). Views with no solid near their hulls see it
-        without further tests. The other views of a question are tested one after the other, those with the fewest near
-        solids first, until enough of them see it.
+        camera, asked: views by index of camera and question, shape (v,). count: of each question, how many cameras see
+        its target. Views with no solid near their hulls see it without further tests. The other views of a question are
+        tested one after the other, those with the fewest near solids first, until enough of them see it.
         """
         boxes = questions.boxes_of(asked)
         view = boxes.asked
         views = BoxViews(boxes.box, camera[view], questions.state[asked][view])
         lines = watched.sight_lines(views)
         near = self._near(watched, lines)
-        needed = self._needed(watched, lines, self.gains[views.camera])
+        needed = self._needed(watched, lines, watched.gains[views.camera])
         pending = np.bincount(view[near.line], minlength=len(asked))
         possible = np.ones(len(asked), dtype=bool)
         possible[view[needed > 1.0]] = False
-        np.add.at(count, asked[possible & (pending == 0)], 1)
+        free = possible & (pending == 0)
+        found = np.where(free, SEEN, np.where(possible, UNKNOWN, UNSEEN)).astype(np.int8)
+        np.add.at(count, asked[free], 1)
         unsettled = np.flatnonzero(possible & (pending > 0))
         order = unsettled[np.lexsort((pending[unsettled], asked[unsettled]))]
         for tested in _one_per_question(order, asked, count, questions.needed):
@@ -216,7 +265,9 @@ class Observer:
             for turn in range(int(boxes.number.max()) + 1):
                 wanted = sees[view] & (boxes.number == turn)
                 sees[view[self._unseen(watched, lines, near.of_lines(wanted), needed)]] = False
+            found[tested] = sees[tested]
             np.add.at(count, asked[sees], 1)
+        return found
 
     def _near(self, watched: WatchedBoxes, lines: SightLines) -> Pairs:
         """The solids that may be in the way of sight lines; along a line without any, the box is seen."""
@@ -274,7 +325,7 @@ class Observer:
         same = ~hidden & (share < backdrop.needed(least))
         cause[camera[same], at[same]], by[camera[same], at[same]] = Cause.SAME_COLOUR, backdrop.by[same]
         if self.lights:
-            lighting = lighting_of(lines, watched, self.gains[views.camera], tuple(self.lights.values()))
+            lighting = lighting_of(lines, watched, watched.gains[views.camera], tuple(self.lights.values()))
             badly = np.flatnonzero(~hidden & ~same & (share < backdrop.needed(least, lighting.lost)))
             is_bright = lighting.bright[badly] > lighting.dark[badly]
             for lit, why, culprit in (
@@ -328,6 +379,10 @@ class _Questions:
             first_box=np.cumsum(count) - count,
             box_count=count,
         )
+
+    def some(self, which: Indices) -> _Questions:
+        """Some of the questions, by index."""
+        return replace(self, target=self.target[which], state=self.state[which], needed=self.needed[which])
 
     def within_limits(self, watched: WatchedBoxes) -> Mask:
         """Whether each camera has all boxes of a question's target within its limits, shape (c, q)."""

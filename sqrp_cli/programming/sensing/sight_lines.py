@@ -154,6 +154,11 @@ class WatchedBoxes:
     states: SceneStates
     """m states."""
 
+    @property
+    def gains(self) -> Array:
+        """Of the cameras, shape (c,)."""
+        return np.array([projection.camera.brightness for projection in self.projections])
+
     @cached_property
     def solid_poses(self) -> SolidPoses:
         """World poses of the solids."""

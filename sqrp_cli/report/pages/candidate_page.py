@@ -20,8 +20,9 @@ from sqrp_cli.report.documents.document import Pose, Record
 from sqrp_cli.report.documents.explanation import CandidateStudy
 from sqrp_cli.report.documents.playback import PlayedCandidate
 from sqrp_cli.report.documents.scene import ShowDocument
+from sqrp_cli.report.pages.assembly import packed
 from sqrp_cli.report.pages.libraries import simplified
-from sqrp_cli.report.pages.page import CellScene, PageContent, PageRow, packed, write_page
+from sqrp_cli.report.pages.page import CellScene, PageContent, PageRow, write_page
 from sqrp_cli.report.pages.paint import Color, css, solid_colors
 from sqrp_cli.report.proven import proven
 from sqrp_cli.report.sentences import accuracy, differing_parameters, reasons_by_doing, summary, way_of, why_first

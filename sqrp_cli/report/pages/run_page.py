@@ -21,8 +21,9 @@ from sqrp_cli.report.documents.playback import (
     ShownLiteral,
     ShownMoment,
 )
+from sqrp_cli.report.pages.assembly import packed
 from sqrp_cli.report.pages.candidate_page import cell_scene, origin
-from sqrp_cli.report.pages.page import FigureShown, PageContent, PageRow, packed, write_page
+from sqrp_cli.report.pages.page import FigureShown, PageContent, PageRow, write_page
 from sqrp_cli.report.sentences import short_times
 from sqrp_cli.runtime.record.events import (
     AskedBox,

@@ -14,7 +14,7 @@ from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.geometry import BOX_SIGNS, Array
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.sensing.limits import convex_hull
-from sqrp_cli.report.pages.page import visible
+from sqrp_cli.report.pages.assembly import visible
 from sqrp_cli.report.pages.paint import Color
 from sqrp_cli.report.pictures.camera_image import Image
 

@@ -144,7 +144,6 @@ class Gizmo {
       else move.position = numbers;
     }
     this.held({ ...move }, event.timeStamp);
-    this.scene.draw();
   }
 
   end(event) {

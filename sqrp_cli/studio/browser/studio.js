@@ -2,6 +2,8 @@
 
 const NOBODY = { name: 'ranking …', mark: '', labels: {}, candidate: null, reasons: [], scene: 0, moves: false, figures: [], retried: [] };
 
+const TOGETHER = 50; // so long a picture of what a hand moves waits for its verdicts [ms]
+
 const BEFORE = 'against before it was taken in hand';
 
 // Candidates in a column beside the picture: their ways and what comes after a retry have no room.
@@ -88,9 +90,9 @@ class Studio extends Page {
 
   // A hand moves something: shown at once, sketched as fast as the server can.
   hold(move, since = performance.now()) {
-    this.moveTo(move);
+    this.grasp(move);
+    this.moveTo(move, TOGETHER);
     this.fields.show(move);
-    this.held = move;
     if (this.asked > this.answered) {
       this.waiting = [move, since];
       return;
@@ -100,24 +102,31 @@ class Studio extends Page {
     this.tell({ do: 'hold', move, number: ++this.asked });
   }
 
+  // move: what a hand holds; null for nothing.
+  grasp(move) {
+    this.held = move;
+    if (this.scene) this.scene.held = move !== null;
+    if (move) return;
+    this.waiting = null;
+    this.answered = this.asked;
+  }
+
   // Nothing is moved after all.
   letGo(before) {
-    this.held = this.waiting = null;
-    this.answered = this.asked;
+    this.grasp(null);
     this.moveTo(before);
     this.fields.show(before);
     this.tell({ do: 'rest' });
   }
 
   put(move) {
-    this.held = this.waiting = null;
-    this.answered = this.asked;
+    this.grasp(null);
     this.moveTo(move);
     this.tell({ do: 'put', move });
   }
 
-  // Show something elsewhere.
-  moveTo(move) {
+  // Show something elsewhere; patience: see `draw`.
+  moveTo(move, patience = 0) {
     if (!this.scene) return;
     const { kind, name, position, look_at: point, yaw } = move;
     if (kind === 'camera') {
@@ -137,7 +146,7 @@ class Studio extends Page {
     } else moveBase(this.scene, turnedTo(this.scene.base, yaw, position));
     this.scene.world.updateMatrixWorld(true);
     if (kind !== 'camera') this.scene.renderer.shadowMap.needsUpdate = true;
-    this.scene.draw();
+    this.scene.draw(patience);
   }
 
   // What the server says

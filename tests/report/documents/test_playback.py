@@ -16,7 +16,7 @@ from sqrp_cli.report.documents.explanation import (
     Span,
 )
 from sqrp_cli.report.documents.playback import PlayedCandidate
-from sqrp_cli.report.pages.page import tidy
+from sqrp_cli.report.pages.assembly import tidy
 
 SEEN = BoxVerdict(covered=True, cause=None, by=None, visible=1.0)
 

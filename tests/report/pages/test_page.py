@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sqrp_cli.report.pages.page import packed, tidy, visible
+from sqrp_cli.report.pages.assembly import packed, tidy, visible
 
 
 def unpacked(text: str) -> object:

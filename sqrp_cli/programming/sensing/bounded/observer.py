@@ -38,8 +38,9 @@ class BoundedObserver(Observer):
         super().__post_init__()
         object.__setattr__(self, "_any_tester", AnyHullTester(self.bounds))
 
-    def _watched(self, boxes: Sequence[SoughtBox], states: SceneStates) -> WatchedBoxes:
-        return BoundedBoxes(boxes, self._projections, self._solids, states, bounds=self.bounds, surely=self.surely)
+    def _watched(self, boxes: Sequence[SoughtBox], states: SceneStates, cameras: Indices | None = None) -> WatchedBoxes:
+        some = self._some(cameras)
+        return BoundedBoxes(boxes, some, self._solids, states, bounds=self.bounds, surely=self.surely)
 
     def _near(self, watched: WatchedBoxes, lines: SightLines) -> Pairs:
         return near_pairs(lines, watched.solid_poses, watched.opaque, self.bounds.reach)

@@ -1,5 +1,7 @@
 // The cell in three dimensions: robot, objects, cameras and what they look at, at any time of a motion.
 
+const COARSE = 0.5; // pixels of the picture per pixel of the page while a hand moves something, without a graphics card
+
 class Scene3D {
   constructor(model, scene, host, chosen, places) {
     this.scene = scene;
@@ -10,6 +12,8 @@ class Scene3D {
     this.renderer.shadowMap.type = THREE.PCFSoftShadowMap;
     this.renderer.shadowMap.autoUpdate = false; // only where something that casts one has moved
     this.renderer.autoClear = false;
+    this.slow = drawsWithoutCard(this.renderer.getContext());
+    this.held = false; // whether a hand moves something, so that the next picture is close
     host.prepend(this.renderer.domElement);
     this.world = new THREE.Scene();
     this.nodes = new Map([['world', this.world]]);
@@ -227,7 +231,15 @@ class Scene3D {
     this.draw();
   }
 
-  draw() {
+  // Draw at the next frame. patience: how long that may wait for what is shown with it [ms]; without a graphics card
+  // nothing takes longer than a picture.
+  draw(patience = 0) {
+    if (patience) {
+      this.later ??= setTimeout(() => this.draw(), patience);
+      return;
+    }
+    clearTimeout(this.later);
+    this.later = undefined;
     if (this.waiting) return;
     this.waiting = true;
     requestAnimationFrame(() => {
@@ -239,9 +251,10 @@ class Scene3D {
   render() {
     const { clientWidth: width, clientHeight: height } = this.host;
     if (!width || !height) return;
-    const size = this.renderer.getSize(new THREE.Vector2());
-    if (size.x !== width || size.y !== height) {
-      this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    const size = this.renderer.getSize(new THREE.Vector2()),
+      fine = this.slow && this.held ? COARSE : Math.min(devicePixelRatio, 2);
+    if (size.x !== width || size.y !== height || fine !== this.renderer.getPixelRatio()) {
+      this.renderer.setPixelRatio(fine);
       this.renderer.setSize(width, height);
     }
     this.renderer.setScissorTest(false);
@@ -293,4 +306,10 @@ class Scene3D {
   pixel(name, point) {
     return this.cameras.find((camera) => camera.name === name).pixel(point);
   }
+}
+
+// Whether the processor draws.
+function drawsWithoutCard(gl) {
+  const names = gl.getExtension('WEBGL_debug_renderer_info');
+  return names !== null && /swiftshader|llvmpipe|software/i.test(gl.getParameter(names.UNMASKED_RENDERER_WEBGL));
 }
