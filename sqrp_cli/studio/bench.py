@@ -5,9 +5,8 @@ A later question supersedes an earlier one: what is still computed for that is e
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
@@ -19,15 +18,15 @@ from sqrp_cli.api.session import Session
 from sqrp_cli.errors import Infeasible, InputError, Problem
 from sqrp_cli.geometry import Array, matrix_to_quaternion
 from sqrp_cli.knowledge.workspace.workspace import Workspace
-from sqrp_cli.platform.processes import Worker, WorkerDied, forked
+from sqrp_cli.platform.processes import Worker, forked
 from sqrp_cli.programming.candidate import Candidate
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment, rehearsal
+from sqrp_cli.programming.coverage.assessment import rehearsal
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.pipeline import Assignment
-from sqrp_cli.programming.ranking import Ranked, rank
-from sqrp_cli.programming.sensing.sight_memory import Seen, SightMemory
+from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.programming.sensing.sight_memory import SightMemory
 from sqrp_cli.programming.ways.find import Plans, WantedWay
 from sqrp_cli.report.documents.playback import Positions
 from sqrp_cli.report.documents.scene import ShowDocument
@@ -37,6 +36,7 @@ from sqrp_cli.report.sentences import summary
 from sqrp_cli.studio.messages import findings, message
 from sqrp_cli.studio.moves import moved
 from sqrp_cli.studio.questions import Choose, Hold, Question, Rank
+from sqrp_cli.studio.ranking_run import RankingRun, let_others_go_first
 from sqrp_cli.studio.sketch import Sketch
 
 KEPT_PLANS = 64
@@ -59,27 +59,6 @@ def serve(pipe: Connection, path: Path, seed: int, jobs: int) -> None:
         bench.drop()
 
 
-@dataclass
-class _Run:
-    """A ranking under way."""
-
-    asked: Rank
-    session: Session
-    left: deque[int]
-    found: dict[int, Assessment]
-    workers: dict[Worker[int, _Assessed], int | None]
-    """Each with the candidate that it computes."""
-
-
-@dataclass(frozen=True)
-class _Assessed:
-    """The answer of a process that assesses candidates."""
-
-    assessment: Assessment
-    seen: Sequence[Seen]
-    """What it learnt of what cameras see."""
-
-
 class _Bench:
     def __init__(self, pipe: Connection, path: Path, seed: int, jobs: int) -> None:
         self._pipe, self._path, self._seed, self._jobs = pipe, path, seed, jobs
@@ -88,7 +67,7 @@ class _Bench:
         self._memory = SightMemory()
         self._model: SceneModel | None = None
         self._task: tuple[object, Session, Plans] | None = None
-        self._run: _Run | None = None
+        self._run: RankingRun | None = None
         self._ranking: list[Ranked] = []
         self._session: Session | None = None
         self._chosen = ""
@@ -101,21 +80,21 @@ class _Bench:
 
     def fail(self, error: Exception) -> None:
         """Say that something went wrong."""
-        message = f"internal error: {type(error).__name__}: {error}"
-        problems = error.problems if isinstance(error, InputError) else (Problem("internal-error", message),)
+        internal = Problem("internal-error", f"internal error: {type(error).__name__}: {error}")
+        problems = error.problems if isinstance(error, InputError) else (internal,)
         self.say("problems", number=None, problems=findings(problems))
 
     def drop(self) -> None:
         """End what is computed."""
-        for worker in () if self._run is None else self._run.workers:
-            worker.kill()
+        if self._run is not None:
+            self._run.end()
         if self._explaining is not None:
             self._explaining.kill()
         self._run = self._explaining = None
 
     def work(self) -> None:
         """Wait for something to happen, and see to it."""
-        workers = [] if self._run is None else [worker for worker, own in self._run.workers.items() if own is not None]
+        workers = [] if self._run is None else self._run.busy
         others: list[Worker[Any, Any]] = [*workers, *([] if self._explaining is None else [self._explaining])]
         ready = wait([self._pipe, *(worker.pipe for worker in others)])
         if self._pipe in ready:
@@ -125,8 +104,9 @@ class _Bench:
             self._answer(question)
             return
         for worker in workers:
-            if worker.pipe in ready:
-                self._take(worker)
+            if worker.pipe in ready and self._run is not None:
+                self._run.take(worker)
+                self._assessed(self._run)
         if self._explaining is not None and self._explaining.pipe in ready:
             self._show()
 
@@ -157,15 +137,7 @@ class _Bench:
                 break  # plans are made where they are needed
             if not candidate.steps:
                 plans.of(session.cell, candidate, session.assignment.world, fastest=False)  # type: ignore[union-attr]
-        count = len(session.task.candidates)
-        assignment, candidates = session.assignment, session.task.candidates
-        workers: dict[Worker[int, _Assessed], int | None] = {
-            Worker(forked(), _assessor, assignment, candidates, self._memory): None
-            for _ in range(min(self._jobs, count))
-        }
-        self._run = _Run(asked, session, deque(range(count)), {}, workers)
-        for worker in workers:
-            self._hand_out(self._run, worker)
+        self._run = RankingRun(asked, session, self._jobs, self._memory)
 
     def _opened(self, asked: Rank) -> tuple[Session, Plans | None]:
         """The task in the cell of a text; what depends on no camera is reused."""
@@ -200,45 +172,24 @@ class _Bench:
         self._task = key, session, plans
         return session, plans
 
-    def _hand_out(self, run: _Run, worker: Worker[int, _Assessed]) -> None:
-        run.workers[worker] = run.left.popleft() if run.left else None
-        index = run.workers[worker]
-        if index is not None:
-            worker.send(index)
-
-    def _take(self, worker: Worker[int, _Assessed]) -> None:
-        run = self._run
-        assert run is not None  # noqa: S101 - it has the worker
-        index = run.workers[worker]
-        assert index is not None  # noqa: S101 - it has answered
-        try:
-            answer = worker.receive()
-        except WorkerDied as error:
-            raise InputError(Problem("worker-died", "a process was killed; is there enough memory?")) from error
-        candidate = run.session.task.candidates[index]
-        assessment = answer.assessment
-        way = assessment.best_way and replace(assessment.best_way, skill=candidate.skill)
-        run.found[index] = replace(assessment, candidate=candidate, best_way=way)
-        for seen in answer.seen:
-            self._memory.take(seen)
-        self._hand_out(run, worker)
-        if len(run.found) == len(run.session.task.candidates):
+    def _assessed(self, run: RankingRun) -> None:
+        """Another candidate is assessed."""
+        if run.done == run.count:
+            run.end()
+            self._run = None
             self._ranked(run)
         elif not run.asked.of_saved:
-            self.say("progress", done=len(run.found), of=len(run.session.task.candidates), number=run.asked.number)
+            self.say("progress", done=run.done, of=run.count, number=run.asked.number)
 
-    def _ranked(self, run: _Run) -> None:
-        for worker in run.workers:
-            worker.kill()
-        self._run = None
-        ranking = rank([run.found[index] for index in range(len(run.found))], run.asked.by)
+    def _ranked(self, run: RankingRun) -> None:
+        ranking = run.ranking()
         details = ["" if one.assessment.feasible else None for one in ranking]
         rows = [row(one) for one in candidate_rows(ranking, details)]
         fields = {"task": run.asked.task, "by": run.asked.by, "number": run.asked.number, "entries": rows}
         if run.asked.of_saved:
             self.say("saved-ranking", **fields)
             return
-        self._ranking, self._session = list(ranking), run.session
+        self._ranking, self._session = ranking, run.session
         self.say("ranking", summary=f"{summary(ranking, run.asked.by)}.", **fields)
         if self._find(self._chosen) is None:
             self._chosen = ranking[0].assessment.candidate.name
@@ -319,18 +270,9 @@ def _all_but_cameras(workspace: Workspace) -> object:
     return values, files
 
 
-def _assessor(
-    assignment: Assignment, candidates: Sequence[Candidate], memory: SightMemory
-) -> Callable[[int], _Assessed]:
-    def assess(index: int) -> _Assessed:
-        memory.learnt.clear()
-        assessment = assignment.assess(candidates[index])
-        return _Assessed(assessment, memory.learnt)
-
-    return assess
-
-
 def _explainer(assignment: Assignment, ranked: Ranked) -> Callable[[str], str]:
+    let_others_go_first()
+
     def explain(name: str) -> str:
         explained = assignment.explain_whole(ranked)
         detail = played(assignment, explained, brief=True) if explained.steps else None

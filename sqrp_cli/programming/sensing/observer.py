@@ -167,7 +167,8 @@ class Observer:
         for tier in self._tiers():
             seen += (sights[tier] == SEEN).sum(axis=0)
             matters |= (seen < needed) & (sights[tier] == UNKNOWN).any(axis=0)
-        return matters & ((sights != UNSEEN).sum(axis=0) >= needed)
+        matters &= (sights != UNSEEN).sum(axis=0) >= needed
+        return matters
 
     def _response(self, sights: Sights, needed: Indices) -> Array:
         """The k-th smallest response among the cameras that see the target of a question, NaN if fewer do, (q,) [s]."""
