@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import multiprocessing
 from collections.abc import Callable
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -20,10 +22,21 @@ class Bench:
         """Answers are texts for browsers."""
         self._process: Foreman[None, None] = Foreman(forked(), _serve, theirs, self.pipe, path, seed, jobs)
         theirs.close()
+        self._waiting: dict[object, Question] = {}
 
     def ask(self, question: Question) -> None:
-        """Ask; a later question may supersede an earlier one."""
-        self.pipe.send(question)
+        """Ask from a coroutine, without waiting; a later question of the same kind supersedes one that still waits."""
+        kind = type(question), getattr(question, "of_saved", False)
+        self._waiting.pop(kind, None)
+        self._waiting[kind] = question
+        asyncio.get_running_loop().add_writer(self.pipe.fileno(), self._send)
+
+    def _send(self) -> None:
+        question = self._waiting.pop(next(iter(self._waiting)))
+        if not self._waiting:
+            asyncio.get_running_loop().remove_writer(self.pipe.fileno())
+        with suppress(OSError):  # who reads the answers notices
+            self.pipe.send(question)
 
     def close(self) -> None:
         """End the process."""

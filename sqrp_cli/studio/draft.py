@@ -10,6 +10,9 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.text.yaml_edit import with_values
 from sqrp_cli.knowledge.workspace.load import read_workspace_document
 
+MOST_CHANGES = 500
+"""How many changes can be taken back."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Change:
@@ -34,7 +37,7 @@ class Draft:
     saved: bytes
     """The file on the disk."""
     first: bytes
-    """The text before all changes."""
+    """The text before the changes that can be taken back."""
     past: tuple[Change, ...] = ()
     """The changes that hold, in order."""
     future: tuple[Change, ...] = ()
@@ -52,7 +55,10 @@ class Draft:
 
     def changed(self, change: Change) -> Draft:
         """With one more change."""
-        return replace(self, past=(*self.past, change), future=())
+        past, first = (*self.past, change), self.first
+        if len(past) > MOST_CHANGES:
+            first, past = past[0].content, past[1:]
+        return replace(self, first=first, past=past, future=())
 
     def undone(self) -> Draft:
         """Without the last change, if there is one."""

@@ -21,6 +21,9 @@ FARTHEST = 100.0
 """How far from the origin of its frame anything can be put [m]."""
 
 
+SAME = 5e-5
+"""What differs by less is as it was, as the page rounds to 0.1 mm [m, rad]."""
+
 NARROWEST, WIDEST = np.radians([1.0, 177.0]).tolist()
 """The least and the greatest horizontal field of view of a lens [rad]."""
 
@@ -41,10 +44,26 @@ class Move:
     yaw: FiniteFloat | None = None
     """Of an object or the base: its angle about the world's z axis [rad]; None as it is."""
 
-    def in_words(self) -> str:
-        """What is moved where."""
-        what = self.name or "the robot's base"
-        return f"{what} at {', '.join(f'{x:.3f}' for x in self.position)} m"
+    def in_words(self, before: Move | None = None) -> str:
+        """What is moved where, and how else it differs from `before`, if that is known."""
+        what, done = self.name or "the robot's base", list[str]()
+        if before is None or not np.allclose(self.position, before.position, atol=SAME):
+            done.append(f"at {_point(self.position)}")
+        if before is not None and self.look_at is not None and not _same(self.look_at, before.look_at):
+            done.append(f"looks at {_point(self.look_at)}")
+        if before is not None and self.fov is not None and not _same(self.fov, before.fov):
+            done.append(f"with a view angle of {np.degrees(self.fov):.4g} deg")
+        if before is not None and self.yaw is not None and not _same(self.yaw, before.yaw):
+            done.append(f"turned to {np.degrees(self.yaw):.4g} deg")
+        return f"{what} {', '.join(done) or 'as it was'}"
+
+
+def _point(point: Point) -> str:
+    return f"{', '.join(f'{x:.3f}' for x in point)} m"
+
+
+def _same(value: Point | float, before: Point | float | None) -> bool:
+    return before is not None and np.allclose(value, before, atol=SAME)
 
 
 def moved(workspace: Workspace, move: Move) -> Workspace:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import hmac
 import secrets
+import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from http import HTTPStatus
@@ -28,7 +29,51 @@ LARGEST_MESSAGE = 1_000_000
 MOST_WAITING = 32
 """Messages that may wait for a browser before it gets no more of those that the next ones replace."""
 
+MOST_UNREAD = 50_000_000
+"""A browser for which so many characters wait is cut off: it does not read."""
+
+MOST_AT_ONCE, MOST_PER_SECOND = 200, 100.0
+"""How many messages of a browser are heard without a pause, and how many for long; others wait in the network."""
+
 Tell = Callable[[str], None]
+
+
+class _Browser:
+    """A connection, and what waits to be sent."""
+
+    def __init__(self, connection: Any) -> None:  # noqa: ANN401 - of websockets
+        self._connection, self._waiting, self._size = connection, asyncio.Queue[str | None](), 0
+        self._heard, self._since = 0.0, time.monotonic()
+
+    def tell(self, text: str, *, passing: bool = False) -> None:
+        """Send a message, see `Live.tell`."""
+        if passing and self._waiting.qsize() >= MOST_WAITING:
+            return
+        self._size += len(text)
+        self._waiting.put_nowait(text)
+        if self._size > MOST_UNREAD:
+            self._connection.transport.abort()
+
+    def leave(self) -> None:
+        """Close the connection once all is sent."""
+        self._waiting.put_nowait(None)
+
+    async def send(self) -> None:
+        """Send what waits, until it is to be closed."""
+        from websockets.exceptions import ConnectionClosed
+
+        with suppress(ConnectionClosed):
+            while (text := await self._waiting.get()) is not None:
+                await self._connection.send(text)
+                self._size -= len(text)
+            await self._connection.close(1001, "the studio was closed")
+
+    async def pause(self) -> None:
+        """Wait while it has sent more than is heard."""
+        now = time.monotonic()
+        self._heard = max(0.0, self._heard - (now - self._since) * MOST_PER_SECOND) + 1.0
+        self._since = now
+        await asyncio.sleep(max(0.0, self._heard - MOST_AT_ONCE) / MOST_PER_SECOND)
 
 
 class Live:
@@ -38,7 +83,7 @@ class Live:
         """heard: called with each message and how to answer it alone; joined: with how to tell a new browser."""
         self._heard, self._joined = heard, joined
         self._token = secrets.token_urlsafe(24)
-        self._queues: set[asyncio.Queue[str | None]] = set()
+        self._browsers: set[_Browser] = set()
         self._page = b""
         self._port = 0
         self._server: Any = None
@@ -81,17 +126,16 @@ class Live:
 
     async def close(self) -> None:
         """Close all connections."""
-        for queue in self._queues:
-            queue.put_nowait(None)
+        for browser in self._browsers:
+            browser.leave()
         self._server.close()
         with suppress(asyncio.TimeoutError):
             await asyncio.wait_for(self._server.wait_closed(), 1.0)
 
     def tell(self, text: str, *, passing: bool = False) -> None:
         """Send a message to all browsers. passing: a slow one need not get it, as the next one replaces it."""
-        for queue in self._queues:
-            if not passing or queue.qsize() < MOST_WAITING:
-                queue.put_nowait(text)
+        for browser in self._browsers:
+            browser.tell(text, passing=passing)
 
     def _request(self, _connection: Any, request: Any) -> Any:  # noqa: ANN401 - of websockets
         """The page, nothing, or None to let a connection begin."""
@@ -127,28 +171,20 @@ class Live:
     async def _talk(self, connection: Any) -> None:  # noqa: ANN401 - as above
         from websockets.exceptions import ConnectionClosed
 
-        queue: asyncio.Queue[str | None] = asyncio.Queue()
-        self._queues.add(queue)
-        sending = asyncio.create_task(_send(connection, queue))
-        self._joined(queue.put_nowait)
+        browser = _Browser(connection)
+        self._browsers.add(browser)
+        sending = asyncio.create_task(browser.send())
+        self._joined(browser.tell)
         try:
             async for message in connection:
+                await browser.pause()
                 if isinstance(message, str):
-                    await self._heard(message, queue.put_nowait)
+                    await self._heard(message, browser.tell)
         except ConnectionClosed:
             pass
         finally:
-            self._queues.discard(queue)
+            self._browsers.discard(browser)
             sending.cancel()
-
-
-async def _send(connection: Any, queue: asyncio.Queue[str | None]) -> None:  # noqa: ANN401 - as above
-    from websockets.exceptions import ConnectionClosed
-
-    with suppress(ConnectionClosed):
-        while (text := await queue.get()) is not None:
-            await connection.send(text)
-        await connection.close(1001, "the studio was closed")
 
 
 def check_server() -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import json
-import math
 import shlex
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.api.cell import OpenCell
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.geometry import matrix_to_rpy
 from sqrp_cli.knowledge.text.input_file import YAML_ENDINGS, read_input
 from sqrp_cli.knowledge.text.patches import patch
 from sqrp_cli.knowledge.text.source import SourceDocument
@@ -23,12 +22,11 @@ from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES
 from sqrp_cli.knowledge.workspace.load import read_workspace_document, workspace_file
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.platform.files import write_atomically
-from sqrp_cli.programming.task import in_words
 from sqrp_cli.studio.bench_process import Bench
 from sqrp_cli.studio.draft import Change, Draft
 from sqrp_cli.studio.jobs import Job, Offer, Play, Report, Running, Search, Write
 from sqrp_cli.studio.messages import findings, kind_of, message
-from sqrp_cli.studio.moves import Move, aim, way_up, written
+from sqrp_cli.studio.moves import written
 from sqrp_cli.studio.page import studio_page
 from sqrp_cli.studio.questions import Choose, Hold, Question, Rank
 from sqrp_cli.studio.requests import (
@@ -45,12 +43,17 @@ from sqrp_cli.studio.requests import (
     read_request,
 )
 from sqrp_cli.studio.server import Live, Tell
+from sqrp_cli.studio.state import handles, parameters
 
 if TYPE_CHECKING:
     from sqrp_cli.programming.ranking import Criterion
 
 LOOK_EVERY = 0.4
 """How often files are looked at for changes of others [s]."""
+
+
+LINES_SHOWN = 50
+"""How many of the last commands are shown."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +90,7 @@ class Studio:
         self._jobs = jobs
         self._running: Running | None = None
         self._offers: tuple[Offer, ...] = ()
-        self._lines: list[tuple[str, str]] = []
+        self._lines = deque[tuple[str, str]](maxlen=LINES_SHOWN)
         self._stamps: Mapping[Path, object] = {}
         self._bench = bench
         self.live = Live(self._heard, self._greet)
@@ -106,19 +109,6 @@ class Studio:
 
     def _tell_state(self) -> None:
         draft, workspace = self._draft, self._workspace
-        skill = workspace.skills.get(self._task.split()[0].lower()) if self._task.split() else None
-        parameters = (
-            []
-            if skill is None
-            else [
-                {
-                    "name": one.name,
-                    "values": [in_words(skill, {one.name: value})[one.name].replace(" ", "") for value in one.values],
-                    "words": [word for kind in one.kinds for word in kind.words],
-                }
-                for one in skill.motion_parameters
-            ]
-        )
         self.say(
             "state",
             workspace=workspace.name,
@@ -128,15 +118,15 @@ class Studio:
             by=self._by,
             tasks=[one.task for one in workspace.tasks],
             skills=list(workspace.skills),
-            parameters=parameters,
+            parameters=parameters(workspace, self._task),
             chosen=self._chosen,
             number=self._number,
             dirty=draft.dirty,
             undo=draft.past[-1].label if draft.past else None,
             redo=draft.future[0].label if draft.future else None,
             unsaved=[one.label for one in draft.past] if draft.dirty else [],
-            lines=[{"what": what, "line": line} for what, line in self._lines[-50:]],
-            handles=_handles(workspace),
+            lines=[{"what": what, "line": line} for what, line in self._lines],
+            handles=handles(workspace),
         )
 
     def _note(self, what: str, line: str) -> None:
@@ -246,7 +236,8 @@ class Studio:
                 self._send(Hold(move=move, number=number))
             case PutDown(move=move):
                 try:
-                    self._edit(move.in_words(), lambda: written(self._document(), self._workspace, move))
+                    label = move.in_words(handles(self._workspace)[move.kind].get(move.name))
+                    self._edit(label, lambda: written(self._document(), self._workspace, move))
                 finally:
                     self.rest()
             case SetValue(path=path, value=value):
@@ -521,27 +512,3 @@ def _program_file(name: str) -> Path:
 
 def _run_line(file: str, faults: Sequence[str]) -> str:
     return shlex.join(["sqrp", "run", file, "--sim", *(word for fault in faults for word in ("--fault", fault))])
-
-
-def _handles(workspace: Workspace) -> Mapping[str, object]:
-    """What can be moved, and where it is as people would type it."""
-    cameras = {
-        name: Move(
-            kind="camera",
-            name=name,
-            position=camera.X_FC[:3, 3].tolist(),
-            look_at=aim(workspace, camera).tolist(),
-            fov=2.0 * math.atan(0.5 * camera.width / float(camera.matrix[0, 0])),
-        )
-        for name, camera in workspace.cameras.items()
-    }
-    objects = {
-        name: Move(kind="object", name=name, position=X[:3, 3].tolist(), yaw=matrix_to_rpy(X[:3, :3])[2])
-        for name, one in workspace.objects.items()
-        if (X := one.X_WO) is not None and f"objects.{name}.pose" in workspace.places
-    }
-    X_WB = workspace.robot.X_WB
-    base = Move(kind="base", name="", position=X_WB[:3, 3].tolist(), yaw=matrix_to_rpy(X_WB[:3, :3])[2])
-    frames = {name: camera.frame for name, camera in workspace.cameras.items()}
-    ups = {name: way_up(workspace, camera).tolist() for name, camera in workspace.cameras.items()}
-    return {"camera": cameras, "object": objects, "base": {"": base}, "frames": frames, "ups": ups}
