@@ -17,14 +17,15 @@ from sqrp_cli.api.cell import OpenCell
 from sqrp_cli.api.session import Session
 from sqrp_cli.errors import Infeasible, InputError, Problem
 from sqrp_cli.geometry import Array, matrix_to_quaternion
-from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.platform.processes import Worker, forked
 from sqrp_cli.programming.candidate import Candidate
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import rehearsal
+from sqrp_cli.programming.coverage.assessment import Assessment, rehearsal
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.pipeline import Assignment
+from sqrp_cli.programming.program_update import world_after
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.sensing.sight_memory import SightMemory
 from sqrp_cli.programming.ways.find import Plans, WantedWay
@@ -37,7 +38,7 @@ from sqrp_cli.studio.messages import findings, message
 from sqrp_cli.studio.moves import moved
 from sqrp_cli.studio.questions import Choose, Hold, Question, Rank
 from sqrp_cli.studio.ranking_run import RankingRun, let_others_go_first
-from sqrp_cli.studio.sketch import Sketch
+from sqrp_cli.studio.sketch import Sketch, Steps
 
 KEPT_PLANS = 64
 """Motions of so many candidates at most are kept for other cameras."""
@@ -72,7 +73,7 @@ class _Bench:
         self._session: Session | None = None
         self._chosen = ""
         self._explaining: Worker[str, str] | None = None
-        self._sketches: dict[str, Sketch] = {}
+        self._sketches: dict[str, Steps] = {}
 
     def say(self, do: str, **fields: object) -> None:
         """Send an answer."""
@@ -219,14 +220,14 @@ class _Bench:
         if self._chosen and not self._pipe.poll():
             self._base()  # so that a hand need not wait for it
 
-    def _base(self) -> Sketch | None:
-        """The chosen candidate's motion with all verdicts of the cell as it is written."""
+    def _base(self) -> Steps | None:
+        """The chosen candidate's motions with all verdicts of the cell as it is written."""
         if self._chosen not in self._sketches and self._session is not None:
             chosen = self._find(self._chosen)
-            if chosen is None or chosen.assessment.steps or not chosen.assessment.feasible:
+            if chosen is None or not chosen.assessment.feasible:
                 return None
-            found = _sketched(self._session.cell, chosen.assessment.way)
-            if isinstance(found, Infeasible):
+            found = _steps(self._session.cell, chosen.assessment)
+            if found is None:
                 return None
             self._sketches = {self._chosen: found}
             found.shown  # noqa: B018 - computed now
@@ -236,7 +237,7 @@ class _Bench:
         """Answer what the chosen candidate would be with something elsewhere."""
         self.drop()
         session, base = self._session, self._base()
-        if session is None or base is None:
+        if session is None or base is None or (asked.move.kind != "camera" and len(base.sketches) > 1):
             self.say("held", number=asked.number)
             return
         workspace = moved(session.workspace, asked.move)
@@ -245,7 +246,7 @@ class _Bench:
             self.say("sketch", name=self._chosen, seen=seen, was=_figures(base), number=asked.number)
             return
         cell = Cell.load(workspace, self._seed)
-        found = _sketched(cell, base.scene.candidate)
+        found = _sketched(cell, base.sketches[0].scene.candidate, cell.initial_world)
         if isinstance(found, Infeasible):
             self.say("sketch", name=self._chosen, reasons=found.reasons, number=asked.number)
             return
@@ -281,14 +282,25 @@ def _explainer(assignment: Assignment, ranked: Ranked) -> Callable[[str], str]:
     return explain
 
 
-def _sketched(cell: Cell, way: Candidate) -> Sketch | Infeasible:
-    """The motion of a way in a cell."""
-    world = cell.initial_world
+def _steps(cell: Cell, assessment: Assessment) -> Steps | None:
+    """The motions of a feasible candidate in a cell; None if it has none there."""
+    world, sketches = cell.initial_world, list[Sketch]()
+    for step in assessment.steps or (assessment,):
+        found = _sketched(cell, step.way, world)
+        if isinstance(found, Infeasible):
+            return None
+        sketches.append(found)
+        world = world_after(step.way, found.scene.motion, world)
+    return Steps(sketches)
+
+
+def _sketched(cell: Cell, way: Candidate, world: World) -> Sketch | Infeasible:
+    """The motion of a way in a cell, from a world."""
     motion = feasible_motion(cell, way, world)
     return motion if isinstance(motion, Infeasible) else Sketch(cell, rehearsal(cell, way, world, motion))
 
 
-def _figures(sketch: Sketch) -> Mapping[str, float | None]:
+def _figures(sketch: Steps) -> Mapping[str, float | None]:
     """What the figures of a moved cell are compared with: those of the cell as it is, at the same instants."""
     shown = sketch.shown
     return {"q_eoi": shown.q_eoi, "q_avg": shown.q_avg}

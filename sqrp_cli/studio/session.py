@@ -483,9 +483,9 @@ class Studio:
             return
         changed = draft is not self._draft
         self._go_on(draft, workspace)
-        self.say("outside", problems=[], lost=[one.label for one in lost], taken=changed)
         self._stamps = self._stamped()
         self._tell_state()
+        self.say("outside", problems=[], lost=[one.label for one in lost], taken=changed)
 
 
 _PLAIN: Mapping[str, Callable[[Studio], None]] = {

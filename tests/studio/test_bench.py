@@ -9,6 +9,7 @@ from sqrp_cli import open_cell
 from sqrp_cli.programming.coverage.sampling import FixedStep
 from sqrp_cli.report.pages.assembly import tidy
 from sqrp_cli.report.pages.candidate_page import played
+from sqrp_cli.studio.bench import _steps
 from sqrp_cli.studio.moves import Move, moved
 from sqrp_cli.studio.sketch import SHORTEST, Sketch
 from tests.studio.started import ROOT
@@ -47,6 +48,27 @@ def test_a_sketch_of_the_cell_as_it_is_has_the_verdicts_of_these_samples(explain
             verdicts = {name: tidy(shown.verdicts[rows[index]]) for name, rows in atom.cameras.items()}
             assert atom.covered[index] == found["covered"]
             assert verdicts == found["cameras"]
+
+
+def test_steps_one_after_another_have_the_verdicts_and_qualities_of_these_samples():
+    ranking = open_cell(ROOT / "workspaces" / "tabletop").rank(
+        "pickup g1 then place g1 crate", ways="fastest", sampling=FixedStep(SHORTEST)
+    )
+    assignment = ranking.session.assignment
+    whole = assignment.explain_whole(ranking.ranked[0])
+    assert len(whole.steps) == 2
+    sketch = _steps(assignment.cell, ranking.ranked[0].assessment)
+    assert sketch is not None
+    shown, exact = sketch.shown, tidy(played(assignment, whole, brief=True), digits=None)["samples"]
+    assert shown.t == pytest.approx([sample["t"] for sample in exact])
+    assert shown.covered == [sample["covered"] for sample in exact]
+    assert shown.q_avg == pytest.approx(whole.ranked.assessment.q_avg)
+    assert shown.q_eoi == pytest.approx(whole.ranked.assessment.q_eoi)
+    for index, sample in enumerate(exact):
+        for literal, found in sample["literals"].items():
+            atom = shown.atoms[literal.removeprefix("not ")]
+            assert atom.covered[index] == found["covered"]
+            assert {name: tidy(shown.verdicts[rows[index]]) for name, rows in atom.cameras.items()} == found["cameras"]
 
 
 def test_a_camera_that_moves_is_sketched_as_if_all_were_looked_at_anew(explained):

@@ -1,0 +1,87 @@
+"""A browser that sends without end or never reads costs the others little."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+
+from websockets.asyncio.client import connect
+
+from sqrp_cli.studio import server
+from sqrp_cli.studio.server import MOST_AT_ONCE, MOST_PER_SECOND, MOST_UNREAD, MOST_WAITING, Live, _Browser
+
+
+class Connection:
+    """One that never gets rid of anything."""
+
+    def __init__(self) -> None:
+        self.transport, self.aborted = self, False
+
+    def abort(self) -> None:
+        self.aborted = True
+
+
+def test_who_sends_without_end_is_heard_at_a_bounded_rate(monkeypatch):
+    slept: list[float] = []
+
+    async def sleep(seconds: float) -> None:
+        slept.append(seconds)
+
+    async def flood() -> None:
+        browser = _Browser(Connection())
+        for _ in range(MOST_AT_ONCE + 50):
+            await browser.pause()
+
+    monkeypatch.setattr(server.time, "monotonic", lambda: 1.0 + sum(slept))
+    monkeypatch.setattr(server.asyncio, "sleep", sleep)
+    asyncio.run(flood())
+    assert not any(slept[:MOST_AT_ONCE])
+    assert abs(sum(slept) - 50 / MOST_PER_SECOND) < 1e-6
+
+
+def test_who_never_reads_is_cut_off():
+    async def tell() -> None:
+        connection = Connection()
+        browser = _Browser(connection)
+        text = "x" * 1_000_000
+        for _ in range(MOST_UNREAD // len(text)):
+            browser.tell(text)
+        assert not connection.aborted
+        browser.tell(text)
+        assert connection.aborted
+
+    asyncio.run(tell())
+
+
+def test_what_the_next_message_replaces_does_not_wait_in_numbers():
+    async def tell() -> None:
+        browser = _Browser(Connection())
+        for _ in range(10 * MOST_WAITING):
+            browser.tell("picture", passing=True)
+        assert browser._waiting.qsize() == MOST_WAITING
+
+    asyncio.run(tell())
+
+
+def test_others_are_heard_during_a_flood():
+    async def heard(text: str, tell: server.Tell) -> None:
+        tell(text)
+
+    async def both() -> str:
+        live = Live(heard, lambda _: None)
+        await live.open(0)
+        where, origin = f"{live.socket}/{live.address.split('/')[3]}/live", live.address.rsplit("/", 2)[0]
+        async with connect(where, origin=origin) as flooding, connect(where, origin=origin) as other:
+            flood = asyncio.create_task(send(flooding))
+            await asyncio.sleep(0.1)
+            await other.send(json.dumps({"do": "undo"}))
+            answer = await other.recv()
+            flood.cancel()
+        await live.close()
+        return str(answer)
+
+    async def send(connection: object) -> None:
+        while True:
+            await connection.send("x" * 1000)  # type: ignore[attr-defined]
+
+    assert json.loads(asyncio.run(asyncio.wait_for(both(), 60.0))) == {"do": "undo"}
