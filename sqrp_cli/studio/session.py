@@ -328,8 +328,6 @@ class Studio:
 
     def difference(self) -> None:
         """Show what saving would change."""
-        from sqrp_cli.scoring.sweep import from_here
-
         saved = read_workspace_document(self._draft.path, self._draft.saved)
         values = changed_values(saved, self._draft.content)
         line = self._command("set", *(f"{k}={v}" for k, v in values.items())) if values else ""
