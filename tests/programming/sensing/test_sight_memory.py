@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sqrp_cli.knowledge.light import Light
 from sqrp_cli.programming.sensing import sight_memory
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.sensing.sight_memory import SightMemory
@@ -17,14 +18,24 @@ from tests.programming.sensing.views import random_pose
 
 
 def moved(watch: Watch, rng: np.random.Generator) -> Observer:
-    """The observer with one camera elsewhere, or with another lens."""
+    """The observer with one camera elsewhere, or with another lens or gain."""
     cameras = list(watch.cameras)
     index = int(rng.integers(len(cameras)))
-    if rng.random() < 0.5:
+    way = rng.random()
+    if way < 0.3:
+        cameras[index] = replace(cameras[index], gain=float(rng.uniform(0.2, 3.0)))
+    elif way < 0.7:
         cameras[index] = replace(cameras[index], X_FC=cameras[index].X_FC @ random_pose(rng, (-0.1,) * 3, (0.1,) * 3))
     else:
         cameras[index] = replace(cameras[index], matrix=cameras[index].matrix * [[0.7], [0.7], [1.0]])
-    return replace(watch.observer, cameras=tuple(cameras), memory=None)
+    return replace(lit(watch), cameras=tuple(cameras))
+
+
+LIGHTS = {"sky": Light(intensity=0.2), "lamp": Light(intensity=0.7, direction=(0.2, 0.3, -1.0))}
+
+
+def lit(watch: Watch) -> Observer:
+    return replace(watch.observer, lights=LIGHTS)
 
 
 def answers(observer: Observer, watch: Watch, rows: np.ndarray) -> tuple[list[bool], list[float]]:
@@ -37,7 +48,7 @@ def answers(observer: Observer, watch: Watch, rows: np.ndarray) -> tuple[list[bo
 def test_one_memory_of_many_cameras_and_targets_gives_the_answers_of_none(seed, other, turns):
     rng, memory = np.random.default_rng(turns), SightMemory()
     for watch in [random_watch(seed), random_watch(other)] * 3:
-        observer = moved(watch, rng) if rng.random() < 0.7 else watch.observer
+        observer = moved(watch, rng) if rng.random() < 0.7 else lit(watch)
         rows = np.sort(rng.choice(watch.states.count, int(rng.integers(1, watch.states.count + 1)), replace=False))
         assert answers(replace(observer, memory=memory), watch, rows) == answers(observer, watch, rows)
 
