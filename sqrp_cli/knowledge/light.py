@@ -111,6 +111,9 @@ class Brightness(NamedTuple):
     most: float
 
 
+_ROUNDED = 0.5 / 255
+"""By how much a pixel's value may be rounded up."""
+
 ANY_BRIGHTNESS = Brightness(0.0, inf)
 
 MARKER = Brightness(0.2, inf)
@@ -124,8 +127,6 @@ def brightness_of(color: str | None) -> Brightness:
     if paint is None or not detected_as(color or "", paint):
         return ANY_BRIGHTNESS
     brighter: Array = np.geomspace(1.0, 2 * MOST_INTENSITY, 4000)
-    r, g, b = (np.minimum(brighter * channel, 1.0).tolist() for channel in paint)
-    lost = (
-        light for light, *seen in zip(brighter.tolist(), r, g, b, strict=True) if not detected_as(color or "", seen)
-    )
-    return Brightness(LEAST_VALUE / max(paint), next(lost, inf))
+    seen = np.minimum(np.outer(brighter, paint), 1.0).tolist()
+    lost = (light for light, pixel in zip(brighter.tolist(), seen, strict=True) if not detected_as(color or "", pixel))
+    return Brightness((LEAST_VALUE - _ROUNDED) / max(paint), next(lost, inf))

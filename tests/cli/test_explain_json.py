@@ -16,7 +16,7 @@ Document = dict[str, Any]
 CELLS = ("tabletop", "harsh", "watch")
 CAUSES = (
     "too_near", "too_far", "out_of_image", "detector_near", "detector_far", "oblique", "too_small", "hidden",
-    "same_colour",
+    "same_colour", "too_dark", "too_bright",
 )  # fmt: skip
 SIDES = ("left", "right", "top", "bottom")
 FAULT_FIGURES = ("delay_mean", "delay_worst", "blind_longest", "unseen", "expected_time")
@@ -257,6 +257,8 @@ def _check_verdict(verdict: Document, box: Document) -> None:
         assert verdict["visible"] < box["min_visible"] or box["min_visible"] == 1.0
     elif verdict["cause"] == "same_colour":
         assert verdict["by"] not in (None, *box["encloses"])
+        assert box["min_visible"] <= verdict["visible"] <= 1.0
+    elif verdict["cause"] in ("too_dark", "too_bright"):
         assert box["min_visible"] <= verdict["visible"] <= 1.0
     else:
         assert verdict["visible"] is None

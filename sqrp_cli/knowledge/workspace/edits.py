@@ -135,6 +135,8 @@ def _entry(new: NewCamera) -> dict[str, Any]:
         sensing[name] = _number(f"0 {_SENSING_UNITS[dimension]}", getattr(camera, name), dimension)
     if not camera.exposure:
         del sensing["exposure"]
+    if camera.gain is not None:
+        sensing["gain"] = float(f"{camera.gain:.6g}")
     frame = {} if camera.frame == WORLD else {"frame": camera.frame}
     return {**frame, "pose": pose_entry, "image": image, **sensing}
 

@@ -22,8 +22,8 @@ from sqrp_cli.programming.solids import Solid, load_solid
 from sqrp_cli.programming.targets import SoughtBox, Target
 from tests.programming.sensing.views import box_part, make_box, make_camera, make_detector, random_rotation
 
-GREEN = 40 / 255 / 0.65
-"""The least light in which green paint has a value of 40 of 255."""
+GREEN = 39.5 / 255 / 0.65
+"""The least light in which green paint has a value of 40 of 255, rounded."""
 
 CUBE = replace(make_box(detector=make_detector(min_visible=0.5)), seeks="cube", color="green")
 SIDE = CUBE.size[0]
