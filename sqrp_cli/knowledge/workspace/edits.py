@@ -136,7 +136,7 @@ def _entry(new: NewCamera) -> dict[str, Any]:
     if not camera.exposure:
         del sensing["exposure"]
     if camera.gain is not None:
-        sensing["gain"] = float(f"{camera.gain:.6g}")
+        sensing["gain"] = f"{camera.gain:.6g}"
     frame = {} if camera.frame == WORLD else {"frame": camera.frame}
     return {**frame, "pose": pose_entry, "image": image, **sensing}
 
