@@ -131,8 +131,9 @@ def _entry(new: NewCamera) -> dict[str, Any]:
         image["distortion"] = {"model": lens.model, "coefficients": list(lens.coefficients)}
     sensing = {}
     for name, kind in get_type_hints(Sensing, include_extras=True).items():
-        (dimension,) = (mark.dimension for mark in kind.__metadata__ if isinstance(mark, In) and mark.dimension)
-        sensing[name] = _number(f"0 {_SENSING_UNITS[dimension]}", getattr(camera, name), dimension)
+        dimensions = [mark.dimension for mark in kind.__metadata__ if isinstance(mark, In) and mark.dimension]
+        for dimension in dimensions:  # a gain has none
+            sensing[name] = _number(f"0 {_SENSING_UNITS[dimension]}", getattr(camera, name), dimension)
     if not camera.exposure:
         del sensing["exposure"]
     if camera.gain is not None:
