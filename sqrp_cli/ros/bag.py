@@ -199,6 +199,8 @@ def _missing(what: str, path: Path) -> InputError:
 
 
 def _told(error: Exception) -> str:
+    if isinstance(error, MemoryError):
+        return "a part of it is, as it says, larger than the memory"
     return str(error).splitlines()[0].rstrip(".") if str(error) else type(error).__name__
 
 

@@ -96,7 +96,7 @@ def _said(title: str, topic: str, kind: str, **fields: object) -> Bomb:
 
 
 def _topics(writer: BagWriter) -> None:
-    for number in range(3000):
+    for number in range(1000):
         writer.add(f"/x{number}/image", 1_500_000_000_000_000_000, writer.types.make(COMPRESSED))
 
 
@@ -171,7 +171,7 @@ MESSAGES = (
     _rewritten("two-types", STATES, lambda message, _n: message,
                lambda writer: writer._writer.write(
                    writer._connection(STATES, "std_msgs/msg/String", latched=False), 10**18, b"\0\1\0\0\1\0\0\0\0")),
-    _rewritten("3000-topics", IMAGE, lambda _message, _n: None, _topics),
+    _rewritten("1000-topics", IMAGE, lambda _message, _n: None, _topics),
     _said("topic-of-signs", "/\x1b[2J\u202e/image", COMPRESSED),
     *(_bytes(f"{name}-{where}", topic, change) for name, change in (
         ("none", lambda _data: b""), ("cut", lambda data: data[: len(data) // 2]),
