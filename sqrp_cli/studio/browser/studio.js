@@ -23,6 +23,7 @@ class Studio extends Page {
       title: '', summary: '', heading: 'Candidates', about: [], entries: [NOBODY], scenes: [cell.scene], of_images: false, placement: null, compared: false, opens_at: 0,
     });
     document.body.classList.add('studio');
+    byId('filter').placeholder = 'Filter';
     this.tell = tell;
     this.state = null;
     this.saved = new Map();
@@ -105,6 +106,7 @@ class Studio extends Page {
   // move: what a hand holds; null for nothing.
   grasp(move) {
     this.held = move;
+    document.body.classList.toggle('held', move !== null);
     if (this.scene) this.scene.held = move !== null;
     if (move) return;
     this.waiting = null;
@@ -158,12 +160,13 @@ class Studio extends Page {
   on_cell(cell) {
     this.overview.scenes[0] = cell.scene;
     const same = Object.keys(cell.scene.cameras).join('\n') === this.scene?.cameras.map(({ name }) => name).join('\n');
-    if (cell.model === null && same) this.refresh(cell.scene);
-    else {
+    if (cell.model === null && same) {
+      this.refresh(cell.scene);
+      if (this.motion) this.scene?.load(this.motion);
+    } else {
       this.model = cell.model ?? this.model;
       this.enterCell({ ...cell, model: this.model });
     }
-    if (this.motion) this.scene?.load(this.motion);
     this.seek(this.time);
   }
 
@@ -183,7 +186,10 @@ class Studio extends Page {
   enterCell({ scene, model }) {
     const view = this.scene && { orbit: this.scene.orbit, through: this.scene.through };
     this.enter(0, model);
+    if (this.motion && !fits(this.motion, scene)) this.motion = null; // until the new one is there
     if (!this.scene) return;
+    if (this.motion) this.scene.load(this.motion);
+    else this.rest(scene);
     if (view) {
       const { target, distance, azimuth, elevation } = view.orbit;
       Object.assign(this.scene.orbit, { target, distance, azimuth, elevation });
@@ -198,7 +204,6 @@ class Studio extends Page {
     });
     this.scene.gizmo = this.gizmo;
     if (this.taken && this.state) this.take(...this.taken);
-    if (!this.motion) this.rest(scene);
   }
 
   // The robot at home, until there is a motion to show.
@@ -229,6 +234,7 @@ class Studio extends Page {
     byId('write').disabled = state.dirty;
     byId('write').title = state.dirty ? 'A program is for the cell as it is saved' : '';
     byId('unsaved').textContent = state.dirty ? `${state.unsaved.length} unsaved change${state.unsaved.length === 1 ? '' : 's'}` : 'as it is saved';
+    byId('commands').hidden = !state.lines.length;
     byId('lines').replaceChildren(
       ...state.lines.map(({ what, line }) => make('li', {}, make('span', { class: 'faint' }, named(what)), make('code', {}, named(line)))).reverse(),
     );
@@ -390,12 +396,11 @@ class Studio extends Page {
   }
 
   // was: the figures before it was taken in hand, looked at as coarsely.
-  sketched({ q_eoi: qEoi, q_avg: qAvg, blind, blind_longest: longest }, was) {
+  sketched({ q_eoi: qEoi, q_avg: qAvg, blind }, was) {
     const rows = [
       ['≈ Q_eoi', percent(qEoi), changeOf(qEoi, was.q_eoi, 100, 1, BEFORE)],
       ['≈ Q_avg', percent(qAvg), changeOf(qAvg, was.q_avg, 100, 1, BEFORE)],
       ['≈ blind', seconds(blind), null],
-      ['≈ longest blind stretch', seconds(longest), null],
     ];
     byId('figures').replaceChildren(
       ...rows.map(([term, value, change]) => make('div', { class: 'coarse' }, make('dt', {}, term), make('dd', {}, value, ...(change ? [change] : [])))),
@@ -517,6 +522,12 @@ class Studio extends Page {
 }
 
 const placed = ({ file, line, message }) => (file ? `${file}${line ? `:${line}` : ''}: ${message}` : message);
+
+// Whether a motion is one of a cell with these objects and cameras.
+function fits({ detail, places }, scene) {
+  const shown = Object.keys({ ...detail.still, ...places[0].objects });
+  return shown.every((name) => name in scene.objects) && Object.keys(scene.cameras).every((name) => name in detail.cameras);
+}
 
 // Verdicts as the server packs them: each different one once.
 function decoded({ t, covered, verdicts, atoms }) {
