@@ -30,7 +30,7 @@ from sqrp_cli.knowledge.camera.calibration_formats import (
     format_of,
 )
 from sqrp_cli.knowledge.camera.calibration_text import CalibrationText, no_calibration, part_of, read_calibration_text
-from sqrp_cli.knowledge.camera.camera import DISTORTION_LENGTHS, CalibrationFile, DistortionModel, ImageSize, Intrinsics
+from sqrp_cli.knowledge.camera.camera import DISTORTION_LENGTHS, CalibrationFile, DistortionModel, Intrinsics, PixelSize
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument
 from sqrp_cli.knowledge.text.validation import validate
 
@@ -198,9 +198,9 @@ def _own_name(camera: Mapping[str, Any]) -> str | None:
     return next((str(camera[key]) for key in keys if isinstance(camera.get(key), str | int)), None)
 
 
-def _size(camera: StatedCamera, part: SourceDocument, wanted: CalibrationFile, asked: str) -> ImageSize:
+def _size(camera: StatedCamera, part: SourceDocument, wanted: CalibrationFile, asked: str) -> PixelSize:
     """That of the image, from the file or the workspace, which must not contradict each other."""
-    stated = ImageSize.of(wanted.width, wanted.height)
+    stated = PixelSize.of(wanted.width, wanted.height)
     at = next(((key,) for key in (*SIZES, *WIDTHS, *HEIGHTS) if key in part.data), ())
     if camera.size is None and at:
         missing = "image_height" if at[0] in WIDTHS else "image_width"

@@ -9,7 +9,7 @@ from typing import Annotated, Any, NamedTuple
 from pydantic import AliasChoices, BeforeValidator, Field, Tag, model_validator
 
 from sqrp_cli.errors import InputError, expected_names
-from sqrp_cli.knowledge.camera.camera import ImageSize, PixelCount, check_pixels
+from sqrp_cli.knowledge.camera.camera import PixelCount, PixelSize, check_pixels
 from sqrp_cli.knowledge.text.entries import ForeignEntry, Number, mapping_or_else
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument
 
@@ -78,11 +78,11 @@ class StatedCamera(ForeignEntry):
         return self
 
     @property
-    def size(self) -> ImageSize | None:
+    def size(self) -> PixelSize | None:
         """That of its image."""
         if self.resolution is not None:
-            return ImageSize(*self.resolution)
-        return ImageSize.of(self.image_width, self.image_height)
+            return PixelSize(*self.resolution)
+        return PixelSize.of(self.image_width, self.image_height)
 
     def lens(self, document: SourceDocument) -> StatedLens:
         """Its lens. Raises InputError, with the line, for lists of a wrong length."""

@@ -32,14 +32,14 @@ Gain = Annotated[float, In(None, 1e-6, 1e6)]
 Frequency = Annotated[float, In(FREQUENCY, 1e-3, LARGEST)]
 
 
-class ImageSize(NamedTuple):
+class PixelSize(NamedTuple):
     """Of an image [pixels]."""
 
     width: int
     height: int
 
     @classmethod
-    def of(cls, width: int | None, height: int | None) -> ImageSize | None:
+    def of(cls, width: int | None, height: int | None) -> PixelSize | None:
         """A size that may be stated; None unless both numbers are."""
         return None if width is None or height is None else cls(width, height)
 
