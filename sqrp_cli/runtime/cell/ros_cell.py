@@ -262,7 +262,7 @@ class RosCell:
         """Count time from now on."""
         self.clock.read()
         self.clock.origin, self._followed = self.clock.ns, _Followed(0.0, _steady_ns())
-        self.joints = JointLog(self.joints._names)
+        self.joints, self._pauses = JointLog(self.joints._names), Pauses()
         for waiting in self._waiting.values():
             waiting.clear()
 
