@@ -199,7 +199,7 @@ class EntryTable {
 
   choose(selected) {
     this.rows.forEach((row, i) => row.setAttribute('aria-selected', String(i === selected)));
-    this.rows[selected].scrollIntoView({ block: 'nearest' });
+    this.rows[selected]?.scrollIntoView({ block: 'nearest' }); // a new ranking may be shorter
   }
 }
 
