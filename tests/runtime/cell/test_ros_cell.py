@@ -165,6 +165,18 @@ def test_joint_states_that_stay_out_are_old_or_do_not_follow_are_told_within_a_f
     assert 1.5 <= robot.t <= 1.5 + 0.21
 
 
+def test_what_was_read_before_time_counts_hides_no_loss_of_joint_states() -> None:
+    wire = Wire()
+    robot = RosCell(RobotFile.model_validate(FILE), {"a": "a", "b": "b"}, WORKSPACE, wire)
+    wire.tick()
+    robot.read()  # as the checks before a run do, while the clock still shows the time of day
+    robot.begin()
+    wire.t0 = wire.t
+    follow(wire, robot, 3.0, lambda t, q: wire.joints(q) if t < 1.5 else None)
+    assert "joint states are lost" in str(robot.trouble())
+    assert robot.t <= 1.5 + 0.21
+
+
 def test_who_pauses_again_and_again_still_notices_that_joint_states_are_lost() -> None:
     wire = Wire()
     robot = cell(wire)
