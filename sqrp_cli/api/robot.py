@@ -136,14 +136,16 @@ def serve(
 
 
 def _check_alone(transport: Transport, file: RobotFile) -> None:
-    """Raises InputError where another cell is served: of two clocks and two arms, nobody could tell which is which."""
+    """Raises InputError where somebody else sends the time: nobody could tell two clocks, and two arms, apart."""
     from sqrp_cli.runtime.cell.ros_cell import CLOCK
 
     inbox = transport.subscribe(CLOCK)
     transport.wait(LISTENED)
     if inbox.count:
         mend = "--domain N, with another number" if file.transport == "dds" else "ROS_MASTER_URI of another master"
-        raise InputError(Problem("would-overwrite", f"another cell is served {file.where}: `/clock` comes", mend=mend))
+        raise InputError(
+            Problem("no-network", f"somebody else, such as another cell, sends `/clock` {file.where}", mend=mend)
+        )
 
 
 def _free_domain() -> int:

@@ -58,10 +58,13 @@ class Inbox:
         """The messages that wait, in the order in which they came.
 
         No more than wait now: who is flooded gets on, too. Raises MessageError for bytes that are no message of the
-        topic's type; those before it are gone, too.
+        topic's type; those before it are gone, too, those after it still wait.
         """
-        waiting = [self._waiting.popleft() for _ in range(len(self._waiting))]
-        return [Arrived(self._types.decode(self.topic.type, data), t) for data, t in waiting]
+        found = []
+        for _ in range(len(self._waiting)):
+            data, t = self._waiting.popleft()
+            found.append(Arrived(self._types.decode(self.topic.type, data), t))
+        return found
 
 
 class Transport(Protocol):

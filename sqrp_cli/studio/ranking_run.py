@@ -37,6 +37,7 @@ class RankingRun:
         """jobs: processes at most. memory: of the session's cell; what the processes learn is added to it."""
         self.asked, self.session, self._memory = asked, session, memory
         candidates = session.task.candidates
+        memory.learnt.clear()  # by this process, which need not be told; the others begin with what it knows
         self._left, self._found = deque(range(len(candidates))), dict[int, Assessment]()
         workers = [
             Worker(forked(), _assessor, session.assignment, candidates, memory)

@@ -118,15 +118,20 @@ def _in_frame(
     for number, lens in enumerate(lenses):
         fits = np.array([any(one.name == lens.name for one in spot.lenses) for spot in spots], dtype=bool)
         within[number] &= fits[:, None]
-    # What hides a box does not depend on the lens. Where another box of its target is outside, it need not be tested.
+    # What hides a box does not depend on the lens, what light shows of it on the gain alone. Where another box of its
+    # target is outside, it need not be tested.
     begins = np.flatnonzero(np.diff(item, prepend=-1))
     whole = np.asarray(np.logical_and.reduceat(within, begins, axis=2))
-    asked: Mask = np.any(whole, axis=0)[:, item]
-    seen = np.zeros(asked.shape, dtype=bool)
-    pose, look = np.nonzero(asked)
-    for chunk in _chunks(len(pose)):
-        seen[pose[chunk], look[chunk]] = moved[0].unhidden(X_FC[pose[chunk]], look[chunk])
-    sees: Mask = whole & np.logical_and.reduceat(seen, begins, axis=1)
+    gains = np.array([lens.brightness if observer.lights else 1.0 for lens in lenses])
+    sees = np.zeros_like(whole)
+    for gain in np.unique(gains):
+        alike = np.flatnonzero(gains == gain)
+        asked: Mask = np.any(whole[alike], axis=0)[:, item]
+        seen = np.zeros(asked.shape, dtype=bool)
+        pose, look = np.nonzero(asked)
+        for chunk in _chunks(len(pose)):
+            seen[pose[chunk], look[chunk]] = moved[alike[0]].unhidden(X_FC[pose[chunk]], look[chunk])
+        sees[alike] = whole[alike] & np.logical_and.reduceat(seen, begins, axis=1)
     return sees
 
 

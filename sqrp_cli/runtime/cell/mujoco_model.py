@@ -323,6 +323,7 @@ def _light_evenly(spec: mujoco.MjSpec) -> None:
 
 def _light_everywhere(spec: mujoco.MjSpec, ambient: float, from_camera: float) -> None:
     """Light from everywhere and from the camera, and a plain sky."""
+    spec.visual.headlight.active = int(ambient > 0.0 or from_camera > 0.0)  # it takes the place of one of eight lights
     spec.visual.headlight.ambient[:] = ambient
     spec.visual.headlight.diffuse[:] = from_camera
     spec.visual.headlight.specular[:] = 0.0

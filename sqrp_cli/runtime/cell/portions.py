@@ -28,6 +28,9 @@ SPACING = 0.02
 """Between two points [s]; with their velocities and accelerations a controller follows the path to micrometres."""
 
 
+SETTLES = 0.3
+"""After a motion, a robot that follows it with a lag may still be off for so long [s]."""
+
 JUMP = 0.02
 """How far a portion may begin from where the robot will be by the one before [rad or m]."""
 
@@ -74,8 +77,8 @@ class Portions:
             self._next = self._brakes_at = float("inf")
 
     def begins(self, reference: StoppableReference, now: float) -> bool:
-        """Whether a motion from standing is due at a time [s]."""
-        return reference.revision != self._revision and (self._told is None or now >= self._told.rests_at)
+        """Whether a motion is due at a time [s], from where the robot has stood for so long that it has settled."""
+        return reference.revision != self._revision and (self._told is None or now >= self._told.rests_at + SETTLES)
 
     def begin(self, reference: StoppableReference, now: float) -> None:
         """Nothing is to be sent until the reference changes: the robot stands where it begins."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from tempfile import TemporaryFile
@@ -42,6 +43,10 @@ _CHANNELS |= dict.fromkeys(("yuv422", "uyvy", "yuv422_yuy2", "yuyv"), 2)
 """Bytes of a pixel; of other encodings one."""
 
 
+_PADDING = re.compile(r"Corrupt JPEG data: ([1-9]|1[0-6]) extraneous bytes before marker 0xd[0-79]")
+"""What is said where a camera fills up to a marker with a few bytes, as many do: nothing of the image is lost."""
+
+
 class DamagedImageError(InputError):
     """An image of a recording that is damaged, as one in thousands may be."""
 
@@ -67,7 +72,7 @@ def image_of(message: Message, camera: Camera, place: Place, where: str) -> Imag
     else:
         with _complaints() as said:
             image = decoded(content)
-        damage = next((line for line in said if "JPEG" in line), None)
+        damage = next((line for line in said if "JPEG" in line and not _PADDING.match(line)), None)
     if damage or image is None or image.shape[:2] != (camera.height, camera.width):
         raise _damaged(f"the image of {where} is damaged: {damage or 'it cannot be decoded'}", place)
     return image
@@ -93,6 +98,8 @@ def _unpacked(message: Message, expected: ImageSize, place: Place, where: str) -
         raise _refused("unreadable", f"the image of {where} has the encoding `{encoding}`; read are {known}", place)
     found, channels = ImageSize(message.width, message.height), _CHANNELS.get(encoding, 1)
     _check_size(found, expected, place, where)
+    if channels == 2 and found.width % 2:
+        raise _refused("unreadable", f"the image of {where} has the encoding `{encoding}`, but an odd width", place)
     row = found.width * channels
     if message.step < row or len(message.data) < message.step * found.height:
         raise _damaged(f"the image of {where} has fewer bytes than its {found} pixels need", place)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -99,3 +100,15 @@ def test_an_image_that_cannot_be_read_is_told_with_its_message(message: Any, say
     with pytest.raises(InputError, match="here") as caught:
         image_of(message, CAMERA, PLACE, "/cam/image_raw at 1.000 s, here")
     assert says in caught.value.problems[0].message
+
+
+def test_a_camera_that_fills_up_to_a_marker_sends_whole_images() -> None:
+    whole = jpeg_of(IMAGE)
+    padded = image_of(packed(whole[:-2] + b"\0" + whole[-2:]), CAMERA, PLACE, "here")
+    np.testing.assert_array_equal(padded, image_of(packed(whole), CAMERA, PLACE, "here"))
+
+
+def test_colours_that_two_pixels_share_need_an_even_width() -> None:
+    odd = replace(CAMERA, width=63)
+    with pytest.raises(InputError, match="has the encoding `yuyv`, but an odd width"):
+        image_of(bare("yuyv", IMAGE[:, :63, :2], 126, width=63), odd, PLACE, "here")
