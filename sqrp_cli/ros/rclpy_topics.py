@@ -6,6 +6,7 @@ place. Written by the interface of rclpy in Humble and Jazzy; it needs an instal
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Callable, Collection, Mapping
 from importlib import import_module
@@ -15,8 +16,8 @@ from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.ros.messages import Message, MessageTypes, message_types
 from sqrp_cli.ros.transport import Inbox, Send, Topic
 
-NODE = "sqrp"
-"""How we are called."""
+NODE = f"sqrp_{os.getpid()}"
+"""How this process is called: what others send is not what it sends itself."""
 
 SERVED_WITHIN = 5.0
 """How long the server of an action is waited for [s]."""
