@@ -17,7 +17,7 @@ CLICKED_IN_THE_LIFT = """() => {
   if (lifts) document.querySelector('#run-slip').click();
   return lifts;
 }"""
-"""The page clicks by itself: the run goes on while a hand from outside finds the button, and would be too late at times."""
+"""The page clicks by itself: the run goes on while a hand from outside finds the button, which may be too late."""
 
 
 def test_a_part_that_is_dropped_by_a_click_is_a_fault_of_the_command(browser, studio, cell, tmp_path):
