@@ -23,7 +23,10 @@ WATCHED, PERIODS = 1.0, 6
 """For how long the cell is watched at least [s], and for how many periods of its slowest camera."""
 
 PATIENCE = 15.0
-"""Longest time of this computer for that [s]."""
+"""Longest time of this computer for that, and for what has not come by then [s]."""
+
+FEWEST = 3
+"""Images from which a rate is told."""
 
 MOVES = 0.002
 """A robot whose joints change by more meanwhile is moving [rad or m]."""
@@ -70,6 +73,15 @@ class _Listening:
         moving = Topic(name="/tf", type=_TF, depth=100)
         return cls(infos, (subscribe(static), subscribe(moving)) if cell.file.tf else ())
 
+    def complete(self, cell: RosCell) -> bool:
+        """Whether something has come on each topic on which something is expected, or is sent.
+
+        Connections are made one after another, and some messages come once in a while only.
+        """
+        offered = cell.transport.senders()
+        sent = [inbox for inbox in self.transforms if inbox.topic.name in offered]
+        return all(inbox.count for inbox in (*self.infos.values(), *sent))
+
     def poses(self) -> dict[str, tuple[str, Array]]:
         """Parent of each frame, and its pose in that, shape (4, 4)."""
         found = {}
@@ -90,7 +102,7 @@ def check_cell(cell: RosCell, start: Mapping[str, float], progress: Callable[[],
     message of its topic's type.
     """
     listening = _Listening.of(cell)
-    seen = _watch(cell, progress)
+    seen = _watch(cell, listening, progress)
     if (trouble := cell.malformed) is not None:
         return [CellCheck("messages", "content", "", "", str(trouble))]
     if not cell.joints.known and not any(cell.ages.values()) and not cell.transport.senders():
@@ -107,8 +119,8 @@ def check_cell(cell: RosCell, start: Mapping[str, float], progress: Callable[[],
     return checks
 
 
-def _watch(cell: RosCell, progress: Callable[[], None]) -> list[Mapping[str, float]]:
-    """Look on for long enough; returns where the joints were."""
+def _watch(cell: RosCell, listening: _Listening, progress: Callable[[], None]) -> list[Mapping[str, float]]:
+    """Look on for long enough, and until everything has come; returns where the joints were."""
     period = max(1.0 / camera.rate for camera in cell.cameras.values())
     until = time.monotonic() + PATIENCE
     cell.watch()
@@ -122,7 +134,8 @@ def _watch(cell: RosCell, progress: Callable[[], None]) -> list[Mapping[str, flo
             cell.watch()
         if start is not None:
             seen.append(cell.measured_joints())
-            if cell.t - start > max(WATCHED, PERIODS * period):
+            enough = cell.t - start > max(WATCHED, PERIODS * period) and min(map(len, cell.ages.values())) >= FEWEST
+            if enough and listening.complete(cell):
                 break
         progress()
         cell.transport.wait(0.01)
@@ -201,7 +214,7 @@ def _age(cell: RosCell, about: str, ages: list[float], latency: float) -> CellCh
 def _images(cell: RosCell, camera: Camera) -> Iterator[CellCheck]:
     """Whether the images of a camera come as often, and as late, as the workspace says."""
     arrived = cell.ages[camera.name]
-    if len(arrived) < 3:
+    if len(arrived) < FEWEST:
         if cell.images[camera.name].count:  # where none ever came, another check says so
             yield CellCheck(
                 camera.name, "rate", "none", f"{camera.rate:.3g} Hz", f"`{camera.name}` hardly sends images"

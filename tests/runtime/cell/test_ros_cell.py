@@ -266,14 +266,18 @@ def test_a_controller_of_ros_1_that_gives_up_stops_the_robot() -> None:
     assert str(robot.trouble()) == "the controller gave up: off the path"
 
 
-def checked(wire: Wire, robot: RosCell, q=Q0, info: dict | None = None, late: float = 0.05) -> list[str]:
-    """What the checks find, with a camera whose `CameraInfo` differs as said."""
+def checked(
+    wire: Wire, robot: RosCell, q=Q0, info: dict | None = None, late: float = 0.05, since: float = 0.0
+) -> list[str]:
+    """What the checks find, with a camera whose `CameraInfo` differs as said; it and TF come from a time [s] on."""
     fields = {"width": 8, "height": 6, "k": K.reshape(-1), **(info or {})}
 
     def each() -> None:
         wire.joints(q)
         if round(wire.t / 0.004) % 25 == 0:
             wire.image(late)
+            if wire.t < since:
+                return
             header = wire.types.header(0, "cam_optical")
             wire.say("/cam/info", "sensor_msgs/msg/CameraInfo", header=header, **fields)
             transform = wire.types.make(
@@ -315,10 +319,13 @@ def test_what_differs_is_named_with_its_figure(differs: dict, problem: str) -> N
     assert problem in found[0]
 
 
-def test_a_camera_that_was_moved_by_2_cm_is_named_with_the_distance() -> None:
+@pytest.mark.parametrize("since", [0.0, 4.0])
+def test_a_camera_that_was_moved_by_2_cm_is_named_with_the_distance(since: float) -> None:
     wire = Wire()
-    wire.moved = 0.02
-    assert checked(wire, cell(wire)) == ["TF has `cam` 20.0 mm and 0.00 deg from where the workspace has it"]
+    wire.moved, wire.kinds = 0.02, {"/tf_static": {"tf2_msgs/msg/TFMessage"}}
+    assert checked(wire, cell(wire), since=since) == [
+        "TF has `cam` 20.0 mm and 0.00 deg from where the workspace has it"
+    ]
 
 
 @pytest.mark.parametrize(
