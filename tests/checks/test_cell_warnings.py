@@ -1,4 +1,4 @@
-"""What is doubtful about shapes: meshes in the wrong unit, and parts that reach outside the size of their object."""
+"""What is doubtful about shapes: meshes in the wrong unit, parts outside the size of their object, lamps in objects."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sqrp_cli.checks.cell_warnings import doubtful_meshes, parts_outside_size
+from sqrp_cli.checks.cell_warnings import doubtful_meshes, lamps_inside, parts_outside_size
 from sqrp_cli.errors import Place, Problem
-from sqrp_cli.geometry import Array, pose, rpy_to_matrix
+from sqrp_cli.geometry import Array, pose, rpy_to_matrix, transform
+from sqrp_cli.knowledge.light import Light
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.solids import load_solid
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
 
 LYING = rpy_to_matrix((0.0, np.pi / 2, 0.0))
@@ -103,3 +105,22 @@ def test_one_warning_counts_the_other_parts_outside(tabletop: Workspace) -> None
 
 def test_a_millimetre_is_allowed(tabletop: Workspace) -> None:
     assert problems_of_g1(tabletop, (Cylinder(0.031, 0.082), pose()), (Box(SIZE), pose())) == []
+
+
+@pytest.mark.parametrize(("position", "inside"), [((0.0, 0.0, 0.03), True), ((0.0, 0.0, 0.06), False)])
+def test_a_lamp_inside_an_object_is_named_with_it(
+    tabletop: Workspace, position: tuple[float, float, float], inside: bool
+) -> None:
+    g1 = replace(
+        tabletop.objects["g1"], pose=pose(LYING, (0.5, 0.1, 0.2)), parts=(Part("g1/0", "g1", Box(SIZE), pose()),)
+    )
+    lamp = Light(intensity=1.0, position=tuple(transform(g1.X_WO, np.array([position]))[0]), look_at=(0.0, 0.0, 9.0))
+    lights = {"sun": Light(intensity=1.0, direction=(0.0, 0.0, -1.0)), "lamp": lamp, "room": Light(intensity=0.2)}
+    workspace = replace(
+        tabletop, objects={"g1": g1}, lights=lights, places={"lights.lamp": Place(Path("w.yaml"), 7, 3)}
+    )
+    found = list(lamps_inside(workspace, [load_solid(g1.parts[0])]))
+    assert [(problem.code, problem.severity, str(problem.place)) for problem in found] == (
+        [("light-inside-object", "warning", "w.yaml:7:3")] if inside else []
+    )
+    assert all("light `lamp` is inside `g1`" in problem.message for problem in found)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import pairwise
 
 import cv2
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, transform
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.projection import Projection
+from sqrp_cli.knowledge.light import Light
 from sqrp_cli.knowledge.markers import ObjectMarker
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace.workspace import Workspace
@@ -240,6 +242,27 @@ def test_a_colour_keeps_its_hue_on_every_side(color: str, hue: int) -> None:
             assert np.abs(turn).max() <= 6
             assert middle[:, 1].min() > 110
             assert middle[:, 2].min() > 50
+
+
+def test_each_of_eight_lamps_is_drawn() -> None:
+    """Each lights a plate of its own, which is dark without it."""
+    spots = np.array([(x, y, 0.0) for x in (0.45, 0.6, 0.75, 0.9) for y in (-0.1, 0.1)])
+    lamps = {
+        f"lamp{number}": Light(intensity=1.0, position=(x, y, 1.0), look_at=(x, y, 0.0), beam=np.radians(6))
+        for number, (x, y, _) in enumerate(spots.tolist())
+    }
+    eye = camera(eye=(0.65, -0.5, 0.9), target=(0.65, 0.0, 0.0), size=(160, 120), focal=(150.0, 150.0))
+    pixels = Projection.of(eye).pixels(transform(inverse(eye.X_FC), spots))[0].round().astype(int)
+    plates = [
+        thing(f"plate{number}", spot, (0.04, 0.04, 0.001), color=None, fixed=True)
+        for number, spot in enumerate(spots.tolist())
+    ]
+    for dark in (None, "lamp0", "lamp7"):
+        lights = {name: lamp for name, lamp in lamps.items() if name != dark}
+        with drawing(plates, [eye], base=replace(empty(), lights=lights)) as renderer:
+            image = renderer.image("cam", 0.0)
+        lit = image[pixels[:, 1], pixels[:, 0]].max(axis=1) > 100
+        assert lit.tolist() == [name != dark for name in lamps]
 
 
 def test_an_object_of_unknown_place_is_not_there() -> None:

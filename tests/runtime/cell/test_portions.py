@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sqrp_cli.runtime.cell.portions import LEAD, Portion, Portions
+from sqrp_cli.runtime.cell.portions import EVERY, LEAD, SETTLES, Portion, Portions
 from sqrp_cli.runtime.serve.followed import FollowedTrajectory, RefusedTrajectory
 from tests.runtime.run.test_arm_motion import ACCELERATION, JERK, Q0, Q1, playback
 
@@ -123,6 +123,19 @@ def test_a_motion_that_went_on_while_nothing_was_sent_is_no_portion(stand: bool)
     first = np.array([portion.states.positions[0] for portion in sent]).reshape(-1, 2)
     assert np.allclose(first, playback().states(np.array([1.8 + LEAD, 1.9 + LEAD][: len(sent)])).positions, atol=2e-3)
     assert len(sent) == (0 if stand else 2)
+
+
+def test_a_start_is_compared_only_where_the_robot_has_stood_long_enough_to_settle() -> None:
+    portions, motion = Portions(lambda _: None), playback()
+    assert portions.begins(motion, 0.0)  # nothing was sent yet
+    for now in np.arange(0.9, 4.0, 0.05):
+        portions.follow(motion, now)
+        assert not portions.begins(motion, now)  # it is that which is followed
+    ended = motion.rests_at
+    assert ended < 3.7
+    motion.play([], 9.0)  # something new is to begin
+    begins = [now for now in np.arange(ended - 0.1, ended + 1.0, 0.01) if portions.begins(motion, now)]
+    assert ended + SETTLES <= begins[0] <= ended + SETTLES + EVERY  # what was sent last may end a little later
 
 
 def test_fingers_may_be_wanted_elsewhere_at_once() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,7 +13,7 @@ import pytest
 pytest.importorskip("rosbags")
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.ros.messages import Message, message_types, nanoseconds
+from sqrp_cli.ros.messages import Message, MessageError, message_types, nanoseconds
 from sqrp_cli.ros.transport import Inbox, Topic
 from sqrp_cli.runtime.cell import ros_cell
 from sqrp_cli.runtime.cell.robot_file import RobotFile, read_robot_file
@@ -267,15 +268,26 @@ def test_a_controller_of_ros_1_that_gives_up_stops_the_robot() -> None:
 
 
 def checked(
-    wire: Wire, robot: RosCell, q=Q0, info: dict | None = None, late: float = 0.05, since: float = 0.0
+    wire: Wire,
+    robot: RosCell,
+    q=Q0,
+    info: dict | None = None,
+    late: float = 0.05,
+    since: float = 0.0,
+    images: float = np.inf,
 ) -> list[str]:
-    """What the checks find, with a camera whose `CameraInfo` differs as said; it and TF come from a time [s] on."""
+    """What the checks find, with a camera whose `CameraInfo` differs as said; it and TF come from a time [s] on.
+
+    images: as many come.
+    """
+    left = itertools.count() if images == np.inf else iter(range(int(images)))
     fields = {"width": 8, "height": 6, "k": K.reshape(-1), **(info or {})}
 
     def each() -> None:
         wire.joints(q)
         if round(wire.t / 0.004) % 25 == 0:
-            wire.image(late)
+            if next(left, None) is not None:
+                wire.image(late)
             if wire.t < since:
                 return
             header = wire.types.header(0, "cam_optical")
@@ -310,6 +322,7 @@ def test_a_cell_that_is_as_the_program_says_passes() -> None:
         ({"info": {"k": (K * [[1.02], [1], [1]]).reshape(-1)}}, "`cam`: fx of its CameraInfo is 306.0 px, the"),
         ({"late": 0.35}, "350 ms old when they come, the workspace says 50 ms; their clock is 300 ms behind"),
         ({"late": -0.2}, "their clock is 250 ms ahead"),
+        ({"images": 3}, "`cam` hardly sends images"),
     ],
 )  # fmt: skip
 def test_what_differs_is_named_with_its_figure(differs: dict, problem: str) -> None:
@@ -397,6 +410,17 @@ def test_who_is_flooded_takes_no_more_than_waits() -> None:
     inbox._types = more
     inbox.put(data)
     assert len(inbox.take()) == 1
+
+
+def test_a_malformed_message_takes_none_after_it_along() -> None:
+    types = message_types(2)
+    inbox = Inbox(Topic(name="/clock", type=CLOCK.type), types, lambda: None)
+    for number in range(5):
+        inbox.put(b"\0\1" if number == 2 else types.encode(types.make(CLOCK.type, clock=types.time(number * NS))))
+    with pytest.raises(MessageError, match="2 bytes that are no rosgraph_msgs/msg/Clock"):
+        inbox.take()
+    assert [arrived.message.clock.sec for arrived in inbox.take()] == [3, 4]
+    assert inbox.take() == []
 
 
 def test_a_file_that_does_not_fit_says_everything_that_is_wrong(tmp_path: Path) -> None:
