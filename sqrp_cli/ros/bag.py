@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import shutil
 import tempfile
@@ -20,7 +21,10 @@ from sqrp_cli.ros.messages import Message, MessageError, Ros, message_types
 METADATA = "metadata.yaml"
 """The file of a rosbag2 folder that tells what is in it."""
 
-_ROS1, _ROS2 = b"#ROSBAG V", (b"\x89MCAP", b"SQLite format 3\0")
+_MCAP = b"\x89MCAP0\r\n"
+"""How files of MCAP begin and end."""
+
+_ROS1, _ROS2 = b"#ROSBAG V", (_MCAP[:5], b"SQLite format 3\0")
 """How recordings begin."""
 
 SUFFIXES = (".mcap", ".bag")
@@ -205,12 +209,24 @@ def _told(error: Exception) -> str:
 
 
 def _mend(path: Path) -> str | None:
-    """The command that saves what is there of a recording that was not closed."""
+    """The command that saves what is there of a recording that was not closed; None where it would save nothing."""
     if path.suffix == ".bag":
         return shlex.join(["rosbag", "reindex", str(path)])
-    if path.suffix == ".mcap":
+    if path.suffix == ".mcap" and path.is_file() and _lacks_index(path):
         return shlex.join(["mcap", "recover", str(path), "-o", str(path.with_stem(f"{path.stem}-recovered"))])
     return None
+
+
+def _lacks_index(path: Path) -> bool:
+    """Whether a MCAP file has something after its header, but no index of it at the end."""
+    with path.open("rb") as file:
+        head = file.read(17)  # the last 8 bytes are the length of the header
+        size = file.seek(0, os.SEEK_END)
+        file.seek(max(size - 37, 0))
+        footer = file.read()
+    begins = 17 + int.from_bytes(head[9:], "little")
+    whole = footer[:1] == b"\x02" and footer.endswith(_MCAP) and any(footer[9:17])
+    return head.startswith(_MCAP) and begins < size and not whole
 
 
 class BagWriter:

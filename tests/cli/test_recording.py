@@ -179,7 +179,8 @@ def test_the_threshold_may_be_a_percentage(
 def test_a_recorder_that_was_killed_leaves_a_folder_that_can_be_mended(
     sqrp: Callable[..., Any], quick_cell: Cell, tmp_path: Path
 ) -> None:
-    (tmp_path / "run_0.mcap").write_bytes(b"\x89MCAP0\r\n")
+    header = b"\x01\x0c" + bytes(7) + b"\x04\0\0\0ros2" + bytes(4)
+    (tmp_path / "run_0.mcap").write_bytes(b"\x89MCAP0\r\n" + header + b"\x06 a chunk that was begun")
     found = sqrp("audit", quick_cell.program, tmp_path)
     assert found.code == 2
     assert f"ros2 bag reindex {tmp_path}" in " ".join(found.err.split())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -76,6 +77,13 @@ def test_the_document_says_all_that(audit: Audit) -> None:
     assert cameras["cam3"].pose.moved
     assert cameras["cam5"].clock.wrong
     assert audit.document.patch == audit.patch
+
+
+def test_a_second_run_in_the_recording_is_told(audit: Audit) -> None:
+    twice = replace(audit, report=replace(audit.report, runs=2))
+    assert (audit.document.runs, twice.document.runs) == (1, 2)
+    assert "has 2 runs of this program: the first one is compared" in str(twice)
+    assert "runs of this program" not in str(audit)
 
 
 @pytest.mark.parametrize("kind", ["ros1", "sqlite3"])

@@ -41,6 +41,9 @@ def test_a_recording_that_is_cut_off_is_told_in_one_message(whole: Path, tmp_pat
         read(path)
     (problem,) = caught.value.problems
     assert (problem.code, problem.place.file) == ("unreadable-file", path)
+    if path.suffix == ".mcap":  # the header alone is nothing to save
+        mend = f"mcap recover {path} -o {tmp_path / 'run-recovered.mcap'}"
+        assert problem.mend == (None if kept == 20 else mend)
 
 
 def test_bytes_that_are_damaged_are_told_or_give_other_messages(whole: Path, tmp_path: Path) -> None:
@@ -56,6 +59,8 @@ def test_bytes_that_are_damaged_are_told_or_give_other_messages(whole: Path, tmp
         except InputError as error:
             refused = error
         assert refused is None or refused.problems[0].place.file == path
+        if refused is not None and path.suffix == ".mcap" and at < len(content) - 45:
+            assert refused.problems[0].mend is None, "its index is whole: `mcap recover` would not help"
 
 
 def test_what_is_no_message_of_its_type_is_told(tmp_path: Path) -> None:

@@ -250,6 +250,8 @@ class AuditDocument(WorkspaceDocument):
     """Images of times at which the step did not go as planned."""
     repeated: int
     """Images identical to the one before them."""
+    runs: int
+    """Runs of the program in the recording. The first one is compared; images of the others count as skipped."""
     damaged: int
     """Images that are damaged and were left out."""
     apart: Mapping[str, float]
@@ -291,6 +293,7 @@ class AuditDocument(WorkspaceDocument):
             images=report.images,
             skipped=report.skipped,
             repeated=report.repeated,
+            runs=report.runs,
             damaged=len(report.damaged),
             apart=report.apart,
             missing=list(report.missing),

@@ -75,7 +75,9 @@ class BagFootage:
         self.frames: Sequence[Frame] = index.frames
         self._tracks, self._told = index.tracks, index.told
         arm = [name for name in program.joints if name in workspace.robot.home]
-        self.starts: Sequence[float] = found_steps(program, arm, self._tracks, path)
+        found = found_steps(program, arm, self._tracks, path)
+        self.starts: Sequence[float] = found.starts
+        self.runs = found.runs
         self._until = [start + self._followed(arm, start, step) for start, step in self._steps()]
 
     def joints(self, t: Array) -> Mapping[str, Array]:

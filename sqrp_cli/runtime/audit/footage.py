@@ -59,7 +59,9 @@ class Footage(ImageSource, Protocol):
     damaged: dict[int, str]
     """What is wrong with damaged images that `images` has left out so far, by their place in the recording."""
     starts: Sequence[float]
-    """When the motion of each step of the program began, by the robot's clock [s]."""
+    """When the motion of each step of the program began, by the robot's clock [s]; of several runs in the first one."""
+    runs: int
+    """How often the program was run."""
 
     def joints(self, t: Array) -> Mapping[str, Array]:
         """Positions of joints at times t (m,) of the robot's clock [s]: (m,) each [rad or m]."""
@@ -76,6 +78,7 @@ class FolderFootage:
     """A folder of frames, whose times are those of the program: the robot is taken to be where the program wants it."""
 
     other_topics: Sequence[str] = ()
+    runs = 1
 
     def __init__(self, program: Program, workspace: Workspace, folder: Path) -> None:
         """Raises InputError for a folder that cannot be used."""

@@ -69,6 +69,8 @@ class AuditReport:
     apart: Mapping[str, float] = field(default_factory=dict)
     """How long after the robot's motion the images of a camera are whose clock is not the robot's [s]: all of them are
     more than `FARTHEST` after it, or before it, which is negative."""
+    runs: int = 1
+    """How many runs of the program were recorded; the first one was compared."""
 
     @property
     def total(self) -> Confusion:
@@ -128,6 +130,7 @@ def audit(
         tuple(footage.other_topics),
         tuple(footage.damaged.values()),
         _apart(program, footage),
+        footage.runs,
     )
 
 

@@ -6,6 +6,7 @@ from array import array
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -91,8 +92,17 @@ class JointTracks:
         return max(float(t[0]) for t in tracks), min(float(t[-1]) for t in tracks)
 
 
-def found_steps(program: Program, arm: Sequence[str], tracks: JointTracks, path: Path) -> list[float]:
-    """When the motion of each step began, by the robot's clock [s]; arm: the joints to go by.
+class FoundMotion(NamedTuple):
+    """A program's motion in a recording."""
+
+    starts: list[float]
+    """When that of each step began, by the robot's clock [s]; of several runs in the first one."""
+    runs: int
+    """How many times all of its steps are there, one after the other."""
+
+
+def found_steps(program: Program, arm: Sequence[str], tracks: JointTracks, path: Path) -> FoundMotion:
+    """Find each step; arm: the joints to go by.
 
     Raises InputError where a joint was not recorded, or a step is not in the recording.
     """
@@ -109,6 +119,7 @@ def found_steps(program: Program, arm: Sequence[str], tracks: JointTracks, path:
         mend = "cut the recording to the run of the program"
         raise InputError(Problem("file-too-large", message, Place(path), mend=mend))
     starts: list[float] = []
+    all_starts: list[Sequence[float]] = []
     for number, step in enumerate(program.steps, 1):
         fit = _best_start(step, columns, arm, tracks, (earliest, latest))
         if fit.share < LEAST_SHARE:
@@ -119,8 +130,21 @@ def found_steps(program: Program, arm: Sequence[str], tracks: JointTracks, path:
             )
             raise InputError(Problem("other-motion", message, Place(path)))
         starts.append(fit.start)
+        all_starts.append(fit.all_starts)
         earliest = fit.start + 0.5 * step.time
-    return starts
+    return FoundMotion(starts, _runs([0.5 * step.time for step in program.steps], all_starts))
+
+
+def _runs(times: Sequence[float], starts: Sequence[Sequence[float]]) -> int:
+    """How many runs there are, of steps that begin at some starts each, and at least a time [s] after one another."""
+    count, t = 0, -np.inf
+    while True:
+        for time, of_step in zip(times, starts, strict=True):
+            start = next((one for one in of_step if one >= t), None)
+            if start is None:
+                return count
+            t = start + time
+        count += 1
 
 
 @dataclass(frozen=True)
@@ -129,6 +153,8 @@ class _Fit:
     """[s]"""
     share: float
     """Of the step's motion that is there, from its beginning on."""
+    all_starts: Sequence[float]
+    """About when it began, each time [s]."""
 
 
 def _best_start(
@@ -150,11 +176,13 @@ def _best_start(
         shares[first : first + _BLOCK] = np.logical_and.accumulate(errors < NEAR, axis=1).mean(axis=1)
     good = np.flatnonzero(shares >= max(LEAST_SHARE, shares.max() - 0.05))
     if not len(good):
-        return _Fit(float(starts[np.argmax(shares)]), float(shares.max(initial=0.0)))
+        return _Fit(float(starts[np.argmax(shares)]), float(shares.max(initial=0.0)), ())
     # Of several runs the first one.
     run = good[starts[good] <= starts[good[0]] + _ONE_RUN]
     best = int(run[np.argmin(costs[run])])
-    return _Fit(_refined(float(starts[best]), step, columns, arm, tracks), float(shares[best]))
+    fresh = np.diff(starts[good], prepend=-np.inf) > _ONE_RUN
+    start = _refined(float(starts[best]), step, columns, arm, tracks)
+    return _Fit(start, float(shares[best]), starts[good[fresh]].tolist())
 
 
 def _refined(start: float, step: Step, columns: Sequence[int], arm: Sequence[str], tracks: JointTracks) -> float:
