@@ -115,7 +115,7 @@ def assessment_of_all(candidate: Candidate, done: Sequence[Assessment]) -> Asses
     )
 
 
-class Seen(Protocol):
+class SeenStep(Protocol):
     """What tells how well a step is seen."""
 
     @property
@@ -127,7 +127,7 @@ class Seen(Protocol):
         """In 0..1; None where no formula applies."""
 
 
-def worst_seen(steps: Sequence[Seen]) -> int:
+def worst_seen(steps: Sequence[SeenStep]) -> int:
     """The index of the step that is seen worst, by Q_eoi, then Q_avg; of several the first."""
     return min(range(len(steps)), key=lambda index: (_worth(steps[index].q_eoi), _worth(steps[index].q_avg)))
 

@@ -68,7 +68,7 @@ def _head(path: Path) -> bytes:
 
 
 @dataclass(frozen=True)
-class Topic:
+class RecordedTopic:
     """A topic of a recording."""
 
     name: str
@@ -110,9 +110,9 @@ class Bag:
             self._reader.open()
 
     @property
-    def topics(self) -> tuple[Topic, ...]:
+    def topics(self) -> tuple[RecordedTopic, ...]:
         """All topics, by name."""
-        found = (Topic(one.topic, one.msgtype, one.msgcount) for one in self._reader.connections)
+        found = (RecordedTopic(one.topic, one.msgtype, one.msgcount) for one in self._reader.connections)
         return tuple(sorted(found, key=lambda topic: (topic.name, topic.type)))
 
     def messages(self, topics: Collection[str], types: Collection[str] = ()) -> Iterator[Packed]:

@@ -31,7 +31,7 @@ from sqrp_cli.programming.sensing.observer import Observer, sees_all
 from sqrp_cli.programming.targets import SoughtBox, Target
 
 
-class Rule(NamedTuple):
+class PartingRule(NamedTuple):
     """What a detector of colours needs to call a part not held, as far as it may be known beforehand."""
 
     pixels: float
@@ -44,7 +44,7 @@ class Rule(NamedTuple):
     """How much of where the tool would show it it may cover if it counts as there nowhere: a share."""
 
 
-SURE = Rule(
+SURE = PartingRule(
     pixels=SHIFT_PIXELS,
     # Twice the detector's share: where fingers hide one end of it, the middle of what is seen moves by half as much.
     share=2.0 * SHIFT_SHARE,
@@ -58,7 +58,7 @@ SURE = Rule(
 HIDDEN = 0.5
 """Share of the width of a part that its tool usually hides at the end at which it holds it."""
 
-USUAL = Rule(
+USUAL = PartingRule(
     # Of what moves by d, the middle of what is seen moves by (1 - HIDDEN / 2) d: the tool lays bare HIDDEN d of the
     # part's width, half a length from its middle.
     pixels=SHIFT_PIXELS / (1.0 - HIDDEN / 2),
@@ -209,7 +209,7 @@ class _View(NamedTuple):
 
 
 def _moments(
-    held: HeldPart, stage: Stage, view: _View, places: Sequence[tuple[SoughtBox, Mask]] | None, rule: Rule
+    held: HeldPart, stage: Stage, view: _View, places: Sequence[tuple[SoughtBox, Mask]] | None, rule: PartingRule
 ) -> tuple[Array, Array]:
     """How long after a loss images of each camera no longer show the part held, and show it not held, (c, s) each [s].
 
@@ -347,7 +347,7 @@ def _eyes(cameras: Sequence[Camera]) -> tuple[Array, Array]:
     )
 
 
-def _apart(held: HeldPart, eyes: Array, focal: Array, rule: Rule) -> Array:
+def _apart(held: HeldPart, eyes: Array, focal: Array, rule: PartingRule) -> Array:
     """By how much a part is further from where the tool would show it than it must be, shape (c, s, f) [m]."""
     across, distance, _ = _beside(held.loss.held, held.loss.free, eyes)
     least = rule.pixels * distance / focal[:, None, None] + rule.share * held.spread
@@ -355,7 +355,7 @@ def _apart(held: HeldPart, eyes: Array, focal: Array, rule: Rule) -> Array:
     return margin
 
 
-def _clear(held: HeldPart, eyes: Array, rule: Rule) -> Array:
+def _clear(held: HeldPart, eyes: Array, rule: PartingRule) -> Array:
     """By how much a part is seen beside where the tool would show it, covering too little of that, (c, s, f) [m]."""
     across, distance, nearer = _beside(held.loss.held, held.loss.free, eyes)
     length = _length(across, held.loss.held - eyes[:, None, None], held.R_WB[:, None], held.size)
@@ -364,7 +364,7 @@ def _clear(held: HeldPart, eyes: Array, rule: Rule) -> Array:
     return margin
 
 
-def _at_place(held: HeldPart, stage: Stage, box: SoughtBox, eyes: Array, rule: Rule) -> Array:
+def _at_place(held: HeldPart, stage: Stage, box: SoughtBox, eyes: Array, rule: PartingRule) -> Array:
     """By how much a part is nearer to where a place would show it than it must be to fill it, shape (c, s, f) [m]."""
     X_WB = stage.resting[box.frame][0] @ box.X_FB
     place = np.broadcast_to(X_WB[:3, 3], held.loss.free.shape)

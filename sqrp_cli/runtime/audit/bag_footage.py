@@ -13,7 +13,7 @@ from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Program, Step
-from sqrp_cli.ros.bag import Bag, Packed, Topic
+from sqrp_cli.ros.bag import Bag, Packed, RecordedTopic
 from sqrp_cli.ros.messages import Message, nanoseconds
 from sqrp_cli.runtime.audit.footage import Frame
 from sqrp_cli.runtime.audit.motion import SPACING, JointTracks, found_steps
@@ -144,7 +144,9 @@ class BagFootage:
         return dict(zip(self._program.joints, q.T, strict=True))
 
 
-def _cameras_of(topics: Sequence[Topic], workspace: Workspace, given: Mapping[str, str], path: Path) -> dict[str, str]:
+def _cameras_of(
+    topics: Sequence[RecordedTopic], workspace: Workspace, given: Mapping[str, str], path: Path
+) -> dict[str, str]:
     """The camera of each topic, of those with images, that is looked at. Raises InputError where there is none."""
     found: dict[str, str] = {}
     for camera in workspace.cameras:
@@ -170,7 +172,7 @@ def _stream(topic: str) -> str:
     return topic.removesuffix("/compressed")
 
 
-def _is_depth(topic: Topic) -> bool:
+def _is_depth(topic: RecordedTopic) -> bool:
     return topic.name.endswith("/compressedDepth")
 
 
@@ -191,11 +193,11 @@ def _check_free(topic: str, camera: str, other: str, given: Mapping[str, str], p
         raise InputError(Problem("bad-option", message, Place(path), mend=mend))
 
 
-def _is_of(topic: Topic, camera: str, given: Mapping[str, str]) -> bool:
+def _is_of(topic: RecordedTopic, camera: str, given: Mapping[str, str]) -> bool:
     return topic.name == given[camera] if camera in given else camera in topic.name.split("/")
 
 
-def _names(topics: Sequence[Topic]) -> list[str]:
+def _names(topics: Sequence[RecordedTopic]) -> list[str]:
     return sorted({topic.name for topic in topics})
 
 

@@ -20,7 +20,7 @@ from sqrp_cli.knowledge.robot.joint_tree import Couplings
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.runtime.cell.mujoco_model import build_model
 from sqrp_cli.runtime.cell.physics import placed_objects
-from sqrp_cli.runtime.cell.renderer import Renderer, Solids
+from sqrp_cli.runtime.cell.renderer import PixelSolids, Renderer
 from sqrp_cli.runtime.robot_body import RobotBody
 
 SMOOTHED = 1.5
@@ -44,7 +44,7 @@ STEP = 0.005
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class PlannedMoment:
     """Where everything is at some time, and a moment later."""
 
     joints: Mapping[str, float]
@@ -100,7 +100,7 @@ class EdgeRenderer:
         }
         self._rng = np.random.default_rng(0)
 
-    def edges(self, camera: str, X_FC: Array, moment: Moment) -> ExpectedEdges:
+    def edges(self, camera: str, X_FC: Array, moment: PlannedMoment) -> ExpectedEdges:
         """The edges in an image of a camera whose pose in its frame is X_FC (4, 4)."""
         X_WL, X_WL_later = (self._body.link_poses(q) for q in (moment.joints, moment.later))
         self._renderer.move(self._positions(moment))
@@ -127,7 +127,7 @@ class EdgeRenderer:
             R_CW=X_CW[:3, :3],
         )
 
-    def _levers(self, outlines: _Outline, owner: Array, moment: Moment, X_CW: Array) -> Array:
+    def _levers(self, outlines: _Outline, owner: Array, moment: PlannedMoment, X_CW: Array) -> Array:
         levers = np.zeros_like(outlines.points)
         for index in np.unique(owner[owner >= 0]):
             rows, X_WO = owner == index, moment.X_WO.get(self._names[index])
@@ -140,7 +140,7 @@ class EdgeRenderer:
         """Give the OpenGL context back."""
         self._renderer.close()
 
-    def _positions(self, moment: Moment) -> Array:
+    def _positions(self, moment: PlannedMoment) -> Array:
         """MuJoCo's qpos."""
         tree, model = self._body.tree, self._model
         known = [index for index, joint in enumerate(tree.joints) if joint.name in moment.joints]
@@ -167,7 +167,7 @@ class _Outline(NamedTuple):
 
 
 def _outlines(
-    solids: Solids, is_object: list[bool], movable: Collection[int], left_out: int, rng: np.random.Generator
+    solids: PixelSolids, is_object: list[bool], movable: Collection[int], left_out: int, rng: np.random.Generator
 ) -> _Outline:
     """Points on the outlines of the robot and of each object; those of the robot are of its links."""
     groups = np.where([True, *is_object[1:]], np.arange(len(is_object)), -1)
@@ -187,7 +187,7 @@ def _outlines(
     return _Outline(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
-def _outline(solids: Solids, group: NDArray[np.int16], number: int, nearer: float) -> _Outline | None:
+def _outline(solids: PixelSolids, group: NDArray[np.int16], number: int, nearer: float) -> _Outline | None:
     """Points on the outline of a group of bodies, where it is nearer than what is beside it by a distance [m]."""
     height, width = group.shape
     margin = int(4 * SMOOTHED) + 1

@@ -16,7 +16,7 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Program
 from sqrp_cli.runtime.audit.camera_fit import CameraFit, SeenEdges, first_guess, fitted
 from sqrp_cli.runtime.audit.clock import FARTHEST, SPACING, ImageChanges, MotionInImage, brightness, rough_offsets
-from sqrp_cli.runtime.audit.expected_edges import STEP, EdgeRenderer, Moment
+from sqrp_cli.runtime.audit.expected_edges import STEP, EdgeRenderer, PlannedMoment
 from sqrp_cli.runtime.audit.footage import Footage, Frame
 from sqrp_cli.runtime.monitor.nominal_step import NominalStep
 from sqrp_cli.runtime.robot_body import RobotBody
@@ -221,7 +221,7 @@ class _Surveyor:
                 found.append(SeenEdges.of(edges, projection, one.gray))
         return found
 
-    def _moment(self, t: float) -> Moment | None:
+    def _moment(self, t: float) -> PlannedMoment | None:
         """Where everything was at a time of the robot's clock [s]; None outside the steps."""
         index = next((i for i, (start, end) in enumerate(self._spans) if start <= t <= end), None)
         if index is None or not self._footage.as_planned(np.array([t]))[0]:
@@ -230,4 +230,4 @@ class _Surveyor:
         joints = self._footage.joints(np.array([t, t + STEP]))
         now, later = ({name: float(q[i]) for name, q in joints.items()} for i in (0, 1))
         held = next((p.held for p in step.primitives if tau <= p.end), None)
-        return Moment(now, later, self._nominal[index].object_poses(tau), held)
+        return PlannedMoment(now, later, self._nominal[index].object_poses(tau), held)

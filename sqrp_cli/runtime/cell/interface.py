@@ -51,7 +51,7 @@ class StoppableReference(ArmReference, Protocol):
         """The same up to a time [s], from when on it stops as fast as a protective stop may."""
 
 
-class Cell(Protocol):
+class RunnableCell(Protocol):
     """What a run commands and observes, on a clock of its own in seconds.
 
     Perception gets its images alone. What a simulation knows beyond this is asked of the simulated cell itself.

@@ -36,7 +36,7 @@ _BAND = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Solids:
+class PixelSolids:
     """What a camera has before it in each pixel of a picture without distortion."""
 
     body: NDArray[np.int64]
@@ -95,7 +95,7 @@ class Renderer:
         mujoco.mjr_readPixels(picture, None, area, self._context)
         return self._with_noise(optics.image(cv2.flip(picture, 0)), camera, t)
 
-    def solids(self, name: str, X_FC: Array) -> Solids:
+    def solids(self, name: str, X_FC: Array) -> PixelSolids:
         """What a camera at a pose X_FC (4, 4) has before it, pixel by pixel of the picture without distortion."""
         optics = self._optics[name]
         X_WC = self._camera_pose(replace(self._cameras[name], X_FC=X_FC))
@@ -118,7 +118,7 @@ class Renderer:
         (left, top), (right, bottom) = optics.low, optics.high
         x = left + (np.arange(optics.width) + 0.5) / optics.width * (right - left)
         y = top + (np.arange(optics.height) + 0.5) / optics.height * (bottom - top)
-        return Solids(bodies[np.minimum(numbers, self._scene.ngeom)], z, x, y)
+        return PixelSolids(bodies[np.minimum(numbers, self._scene.ngeom)], z, x, y)
 
     def _rendered(self, X_WC: Array, optics: Optics, gain: float = 1.0) -> tuple[NDArray[np.uint8], mujoco.MjrRect]:
         """Draw what an eye sees; returns memory for the picture, and where the picture is."""

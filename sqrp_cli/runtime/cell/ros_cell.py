@@ -168,7 +168,7 @@ class JointLog:
         return later[1]
 
 
-class Shown(NamedTuple):
+class ImageTimes(NamedTuple):
     """An image of a camera, on the cell's clock."""
 
     t: float
@@ -243,7 +243,7 @@ class RosCell:
         self._floods = [_Flood(self.states, MOST_JOINT_STATES)]
         rates = {name: FLOOD_FACTOR * max(workspace.cameras[name].rate, 5.0) for name in self.images}
         self._floods += [_Flood(inbox, rates[name]) for name, inbox in self.images.items()]
-        self.ages: dict[str, deque[Shown]] = {name: deque(maxlen=100) for name in self.images}
+        self.ages: dict[str, deque[ImageTimes]] = {name: deque(maxlen=100) for name in self.images}
         """When images were taken, and when they came, since `watch`."""
         self._waiting: dict[str, deque[CameraImage]] = {name: deque(maxlen=4) for name in self.images}
         fingers = workspace.robot.fingers
@@ -277,7 +277,7 @@ class RosCell:
         return self._trouble
 
     def advance(self, t: float, reference: StoppableReference) -> float:
-        """As `Cell` says; returns sooner where no time passes any more."""
+        """As `RunnableCell` says; returns sooner where no time passes any more."""
         if self._reference is None and reference.rests_at < t:
             self._portions.begin(reference, t)
         self._reference = reference
@@ -338,7 +338,7 @@ class RosCell:
                 for arrived in inbox.take():
                     image = self._image(self.cameras[name], arrived.message)
                     self._waiting[name].append(image)
-                    self.ages[name].append(Shown(image.t, now))
+                    self.ages[name].append(ImageTimes(image.t, now))
         except MessageError as error:
             self._note(f"a message is malformed: {error}")
         except InputError as error:
@@ -359,29 +359,29 @@ class RosCell:
             self._note(f"the controller gave up: {why}")
 
     def grasp(self) -> None:
-        """As `Cell` says; nothing is commanded where there is trouble: the robot may be elsewhere."""
+        """As `RunnableCell` says; nothing is commanded where there is trouble: the robot may be elsewhere."""
         if self.file.tool is not None and self.trouble() is None:
             self._tool(self.file.tool.hold)
 
     def release(self) -> None:
-        """As `Cell` says; as `grasp`, nothing where there is trouble."""
+        """As `RunnableCell` says; as `grasp`, nothing where there is trouble."""
         if self.file.tool is not None and self.trouble() is None:
             self._tool(self.file.tool.release)
 
     def tool_force(self) -> float:
-        """As `Cell` says: of the last message of the force sensor."""
+        """As `RunnableCell` says: of the last message of the force sensor."""
         return self._newton
 
     def frames(self, cameras: Sequence[str]) -> Mapping[str, CameraImage]:
-        """As `Cell` says: the oldest that has come of each."""
+        """As `RunnableCell` says: the oldest that has come of each."""
         return {name: self._waiting[name].popleft() for name in cameras if self._waiting[name]}
 
     def measured_joints(self, t: float | None = None) -> Mapping[str, float]:
-        """As `Cell` says."""
+        """As `RunnableCell` says."""
         return self.joints.at(t)
 
     def trouble(self) -> Stopped | None:
-        """As `Cell` says: malformed messages, floods, joint states that stay out, are old, or do not follow."""
+        """As `RunnableCell` says: malformed messages, floods, joint states that stay out, are old, or do not follow."""
         if self._trouble is not None:
             return self._trouble
         if self.clock.stands_still:
@@ -389,7 +389,7 @@ class RosCell:
         return self._joint_trouble()
 
     def tracking_error(self) -> float | None:
-        """As `Cell` says: nobody measures where the tool is."""
+        """As `RunnableCell` says: nobody measures where the tool is."""
         return None
 
     def close(self) -> None:

@@ -42,7 +42,7 @@ class _Look(NamedTuple):
 
 
 @dataclass
-class _Stream:
+class _ReceivedStream:
     """A camera and its images, times of exposure on the cell's clock [s]."""
 
     camera: Camera
@@ -83,7 +83,7 @@ class ReceivedStreams(Streams):
         """clock: of the cell [s]."""
         super().__init__(cameras, detectors)
         self._clock = clock
-        self._streams = {name: _Stream(camera) for name, camera in cameras.items()}
+        self._streams = {name: _ReceivedStream(camera) for name, camera in cameras.items()}
         self._looked = 0.0
         self._pauses = Pauses()
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from sqrp_cli.knowledge.robot.robot import Fingers, Robot
 from sqrp_cli.program.record import Program
-from sqrp_cli.runtime.cell.interface import Cell, StoppableReference
+from sqrp_cli.runtime.cell.interface import RunnableCell, StoppableReference
 from sqrp_cli.runtime.run.arm_motion import ArmMotion
 
 MOST_COMMANDS = 20
@@ -28,7 +28,7 @@ class CommandedRobot:
 
     def __init__(
         self,
-        cell: Cell,
+        cell: RunnableCell,
         motion: ArmMotion,
         fingers: Fingers | None,
         passing_time: PassingTime | None = None,
@@ -43,7 +43,7 @@ class CommandedRobot:
 
     @classmethod
     def at_the_start(
-        cls, program: Program, robot: Robot, cell: Cell, passing_time: PassingTime | None
+        cls, program: Program, robot: Robot, cell: RunnableCell, passing_time: PassingTime | None
     ) -> CommandedRobot:
         """The robot standing where a program begins."""
         before, joints = program.steps[0].before, program.joints

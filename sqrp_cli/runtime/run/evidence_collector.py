@@ -11,7 +11,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.runtime.cell.interface import Cell
+from sqrp_cli.runtime.cell.interface import RunnableCell
 from sqrp_cli.runtime.monitor.attempt import Attempt
 from sqrp_cli.runtime.perception.detections import BelievedState, Detection
 from sqrp_cli.runtime.perception.evidence_buffer import Evidence, EvidenceBuffer, Exposure, FusedTruth
@@ -36,7 +36,7 @@ class EvidenceCollector:
 
     def __init__(
         self,
-        cell: Cell,
+        cell: RunnableCell,
         streams: Streams,
         publisher: EventPublisher,
         recorder: ImageRecorder | None = None,

@@ -13,7 +13,7 @@ from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.program.record import Step
-from sqrp_cli.runtime.cell.interface import Cell, CellState, StoppableReference
+from sqrp_cli.runtime.cell.interface import CellState, RunnableCell, StoppableReference
 from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 from sqrp_cli.runtime.monitor.attempt import Attempt
 from sqrp_cli.runtime.monitor.nominal_step import Situation, holds
@@ -50,7 +50,7 @@ class Witness(Protocol):
         """On the cell's clock [s]."""
 
     def advance(self, t: float, reference: StoppableReference) -> float:
-        """As `Cell` says."""
+        """As `RunnableCell` says."""
 
     def truth(self) -> CellState:
         """The state now."""
@@ -59,14 +59,14 @@ class Witness(Protocol):
 class Beliefs:
     """The state of a real cell as a run believes it: joints as measured, objects as planned."""
 
-    def __init__(self, cell: Cell, world: World) -> None:
+    def __init__(self, cell: RunnableCell, world: World) -> None:
         """world: before the first step."""
         self._cell, self._world = cell, world
         self.t = 0.0
         self.attempt: Attempt | None = None
 
     def advance(self, t: float, reference: StoppableReference) -> float:
-        """As `Cell` says."""
+        """As `RunnableCell` says."""
         self.t = self._cell.advance(t, reference)
         return self.t
 

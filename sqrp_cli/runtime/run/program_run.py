@@ -13,7 +13,7 @@ import numpy as np
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Program, ProgramPrimitive, Replanner, Step
-from sqrp_cli.runtime.cell.interface import Cell
+from sqrp_cli.runtime.cell.interface import RunnableCell
 from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 from sqrp_cli.runtime.monitor.attempt import Attempt
 from sqrp_cli.runtime.monitor.nominal_step import NominalStep
@@ -40,7 +40,7 @@ class Workcell:
 
     workspace: Workspace
     body: RobotBody
-    cell: Cell
+    cell: RunnableCell
     streams: Streams
     truth: Truths
     make_happen: MakeHappen

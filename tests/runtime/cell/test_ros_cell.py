@@ -15,7 +15,7 @@ pytest.importorskip("rosbags")
 from sqrp_cli.errors import InputError
 from sqrp_cli.ros.messages import Message, MessageError, message_types, nanoseconds
 from sqrp_cli.ros.transport import Inbox, Topic
-from sqrp_cli.runtime.cell import ros_cell
+from sqrp_cli.runtime.cell import ros_cell, ros_checks
 from sqrp_cli.runtime.cell.robot_file import RobotFile, read_robot_file
 from sqrp_cli.runtime.cell.ros_cell import CLOCK, RosCell
 from sqrp_cli.runtime.cell.ros_checks import check_cell
@@ -322,7 +322,6 @@ def test_a_cell_that_is_as_the_program_says_passes() -> None:
         ({"info": {"k": (K * [[1.02], [1], [1]]).reshape(-1)}}, "`cam`: fx of its CameraInfo is 306.0 px, the"),
         ({"late": 0.35}, "350 ms old when they come, the workspace says 50 ms; their clock is 300 ms behind"),
         ({"late": -0.2}, "their clock is 250 ms ahead"),
-        ({"images": 3}, "`cam` hardly sends images"),
     ],
 )  # fmt: skip
 def test_what_differs_is_named_with_its_figure(differs: dict, problem: str) -> None:
@@ -330,6 +329,13 @@ def test_what_differs_is_named_with_its_figure(differs: dict, problem: str) -> N
     found = checked(wire, cell(wire), **differs)
     assert len(found) == 1
     assert problem in found[0]
+
+
+def test_a_camera_that_stops_while_it_is_watched_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ros_checks, "PATIENCE", 0.3)
+    monkeypatch.setattr(ros_cell, "MOST_JOINT_STATES", np.inf)  # time is that of the test, and passes quickly
+    wire = Wire()
+    assert checked(wire, cell(wire), images=3) == ["`cam` hardly sends images"]
 
 
 @pytest.mark.parametrize("since", [0.0, 4.0])
