@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 import multiprocessing
+import threading
 from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection
@@ -23,20 +23,25 @@ class Bench:
         self._process: Foreman[None, None] = Foreman(forked(), _serve, theirs, self.pipe, path, seed, jobs)
         theirs.close()
         self._waiting: dict[object, Question] = {}
+        self._some_wait = threading.Condition()
+        threading.Thread(target=self._send, daemon=True).start()
 
     def ask(self, question: Question) -> None:
-        """Ask from a coroutine, without waiting; a later question of the same kind supersedes one that still waits."""
+        """Ask without waiting; a later question of the same kind supersedes one that still waits."""
         kind = type(question), getattr(question, "of_saved", False)
-        self._waiting.pop(kind, None)
-        self._waiting[kind] = question
-        asyncio.get_running_loop().add_writer(self.pipe.fileno(), self._send)
+        with self._some_wait:
+            self._waiting.pop(kind, None)
+            self._waiting[kind] = question
+            self._some_wait.notify()
 
     def _send(self) -> None:
-        question = self._waiting.pop(next(iter(self._waiting)))
-        if not self._waiting:
-            asyncio.get_running_loop().remove_writer(self.pipe.fileno())
-        with suppress(OSError):  # who reads the answers notices
-            self.pipe.send(question)
+        """Send what waits, in a thread: a long text waits until the process reads, which may be answering itself."""
+        with suppress(OSError, TypeError):  # closed, or the process was killed: who reads the answers notices
+            while True:
+                with self._some_wait:
+                    self._some_wait.wait_for(lambda: self._waiting)
+                    question = self._waiting.pop(next(iter(self._waiting)))
+                self.pipe.send(question)
 
     def close(self) -> None:
         """End the process."""

@@ -10,8 +10,8 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.text.yaml_edit import with_values
 from sqrp_cli.knowledge.workspace.load import read_workspace_document
 
-MOST_CHANGES = 500
-"""How many changes can be taken back."""
+MOST_CHANGES, MOST_KEPT = 500, 50_000_000
+"""How many changes can be taken back, and how long their texts may be together [bytes]; the oldest go first."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +56,7 @@ class Draft:
     def changed(self, change: Change) -> Draft:
         """With one more change."""
         past, first = (*self.past, change), self.first
-        if len(past) > MOST_CHANGES:
+        while len(past) > MOST_CHANGES or (len(past) > 1 and sum(len(one.content) for one in past) > MOST_KEPT):
             first, past = past[0].content, past[1:]
         return replace(self, first=first, past=past, future=())
 

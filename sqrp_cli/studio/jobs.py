@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import base64
+import select
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -101,9 +102,11 @@ class Running:
         self._process: Foreman[None, None] = Foreman(forked(), _work, theirs, self.pipe, job)
         theirs.close()
 
-    def tell(self, word: str) -> None:
-        """Say something to it, such as that a fault is wanted."""
-        self.pipe.send(word)
+    def drop(self) -> None:
+        """Drop what the tool holds, if it is a run; what nobody listens to is not said."""
+        if isinstance(self.job, Play) and select.select([], [self.pipe], [], 0.0)[1]:
+            with suppress(OSError):  # it has just ended
+                self.pipe.send("slip")
 
     def end(self) -> None:
         """End it at once, if it has not ended."""

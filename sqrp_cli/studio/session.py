@@ -254,7 +254,7 @@ class Studio:
                 self._play(file, faults)
             case DropFault():
                 if self._running is not None:
-                    self._running.tell("slip")
+                    self._running.drop()
             case Plain(do=do):
                 _PLAIN[do](self)
 

@@ -62,8 +62,6 @@ class CoverageShown(Record):
     q_eoi: float | None
     blind: float
     """For how long the state is not covered [s]."""
-    blind_longest: float
-    """The longest time without cover [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +126,6 @@ class Sketch:
             for column, (target, boxes) in enumerate(zip(self.scene.targets, matrix, strict=True))
         }
         qualities = Qualities.of(timeline)
-        blind, longest = _blind(timeline)
         return CoverageShown(
             t=self.samples.t.tolist(),
             covered=_where(timeline.covered, timeline.monitored),
@@ -136,8 +133,7 @@ class Sketch:
             atoms=atoms,
             q_avg=qualities.q_avg,
             q_eoi=qualities.q_eoi,
-            blind=blind,
-            blind_longest=longest,
+            blind=_blind(timeline),
         )
 
 
@@ -185,7 +181,6 @@ class Steps:
             q_avg=mean_quality([(part.q_avg, watch.T) for part, watch in zip(parts, watches, strict=True)]),
             q_eoi=mean_quality([(part.q_eoi, watch.T_eoi) for part, watch in zip(parts, watches, strict=True)]),
             blind=sum(part.blind for part in parts),
-            blind_longest=max(part.blind_longest for part in parts),
         )
 
 
@@ -231,13 +226,7 @@ def _rows(cell: Cell, boxes: Sequence[BoxVerdicts], names: Sequence[str], table:
     return found
 
 
-def _blind(timeline: Timeline) -> tuple[float, float]:
-    """For how long in all a state is not covered, and for how long at most without a break [s]."""
-    steps = np.nan_to_num(timeline.steps)
+def _blind(timeline: Timeline) -> float:
+    """For how long in all a state is not covered [s]."""
     lost = timeline.monitored & ~timeline.covered
-    spent = np.where(lost[1:] & lost[:-1], steps, 0.0)
-    total = longest = current = 0.0
-    for step, both in zip(spent.tolist(), (lost[1:] & lost[:-1]).tolist(), strict=True):
-        current = current + step if both else 0.0
-        total, longest = total + step, max(longest, current)
-    return total, longest
+    return float(np.nan_to_num(timeline.steps)[lost[1:] & lost[:-1]].sum())

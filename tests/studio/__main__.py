@@ -1,11 +1,16 @@
 """A hand that does anything, for minutes: `python -m tests.studio [MINUTES]`; part of `make trials`.
 
-Nothing may be complained about in the browser or by the server, and memory stays flat.
+Nothing may be complained about in the browser or by the server, and memory stays flat. It is measured at rest, after
+every tenth action: nothing is ranked, searched or run, so that the server and the process that computes are all that is
+left. The first fifth of the measures is for what is loaded once. After that the last fifth may be above the second one
+by `MOST_GROWTH` at most (medians), which is about what sights are kept for (see `sight_memory`); and no measure may be
+above the first fifth by more than `MOST_PEAK`. The same holds for the page, after its garbage collection.
 """
 
 from __future__ import annotations
 
 import random
+import statistics
 import sys
 import tempfile
 import time
@@ -39,23 +44,40 @@ ACTIONS = {
     "play": 4,
     "stop": 2,
     "advise": 1,
+    "run": 1,
 }
 """What a hand does, and how often."""
 
-MOST_GROWTH = 1.3
-"""Most that memory may grow after the first fifth of the time, as a factor."""
+MOST_GROWTH, MOST_PEAK = 1.1, 1.3
+"""Most that memory may grow after the first fifth of the time, as factors; see above."""
+
+QUIET = 60.0
+"""How long it may take until everything rests [s]."""
 
 
 def memory(pid: int) -> float:
-    """Of a process and all that it has started, shared pages once [MB]."""
-    main = psutil.Process(pid)
-    total = 0
-    for process in (main, *main.children(recursive=True)):
-        try:
-            total += process.memory_full_info().pss
-        except psutil.Error:
-            continue
-    return total / 1e6
+    """Of a studio at rest, shared pages once [MB]."""
+    main, end = psutil.Process(pid), time.monotonic() + QUIET
+    while len(main.children(recursive=True)) > 1:
+        assert time.monotonic() < end, "the studio does not come to rest"
+        time.sleep(0.2)
+    return sum(process.memory_full_info().pss for process in (main, *main.children())) / 1e6
+
+
+def flat(sizes: list[float]) -> bool:
+    """Whether memory stays, see above."""
+    fifth = max(1, len(sizes) // 5)
+    first, second, last = sizes[:fifth], sizes[fifth : 2 * fifth], sizes[-fifth:]
+    grows = statistics.median(last) > MOST_GROWTH * statistics.median(second)
+    return not grows and max(sizes) < MOST_PEAK * max(first)
+
+
+def told(sizes: list[float]) -> str:
+    """Memory in words."""
+    fifth = max(1, len(sizes) // 5)
+    parts = (sizes[k : k + fifth] for k in range(0, len(sizes), fifth))
+    medians = (f"{statistics.median(part):.0f}" for part in parts)
+    return f"{', '.join(medians)} MB in each fifth of the time, {max(sizes):.0f} MB at most"
 
 
 def act(hand: Hand, draw: random.Random, folder: Path, good: bytes) -> str:
@@ -97,14 +119,44 @@ def act(hand: Hand, draw: random.Random, folder: Path, good: bytes) -> str:
             hand.js(CLICK, "play")
         case "advise" | "stop":
             hand.js("(what) => sqrp.tell({ do: what })", what)
+        case "run":
+            run(hand, file.parent / "pick.yaml")
     return what
+
+
+def run(hand: Hand, program: Path) -> None:
+    """Write the chosen candidate into a program and run it; what the tool holds is dropped."""
+    program.unlink(missing_ok=True)
+    hand.js("sqrp.tell({ do: 'save' })")
+    hand.ranked()
+    hand.js("(file) => sqrp.tell({ do: 'program', file })", str(program))
+    end = time.monotonic() + QUIET
+    while not program.exists() and time.monotonic() < end:  # never, where the chosen candidate cannot be done
+        hand.page.wait_for_timeout(500)
+        if hand.js("document.querySelector('#notices .refused')"):
+            return
+    hand.js("(file) => sqrp.tell({ do: 'run', file, faults: [] })", str(program))
+    hand.page.wait_for_timeout(8000)
+    hand.js(CLICK, "run-slip")
+    hand.page.wait_for_timeout(4000)
+
+
+def measured(hand: Hand, pid: int) -> tuple[float, float]:
+    """Memory of a studio and of its page at rest [MB]."""
+    hand.js("sqrp.tell({ do: 'stop' })")
+    hand.ranked()
+    hand.page.wait_for_timeout(1000)
+    devtools = hand.context.new_cdp_session(hand.page)
+    devtools.send("HeapProfiler.collectGarbage")
+    devtools.detach()
+    return memory(pid), hand.js("performance.memory.usedJSHeapSize / 1e6")
 
 
 def main(minutes: float) -> int:
     """Run; returns the exit code."""
     draw = random.Random(0)  # noqa: S311 - the same actions every time
     counts: dict[str, int] = {}
-    sizes: list[float] = []
+    sizes: list[tuple[float, float]] = []
     with tempfile.TemporaryDirectory() as folder, chromium() as browser:
         cell = copied("tabletop", Path(folder))
         good = (cell / "workspace.yaml").read_bytes()
@@ -115,21 +167,19 @@ def main(minutes: float) -> int:
             what = act(hand, draw, cell, good)
             counts[what] = counts.get(what, 0) + 1
             hand.page.wait_for_timeout(draw.choice([0, 20, 300]))
-            if sum(counts.values()) % 20 == 0:
-                sizes.append(memory(started.process.pid))
-        heap = hand.js("performance.memory.usedJSHeapSize / 1e6")
+            if sum(counts.values()) % 10 == 0:
+                sizes.append(measured(hand, started.process.pid))
         (cell / "workspace.yaml").write_bytes(good)
         code, err = started.closed()
-    first, rest = sizes[: len(sizes) // 5 + 1], sizes[len(sizes) // 5 + 1 :]
     print(f"{sum(counts.values())} actions in {minutes:g} min: {counts}")
-    print(f"server {max(first):.0f} MB at first, {max(rest):.0f} MB after, {sizes[-1]:.0f} MB at the end")
-    print(f"page {heap:.0f} MB")
+    server, page = ([one[k] for one in sizes] for k in range(2))
+    print(f"server: {told(server)}")
+    print(f"page: {told(page)}")
     print(f"console: {hand.complaints or 'nothing'}; exit code {code}")
-    flat = max(rest) < MOST_GROWTH * max(first)
     quiet = not hand.complaints and code == 0 and "Traceback" not in err and "internal error" not in err
     if not quiet:
         print(err[-3000:])
-    return 0 if flat and quiet else 1
+    return 0 if flat(server) and flat(page) and quiet else 1
 
 
 if __name__ == "__main__":

@@ -1,13 +1,18 @@
-"""A browser that sends without end or never reads costs the others little."""
+"""Who sends without end or never reads costs the others little, be it a browser or a process that computes."""
 
 from __future__ import annotations
 
 import asyncio
 import json
+import time
+from pathlib import Path
 
 from websockets.asyncio.client import connect
 
-from sqrp_cli.studio import server
+from sqrp_cli.studio import bench_process, jobs, server
+from sqrp_cli.studio.bench_process import Bench
+from sqrp_cli.studio.jobs import Play, Running, Search
+from sqrp_cli.studio.questions import Rank
 from sqrp_cli.studio.server import MOST_AT_ONCE, MOST_PER_SECOND, MOST_UNREAD, MOST_WAITING, Live, _Browser
 
 
@@ -85,3 +90,21 @@ def test_others_are_heard_during_a_flood():
             await connection.send("x" * 1000)  # type: ignore[attr-defined]
 
     assert json.loads(asyncio.run(asyncio.wait_for(both(), 60.0))) == {"do": "undo"}
+
+
+def test_a_process_that_does_not_read_holds_nobody_up(monkeypatch):
+    monkeypatch.setattr(bench_process, "_serve", lambda *_: time.sleep(1000.0))
+    bench = Bench(Path("cell"), 0, 1)
+    for number in range(20):
+        bench.ask(Rank(content=b"x" * 1_000_000, task="pickup", by="q_eoi", number=number))
+    bench.close()
+
+
+def test_drops_that_no_job_listens_to_hold_nobody_up(monkeypatch):
+    monkeypatch.setattr(jobs, "_work", lambda *_: time.sleep(1000.0))
+    searching = Search(path=Path("cell"), content=b"", task="pickup", chosen="best", seed=0, jobs=1, placing=False)
+    for job in (searching, Play(file=Path("pick.yaml"), faults=(), seed=0)):
+        running = Running(job)
+        for _ in range(5000):
+            running.drop()
+        running.end()

@@ -45,10 +45,11 @@ def command(
 
     check_server()
     check_libraries()
-    bench = Bench(workspace, seed, job_count(jobs))  # loads its libraries while this process reads the workspace
+    count = job_count(jobs)
+    bench = Bench(workspace, seed, count)  # loads its libraries while this process reads the workspace
     try:
         opened = open_with_warnings(workspace, seed)
-        return _serve(opened, _checked_task(task, opened), bench, port, job_count(jobs), show=not no_browser)
+        return _serve(opened, _checked_task(task, opened), bench, port, count, show=not no_browser)
     finally:
         bench.close()
 
@@ -78,6 +79,7 @@ def _first_task(opened: OpenCell) -> str:
 def _serve(opened: OpenCell, task: str, bench: Bench, port: int, jobs: int, *, show: bool) -> ExitCode:
     """Show the page until Ctrl-C."""
     import asyncio
+    import threading
     import webbrowser
 
     from sqrp_cli.studio.session import Studio
@@ -88,7 +90,7 @@ def _serve(opened: OpenCell, task: str, bench: Bench, port: int, jobs: int, *, s
         sys.stdout.flush()
         note("the studio is at this address; Ctrl-C closes it")
         if show:
-            webbrowser.open(address)
+            threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()  # one of text stays
 
     studio = Studio(opened, task, jobs, bench)
     try:

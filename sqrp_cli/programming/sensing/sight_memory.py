@@ -21,8 +21,10 @@ UNKNOWN, UNSEEN, SEEN = -1, 0, 1
 Sights: TypeAlias = NDArray[np.int8]
 """For each of c cameras and q questions one of `UNKNOWN`, `UNSEEN` and `SEEN`, shape (c, q)."""
 
-MOST_QUESTIONS, MOST_CAMERAS = 200_000, 64
-"""Of how many questions, and of how many placed cameras, answers are kept at most."""
+MOST_QUESTIONS, MOST_CAMERAS = 100_000, 64
+"""Of how many questions, and of how many placed cameras, answers are kept at most: 150 bytes a question and one an
+answer, so 22 MB.
+"""
 
 _DIGEST = 16
 """Bytes that stand for everything that decides what a camera sees."""

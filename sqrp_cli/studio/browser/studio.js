@@ -360,6 +360,7 @@ class Studio extends Page {
     else if (seen && this.motion) this.sketch(seen, was, track);
     if (this.since !== undefined) {
       this.latencies.push(performance.now() - this.since);
+      if (this.latencies.length > 1000) this.latencies.shift();
       this.since = undefined;
     }
     if (this.waiting) this.hold(...this.waiting);
