@@ -9,27 +9,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sqrp_cli.api.arguments import (
-    check_bounds,
-    check_by,
-    check_calibration,
-    check_callable,
-    check_count,
-    check_means,
-    check_sampling,
-    check_text,
-    check_texts,
-    check_wanted,
-    check_ways,
-    checked_path,
-    optional_path,
-    refused,
-)
+from sqrp_cli.api import arguments
 from sqrp_cli.errors import InputError, Problem
 
 if TYPE_CHECKING:
+    from sqrp_cli.api import arguments
     from sqrp_cli.api.advice import TaskAdvice
-    from sqrp_cli.api.arguments import WaysOption
     from sqrp_cli.api.placing import CellPlacement
     from sqrp_cli.api.results import Check, Explanation, Ranking, Scene, Scores
     from sqrp_cli.api.session import Session
@@ -55,8 +40,8 @@ def open_cell(path: str | Path, *, seed: int = 0) -> OpenCell:
     seed: of everything that planning draws at random. Raises InputError, with file, line and column, for a workspace
     that cannot be used.
     """
-    check_count(seed, "seed", 0)
-    cell = OpenCell.read(checked_path(path), seed)
+    arguments.check_count(seed, "seed", 0)
+    cell = OpenCell.read(arguments.checked_path(path), seed)
     if cell.errors:
         raise InputError(*cell.errors)
     return cell
@@ -122,19 +107,19 @@ class OpenCell:
         certify: PoseBounds | None = None,
         after: str | Path | None = None,
         by: Criterion = "q_eoi",
-        ways: WaysOption = "best",
+        ways: arguments.WaysOption = "best",
         max_time: str | float | None = None,
     ) -> Session:
         """A task in the cell, with nothing computed yet; see `rank`."""
         from sqrp_cli.api.session import Session
         from sqrp_cli.programming.coverage.sampling import Adaptive
 
-        check_text(task, "task", "a skill and what to do it with, such as `pickup green`")
-        check_sampling(sampling)
-        check_calibration(calibration)
-        check_bounds(certify, sampling)
-        before = optional_path(after, "after")
-        wanted = check_wanted(by, ways, max_time)
+        arguments.check_text(task, "task", "a skill and what to do it with, such as `pickup green`")
+        arguments.check_sampling(sampling)
+        arguments.check_calibration(calibration)
+        arguments.check_bounds(certify, sampling)
+        before = arguments.optional_path(after, "after")
+        wanted = arguments.check_wanted(by, ways, max_time)
         return Session.begin(self.cell, task, before, sampling or Adaptive(), calibration, wanted, certify)
 
     def rank(
@@ -146,7 +131,7 @@ class OpenCell:
         calibration: Calibration | None = None,
         certify: PoseBounds | None = None,
         after: str | Path | None = None,
-        ways: WaysOption = "best",
+        ways: arguments.WaysOption = "best",
         max_time: str | float | None = None,
         jobs: int = 1,
         progress: Progress = silent,
@@ -163,8 +148,8 @@ class OpenCell:
         from sqrp_cli.api.session import assess
         from sqrp_cli.programming.ranking import rank
 
-        by = check_by(by)
-        check_means(jobs, progress)
+        by = arguments.check_by(by)
+        arguments.check_means(jobs, progress)
         session = self.begin(
             task,
             sampling=sampling,
@@ -185,7 +170,7 @@ class OpenCell:
         step: int | None = None,
         sampling: Sampling | None = None,
         after: str | Path | None = None,
-        ways: WaysOption = "best",
+        ways: arguments.WaysOption = "best",
         max_time: str | float | None = None,
         jobs: int = 1,
         progress: Progress = silent,
@@ -199,9 +184,9 @@ class OpenCell:
         from sqrp_cli.api.session import assess, at_step, check_choice, check_one_step, choose_candidate
         from sqrp_cli.programming.ranking import rank
 
-        check_means(jobs, progress)
+        arguments.check_means(jobs, progress)
         if choose is not None:
-            check_text(choose, "choose", "the name of a candidate, `best`, or None for all")
+            arguments.check_text(choose, "choose", "the name of a candidate, `best`, or None for all")
         session = self.begin(task, sampling=sampling, after=after, ways=ways, max_time=max_time)
         check_choice(session.task, "best" if choose is None else choose)
         whole = bool(session.task.candidates[0].steps)
@@ -229,7 +214,7 @@ class OpenCell:
         want: str | None = None,
         choose: str = "best",
         kinds: Sequence[str] | None = None,
-        ways: WaysOption = "best",
+        ways: arguments.WaysOption = "best",
         sampling: Sampling | None = None,
         after: str | Path | None = None,
         out: str | Path | None = None,
@@ -246,10 +231,10 @@ class OpenCell:
         from sqrp_cli.api.advice import find_advice
         from sqrp_cli.programming.advice.change import read_kinds
 
-        check_means(jobs, progress)
-        check_text(choose, "choose", "the name of a candidate, or `best`")
+        arguments.check_means(jobs, progress)
+        arguments.check_text(choose, "choose", "the name of a candidate, or `best`")
         if want is not None:
-            check_text(want, "want", "a wish such as `q_eoi 100 %, time 20 s`")
+            arguments.check_text(want, "want", "a wish such as `q_eoi 100 %, time 20 s`")
         session = self.begin(task, sampling=sampling, after=after, ways=ways)
         return find_advice(
             session,
@@ -258,7 +243,7 @@ class OpenCell:
             want=want,
             choose=choose,
             kinds=read_kinds(kinds),
-            out=optional_path(out, "out"),
+            out=arguments.optional_path(out, "out"),
             jobs=jobs,
             progress=progress,
         )
@@ -272,7 +257,7 @@ class OpenCell:
         survive: int = 0,
         keep: Sequence[str] = (),
         budget: float | None = None,
-        ways: WaysOption = "best",
+        ways: arguments.WaysOption = "best",
         mounts: str | Path | None = None,
         out: str | Path | None = None,
         sampling: Sampling | None = None,
@@ -293,10 +278,10 @@ class OpenCell:
         from sqrp_cli.scoring.work.compute import Means
 
         if cameras is not None:
-            check_count(cameras, "cameras", 1)
-        check_count(survive, "survive", 0)
-        check_texts(tasks, "tasks", "texts such as `pickup green`")
-        check_texts(keep, "keep", "names of cameras")
+            arguments.check_count(cameras, "cameras", 1)
+        arguments.check_count(survive, "survive", 0)
+        arguments.check_texts(tasks, "tasks", "texts such as `pickup green`")
+        arguments.check_texts(keep, "keep", "names of cameras")
         request = PlaceRequest(
             tasks=tasks,
             cameras=cameras,
@@ -305,12 +290,12 @@ class OpenCell:
             survive=survive,
             keep=keep,
             budget=budget,
-            ways=check_ways(ways),
-            mounts=optional_path(mounts, "mounts"),
+            ways=arguments.check_ways(ways),
+            mounts=arguments.optional_path(mounts, "mounts"),
         )
-        check_sampling(sampling)
-        check_means(jobs, progress)
-        means = Means(sampling or Adaptive(), jobs, None, optional_path(out, "out"), self.seed)
+        arguments.check_sampling(sampling)
+        arguments.check_means(jobs, progress)
+        means = Means(sampling or Adaptive(), jobs, None, arguments.optional_path(out, "out"), self.seed)
         return find_placement(self.cell, request, means=means, progress=progress, content=self.content)
 
     def check(
@@ -336,11 +321,11 @@ class OpenCell:
         from sqrp_cli.programming.suggestion import Suggester
         from sqrp_cli.programming.task import impossible_tasks
 
-        check_means(jobs, progress)
+        arguments.check_means(jobs, progress)
         if plan is not None and not isinstance(plan, bool):
-            raise refused("plan", plan, "True, False, or None for where it is needed")
+            raise arguments.refused("plan", plan, "True, False, or None for where it is needed")
         if planner is not None:
-            check_callable(planner, "planner", "a function such as sqrp_cli.logic.planner.find_plan")
+            arguments.check_callable(planner, "planner", "a function such as sqrp_cli.logic.planner.find_plan")
         name, path = self.workspace.name, str(self.path)
         if self.errors:
             return Check(path, name, task, self.findings)
@@ -397,8 +382,8 @@ class OpenCell:
         from sqrp_cli.scoring.scorecard import score_cells
         from sqrp_cli.scoring.work.compute import Means, open_computer
 
-        check_sampling(sampling)
-        check_means(jobs, progress)
-        means = Means(sampling or Adaptive(), jobs, None, optional_path(out, "out"), self.seed)
+        arguments.check_sampling(sampling)
+        arguments.check_means(jobs, progress)
+        means = Means(sampling or Adaptive(), jobs, None, arguments.optional_path(out, "out"), self.seed)
         with open_computer(means) as computer:
             return Scores(score_cells(list(read_cells([self.workspace.path])), computer, progress))

@@ -9,18 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sqrp_cli.api.arguments import (
-    RunOutputs,
-    check_count,
-    check_progress,
-    check_share,
-    check_text,
-    check_texts,
-    checked_path,
-    is_recording,
-    optional_path,
-    refused,
-)
+from sqrp_cli.api import arguments
 from sqrp_cli.api.cell import OpenCell, silent
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 
@@ -58,8 +47,8 @@ def open_program(path: str | Path, *, seed: int = 0) -> OpenProgram:
     seed: of everything that a run draws at random. Raises InputError for a program without steps, or one that does not
     fit its workspace as it is now.
     """
-    check_count(seed, "seed", 0)
-    program = OpenProgram.read(checked_path(path), seed)
+    arguments.check_count(seed, "seed", 0)
+    program = OpenProgram.read(arguments.checked_path(path), seed)
     if program.cell.errors:
         raise InputError(*program.cell.errors)
     program.check()
@@ -68,7 +57,7 @@ def open_program(path: str | Path, *, seed: int = 0) -> OpenProgram:
 
 def read_run(log: str | Path) -> SimulatedRun:
     """A run read from its log. Raises InputError for anything but the log of a complete run."""
-    return LoggedRun.read(checked_path(log, "log")).replay()
+    return LoggedRun.read(arguments.checked_path(log, "log")).replay()
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +126,7 @@ class OpenProgram:
 
         from sqrp_cli.runtime.run.injected_fault import parse_fault
 
-        check_texts(faults, option, "texts such as ['slip@a4+0.4']")
+        arguments.check_texts(faults, option, "texts such as ['slip@a4+0.4']")
         rng, steps, cameras = np.random.default_rng(self.seed), self.program.steps, self.workspace.cameras
         return [parse_fault(text, steps, cameras, rng, option, served=served) for text in faults]
 
@@ -198,7 +187,7 @@ class OpenProgram:
 
         injected, workspace = self.read_faults(faults), self.workspace
         if not isinstance(listeners, Sequence) or not all(map(callable, listeners)):
-            raise refused("listeners", listeners, "functions of an event, in a list")
+            raise arguments.refused("listeners", listeners, "functions of an event, in a list")
         outputs = self._outputs(film, log, frames)
         perform = elsewhere or partial(self._simulation().run, injected)
         from sqrp_cli.runtime.run.program_run import Recording
@@ -233,12 +222,14 @@ class OpenProgram:
             outputs=outputs,
         )
 
-    def _outputs(self, film: str | Path | None, log: str | Path | None, frames: str | Path | None) -> RunOutputs:
+    def _outputs(
+        self, film: str | Path | None, log: str | Path | None, frames: str | Path | None
+    ) -> arguments.RunOutputs:
         """What a run writes. Raises InputError where one would replace an input or another one."""
-        outputs = RunOutputs(
-            film=optional_path(film, "film"),
-            log=optional_path(log, "log"),
-            frames=optional_path(frames, "frames"),
+        outputs = arguments.RunOutputs(
+            film=arguments.optional_path(film, "film"),
+            log=arguments.optional_path(log, "log"),
+            frames=arguments.optional_path(frames, "frames"),
             options={"page": "path"},
         )
         outputs.check_names()
@@ -253,9 +244,9 @@ class OpenProgram:
         from sqrp_cli.api.run_results import SlipSweep
         from sqrp_cli.runtime.run.injected_fault import parse_sweep
 
-        check_text(slip, "slip", "a slip and where, such as `slip@a4`")
-        check_count(count, "count", 1)
-        check_progress(progress)
+        arguments.check_text(slip, "slip", "a slip and where, such as `slip@a4`")
+        arguments.check_count(count, "count", 1)
+        arguments.check_progress(progress)
         simulation = self._simulation()
         from sqrp_cli.runtime.run.simulation import SweepSummary, sweep
 
@@ -286,9 +277,9 @@ class OpenProgram:
         check_packages()
         from sqrp_cli.runtime.audit.frame_audit import audit
 
-        path = checked_path(recording, "recording")
-        check_share(threshold, "threshold")
-        check_progress(progress)
+        path = arguments.checked_path(recording, "recording")
+        arguments.check_share(threshold, "threshold")
+        arguments.check_progress(progress)
         footage = self.footage(path, topics or {})
         cameras, unsurveyed = self._surveyed(footage, progress)
         offsets = {name: one.offset or 0.0 for name, one in cameras.items() if one.has_wrong_clock}
@@ -442,7 +433,7 @@ def _never_happened(faults: Sequence[InjectedFault], events: Sequence[Event]) ->
 
 def _recorder(workspace: Workspace, path: Path | None, closing: ExitStack) -> BagRecorder | None:
     """The writer of a run for ROS tools, if the name is that of a recording; it leaves nothing behind if all fails."""
-    if path is None or not is_recording(path):
+    if path is None or not arguments.is_recording(path):
         return None
     from sqrp_cli.ros.bag import BagWriter
     from sqrp_cli.runtime.record.bag_recorder import BagRecorder

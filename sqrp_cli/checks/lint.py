@@ -4,14 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from sqrp_cli.checks.boxes import (
-    empty_boxes,
-    fault_boxes_that_move,
-    parts_like_their_support,
-    too_few_cameras,
-    too_small_boxes,
-    without_target,
-)
+from sqrp_cli.checks import boxes
 from sqrp_cli.checks.cameras import (
     blind_cameras,
     detectors_out_of_range,
@@ -40,15 +33,15 @@ def lint(workspace: Workspace) -> tuple[Problem, ...]:
     """
     findings: list[Problem] = list(_without_skills(workspace))
     for skill in workspace.skills.values():
-        findings += without_target(skill)
-        findings += fault_boxes_that_move(skill)
+        findings += boxes.without_target(skill)
+        findings += boxes.fault_boxes_that_move(skill)
         findings += contradictions(skill)
         findings += faults_of_the_plan(skill)
         findings += impossible_preconditions(skill)
         findings += formulas_against_the_action(skill)
-        findings += too_few_cameras(workspace, skill)
-        findings += empty_boxes(workspace, skill)
-        findings += too_small_boxes(workspace, skill)
+        findings += boxes.too_few_cameras(workspace, skill)
+        findings += boxes.empty_boxes(workspace, skill)
+        findings += boxes.too_small_boxes(workspace, skill)
         findings += _unused_parameters(skill)
     findings += _held_against_the_facts(workspace)
     findings += thresholds_out_of_reach(workspace)
@@ -56,7 +49,7 @@ def lint(workspace: Workspace) -> tuple[Problem, ...]:
     findings += doubtful_images(workspace)
     findings += implausible_lenses(workspace)
     findings += blind_cameras(workspace)
-    findings += parts_like_their_support(workspace)
+    findings += boxes.parts_like_their_support(workspace)
     findings += overlapping_objects(workspace)
     findings += floating_objects(workspace)
     return tuple(findings)

@@ -6,21 +6,13 @@ import re
 from dataclasses import dataclass
 
 from sqrp_cli.knowledge.workspace.workspace import World
-from sqrp_cli.program.record import (
-    Program,
-    ProgramFormula,
-    ProgramPrimitive,
-    ProgramSight,
-    ProgramTarget,
-    Replanner,
-    Step,
-)
+from sqrp_cli.program import record
 from sqrp_cli.trajectory import Trajectory
 
 _INTERVAL = re.compile(r"(?<=\[)[^\[\]]*(?=\])")
 
 
-def slowed(program: Program, speed: float) -> Program:
+def slowed(program: record.Program, speed: float) -> record.Program:
     """The program at a speed, as a share of what it says, in 0..1.
 
     How late an image is, how often one is taken, and how long a literal may lag stay as they are.
@@ -34,16 +26,16 @@ def slowed(program: Program, speed: float) -> Program:
 class SlowedReplanner:
     """A replanner whose steps are slowed, too."""
 
-    replanner: Replanner
+    replanner: record.Replanner
     speed: float
 
-    def replan(self, step: Step, world: World) -> Step | None:
+    def replan(self, step: record.Step, world: World) -> record.Step | None:
         """As `Replanner` says."""
         planned = self.replanner.replan(step, world)
         return None if planned is None else _step(planned, 1.0 / self.speed)
 
 
-def _step(step: Step, factor: float) -> Step:
+def _step(step: record.Step, factor: float) -> record.Step:
     """A step `factor` times as slow. How late faults are noticed is known by its sights alone."""
     return step.model_copy(
         update={
@@ -57,7 +49,7 @@ def _step(step: Step, factor: float) -> Step:
     )
 
 
-def _primitive(primitive: ProgramPrimitive, factor: float) -> ProgramPrimitive:
+def _primitive(primitive: record.ProgramPrimitive, factor: float) -> record.ProgramPrimitive:
     guard = primitive.guard
     if guard is not None:
         guard = guard.model_copy(update={"trajectory": _trajectory(guard.trajectory, factor)})
@@ -75,19 +67,19 @@ def _trajectory(trajectory: Trajectory, factor: float) -> Trajectory:
     return Trajectory(trajectory.path, trajectory.law.stretched(factor))
 
 
-def _formula(entry: ProgramFormula, factor: float) -> ProgramFormula:
+def _formula(entry: record.ProgramFormula, factor: float) -> record.ProgramFormula:
     def later(found: re.Match[str]) -> str:
         return ", ".join(repr(float(bound) * factor) for bound in found[0].split(","))
 
     return entry.model_copy(update={"formula": _INTERVAL.sub(later, entry.formula)})
 
 
-def _target(target: ProgramTarget, factor: float) -> ProgramTarget:
+def _target(target: record.ProgramTarget, factor: float) -> record.ProgramTarget:
     seen = {name: tuple((start * factor, end * factor) for start, end in spans) for name, spans in target.seen.items()}
     return target.model_copy(update={"seen": seen})
 
 
-def _sight(sight: ProgramSight, factor: float) -> ProgramSight:
+def _sight(sight: record.ProgramSight, factor: float) -> record.ProgramSight:
     def later(times: tuple[float, ...]) -> tuple[float, ...]:
         return tuple(t * factor for t in times)
 

@@ -20,17 +20,7 @@ from sqrp_cli.logic.conditions import apply_effect
 from sqrp_cli.logic.formula import Formula
 from sqrp_cli.logic.formula_check import argument_lists, bind
 from sqrp_cli.logic.formula_time import with_times
-from sqrp_cli.program.record import (
-    ProgramFormula,
-    ProgramGuard,
-    ProgramOnset,
-    ProgramPrimitive,
-    ProgramResponse,
-    ProgramSight,
-    ProgramTarget,
-    ProgramWindow,
-    Step,
-)
+from sqrp_cli.program import record
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
 from sqrp_cli.programming.coverage.sampling import Adaptive
@@ -47,7 +37,7 @@ class StepReplanner:
 
     cell: Cell
 
-    def replan(self, step: Step, world: World) -> Step | None:
+    def replan(self, step: record.Step, world: World) -> record.Step | None:
         """The same skill with the same parameters from `world`; None if that is infeasible.
 
         Where its branch is, after the object was moved, any other branch that the skill leaves free.
@@ -66,7 +56,7 @@ class StepReplanner:
         return make_step(step.task, found, found.assessment(verdict(self.cell, found)), cameras)
 
 
-def candidate_of(step: Step, cell: Cell) -> Candidate:
+def candidate_of(step: record.Step, cell: Cell) -> Candidate:
     """The way that a step of a program was made from; paths around vias are planned again by who needs them."""
     skill = cell.workspace.skills[step.skill]
     names = [parameter.name for parameter in skill.action.parameters]
@@ -83,13 +73,13 @@ def _with_any_branch(way: Candidate) -> Candidate:
     return replace(way, values={**way.values, **dict.fromkeys(free, ANY)}, branch={}, vias={})
 
 
-def make_step(task: str, study: Study, assessment: Assessment, cameras: tuple[str, ...]) -> Step:
+def make_step(task: str, study: Study, assessment: Assessment, cameras: tuple[str, ...]) -> record.Step:
     """The step of a program from a full study.
 
     cameras: names in the order of the study's verdicts.
     """
     candidate, motion = study.candidate, study.motion
-    return Step(
+    return record.Step(
         task=task,
         skill=candidate.skill.name,
         parameters=candidate.parameters,
@@ -110,9 +100,9 @@ def make_step(task: str, study: Study, assessment: Assessment, cameras: tuple[st
     )
 
 
-def _primitive(timed: TimedPrimitive, action: PrimitiveAction) -> ProgramPrimitive:
+def _primitive(timed: TimedPrimitive, action: PrimitiveAction) -> record.ProgramPrimitive:
     guard = timed.guard
-    return ProgramPrimitive(
+    return record.ProgramPrimitive(
         name=timed.name,
         does=action.words,
         action=type(action).__name__,
@@ -120,15 +110,16 @@ def _primitive(timed: TimedPrimitive, action: PrimitiveAction) -> ProgramPrimiti
         end=timed.end,
         held=timed.held,
         trajectory=timed.trajectory,
-        guard=None if guard is None else ProgramGuard(force=guard.force, trajectory=guard.trajectory),
+        guard=None if guard is None else record.ProgramGuard(force=guard.force, trajectory=guard.trajectory),
     )
 
 
-def _sight(study: Study, fault: str) -> ProgramSight:
-    return ProgramSight(
-        windows=tuple(ProgramWindow(**window._asdict()) for window in study.windows[fault]),
+def _sight(study: Study, fault: str) -> record.ProgramSight:
+    return record.ProgramSight(
+        windows=tuple(record.ProgramWindow(**window._asdict()) for window in study.windows[fault]),
         onsets=tuple(
-            ProgramOnset(x=tuple(onset.x.tolist()), shown=tuple(onset.shown.tolist())) for onset in study.onsets[fault]
+            record.ProgramOnset(x=tuple(onset.x.tolist()), shown=tuple(onset.shown.tolist()))
+            for onset in study.onsets[fault]
         ),
     )
 
@@ -138,7 +129,7 @@ def world_after(candidate: Candidate, motion: Motion, world: World) -> World:
     return replace(motion.final, facts=apply_effect(candidate.skill.action, candidate.binding, world.facts))
 
 
-def _formulas(study: Study) -> tuple[ProgramFormula, ...]:
+def _formulas(study: Study) -> tuple[record.ProgramFormula, ...]:
     candidate = study.candidate
     lists = argument_lists(candidate.skill.action)
     spans = {primitive.name: (primitive.start, primitive.end) for primitive in study.motion.primitives}
@@ -147,7 +138,7 @@ def _formulas(study: Study) -> tuple[ProgramFormula, ...]:
         return bind(formula, candidate.binding, lists)
 
     return tuple(
-        ProgramFormula(
+        record.ProgramFormula(
             formula=str(with_times(bound(requirement.formula), spans)),
             fault=requirement.name,
             settle=requirement.stated.settle,
@@ -157,19 +148,19 @@ def _formulas(study: Study) -> tuple[ProgramFormula, ...]:
     )
 
 
-def _response(requirement: Requirement, bound: Callable[[Formula], Formula]) -> ProgramResponse:
+def _response(requirement: Requirement, bound: Callable[[Formula], Formula]) -> record.ProgramResponse:
     stated, when = requirement.stated.response, requirement.retry_when
     if not isinstance(stated, RetryEntry):
-        return ProgramResponse(action=stated)
-    return ProgramResponse(action="retry", retries=stated.retry, when=None if when is None else str(bound(when)))
+        return record.ProgramResponse(action=stated)
+    return record.ProgramResponse(action="retry", retries=stated.retry, when=None if when is None else str(bound(when)))
 
 
-def _target(study: Study, column: int, cameras: tuple[str, ...]) -> ProgramTarget:
+def _target(study: Study, column: int, cameras: tuple[str, ...]) -> record.ProgramTarget:
     target: Target = study.targets[column]
     observation = study.timeline.observation
     sees = sees_all(observation.full_matrix[column])
     sees &= observation.required[:, column, None]
-    return ProgramTarget(
+    return record.ProgramTarget(
         cameras=target.cameras,
         boxes=target.boxes,
         seen={name: _intervals(study, sees[:, index]) for index, name in enumerate(cameras)},

@@ -11,21 +11,7 @@ from typing import TYPE_CHECKING, Any
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program
 from sqrp_cli.report.sentences import short_times
-from sqrp_cli.runtime.record.events import (
-    Event,
-    EvidenceSeen,
-    FaultHappened,
-    FaultInjected,
-    FaultSeen,
-    MovingOn,
-    PrimitiveBegan,
-    Retrying,
-    ShownAtom,
-    State,
-    StepBegan,
-    Stopping,
-    listed,
-)
+from sqrp_cli.runtime.record import events
 from sqrp_cli.runtime.record.report import Confusion, Disagreement, FaultRecord, Prediction, RunReport, excess
 from sqrp_cli.terminal.console import Column, Show, joined, live, plain, print_table, say
 
@@ -50,7 +36,7 @@ class LiveView:
         self._stack = ExitStack()
         self._show: Show | None = None
         self._doing, self._last, self._t = "looks", "", 0.0
-        self._literals: Mapping[str, ShownAtom] = {}
+        self._literals: Mapping[str, events.ShownAtom] = {}
 
     def __enter__(self) -> LiveView:
         self._show = self._stack.enter_context(live())
@@ -61,21 +47,21 @@ class LiveView:
     ) -> None:
         self._stack.close()
 
-    def __call__(self, event: Event) -> None:
+    def __call__(self, event: events.Event) -> None:
         """Show an event."""
-        if self._show is None or isinstance(event, State):
+        if self._show is None or isinstance(event, events.State):
             return
         if self._pace and event.t > self._t:
             time.sleep((event.t - self._t) / _REPLAY_SPEED)
         self._t = event.t
         match event:
-            case PrimitiveBegan(name=name):
+            case events.PrimitiveBegan(name=name):
                 self._doing = name
-            case EvidenceSeen(literals=literals):
+            case events.EvidenceSeen(literals=literals):
                 self._literals = literals
-            case Stopping():
+            case events.Stopping():
                 self._doing = "stops"
-            case MovingOn():
+            case events.MovingOn():
                 self._doing = "moves on to look"
         if (happens := event_in_words(event)) is not None:
             self._last = f"{event.t:.2f} s: {happens}"
@@ -106,10 +92,10 @@ class FinishedSteps:
     def __str__(self) -> str:
         return f"{self._t:.2f} s of the run, when {len(self._ends)} of {len(self._tasks)} steps were finished"
 
-    def __call__(self, event: Event) -> None:
+    def __call__(self, event: events.Event) -> None:
         """Take note of an event."""
         self._t = event.t
-        if isinstance(event, StepBegan) and event.number > len(self._ends) + 1:  # the one before is done
+        if isinstance(event, events.StepBegan) and event.number > len(self._ends) + 1:  # the one before is done
             self._ends.append(event.t)
 
     def show(self, workspace: str) -> None:
@@ -118,18 +104,18 @@ class FinishedSteps:
             say(joined([f"{number}: {task} in {workspace}: ", ("done", "bold green"), f", {end:.2f} s"]))
 
 
-def event_in_words(event: Event) -> str | None:
+def event_in_words(event: events.Event) -> str | None:
     """The event in words; None if the view shows it elsewhere."""
     match event:
-        case FaultInjected(fault=fault):
+        case events.FaultInjected(fault=fault):
             return f"{fault} is made to happen"
-        case FaultHappened(fault=fault):
+        case events.FaultHappened(fault=fault):
             return f"{fault} has happened"
-        case FaultSeen(name=name):
+        case events.FaultSeen(name=name):
             return f"{name} is seen"
-        case MovingOn(to_see=condition):
+        case events.MovingOn(to_see=condition):
             return f"moves on to where `{condition}` can be seen"
-        case Retrying(attempt=attempt, of=of):
+        case events.Retrying(attempt=attempt, of=of):
             return f"tries again ({attempt} of {of})"
     return None
 
@@ -172,7 +158,7 @@ def _print_unseen(report: RunReport, *, told: bool) -> None:
     for number, step in enumerate(report.steps, 1):
         if step.end is not None and step.unseen:
             end = "the motion" if len(report.steps) == 1 else f"step {number}"
-            atoms = listed([f"{atom} ({_last(t)})" for atom, t in step.unseen.items()])
+            atoms = events.listed([f"{atom} ({_last(t)})" for atom, t in step.unseen.items()])
             then = "" if told else ": a fault after that would not be noticed by then"
             say(f"At the end of {end} no image shows {atoms}{then}.", "yellow")
 

@@ -16,19 +16,7 @@ import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names, nearest
 from sqrp_cli.geometry import Array, read_only
-from sqrp_cli.knowledge.camera.calibration_formats import (
-    CAMERA_INFO,
-    HEIGHTS,
-    K_KEYS,
-    SIZES,
-    TOP_KEYS,
-    WIDTHS,
-    CalibrationFormat,
-    StatedCamera,
-    StatedLens,
-    flat,
-    format_of,
-)
+from sqrp_cli.knowledge.camera import calibration_formats as formats
 from sqrp_cli.knowledge.camera.calibration_text import CalibrationText, no_calibration, part_of, read_calibration_text
 from sqrp_cli.knowledge.camera.camera import DISTORTION_LENGTHS, CalibrationFile, DistortionModel, Intrinsics, PixelSize
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument
@@ -97,7 +85,7 @@ def read_calibration(
     and where file and workspace contradict each other.
     """
     wanted = wanted or CalibrationFile(file=str(path))
-    text = read_calibration_text(path, TOP_KEYS)
+    text = read_calibration_text(path, formats.TOP_KEYS)
     part, title, model = _chosen(text, wanted, asked)
     camera = validate(part, model)
     width, height = _size(camera, part, wanted, asked)
@@ -122,16 +110,16 @@ class _Found(NamedTuple):
     part: SourceDocument
     title: str
     """Of its format, and its name."""
-    model: type[StatedCamera]
+    model: type[formats.StatedCamera]
 
 
 def _chosen(text: CalibrationText, wanted: CalibrationFile, asked: str) -> _Found:
     """The wanted camera of a file."""
     document, found = text.document, dict(_cameras(text.document.data, ()))
     if () in found or not found:
-        if not found and not any(key in document.data for key in TOP_KEYS):
+        if not found and not any(key in document.data for key in formats.TOP_KEYS):
             raise InputError(no_calibration(document.path))
-        known = found.get((), CAMERA_INFO)
+        known = found.get((), formats.CAMERA_INFO)
         _check_only(document, wanted, asked)
         return _Found(document, _title(known, document, text.syntax), known.model)
     names = {_name(document, at): at for at in found}
@@ -162,10 +150,10 @@ def _unknown_camera(document: SourceDocument, name: str, names: Sequence[str], a
     return Problem("unknown-camera", message, Place(document.path), mend=mend)
 
 
-def _cameras(data: object, at: KeyPath) -> Iterator[tuple[KeyPath, CalibrationFormat]]:
+def _cameras(data: object, at: KeyPath) -> Iterator[tuple[KeyPath, formats.CalibrationFormat]]:
     """The cameras in a file, with the path of each."""
     if isinstance(data, dict):
-        known = format_of(data)
+        known = formats.format_of(data)
         if known is not None:
             yield at, known
             return
@@ -174,11 +162,11 @@ def _cameras(data: object, at: KeyPath) -> Iterator[tuple[KeyPath, CalibrationFo
             yield from _cameras(value, (*at, key))
 
 
-def _title(known: CalibrationFormat, part: SourceDocument, syntax: str) -> str:
+def _title(known: formats.CalibrationFormat, part: SourceDocument, syntax: str) -> str:
     """The name of a format as people know it."""
-    if known is not CAMERA_INFO:
+    if known is not formats.CAMERA_INFO:
         return known.title
-    matrix = next((part.data[key] for key in K_KEYS if key in part.data), None)
+    matrix = next((part.data[key] for key in formats.K_KEYS if key in part.data), None)
     of_opencv = syntax in ("XML", "JSON") or (isinstance(matrix, dict) and "dt" in matrix)
     return f"OpenCV FileStorage ({syntax})" if of_opencv else f"ROS camera_info ({syntax})"
 
@@ -198,12 +186,12 @@ def _own_name(camera: Mapping[str, Any]) -> str | None:
     return next((str(camera[key]) for key in keys if isinstance(camera.get(key), str | int)), None)
 
 
-def _size(camera: StatedCamera, part: SourceDocument, wanted: CalibrationFile, asked: str) -> PixelSize:
+def _size(camera: formats.StatedCamera, part: SourceDocument, wanted: CalibrationFile, asked: str) -> PixelSize:
     """That of the image, from the file or the workspace, which must not contradict each other."""
     stated = PixelSize.of(wanted.width, wanted.height)
-    at = next(((key,) for key in (*SIZES, *WIDTHS, *HEIGHTS) if key in part.data), ())
+    at = next(((key,) for key in (*formats.SIZES, *formats.WIDTHS, *formats.HEIGHTS) if key in part.data), ())
     if camera.size is None and at:
-        missing = "image_height" if at[0] in WIDTHS else "image_width"
+        missing = "image_height" if at[0] in formats.WIDTHS else "image_width"
         raise InputError(Problem("missing-key", f"the file lacks the key `{missing}`", part.key_place(at)))
     size = camera.size or stated
     if size is None:
@@ -237,7 +225,7 @@ def doubtful_projection(found: CameraCalibration) -> Iterator[Problem]:
 
 def _projection(entry: object) -> Array | None:
     """A projection matrix, shape (3, 4); None if malformed or all zeros, which is how drivers write unknown ones."""
-    numbers = flat(entry.get("data") if isinstance(entry, dict) else entry)
+    numbers = formats.flat(entry.get("data") if isinstance(entry, dict) else entry)
     if not isinstance(numbers, list) or len(numbers) != 12 or not all(isinstance(n, int | float) for n in numbers):
         return None
     return np.array(numbers, dtype=float).reshape(3, 4) if any(numbers) else None
@@ -288,7 +276,7 @@ def _check_count(document: SourceDocument, path: KeyPath, name: str, count: int,
         raise InputError(document.problem("wrong-length", path, message))
 
 
-def _camera_matrix(document: SourceDocument, stated: StatedLens) -> Array:
+def _camera_matrix(document: SourceDocument, stated: formats.StatedLens) -> Array:
     K, path = np.array(stated.K).reshape(3, 3), stated.K_at
     if K[0, 0] <= 0 or K[1, 1] <= 0:
         message = (
@@ -301,7 +289,7 @@ def _camera_matrix(document: SourceDocument, stated: StatedLens) -> Array:
     return read_only(K)
 
 
-def _distortion(document: SourceDocument, stated: StatedLens) -> tuple[DistortionModel, list[float]]:
+def _distortion(document: SourceDocument, stated: formats.StatedLens) -> tuple[DistortionModel, list[float]]:
     """The distortion model and all of its coefficients."""
     _, counts = _MODELS.get((stated.model or "").lower(), ("none", (8,)))
     count = len(stated.D)
@@ -318,7 +306,7 @@ def _distortion(document: SourceDocument, stated: StatedLens) -> tuple[Distortio
     return model, [*stated.D[:count], *[0.0] * (DISTORTION_LENGTHS[model] - count)]
 
 
-def _unnamed(document: SourceDocument, stated: StatedLens, count: int) -> DistortionModel:
+def _unnamed(document: SourceDocument, stated: formats.StatedLens, count: int) -> DistortionModel:
     """The model of a file that names none."""
     if count == 4:
         message = "with 4 distortion coefficients the file must say `distortion_model`"

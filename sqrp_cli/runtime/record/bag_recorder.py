@@ -27,23 +27,10 @@ from sqrp_cli.knowledge.paint import COLORS
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.ros.bag import BagWriter
-from sqrp_cli.ros.messages import Message
-from sqrp_cli.ros.poses import pose_message, transform_message
+from sqrp_cli.ros.messages import Message, pose_message, transform_message
 from sqrp_cli.runtime.image import CameraImage
+from sqrp_cli.runtime.record import events
 from sqrp_cli.runtime.record.description import robot_description
-from sqrp_cli.runtime.record.events import (
-    Event,
-    EvidenceSeen,
-    FaultSeen,
-    MovingOn,
-    Numbers7,
-    PrimitiveBegan,
-    Retrying,
-    RunEnded,
-    State,
-    StepBegan,
-    Stopping,
-)
 from sqrp_cli.runtime.record.png import jpeg_of
 from sqrp_cli.runtime.robot_body import RobotBody
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
@@ -86,17 +73,17 @@ class BagRecorder:
         for camera in workspace.cameras.values():
             self._writer.add(f"/{camera.name}/camera_info", _at(0.0), self._info(camera), latched=True)
 
-    def __call__(self, event: Event) -> None:
+    def __call__(self, event: events.Event) -> None:
         """Keep an event."""
-        if isinstance(event, State):
+        if isinstance(event, events.State):
             self._add_state(event)
-        elif isinstance(event, StepBegan):
+        elif isinstance(event, events.StepBegan):
             self._begin(event)
-        elif isinstance(event, EvidenceSeen):
+        elif isinstance(event, events.EvidenceSeen):
             self._judge(event)
         elif (said := _said(event)) is not None:
-            self._holds_run |= isinstance(event, RunEnded)
-            self._say(event.t, said, warns=not isinstance(event, PrimitiveBegan))
+            self._holds_run |= isinstance(event, events.RunEnded)
+            self._say(event.t, said, warns=not isinstance(event, events.PrimitiveBegan))
 
     def add(self, frame: CameraImage, *, planned: bool) -> None:
         """Keep an image; planned: whether all went as the program says when it was taken."""
@@ -135,7 +122,7 @@ class BagRecorder:
             topic, _at(t), self._types.make("tf2_msgs/msg/TFMessage", transforms=transforms), latched=latched
         )
 
-    def _add_state(self, state: State) -> None:
+    def _add_state(self, state: events.State) -> None:
         names = getattr(state, "joints", list(self._joints))
         if state.q:
             self._joints = dict(zip(names, state.q, strict=True))
@@ -151,7 +138,7 @@ class BagRecorder:
         if state.objects:
             self._add_objects(state.t, state.objects)
 
-    def _add_objects(self, t: float, poses: Mapping[str, Numbers7]) -> None:
+    def _add_objects(self, t: float, poses: Mapping[str, events.Numbers7]) -> None:
         markers = []
         for name, (x, y, z, *quaternion) in poses.items():
             obj, X_WO = self._workspace.objects[name], pose(quaternion_to_matrix(quaternion), (x, y, z))
@@ -160,7 +147,7 @@ class BagRecorder:
                 markers.append(self._marker(t, (name, number), WORLD, X_WO @ part.X_PG, part.shape, color))
         self._add_markers("/objects", t, markers)
 
-    def _begin(self, event: StepBegan) -> None:
+    def _begin(self, event: events.StepBegan) -> None:
         wiped = self._types.make("visualization_msgs/msg/Marker", action=3)
         self._boxes = {}
         for atom, boxes in event.boxes.items():
@@ -172,7 +159,7 @@ class BagRecorder:
         self._add_markers("/boxes", event.t, [wiped, *(one for found in self._boxes.values() for one in found)])
         self._say(event.t, f"step {event.number}: {event.skill}")
 
-    def _judge(self, event: EvidenceSeen) -> None:
+    def _judge(self, event: events.EvidenceSeen) -> None:
         status = []
         for atom, shown in event.literals.items():
             values = {"asked": str(shown.asked), "predicted": str(shown.predicted)}
@@ -265,20 +252,20 @@ def _optical(camera: str) -> str:
     return f"{camera}_optical_frame"
 
 
-def _said(event: Event) -> str | None:
+def _said(event: events.Event) -> str | None:
     """What happens, in words; None for what other topics show."""
     match event:
-        case PrimitiveBegan():
+        case events.PrimitiveBegan():
             return event.name
-        case FaultSeen():
+        case events.FaultSeen():
             return f"fault: {event.name} ({event.text})" if event.text else f"fault: {event.name}"
-        case MovingOn():
+        case events.MovingOn():
             return f"moving on to see {event.to_see}"
-        case Stopping():
+        case events.Stopping():
             return f"stopping: {event.reason}"
-        case Retrying():
+        case events.Retrying():
             return f"retry {event.attempt} of {event.of}"
-        case RunEnded():
+        case events.RunEnded():
             return event.event if event.reason is None else f"{event.event}: {event.reason}"
         case _:
             return None
