@@ -86,8 +86,7 @@ def transform(X_AB: Array, points_B: Array) -> Array:
 
     X_AB: poses, shape (..., 4, 4); points_B: shape (..., n, 3), leading dimensions broadcast against those of X_AB.
     """
-    moved: Array = points_B @ X_AB[..., :3, :3].swapaxes(-1, -2) + X_AB[..., None, :3, 3]
-    return moved
+    return points_B @ X_AB[..., :3, :3].swapaxes(-1, -2) + X_AB[..., None, :3, 3]
 
 
 def norms(vectors: Array) -> Array:
@@ -189,8 +188,7 @@ def _unit(vector: Array) -> Array:
     length = np.linalg.norm(vector)
     if not 0.0 < length < np.inf:
         raise ValueError(f"{vector.tolist()} has no direction")
-    direction: Array = vector / length
-    return direction
+    return vector / length
 
 
 def side_pose(size: tuple[float, float, float], side: str) -> Array:
@@ -208,8 +206,7 @@ def side_pose(size: tuple[float, float, float], side: str) -> Array:
 
 def box_corners(size: ArrayLike) -> Array:
     """The 8 corners [m] of a box of full extents `size` (..., 3) in its own frame, shape (..., 8, 3)."""
-    corners: Array = 0.5 * np.asarray(size, dtype=float)[..., None, :] * BOX_SIGNS
-    return corners
+    return 0.5 * np.asarray(size, dtype=float)[..., None, :] * BOX_SIGNS
 
 
 class Ranges(NamedTuple):

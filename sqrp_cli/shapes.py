@@ -62,8 +62,7 @@ class Box:
 
     def half_extents(self, R: Array) -> Array:
         """Its half extents along the axes of a frame in which its rotation is R (3, 3) [m], shape (3,)."""
-        half: Array = np.abs(R) @ (0.5 * np.asarray(self.size))
-        return half
+        return np.abs(R) @ (0.5 * np.asarray(self.size))
 
     def contains(self, point: Array) -> bool:
         """Whether a point in its own frame (3,) is inside it."""
@@ -155,8 +154,7 @@ class Capsule:
 
     def half_extents(self, R: Array) -> Array:
         """Its half extents along the axes of a frame in which its rotation is R (3, 3) [m], shape (3,)."""
-        half: Array = self.radius + 0.5 * self.length * np.abs(R[:, 2])
-        return half
+        return self.radius + 0.5 * self.length * np.abs(R[:, 2])
 
     def contains(self, point: Array) -> bool:
         """Whether a point in its own frame (3,) is inside it."""

@@ -83,8 +83,7 @@ class Light(Stored):
     @property
     def heading(self) -> Array:
         """Unit vector in which it shines, (3,)."""
-        unit: Array = self._way / np.linalg.norm(self._way)
-        return unit
+        return self._way / np.linalg.norm(self._way)
 
     def rays(self, points: Array) -> Rays:
         """What reaches points, shape (n, 3): of a lamp less with the square of the distance."""

@@ -148,8 +148,7 @@ class TargetGrounder:
         X_TO = held[name] if name in held else inverse(X_WT) @ X_WO[name]
         if frame == self.model.tool_frame:
             return X_TO
-        X_FO: Array = inverse(frame_poses({}, X_WO, X_WO)[frame]) @ X_WT @ X_TO
-        return X_FO
+        return inverse(frame_poses({}, X_WO, X_WO)[frame]) @ X_WT @ X_TO
 
     @property
     def _tool_parts(self) -> tuple[str, ...]:

@@ -152,13 +152,11 @@ def _outward(urdf: UrdfModel, arm: Sequence[UrdfJoint], tip: str, rigid: Sequenc
     across = away - last.axis * (away @ last.axis)
     swings = len(arm) < AXES_OF_A_POSE and last.type != "prismatic" and np.linalg.norm(across) > LEAST_SWING
     if swings and np.linalg.norm(across) > 2.0 * abs(away @ last.axis):
-        swung: Array = X_JT[:3, :3].T @ (across / np.linalg.norm(across))
-        return swung
+        return X_JT[:3, :3].T @ (across / np.linalg.norm(across))
     if abs(away @ last.axis) < 1e-3:
         # The tool frame lies in the joint's origin: continue the direction that led to it.
         away = last.X_PJ[:3, :3].T @ last.X_PJ[:3, 3]
-    out: Array = X_JT[:3, :3].T @ (last.axis if away @ last.axis >= 0 else -last.axis)
-    return out
+    return X_JT[:3, :3].T @ (last.axis if away @ last.axis >= 0 else -last.axis)
 
 
 def _movable_on(link: str, urdf: UrdfModel) -> list[UrdfJoint]:

@@ -111,8 +111,7 @@ def places_pointing_down(model: RobotModel) -> Array:
     everything = np.ones(len(model.arm), dtype=bool)
     reached, errors = descend(model, targets, q, everything, STEPS, within=(model.lower, model.upper))
     met = np.abs(errors).max(axis=1) < MET + model.angle_tolerance
-    poses: Array = model.tool_poses(reached[met])
-    return poses
+    return model.tool_poses(reached[met])
 
 
 def pointing_down(X: Array) -> Array:

@@ -38,5 +38,4 @@ class _CatalogueFile(Entry):
 def catalogue() -> Mapping[str, CatalogueEntry]:
     """The entries by name."""
     document = read_yaml(CATALOGUE)
-    entries: Mapping[str, CatalogueEntry] = _CatalogueFile.model_validate({"entries": document.data}).entries
-    return entries
+    return _CatalogueFile.model_validate({"entries": document.data}).entries

@@ -74,8 +74,7 @@ class Curve(Stored):
         """How likely the detector sees each box, in 0..1."""
         weights = np.array([getattr(self, name) or 0.0 for name in COEFFICIENTS])
         z = self.bias + np.tensordot(weights, sights.features(), axes=1)
-        found: Array = self.most / (1.0 + np.exp(-np.clip(z, -500.0, 500.0)))
-        return found
+        return self.most / (1.0 + np.exp(-np.clip(z, -500.0, 500.0)))
 
 
 COEFFICIENTS = BoxSights._fields

@@ -154,5 +154,4 @@ class Couplings:
 
     def positions(self, q: Array) -> Array:
         """Positions of all joints, shape (..., N), from those of the driven ones, shape (..., n)."""
-        positions: Array = q @ self.ratios.T + self.offsets
-        return positions
+        return q @ self.ratios.T + self.offsets

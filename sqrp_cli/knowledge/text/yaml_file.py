@@ -151,8 +151,7 @@ if yaml.__with_libyaml__:
 @lru_cache(maxsize=16)
 def _compose_fast(text: str) -> yaml.Node | None:
     """As `_compose`, cached: cells often share the texts of skills."""
-    node: yaml.Node | None = _FastLoader(text).get_single_node()
-    return node
+    return _FastLoader(text).get_single_node()
 
 
 class _LimitedLoader(yaml.SafeLoader):

@@ -95,8 +95,7 @@ class GridEntry(Stored):
             return steps
 
         axes = [along(start, end) for start, end in zip(self.start, self.end, strict=True)]
-        places: Array = np.array(list(product(*axes)))
-        return places
+        return np.array(list(product(*axes)))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -100,8 +100,7 @@ class Wish:
 
 def figure(found: Assessment, name: str) -> float | None:
     """The figure of a candidate that a wish calls `name`."""
-    value: float | None = found.delay_worst if name == "delay" else getattr(found, name)
-    return value
+    return found.delay_worst if name == "delay" else getattr(found, name)
 
 
 def read_wish(text: str) -> Wish:

@@ -275,8 +275,7 @@ def _smallest_singular_values(model: RobotModel, q: Array, moving: Mask) -> Arra
 
 def _principal(q: Array, turns: Mask) -> Array:
     """Positions with turning joints in (-pi, pi], up to rounding: -pi counts as pi."""
-    wrapped: Array = np.where(turns, np.pi - np.mod(np.pi + 1e-9 - q, 2 * np.pi) + 1e-9, q)
-    return wrapped
+    return np.where(turns, np.pi - np.mod(np.pi + 1e-9 - q, 2 * np.pi) + 1e-9, q)
 
 
 def _distinct(model: RobotModel, q: Array) -> Array:
@@ -287,8 +286,7 @@ def _distinct(model: RobotModel, q: Array) -> Array:
     for row in range(len(q)):
         if apart[row, kept].all():
             kept.append(row)
-    distinct: Array = q[kept]
-    return distinct
+    return q[kept]
 
 
 def _within_limits(model: RobotModel, q: Array) -> Array:
@@ -301,8 +299,7 @@ def _within_limits(model: RobotModel, q: Array) -> Array:
 
 def _sorted(q: Array) -> Array:
     """Rows in lexicographic order; values that differ only by rounding count as equal."""
-    ordered: Array = q[np.lexsort(np.round(q, 6).T[::-1])]
-    return ordered
+    return q[np.lexsort(np.round(q, 6).T[::-1])]
 
 
 def approximate_solutions(model: RobotModel, X_WT: Array) -> Array:

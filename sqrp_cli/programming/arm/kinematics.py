@@ -279,8 +279,7 @@ class RobotModel:
     def tool_poses(self, q: Array) -> Array:
         """As `tool_pose` at m positions of shape (m, n): shape (m, 4, 4)."""
         X_WJ = self._chain_tree.poses(self._chain_couplings.positions(q))
-        X_WT: Array = X_WJ[:, -1] @ self.tree.mounts[self.tool_frame].X_JL
-        return X_WT
+        return X_WJ[:, -1] @ self.tree.mounts[self.tool_frame].X_JL
 
     def tool_poses_and_jacobians(self, q: Array) -> ToolMotion:
         """As `tool_pose` and `jacobian` at m positions of shape (m, n)."""

@@ -100,14 +100,12 @@ def closest_turns(model: RobotModel, q: Array) -> Array:
     middle = 0.5 * (np.where(bounded, model.lower, 0.0) + np.where(bounded, model.upper, 0.0))
     turned = q + 2 * np.pi * np.round((middle - q) / (2 * np.pi))
     outside = (q < model.lower) | (q > model.upper)
-    closest: Array = np.where(bounded & outside, turned, q)
-    return closest
+    return np.where(bounded & outside, turned, q)
 
 
 def limit_excess(model: RobotModel, q: Array) -> Array:
     """Excess of positions (m, n) over the limits, shape (m, n) [rad or m]; 0 within them."""
-    excess: Array = np.maximum(np.maximum(model.lower - q, q - model.upper), 0.0)
-    return excess
+    return np.maximum(np.maximum(model.lower - q, q - model.upper), 0.0)
 
 
 def _out_of_reach(model: RobotModel, X_WT: Array) -> OutOfReach | WrongWayRound:

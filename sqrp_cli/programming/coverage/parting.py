@@ -323,8 +323,7 @@ def _path(stage: Stage, name: str, t: Array) -> Array:
 def _turn(stage: Stage, box: SoughtBox, t: Array) -> Array:
     """How a box on a link is turned at instants of the motion, shape (n, 3, 3)."""
     X_WL: Array = stage.model.link_poses(_positions(stage, t)[0])[box.frame]
-    turn: Array = np.broadcast_to(X_WL @ box.X_FB, (len(t), 4, 4))[:, :3, :3]
-    return turn
+    return np.broadcast_to(X_WL @ box.X_FB, (len(t), 4, 4))[:, :3, :3]
 
 
 def _floor(stage: Stage, name: str, start: Array) -> Array:

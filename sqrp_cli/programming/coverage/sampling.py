@@ -213,5 +213,4 @@ def _paths(X_WF: Array, points: Array) -> Array:
     One matrix product of all states at once is several times faster than one for each.
     """
     rotated = points @ X_WF[:, :3, :3].reshape(-1, 3).T
-    paths: Array = rotated.reshape(len(points), -1, 3) + X_WF[:, :3, 3]
-    return paths
+    return rotated.reshape(len(points), -1, 3) + X_WF[:, :3, 3]

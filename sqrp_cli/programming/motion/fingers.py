@@ -42,8 +42,7 @@ def closed_on(scene: CollisionScene, name: str, X_TO: Array, start: Array) -> Ar
     for _ in range(int(np.ceil(np.log2(CLOSING_STEP / TOUCH)))):
         middle = 0.5 * (apart + touching)
         apart, touching = (apart, middle) if touches(middle) else (middle, touching)
-    found: Array = start + apart * (closed - start)
-    return found
+    return start + apart * (closed - start)
 
 
 def opened_to(fingers: FingerModel, width: float | None) -> Array | str:
@@ -57,8 +56,7 @@ def opened_to(fingers: FingerModel, width: float | None) -> Array | str:
         return "it is not stated how wide the fingers open; state `width` in `robot.fingers`, such as `width: 80 mm`"
     if width > fingers.width:
         return f"the fingers open by {1000 * fingers.width:g} mm, not by {1000 * width:g} mm"
-    positions: Array = fingers.closed + width / fingers.width * (fingers.open - fingers.closed)
-    return positions
+    return fingers.closed + width / fingers.width * (fingers.open - fingers.closed)
 
 
 def _touching(scene: CollisionScene, name: str, X_TO: Array, fingers: Array) -> bool:

@@ -62,8 +62,7 @@ def rest_to_rest_duration(distance: ArrayLike, limits: MotionLimits) -> Array:
     triangle = np.where(
         distance * j * j < 2 * a**3, 4 * np.cbrt(distance / (2 * j)), a / j + np.sqrt((a / j) ** 2 + 4 * distance / a)
     )
-    duration: Array = np.where(distance < v * ramp, triangle, distance / v + ramp)
-    return duration
+    return np.where(distance < v * ramp, triangle, distance / v + ramp)
 
 
 def _ramp(v: float, a: float, j: float) -> float:

@@ -84,8 +84,7 @@ class WaypointGrounder:
                 held, carrier = self.binding[parameter], self.binding[surface]
                 settings = (self._number(setting) for setting in (put.along, put.across, put.yaw))
                 X_BO = put_pose(self.objects[held].size, self.objects[carrier].size, *settings)
-                X_WT: Array = self.X_WO[carrier] @ X_BO @ inverse(self.X_TO[held])
-                return X_WT
+                return self.X_WO[carrier] @ X_BO @ inverse(self.X_TO[held])
             case RetreatWaypoint(waypoint=other, distance=distance):
                 return self.pose(other) @ pose(position=(0.0, 0.0, -self._number(distance)))
             case RaiseWaypoint(waypoint=other, distance=distance):
@@ -102,8 +101,7 @@ class WaypointGrounder:
                 return pose(position=axes[:3, :3] @ shift) @ X_WT
             case PoseWaypoint(X_FT=X_FT, frame=frame, of=held):
                 of_tool = pose() if held is None else inverse(self.X_TO[self.binding[held]])
-                stated: Array = self._frame(frame) @ X_FT @ of_tool
-                return stated
+                return self._frame(frame) @ X_FT @ of_tool
 
     def _frame(self, name: str) -> Array:
         """The pose X_WF of the world, or of an object that a skill names, shape (4, 4)."""

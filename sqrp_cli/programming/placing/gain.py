@@ -142,8 +142,7 @@ class Gain:
 
     def covered(self, seen: Array) -> Mask:
         """Which rows are covered, (rows, sets)."""
-        found: Mask = seen >= self._needed
-        return found
+        return seen >= self._needed
 
     def figures(self, seen: Array) -> list[Array]:
         """Q_eoi and Q_avg of each way for several sets of cameras, NaN where undefined, (2, sets).

@@ -123,8 +123,7 @@ def _within(entry: MountEntry, position: Array) -> Array:
     if laid is None:
         return position
     low, high = np.minimum(laid.start, laid.end), np.maximum(laid.start, laid.end)
-    inside: Array = np.clip(position, low, high)
-    return inside
+    return np.clip(position, low, high)
 
 
 def _moved(seat: CameraSeat, position: Array) -> CameraSeat:

@@ -83,5 +83,4 @@ def hidden_by(way: JudgedWay, spot: Spot, other: Spot) -> Mask:
 def _in_world(way: JudgedWay, spot: Spot) -> Array:
     """Where a place is in the world, shape (m, 3) or (1, 3)."""
     X_WF = way.states.X_WF[spot.frame]
-    places: Array = X_WF[:, :3, :3] @ spot.position + X_WF[:, :3, 3]
-    return places
+    return X_WF[:, :3, :3] @ spot.position + X_WF[:, :3, 3]

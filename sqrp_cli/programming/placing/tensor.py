@@ -160,5 +160,4 @@ def joined_items(before: JudgedWay, sees: Mask, more: JudgedWay, added: Mask, af
     columns = {(int(s), int(t)): n for n, (s, t) in enumerate(zip(*before.items, strict=True))}
     columns |= {(count + int(s), int(t)): sees.shape[-1] + n for n, (s, t) in enumerate(zip(*more.items, strict=True))}
     chosen = [columns[int(order[s]), int(t)] for s, t in zip(*after.items, strict=True)]
-    found: Mask = np.concatenate([sees, added], axis=-1)[..., chosen]
-    return found
+    return np.concatenate([sees, added], axis=-1)[..., chosen]

@@ -181,8 +181,7 @@ def _glances(cell: Cell, scenes: Sequence[Rehearsal]) -> list[_Glance]:
 def _middles(start: float, end: float) -> Array:
     """The middles of equal stretches of about `GLANCE_STEP` [s], shape (k,)."""
     count = max(1, int(np.ceil((end - start) / GLANCE_STEP)))
-    middles: Array = start + (end - start) * (np.arange(count) + 0.5) / count
-    return middles
+    return start + (end - start) * (np.arange(count) + 0.5) / count
 
 
 def _runners(cell: Cell, scenes: Sequence[Rehearsal], longest: float, interest_first: bool) -> list[_Runner]:

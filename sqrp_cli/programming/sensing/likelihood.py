@@ -93,8 +93,7 @@ def _sights(camera: Camera, box: SoughtBox, states: SceneStates, shutter: Shutte
 
 def _in_camera(camera: Camera, box: SoughtBox, states: SceneStates) -> Array:
     """Poses of a box in the optical frame, shape (m or 1, 4, 4)."""
-    X_CB: Array = inverse(states.camera_poses(camera)) @ states.box_poses(box)
-    return X_CB
+    return inverse(states.camera_poses(camera)) @ states.box_poses(box)
 
 
 def _in_front(points_C: Array) -> Array:
@@ -111,5 +110,4 @@ def at_least(probabilities: Array, number: int) -> Array:
         seen = exactly[:, :-1] * camera[:, None]
         exactly[:, :-1] -= seen
         exactly[:, 1:] += seen
-    found: Array = exactly[:, -1]
-    return found
+    return exactly[:, -1]

@@ -59,8 +59,7 @@ class MovedCamera:
     def world_poses(self, X_FC: Array, look: Indices) -> Array:
         """World poses (v, 4, 4) of the optical frame at poses (v, 4, 4) in its frame, in the states of some looks."""
         still = len(self._X_WF) == 1
-        moved: Array = (self._X_WF if still else self._X_WF[self._state[look]]) @ X_FC
-        return moved
+        return (self._X_WF if still else self._X_WF[self._state[look]]) @ X_FC
 
     def within(self, X_FC: Array) -> Mask:
         """Whether each look passes the limits of camera and detector from each of p poses (p, 4, 4); shape (p, n)."""

@@ -63,13 +63,11 @@ class SceneStates:
 
     def camera_poses(self, camera: Camera) -> Array:
         """World poses of a camera's optical frame, shape (m or 1, 4, 4)."""
-        poses: Array = self.X_WF[camera.frame] @ camera.X_FC
-        return poses
+        return self.X_WF[camera.frame] @ camera.X_FC
 
     def box_poses(self, box: TargetBox) -> Array:
         """World poses of a target box, shape (m or 1, 4, 4)."""
-        poses: Array = self.X_WF[box.frame] @ box.X_FB
-        return poses
+        return self.X_WF[box.frame] @ box.X_FB
 
     def solid_poses(self, solids: Solids) -> SolidPoses:
         """World poses of solids."""

@@ -85,8 +85,7 @@ class SightLines:
     def corners(self) -> Array:
         """Corners of the shrunk boxes in the world, shape (h, 8, 3)."""
         corners_B = self.half_size[:, None] * BOX_SIGNS + self.offset[:, None]
-        corners: Array = corners_B @ self.X_WB[:, :3, :3].swapaxes(1, 2) + self.X_WB[:, None, :3, 3]
-        return corners
+        return corners_B @ self.X_WB[:, :3, :3].swapaxes(1, 2) + self.X_WB[:, None, :3, 3]
 
     @cached_property
     def finite(self) -> Mask:
@@ -214,8 +213,7 @@ class WatchedBoxes:
 
     def least_of(self, lines: SightLines) -> Array:
         """The share that the detector must see of the box of each sight line, shape (v,)."""
-        least: Array = np.array([entry.limits.min_visible for entry in self.boxes])[lines.box[lines.hull]]
-        return least
+        return np.array([entry.limits.min_visible for entry in self.boxes])[lines.box[lines.hull]]
 
     @cached_property
     def _X_WC(self) -> list[Array]:

@@ -165,8 +165,7 @@ class _Points:
         by_clock = -(g * self.speeds).sum(axis=1)
         by_place = np.column_stack([np.einsum("ni,nij->nj", g, self.R_CW), (g * self.levers).sum(axis=1)])
         by_object = (self.owned[:, :, None] * by_place[:, None, :]).reshape(len(g), -1)
-        slopes: Array = np.column_stack([by_turn, -g, by_clock, np.ones(len(g)), by_object])
-        return slopes
+        return np.column_stack([by_turn, -g, by_clock, np.ones(len(g)), by_object])
 
     def _placed(self, change: Array) -> Array:
         """The points with objects where they are, seen from the camera before it turns, (n, 3)."""

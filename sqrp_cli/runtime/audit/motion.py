@@ -74,8 +74,7 @@ class JointTracks:
     def position(self, name: str, t: Array) -> Array:
         """Of a joint at times t (m,) [s]; between two states linear."""
         times, values = self._tracks[name]
-        found: Array = np.interp(t, times, values)
-        return found
+        return np.interp(t, times, values)
 
     def covers(self, names: Collection[str], t: Array) -> Mask:
         """Whether all of some joints are known at times t (m,) [s]."""

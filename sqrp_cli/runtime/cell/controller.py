@@ -124,8 +124,7 @@ class Controller:
             jacobian = np.zeros((3, model.nv))
             mujoco.mj_jac(model, scratch, jacobian, None, self._data.xipos[payload.obj], payload.carrier)
             torque -= model.body_mass[payload.obj] * model.opt.gravity @ jacobian
-        needed: Array = self._moved.T @ torque
-        return needed
+        return self._moved.T @ torque
 
     def _motion_by_motors(self) -> Array:
         """How fast each degree of freedom moves with each motor, (nv, motors): followers as their leaders do."""

@@ -280,8 +280,7 @@ def _between(transforms: Mapping[str, tuple[str, Array]], frame: str, child: str
     to_frame, to_child = _to_root(transforms, frame), _to_root(transforms, child)
     if to_frame[0] != to_child[0] or (frame == child):
         return None
-    X: Array = inverse(to_frame[1]) @ to_child[1]
-    return X
+    return inverse(to_frame[1]) @ to_child[1]
 
 
 def _to_root(transforms: Mapping[str, tuple[str, Array]], frame: str) -> tuple[str, Array]:

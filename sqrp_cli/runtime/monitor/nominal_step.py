@@ -90,8 +90,7 @@ class NominalStep:
     @property
     def times(self) -> Sequence[float]:
         """The instants at which the nominal motion is looked at, from 0 on [s]; the last may lie after its end."""
-        found: list[float] = self._t.tolist()
-        return found
+        return self._t.tolist()
 
     def holds(self, atom: str, t: float) -> bool:
         """Whether an atom holds at time t [s] of the step."""

@@ -72,8 +72,7 @@ class ExpectedView:
 
     def pose(self, box: TargetBox) -> Array:
         """World pose of a box, (4, 4)."""
-        X_WB: Array = self._X_WF[box.frame] @ box.X_FB
-        return X_WB
+        return self._X_WF[box.frame] @ box.X_FB
 
     def projected(self, name: str, X_WO: Array) -> ProjectedObject | None:
         """An object at a pose (4, 4); None where some of its box is behind the camera or beyond what the lens shows."""

@@ -106,8 +106,7 @@ def _unpacked(message: Message, expected: ImageSize, place: Place, where: str) -
     rows = np.asarray(message.data, np.uint8)[: message.step * found.height].reshape(found.height, message.step)
     pixels = np.ascontiguousarray(rows[:, :row]).reshape(found.height, found.width, -1).squeeze()
     conversion = _CONVERSIONS[encoding]
-    image: ImageArray = pixels if conversion is None else cv2.cvtColor(pixels, conversion)
-    return image
+    return pixels if conversion is None else cv2.cvtColor(pixels, conversion)
 
 
 def _jpeg_size(content: bytes) -> ImageSize | None:

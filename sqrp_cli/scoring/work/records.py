@@ -110,5 +110,4 @@ def _read(value: Any, skills: Mapping[str, Skill]) -> Any:  # noqa: ANN401 # a v
 
 def _mask(text: str, shape: tuple[int, ...]) -> Mask:
     bits = np.frombuffer(base64.b64decode(text), dtype=np.uint8)
-    mask: Mask = np.unpackbits(bits, count=int(np.prod(shape))).astype(bool).reshape(shape)
-    return mask
+    return np.unpackbits(bits, count=int(np.prod(shape))).astype(bool).reshape(shape)

@@ -59,8 +59,7 @@ class MotionBound:
 
         X_WF: frames, as of `RobotModel.frame_poses`.
         """
-        axes: Array = (X_WF[:, self.spine, :3, :3] @ self._axes[:, :, None])[..., 0]
-        return axes
+        return (X_WF[:, self.spine, :3, :3] @ self._axes[:, :, None])[..., 0]
 
     def along_spine(self, variation: Array) -> Array:
         """How much each joint of the spine may differ, (m, s), where those of the arm differ by a variation, (m, n)."""

@@ -103,8 +103,7 @@ class PlacedBodies:
     def world_centers(self, X_WF: Array) -> Array:
         """Centres of the spheres around the bodies, (m, S, 3), where the frames are at X_WF, (m, N + 1, 4, 4)."""
         X = X_WF[:, self.frame]
-        centers: Array = (X[..., :3, :3] @ self.center[:, :, None])[..., 0] + X[..., :3, 3]
-        return centers
+        return (X[..., :3, :3] @ self.center[:, :, None])[..., 0] + X[..., :3, 3]
 
     def gap(self, X_WF: Array, at: Indices, boxed: Indices, covered: Indices) -> Array:
         """A lower bound of the distance [m] of pairs, from a box around one and spheres around the other, shape (k,).

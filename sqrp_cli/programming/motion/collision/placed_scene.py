@@ -279,8 +279,7 @@ class _Course:
         slopes, breaks = self.slopes, self.path.breaks
         if len(slopes) > 1:
             slopes = slopes[np.clip(np.searchsorted(breaks, s) - 1, 0, len(slopes) - 1)]
-        variation: Array = slopes * half[:, None]
-        return variation
+        return slopes * half[:, None]
 
 
 @dataclass(frozen=True, eq=False)

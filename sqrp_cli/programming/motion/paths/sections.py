@@ -175,8 +175,7 @@ class BranchFinder:
         for contact in contacts:
             if contact is not None:
                 self._failures.note(section.first - 1, f"{contact} at the end of {section.move.name}")
-        clear: Array = ends[[contact is None for contact in contacts]]
-        return clear
+        return ends[[contact is None for contact in contacts]]
 
     def _followed(self, section: Section, begun: list[_Begun]) -> list[_Begun]:
         """The given branches with the trajectories of all tied primitives; without those that fail."""

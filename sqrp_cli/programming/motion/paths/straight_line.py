@@ -232,8 +232,7 @@ def _errors(model: Kinematics, q: Array, X_WT: Array) -> Array:
 
 def _is_short(line: ToolCurve, s: Array, to: Array) -> Mask:
     """Whether the curve hardly winds between positions s and `to`, shape (m,) each."""
-    short: Mask = (to - s) * line.winding <= LARGEST_TURN
-    return short
+    return (to - s) * line.winding <= LARGEST_TURN
 
 
 def _meet(model: Kinematics, guesses: Array, X_WT: Array) -> tuple[Array, Mask]:

@@ -36,8 +36,7 @@ class PoseBounds:
 
         The camera's turn, and the angle under which the ball of its centres is seen from the point.
         """
-        found: Array = self.turn + self.parallax(distances)
-        return found
+        return self.turn + self.parallax(distances)
 
     def parallax(self, distances: Array) -> Array:
         """The angles under which the ball of a camera's centres is seen from points at distances [m]."""

@@ -51,8 +51,7 @@ class Columns:
     def reach(self) -> Array:
         """Distance from the middle of each column within which its centres lie, shape (n,) [m]."""
         centred = self.aside >= self.bounds.reach
-        found: Array = np.where(centred, self.bounds.reach, np.hypot(self.aside, self.along))
-        return found
+        return np.where(centred, self.bounds.reach, np.hypot(self.aside, self.along))
 
     def some(self, which: Mask) -> Columns:
         """Some of the columns."""

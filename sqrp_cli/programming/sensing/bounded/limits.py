@@ -120,8 +120,7 @@ def _tangents(points: Array, axis: int, spread: Array) -> Enclosure:
 
 def _tangent(angle: Array) -> Array:
     """Tangents of angles, `_FAR` at most; beyond a right angle, which is never shown, that."""
-    found: Array = np.clip(np.tan(np.clip(angle, -_RIGHT, _RIGHT)), -_FAR, _FAR)
-    return found
+    return np.clip(np.tan(np.clip(angle, -_RIGHT, _RIGHT)), -_FAR, _FAR)
 
 
 def _bent(projection: Projection, points: Array, spread: Array, *, sure: bool) -> tuple[Enclosure, Enclosure, Mask]:
@@ -205,8 +204,7 @@ def _sizes_allowed(
     bend(projections, plane)
     u, v = to_pixels(projections, plane)
     enough = smallest**2 / np.maximum(factor, 1e-200)
-    found: Mask = hull_areas(u, v, _extremes(u, v), enough) >= enough
-    return found
+    return hull_areas(u, v, _extremes(u, v), enough) >= enough
 
 
 def _extremes(u: Array, v: Array) -> Array:

@@ -203,8 +203,7 @@ class _Hulls:
         """
         least = np.cos(turn) - np.sin(turn) * self.slant
         across = np.sin(turn) * np.hypot(*self.sides.T)
-        found: Array = np.where(least > 0, 3.0 * across / np.maximum(least, 1e-300), np.inf)
-        return found
+        return np.where(least > 0, 3.0 * across / np.maximum(least, 1e-300), np.inf)
 
 
 def _least_depths(lines: SightLines, hulls: _Hulls, poses: SolidPoses, pairs: Pairs, reach: float) -> Array:
@@ -247,8 +246,7 @@ class _Cells:
 
     def along(self, length: Array, radius: Array) -> Array:
         """How many rays there may be within a distance of a line, or of a point at least, on one side of it; (l,)."""
-        found: Array = (length * radius + np.pi * radius * radius) / (self.across * self.down)
-        return found
+        return (length * radius + np.pi * radius * radius) / (self.across * self.down)
 
     def around(self, rays: Mask, radius: Array) -> Mask:
         """The rays within a rectangle of twice the size of `radius` (l,), or a little more, around those given."""
@@ -287,5 +285,4 @@ def _spread(rays: Mask, count: Indices, axis: int) -> Mask:
         last, first = last[..., None], first[..., None]
     else:
         last, first = last.T[None], first.T[None]
-    spread: Mask = np.take_along_axis(total, last, axis) > np.take_along_axis(total, first, axis)
-    return spread
+    return np.take_along_axis(total, last, axis) > np.take_along_axis(total, first, axis)

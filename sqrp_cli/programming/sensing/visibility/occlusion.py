@@ -283,11 +283,9 @@ def _planes(eyes: Array, rays: Array, axis: Array, depth: Array) -> Array:
 
 def _dot(a: Array | list[Array] | tuple[Array, ...], b: Array | list[Array] | tuple[Array, ...]) -> Array:
     """Inner products of vectors whose coordinates come first."""
-    product: Array = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-    return product
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def _norm(vectors: Array) -> Array:
     """Lengths of vectors whose coordinates come first."""
-    length: Array = np.sqrt(_dot(vectors, vectors))
-    return length
+    return np.sqrt(_dot(vectors, vectors))

@@ -149,8 +149,7 @@ def first_row(v: Array) -> Indices:
 
     An edge crosses the rows from that of its one end, included, to that of the other, not included.
     """
-    rows: Indices = np.ceil(np.minimum(np.maximum(v, 0.0), ROWS)).astype(np.int64)
-    return rows
+    return np.ceil(np.minimum(np.maximum(v, 0.0), ROWS)).astype(np.int64)
 
 
 @dataclass(frozen=True, eq=False)

@@ -364,8 +364,7 @@ class SeenBoxes:
         # A row across a width of w cells holds at least w - 1 rays, and the widths add up to the area at least.
         least = self.areas[hull] - ROWS
         blocked = np.bincount(solids.line, self.grid.most_rays(solids.maps, solids.corners), minlength=len(hull))
-        seen: Mask = blocked < (1.0 - enough) * least * (1.0 - _ROUNDING)
-        return seen
+        return blocked < (1.0 - enough) * least * (1.0 - _ROUNDING)
 
     def regions(self, hull: Indices, points_B: Array, points_C: Array) -> NDArray[np.uint16]:
         """The convex regions in which points seen in k of the views lie, one bit each, shape (k, n).
