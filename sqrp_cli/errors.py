@@ -91,6 +91,11 @@ class InputError(SqrpError):
         self.problems = problems
 
 
+def bad_option(message: str, place: Place | None = None, *, mend: str | None = None) -> InputError:
+    """The error of an option, or an argument, that cannot be used as it is."""
+    return InputError(Problem("bad-option", message, place, mend=mend))
+
+
 @dataclass(frozen=True)
 class Infeasible:
     """Why something cannot be done: sentences with figures, the most useful first."""

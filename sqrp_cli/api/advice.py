@@ -13,7 +13,7 @@ import numpy as np
 
 from sqrp_cli.api.answer import Answer
 from sqrp_cli.api.session import assess, check_choice, choose_candidate
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import InputError, Problem, bad_option
 from sqrp_cli.geometry import inverse, read_only
 from sqrp_cli.knowledge.text.patches import patch
 from sqrp_cli.knowledge.text.source import SourceDocument
@@ -142,7 +142,7 @@ class TaskAdvice(Answer[AdviceDocument]):
         if not 1 <= number <= len(self.advice):
             count = len(self.advice)
             expected = f"expected 1 to {count}" if count else "there is none"
-            raise InputError(Problem("bad-option", f"there is no advice {number}; {expected}"))
+            raise bad_option(f"there is no advice {number}; {expected}")
         return self._changed(self.advice[number - 1].change)
 
     @property
@@ -191,10 +191,10 @@ class TaskAdvice(Answer[AdviceDocument]):
     def _changed(self, change: ProposedChange) -> bytes:
         """The workspace file with a change. Raises InputError for what it does not say itself."""
         if change.unwritten:
-            raise InputError(Problem("bad-option", change.unwritten))
+            raise bad_option(change.unwritten)
         if change.X_WO is not None and not self._is_as_stated(change.target):
             message = f"the program before has moved `{change.target}`, so its place is no line of the workspace"
-            raise InputError(Problem("bad-option", message, mend="change the program that puts it there"))
+            raise bad_option(message, mend="change the program that puts it there")
         if change.parameters is None:
             return changed_file(self._file, self.session.workspace, change)
         task = self._task(change.parameters)

@@ -9,7 +9,7 @@ from pathlib import Path
 from reprlib import repr as short
 from typing import TYPE_CHECKING, Literal, get_args
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import InputError, bad_option
 
 if TYPE_CHECKING:
     from sqrp_cli.programming.coverage.robustness import Calibration
@@ -80,15 +80,14 @@ def _check_film(path: Path, name: str) -> None:
         return
     if path.suffix.lower() != ".mp4":
         expected = "expected a name that ends in .mp4 (film), .mcap (recording) or .bag (recording of ROS 1)"
-        raise InputError(Problem("bad-option", f"{name} is `{path}`; {expected}"))
+        raise bad_option(f"{name} is `{path}`; {expected}")
     if str(path) != str(path).encode(errors="ignore").decode():
-        message = f"{name} is `{path}`, which is not UTF-8 text; films are written by a library that needs it"
-        raise InputError(Problem("bad-option", message))
+        raise bad_option(f"{name} is `{path}`, which is not UTF-8 text; films are written by a library that needs it")
 
 
 def refused(name: str, value: object, expected: str) -> InputError:
     """The error that says what an argument was and what was expected."""
-    return InputError(Problem("bad-option", f"{name} is {short(value)}, expected {expected}"))
+    return bad_option(f"{name} is {short(value)}, expected {expected}")
 
 
 def checked_path(value: object, name: str = "path") -> Path:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from sqrp_cli.api.answer import Answer, how_many
 from sqrp_cli.api.arguments import check_progress, checked_path, optional_path
 from sqrp_cli.api.cell import OpenCell, silent
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, Problem, bad_option
 
 if TYPE_CHECKING:
     from sqrp_cli.calibrating.fit import DetectorLooks
@@ -66,13 +66,11 @@ def _labelled(folder: Path, workspace: Path | None, program: Path | None) -> tup
     if (folder / LABELS).is_file() and program is None:
         if workspace is None:
             message = f"{LABELS} does not say which cell it is about"
-            mend = f"sqrp calibrate {folder} --workspace WORKSPACE"
-            raise InputError(Problem("bad-option", message, Place(folder / LABELS), mend=mend))
+            raise bad_option(message, Place(folder / LABELS), mend=f"sqrp calibrate {folder} --workspace WORKSPACE")
         cell = _opened(workspace)
         return cell, list(of_labels(cell.workspace, folder))
     if workspace is not None:
-        message = f"--workspace goes with frames that have a {LABELS}, and there is none"
-        raise InputError(Problem("bad-option", message, Place(folder)))
+        raise bad_option(f"--workspace goes with frames that have a {LABELS}, and there is none", Place(folder))
     file = program or folder / PROGRAM
     if not file.is_file() and program is None:
         none = f"there is neither a {LABELS} in this folder nor a {PROGRAM}, so it is not known what the frames show"

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sqrp_cli.api import arguments
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import InputError, Problem, bad_option
 
 if TYPE_CHECKING:
     from sqrp_cli.api import arguments
@@ -191,7 +191,7 @@ class OpenCell:
         check_choice(session.task, "best" if choose is None else choose)
         whole = bool(session.task.candidates[0].steps)
         if step is not None and not whole:
-            raise InputError(Problem("bad-option", f"--step is {step}, but `{task}` is a task of one step"))
+            raise bad_option(f"--step is {step}, but `{task}` is a task of one step")
         if choose is None:
             check_one_step(session, "--all")
         ranking = rank(list(assess(session, jobs, progress)), "q_eoi")

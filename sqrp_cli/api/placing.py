@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sqrp_cli.api.answer import Answer
-from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.errors import InputError, Problem, bad_option, expected_names
 from sqrp_cli.knowledge.text.patches import patch
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.workspace.edits import NewCamera, with_cameras
@@ -176,7 +176,7 @@ def _floor(request: PlaceRequest, workspace: Workspace, kept: int) -> FewestPoss
     if request.cameras is not None and request.cameras < cameras - kept:
         mend = f"--cameras {cameras - kept}, or leave the skill out of the workspace's `skills`"
         message = f"{reason}, and `sqrp check` refuses a cell with fewer; --cameras is {request.cameras}"
-        raise InputError(Problem("bad-option", message + (f", and {kept} stay" if kept else ""), mend=mend))
+        raise bad_option(message + (f", and {kept} stay" if kept else ""), mend=mend)
     return FewestPossible(cameras=cameras - kept, reason=reason)
 
 
@@ -184,10 +184,10 @@ def _demand(request: PlaceRequest, floor: FewestPossible | None, kept: int) -> D
     objective = next((one for one in OBJECTIVES if one == request.objective), None)
     if objective is None:
         expected = expected_names(request.objective, OBJECTIVES)
-        raise InputError(Problem("bad-option", f"the objective is `{request.objective}`; {expected}"))
+        raise bad_option(f"the objective is `{request.objective}`; {expected}")
     if request.cameras is not None and request.cameras + kept <= request.survive:
         message = "of a single camera nothing is left if it fails, so that --survive 1 needs two"
-        raise InputError(Problem("bad-option", message, mend="--cameras 2"))
+        raise bad_option(message, mend="--cameras 2")
     wish = None if request.want is None else read_wish(request.want)
     if wish is None and request.cameras is None:
         wish = Wish(q_eoi=1.0)
@@ -206,10 +206,10 @@ def _tasks(request: PlaceRequest, workspace: Workspace) -> Sequence[str]:
     whole = [text for text in texts if len(split_steps(text)) > 1]
     if whole:
         message = f"`{whole[0]}` has several steps, and cameras are placed for tasks of one step"
-        raise InputError(Problem("bad-option", message, mend="name tasks of one step"))
+        raise bad_option(message, mend="name tasks of one step")
     if not texts:
         message = "the workspace lists no tasks, so it is not known what cameras are for"
-        raise InputError(Problem("bad-option", message, mend="name a task, such as `pickup green`"))
+        raise bad_option(message, mend="name a task, such as `pickup green`")
     return texts
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from sqrp_cli.api import arguments
 from sqrp_cli.api.cell import OpenCell, silent
-from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.errors import InputError, Place, Problem, bad_option, expected_names
 
 if TYPE_CHECKING:
     from sqrp_cli.api.results import Explanation
@@ -146,7 +146,7 @@ class OpenProgram:
         if step is None:
             step = 1 + worst_seen(steps)
         if not 1 <= step <= len(steps):
-            raise InputError(Problem("bad-option", f"--step is {step}, but {self.path} has {len(steps)} steps"))
+            raise bad_option(f"--step is {step}, but {self.path} has {len(steps)} steps")
         cell, chosen = Cell.load(self.workspace, self.seed), steps[step - 1]
         assignment = Assignment(cell, chosen.before, Adaptive())
         candidate = candidate_of(chosen, cell)

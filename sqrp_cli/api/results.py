@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from sqrp_cli.api.answer import Answer, how_many
 from sqrp_cli.api.arguments import check_text, checked_path
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import Problem, bad_option
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -103,8 +103,7 @@ class Ranking(Answer["RankDocument"]):
         check_choice(session.task, choose)
         chosen = choose_candidate(self.ranked, choose).assessment
         if not chosen.feasible:
-            message = f"{chosen.candidate.name} is infeasible ({chosen.reasons[0]}), so {file} was not written"
-            raise InputError(Problem("bad-option", message))
+            raise bad_option(f"{chosen.candidate.name} is infeasible ({chosen.reasons[0]}), so {file} was not written")
         add_steps(session.cell, steps_of(session, chosen), session.assignment.sampling, file)
 
     def show(self) -> None:

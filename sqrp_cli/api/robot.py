@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal
 
 from sqrp_cli.api.cell import OpenCell
 from sqrp_cli.api.program import LazyReplanner, OpenProgram
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import InputError, Problem, bad_option
 
 if TYPE_CHECKING:
     from sqrp_cli.api.run_results import SimulatedRun
@@ -153,7 +153,7 @@ def _free_domain() -> int:
     named = os.environ.get("ROS_DOMAIN_ID")
     if named is not None:
         if not named.isdigit() or int(named) > 232:
-            raise InputError(Problem("bad-option", f"ROS_DOMAIN_ID is `{named}`, expected 0 to 232"))
+            raise bad_option(f"ROS_DOMAIN_ID is `{named}`, expected 0 to 232")
         return int(named)
     for domain in range(100):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:

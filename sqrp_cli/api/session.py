@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from sqrp_cli.errors import Infeasible, InputError, Place, Problem, expected_names
+from sqrp_cli.errors import Infeasible, InputError, Place, Problem, bad_option, expected_names
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.platform.files import alone, check_writable, real_path
 from sqrp_cli.program.check import flaws
@@ -141,7 +141,7 @@ def world_before(after: Path | None, program: Path | None) -> Path | None:
         raise InputError(Problem("would-overwrite", message, Place(program), mend=mend))
     if after is not None:
         message = f"{program} exists, so its next step starts where it ends and not where {after} does"
-        raise InputError(Problem("bad-option", message, mend="leave out --after, or name a new file after --program"))
+        raise bad_option(message, mend="leave out --after, or name a new file after --program")
     return program
 
 
@@ -185,8 +185,7 @@ def at_step(session: Session, chosen: Ranked, number: int | None) -> StepInWorld
     if number is None:
         number = 1 + worst_seen([one.assessment for one in done])
     if not 1 <= number <= len(done):
-        message = f"--step is {number}, expected a step of {chosen.assessment.candidate.name}: 1 to {len(done)}"
-        raise InputError(Problem("bad-option", message))
+        raise bad_option(f"--step is {number}, expected a step of {chosen.assessment.candidate.name}: 1 to {len(done)}")
     step = done[number - 1]
     candidate = step.assessment.candidate
     task = Task(candidate.task, candidate.skill, (candidate,))
@@ -201,7 +200,7 @@ def check_one_step(session: Session, what: str) -> None:
     if session.task.candidates[0].steps:
         message = f"`{session.task.text}` has several steps, and {what} looks at one"
         mend = "write the steps before it with `sqrp rank ... --program FILE`, then ask about it with `--after FILE`"
-        raise InputError(Problem("bad-option", message, mend=mend))
+        raise bad_option(message, mend=mend)
 
 
 def chosen_steps(suggested: Sequence[SuggestedStep]) -> list[ChosenStep]:

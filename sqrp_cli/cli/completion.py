@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.errors import InputError, bad_option, expected_names
 
 if TYPE_CHECKING:
     from sqrp_cli.knowledge.workspace.workspace import Workspace
@@ -57,7 +57,7 @@ def for_named_shell(words: Sequence[str]) -> bool:
 
     option, named = asked.groups()
     if named not in set(Shells):
-        raise InputError(Problem("bad-option", f"{option} is `{named}`; {expected_names(named, Shells)}"))
+        raise bad_option(f"{option} is `{named}`; {expected_names(named, Shells)}")
     if option == "--show-completion":
         typer.echo(get_completion_script(prog_name="sqrp", complete_var=ASKED, shell=named))
     else:

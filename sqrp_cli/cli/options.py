@@ -12,7 +12,7 @@ import typer
 
 from sqrp_cli.api.arguments import LEAST_STEP, LEAST_TOLERANCE, MOST_SAMPLES, WAYS
 from sqrp_cli.cli import completion
-from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.errors import InputError, Place, Problem, bad_option, expected_names
 from sqrp_cli.platform.memory import keep_all_so_far
 
 if TYPE_CHECKING:
@@ -267,21 +267,21 @@ def read_sampling(samples: int | None, dt: str | None, tolerance: float | None) 
         name for name, value in (("--samples", samples), ("--dt", dt), ("--tolerance", tolerance)) if value is not None
     ]
     if len(given) > 1:
-        raise _refused(f"{given[0]} and {given[1]} exclude each other; give one of them")
+        raise bad_option(f"{given[0]} and {given[1]} exclude each other; give one of them")
     if samples is not None:
         if not 2 <= samples <= MOST_SAMPLES:
-            raise _refused(f"--samples is {samples}, expected 2 to {MOST_SAMPLES:,} per primitive action")
+            raise bad_option(f"--samples is {samples}, expected 2 to {MOST_SAMPLES:,} per primitive action")
         return FixedCount(samples)
     if dt is not None:
         quantity = read_quantity(dt)
         if quantity is None or quantity.dimension not in (None, TIME):
-            raise _refused(f"--dt is `{dt}`, expected {expected_quantity(TIME)}")
+            raise bad_option(f"--dt is `{dt}`, expected {expected_quantity(TIME)}")
         if quantity.value < LEAST_STEP:
-            raise _refused(f"--dt is {quantity.value:g} s, expected at least {LEAST_STEP:g} s")
+            raise bad_option(f"--dt is {quantity.value:g} s, expected at least {LEAST_STEP:g} s")
         return FixedStep(quantity.value)
     if tolerance is not None:
         if not (math.isfinite(tolerance) and 100 * LEAST_TOLERANCE <= tolerance <= 100):
-            raise _refused(f"--tolerance is {tolerance:g}, expected {100 * LEAST_TOLERANCE:g} to 100 points")
+            raise bad_option(f"--tolerance is {tolerance:g}, expected {100 * LEAST_TOLERANCE:g} to 100 points")
         return Adaptive(tolerance / 100)
     return Adaptive()
 
@@ -292,7 +292,7 @@ def read_share(text: str, option: str, least: float) -> float:
 
     found = read_quantity(text)
     if found is None or found.dimension not in (None, SHARE) or not least <= found.value <= 1.0:
-        raise _refused(f"{option} is `{text}`, expected {100 * least:g}% to 100%")
+        raise bad_option(f"{option} is `{text}`, expected {100 * least:g}% to 100%")
     return found.value
 
 
@@ -315,7 +315,7 @@ def read_bounds(text: str | None, sampling: Sampling) -> PoseBounds | None:
         return None
     if not isinstance(sampling, Adaptive):
         fixed = "--samples" if isinstance(sampling, FixedCount) else "--dt"
-        raise _refused(f"--certify excludes {fixed}: a proof needs adaptive sampling")
+        raise bad_option(f"--certify excludes {fixed}: a proof needs adaptive sampling")
     return PoseBounds(*_pose_errors(text, "--certify", "2 mm, 0.2 deg"))
 
 
@@ -328,7 +328,7 @@ def _pose_errors(text: str, option: str, example: str) -> tuple[float, float]:
         quantity = read_quantity(part)
         wrong = _wrong_error(part, quantity, found)
         if wrong or quantity is None or quantity.dimension is None:
-            raise _refused(f"{option}: `{part}` {wrong}; try `{example}`")
+            raise bad_option(f"{option}: `{part}` {wrong}; try `{example}`")
         found[quantity.dimension] = quantity.value
     return found.get(LENGTH, 0.0), found.get(ANGLE, 0.0)
 
@@ -363,7 +363,7 @@ class WaysRead(NamedTuple):
 def read_ways(text: str, known: Sequence[str] = ("best", "all", "fastest")) -> WaysRead:
     """The value of `--ways`. known: the values that the command has. Raises InputError for another one."""
     if text not in known:
-        raise _refused(f"--ways is `{text}`; {expected_names(text, known)}")
+        raise bad_option(f"--ways is `{text}`; {expected_names(text, known)}")
     return WaysRead(next((way for way in WAYS if way == text), "best"), text == "all")
 
 
@@ -401,7 +401,3 @@ def note_late(text: str) -> None:
 def job_count(jobs: int | None) -> int:
     """Processes to use at most."""
     return jobs or os.cpu_count() or 1
-
-
-def _refused(message: str) -> InputError:
-    return InputError(Problem("bad-option", message))

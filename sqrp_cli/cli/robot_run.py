@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sqrp_cli.cli.options import program_with_warnings, read_share
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, Problem, bad_option
 
 if TYPE_CHECKING:
     from sqrp_cli.api.arguments import RunOutputs
@@ -41,7 +41,7 @@ def run_on_robot(
     from sqrp_cli.terminal.run_view import FinishedSteps, LiveView
 
     if as_json and not dry_run and not yes:
-        raise InputError(Problem("bad-option", "--json leaves no room for a question; add --yes, or --dry-run"))
+        raise bad_option("--json leaves no room for a question; add --yes, or --dry-run")
     opened = program_with_warnings(program, seed)
     outputs.check_not_read([*opened.files, robot])
     print_problems(opened.warnings)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import bad_option
 
 
 class Start(NamedTuple):
@@ -27,6 +27,6 @@ class Start(NamedTuple):
             return cls(named, after)
         if after is not None:
             message = f"{named} is a program, so the task starts after it and not after {after}"
-            raise InputError(Problem("bad-option", message, mend="leave out --after, or name a workspace"))
+            raise bad_option(message, mend="leave out --after, or name a workspace")
         same = written is not None and written.exists() and written.samefile(named)
         return cls(find_workspace(load_program(named), named), None if same else named)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
-from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.errors import bad_option, expected_names
 from sqrp_cli.programming.coverage.assessment import Assessment
 
 Criterion = Literal["q_eoi", "q_avg", "time", "delay", "expected_time"]
@@ -19,7 +19,7 @@ def read_criterion(name: str, option: str = "--by") -> Criterion:
     for criterion in CRITERIA:
         if criterion == name:
             return criterion
-    raise InputError(Problem("bad-option", f"{option} is `{name}`; {expected_names(name, CRITERIA)}"))
+    raise bad_option(f"{option} is `{name}`; {expected_names(name, CRITERIA)}")
 
 
 _Figure = Callable[[Assessment], float | None]

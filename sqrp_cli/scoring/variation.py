@@ -10,7 +10,7 @@ from itertools import product
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import bad_option
 from sqrp_cli.geometry import Array
 
 MAX_VARIANTS = 10_000
@@ -54,15 +54,14 @@ def read_variation(text: str) -> Variation:
     good = equals and path.strip() and len(others) in (1, 2) and (count is None or count.strip().isdecimal())
     if not good or len(matches) != 2 or None in matches:
         message = f"--vary is `{text}`, expected PATH=FROM:TO:N, such as `cameras.cam1.pose.position[0]=0.8:1.2:9`"
-        raise InputError(Problem("bad-option", message))
+        raise bad_option(message)
     (low, unit), (high, other_unit) = (match.groups() for match in matches if match is not None)
     if not math.isfinite(float(high) - float(low)):
-        raise InputError(Problem("bad-option", f"--vary is `{text}`: expected ends that are not so far apart"))
+        raise bad_option(f"--vary is `{text}`: expected ends that are not so far apart")
     if unit != other_unit:
-        message = f"--vary is `{text}`: expected the same unit at both ends, such as `80 cm:120 cm:9`"
-        raise InputError(Problem("bad-option", message))
+        raise bad_option(f"--vary is `{text}`: expected the same unit at both ends, such as `80 cm:120 cm:9`")
     if count is not None and int(count) < 1:
-        raise InputError(Problem("bad-option", f"--vary is `{text}`: expected at least one value"))
+        raise bad_option(f"--vary is `{text}`: expected at least one value")
     dotted = _INDEX.sub(r".\1", path.strip())
     return Variation(dotted, float(low), float(high), unit, None if count is None else int(count))
 
@@ -75,7 +74,7 @@ def variants(variations: Sequence[Variation], draws: int | None, seed: int) -> t
     paths = [variation.path for variation in variations]
     twice = [path for path in paths if paths.count(path) > 1]
     if twice:
-        raise InputError(Problem("bad-option", f"`{twice[0]}` is varied twice"))
+        raise bad_option(f"`{twice[0]}` is varied twice")
     if draws is not None:
         rng = np.random.default_rng(seed)
         points = [[float(rng.uniform(v.start, v.end)) for v in variations] for _ in range(draws)]
@@ -83,11 +82,11 @@ def variants(variations: Sequence[Variation], draws: int | None, seed: int) -> t
     open_ended = [variation.path for variation in variations if variation.count is None]
     if open_ended:
         message = f"`{open_ended[0]}` has no number of steps"
-        raise InputError(Problem("bad-option", message, mend="write FROM:TO:N, or give a number of random --draws"))
+        raise bad_option(message, mend="write FROM:TO:N, or give a number of random --draws")
     counts = [variation.count or 1 for variation in variations]
     total = int(np.prod(counts, dtype=object))
     if total > MAX_VARIANTS:
-        raise InputError(Problem("bad-option", f"{total:,} variants are requested, the limit is {MAX_VARIANTS:,}"))
+        raise bad_option(f"{total:,} variants are requested, the limit is {MAX_VARIANTS:,}")
     grids = [np.linspace(v.start, v.end, count).tolist() for v, count in zip(variations, counts, strict=True)]
     return tuple(_values(variations, point) for point in product(*grids))
 

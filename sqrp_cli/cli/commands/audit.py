@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from sqrp_cli.cli.options import Json, Patches, ProgramPath, answer, program_with_warnings, read_share
-from sqrp_cli.errors import ExitCode, InputError, Place, Problem
+from sqrp_cli.errors import ExitCode, Place, bad_option
 
 NAME = "audit"
 
@@ -58,9 +58,7 @@ def command(
     topics = _topics(topic or [])
     if is_bag(program):
         mend = shlex.join(["sqrp", "audit", str(recording), str(program)])
-        raise InputError(
-            Problem("bad-option", "this is a recording; expected a program here", Place(program), mend=mend)
-        )
+        raise bad_option("this is a recording; expected a program here", Place(program), mend=mend)
     check_packages()
     opened = program_with_warnings(program)
     if patch is not None:
@@ -83,9 +81,8 @@ def _topics(texts: list[str]) -> dict[str, str]:
     for text in texts:
         camera, equals, topic = text.partition("=")
         if not (camera and equals and topic):
-            message = f"--topic is `{text}`, expected CAMERA=TOPIC such as cam1=/left/image_raw/compressed"
-            raise InputError(Problem("bad-option", message))
+            raise bad_option(f"--topic is `{text}`, expected CAMERA=TOPIC such as cam1=/left/image_raw/compressed")
         if pairs.get(camera, topic) != topic:
-            raise InputError(Problem("bad-option", f"--topic names both {pairs[camera]} and {topic} for {camera}"))
+            raise bad_option(f"--topic names both {pairs[camera]} and {topic} for {camera}")
         pairs[camera] = topic
     return pairs

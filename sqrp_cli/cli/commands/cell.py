@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from sqrp_cli.cli.options import Seed, WorkspacePath, open_with_warnings, program_with_warnings
-from sqrp_cli.errors import ExitCode, InputError, Place, Problem
+from sqrp_cli.errors import ExitCode, InputError, Place, Problem, bad_option
 
 NAME = "cell"
 
@@ -61,10 +61,9 @@ def command(
 
     if serve not in _HOW:
         found = f"is `{serve}`" if serve else "is missing"
-        mend = f"sqrp cell {workspace} --serve ros2"
-        raise InputError(Problem("bad-option", f"--serve {found}; expected ros2 or ros1", mend=mend))
+        raise bad_option(f"--serve {found}; expected ros2 or ros1", mend=f"sqrp cell {workspace} --serve ros2")
     if fault and program is None:
-        raise InputError(Problem("bad-option", "--fault needs --program: its times are those of a program"))
+        raise bad_option("--fault needs --program: its times are those of a program")
     cell = open_with_warnings(workspace, seed)
     opened = None if program is None else program_with_warnings(program, seed)
     if config is not None:

@@ -12,7 +12,7 @@ from sqrp_cli.cli import completion
 from sqrp_cli.cli.options import After, Jobs, Json, Seed, StartPath, answer, job_count
 from sqrp_cli.cli.start import Start
 from sqrp_cli.cli.watch import Watch, watched
-from sqrp_cli.errors import ExitCode, InputError, Problem
+from sqrp_cli.errors import ExitCode, InputError, bad_option
 
 if TYPE_CHECKING:
     from sqrp_cli.api.results import Check
@@ -56,7 +56,7 @@ def command(
         return watched(context, {"--json": as_json, "--program": program})
     if task is None and (program is not None or planner is not None):
         option = "--program" if program is not None else "--planner"
-        raise InputError(Problem("bad-option", f"{option} is about a task, which is missing"))
+        raise bad_option(f"{option} is about a task, which is missing")
     try:
         workspace, after = Start.of(workspace, after, program)
         checked = _check(workspace, task, after, program, planner, job_count(jobs), seed)

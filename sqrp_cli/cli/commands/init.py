@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from sqrp_cli.cli.options import Json, answer
-from sqrp_cli.errors import ExitCode, InputError, Problem
+from sqrp_cli.errors import ExitCode, InputError, Problem, bad_option
 
 NAME = "init"
 
@@ -66,11 +66,11 @@ def command(
 
     for option, value in (("--objects", objects), ("--cameras", cameras), ("--seed", seed)):
         if value is not None and not random:
-            raise InputError(Problem("bad-option", f"{option} is about --random, which is missing"))
+            raise bad_option(f"{option} is about --random, which is missing")
     folder, given = _split([str(folder), *(arguments or [])])
     for option, stated in (("--tip", tip), ("--package-root", package_root), ("an argument", given)):
         if stated and urdf is None and moveit is None:
-            raise InputError(Problem("bad-option", f"{option} is about the arm of --urdf, which is missing"))
+            raise bad_option(f"{option} is about the arm of --urdf, which is missing")
     for root in package_root or []:
         if not root.is_dir():
             raise InputError(Problem("missing-folder", f"--package-root: there is no folder {root}"))
@@ -97,6 +97,5 @@ def _split(words: list[str]) -> tuple[Path, dict[str, str]]:
     folders = [word for word in words if ":=" not in word]
     if len(folders) != 1:
         found = ", ".join(f"`{word}`" for word in folders) or "none"
-        message = f"expected one folder, and arguments such as `ur_type:=ur5e`; found the folders {found}"
-        raise InputError(Problem("bad-option", message))
+        raise bad_option(f"expected one folder, and arguments such as `ur_type:=ur5e`; found the folders {found}")
     return Path(folders[0]), given

@@ -12,7 +12,7 @@ import typer
 from sqrp_cli.cli import completion
 from sqrp_cli.cli import options as option
 from sqrp_cli.cli.options import answer, job_count, open_to_write, page_is_written, read_sampling, read_ways
-from sqrp_cli.errors import ExitCode, InputError, Problem
+from sqrp_cli.errors import ExitCode, bad_option
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -133,5 +133,5 @@ def _only(patches: Sequence[Path] | None) -> Path | None:
     """The file for the patch, if one is named. Raises InputError for several."""
     if patches is not None and len(patches) > 1:
         named = ", ".join(map(str, patches))
-        raise InputError(Problem("bad-option", f"--patch is given {len(patches)} times: {named}", mend="name one file"))
+        raise bad_option(f"--patch is given {len(patches)} times: {named}", mend="name one file")
     return patches[0] if patches else None

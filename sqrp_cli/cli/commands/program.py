@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sqrp_cli.cli.options import Json, check_own
-from sqrp_cli.errors import ExitCode, InputError, Place, Problem, nearest
+from sqrp_cli.errors import ExitCode, InputError, Place, Problem, bad_option, nearest
 
 if TYPE_CHECKING:
     from sqrp_cli.knowledge.workspace.workspace import Workspace
@@ -57,17 +57,17 @@ def command(
         from sqrp_cli.cli.commands.program_new import make_program
 
         if workspace is None or drop_last or export is not None or rate is not None or as_json:
-            raise _refused("`sqrp program new` takes a workspace and nothing else", "sqrp program new WORKSPACE")
+            raise bad_option("`sqrp program new` takes a workspace and nothing else", mend="sqrp program new WORKSPACE")
         return make_program(workspace)
     if workspace is not None:
         mend = f"sqrp program {file}"
         if not file.exists() and nearest(str(file), [NEW]):
             mend = f"sqrp program {NEW} {shlex.quote(str(workspace))}"
-        raise _refused(f"one program at a time: found {file} and {workspace}", mend)
+        raise bad_option(f"one program at a time: found {file} and {workspace}", mend=mend)
     if drop_last and export is not None:
-        raise _refused("--drop-last and --export exclude each other; give one of them")
+        raise bad_option("--drop-last and --export exclude each other; give one of them")
     if rate is not None and export is None:
-        raise _refused("--rate is about --export, which is missing")
+        raise bad_option("--rate is about --export, which is missing")
     _list(file, drop_last, export, rate, as_json)
     return ExitCode.OK
 
@@ -142,7 +142,7 @@ def _export(program: Program, workspace: Workspace, file: Path, target: Path, ra
 
     if target.suffix.lower() not in (*FORMATS, *SUFFIXES):
         message = f"--export is `{target}`; expected a name that ends in .csv, or in .yaml, .mcap or .bag for ROS"
-        raise _refused(message)
+        raise bad_option(message)
     if not program.steps:
         raise InputError(Problem("no-steps", "this program has no steps, so there is nothing to export", Place(file)))
     check_not_read([target], [file, *(one.path for one in workspace.files.values())])
@@ -177,11 +177,7 @@ def _read_rate(rate: str | None) -> float:
     quantity = read_quantity(rate)
     least, most = RATES
     if quantity is None or quantity.dimension not in (None, FREQUENCY):
-        raise _refused(f"--rate is `{rate}`, expected {expected_quantity(FREQUENCY)}")
+        raise bad_option(f"--rate is `{rate}`, expected {expected_quantity(FREQUENCY)}")
     if not least <= quantity.value <= most:
-        raise _refused(f"--rate is {quantity.value:g} Hz, expected {least:g} to {most:g} Hz")
+        raise bad_option(f"--rate is {quantity.value:g} Hz, expected {least:g} to {most:g} Hz")
     return quantity.value
-
-
-def _refused(message: str, mend: str | None = None) -> InputError:
-    return InputError(Problem("bad-option", message, mend=mend))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sqrp_cli.cli.options import Json, Report, Seed, answer, check_report, program_with_warnings, read_program
-from sqrp_cli.errors import ExitCode, InputError, Problem
+from sqrp_cli.errors import ExitCode, InputError, Problem, bad_option
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -129,21 +129,21 @@ def _check_options(
     if sweep is not None:
         _refuse_with("--sweep", {"--fault": fault, "--report": outputs.page, **files})
     elif n is not None:
-        raise InputError(Problem("bad-option", "--n is about --sweep, which is missing"))
+        raise bad_option("--n is about --sweep, which is missing")
 
 
 def _check_robot_options(robot: Path | None, others: Mapping[str, object]) -> None:
     """Raises InputError for options of a robot without one."""
     for name, value in others.items():
         if value and robot is None:
-            raise InputError(Problem("bad-option", f"{name} is about --robot, which is missing"))
+            raise bad_option(f"{name} is about --robot, which is missing")
 
 
 def _refuse_with(option: str, others: Mapping[str, object]) -> None:
     """Raises InputError if an option is given together with one that it excludes."""
     for name, value in others.items():
         if value:
-            raise InputError(Problem("bad-option", f"{option} and {name} exclude each other; give one of them"))
+            raise bad_option(f"{option} and {name} exclude each other; give one of them")
 
 
 def _open(path: Path, *, sim: bool, seed: int) -> OpenProgram:

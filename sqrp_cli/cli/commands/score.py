@@ -11,7 +11,7 @@ import typer
 from sqrp_cli.cli import options as option
 from sqrp_cli.cli.options import Patches, answer, job_count, note_late, read_sampling
 from sqrp_cli.cli.watch import Watch, watched
-from sqrp_cli.errors import ExitCode, InputError, Problem
+from sqrp_cli.errors import ExitCode, InputError, bad_option
 from sqrp_cli.platform.files import check_distinct, check_writable
 
 if TYPE_CHECKING:
@@ -98,15 +98,15 @@ def command(
         return watched(context, {"--json": as_json, "--vary": vary, "--save-baseline": save_baseline})
     if resume and out is None:
         mend = "name the folder of the interrupted run: --out DIR --resume"
-        raise InputError(Problem("bad-option", "--resume needs the folder with the results", mend=mend))
+        raise bad_option("--resume needs the folder with the results", mend=mend)
     if not vary and (draws is not None or patch is not None):
         given = "--draws" if draws is not None else "--patch"
-        raise InputError(Problem("bad-option", f"{given} is about --vary, which is missing"))
+        raise bad_option(f"{given} is about --vary, which is missing")
     if allow_missing and baseline is None:
-        raise InputError(Problem("bad-option", "--allow-missing is about --baseline, which is missing"))
+        raise bad_option("--allow-missing is about --baseline, which is missing")
     outputs = Outputs(junit, summary, save_baseline, report)
     if vary and (baseline is not None or outputs.paths):
-        raise InputError(Problem("bad-option", "--vary goes without baselines and reports"))
+        raise bad_option("--vary goes without baselines and reports")
     outputs.check()
     with connected(cluster, note_late) as workers:
         from sqrp_cli.scoring.work.compute import Means
@@ -213,7 +213,7 @@ def _vary(
     files = find_workspaces(paths)
     if len(files) > 1:
         names = ", ".join(f"`{name}`" for name in short_names(files).values())
-        raise InputError(Problem("bad-option", f"--vary is about one workspace, found {names}"))
+        raise bad_option(f"--vary is about one workspace, found {names}")
     name = short_names(files)[files[0]]
     patch = wanted or Path(f"{name}-best.patch")
     PATCHES.check(patch)

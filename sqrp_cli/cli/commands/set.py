@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from sqrp_cli.cli.options import WorkspacePath
-from sqrp_cli.errors import ExitCode, InputError, Problem
+from sqrp_cli.errors import ExitCode, InputError, bad_option
 
 NAME = "set"
 
@@ -48,6 +48,5 @@ def command(workspace: WorkspacePath, values: Values) -> ExitCode:
 def _pair(text: str) -> tuple[str, str]:
     path, equals, value = text.partition("=")
     if not equals or not path.strip():
-        message = f"found `{text}`, expected PATH=VALUE, such as cameras.cam1.rate=20"
-        raise InputError(Problem("bad-option", message))
+        raise bad_option(f"found `{text}`, expected PATH=VALUE, such as cameras.cam1.rate=20")
     return path.strip(), value.strip()

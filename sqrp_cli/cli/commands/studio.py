@@ -9,7 +9,7 @@ import typer
 
 from sqrp_cli.cli import completion
 from sqrp_cli.cli.options import Jobs, Seed, WorkspacePath, job_count, open_with_warnings
-from sqrp_cli.errors import ExitCode
+from sqrp_cli.errors import ExitCode, bad_option
 
 if TYPE_CHECKING:
     from sqrp_cli.api.cell import OpenCell
@@ -65,14 +65,12 @@ def _checked_task(task: str | None, opened: OpenCell) -> str:
 
 def _first_task(opened: OpenCell) -> str:
     """A task to begin with. Raises InputError where the workspace has no skill."""
-    from sqrp_cli.errors import InputError, Problem
-
     known = opened.workspace
     if known.tasks:
         return known.tasks[0].task
     if not known.skills:
         message = "the workspace has no skills, so there is nothing to rank"
-        raise InputError(Problem("bad-option", message, known.whole_file, mend="list some under `skills`"))
+        raise bad_option(message, known.whole_file, mend="list some under `skills`")
     return next(iter(known.skills))
 
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, Problem, bad_option
 from sqrp_cli.geometry import Array, inverse, matrix_to_quaternion, matrix_to_rpy, pose
 from sqrp_cli.knowledge.camera.camera import Camera, ImageEntry, Sensing
 from sqrp_cli.knowledge.camera.curve import Curve
@@ -77,9 +77,7 @@ def _elsewhere(document: SourceDocument, path: KeyPath, key: str, numbers: str) 
     """The refusal to change what another file says. numbers: what it would have to say."""
     message = f"`{dotted((*path, key))}` names another file, which would have to say {numbers}"
     instead = "`pose`" if key == "hand_eye" else "`image`"
-    return InputError(
-        Problem("bad-option", message, document.value_place((*path, key)), mend=f"state `{dotted(path)}` by {instead}")
-    )
+    return bad_option(message, document.value_place((*path, key)), mend=f"state `{dotted(path)}` by {instead}")
 
 
 def with_further_camera(document: SourceDocument, camera: Camera, like: str, look_at: Array) -> bytes:

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.errors import bad_option, expected_names
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.skill.settings import MotionValue
@@ -36,9 +36,7 @@ def read_kinds(names: Sequence[str] | None) -> tuple[Kind, ...] | None:
     """The kinds of these names, in their own order; None for None. Raises InputError for another name."""
     for name in names or ():
         if name not in KINDS:
-            raise InputError(
-                Problem("bad-option", f"there is no kind of change `{name}`; {expected_names(name, KINDS)}")
-            )
+            raise bad_option(f"there is no kind of change `{name}`; {expected_names(name, KINDS)}")
     return None if names is None else tuple(kind for kind in KINDS if kind in names)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.errors import InputError, bad_option, expected_names
 from sqrp_cli.knowledge.text.units import SHARE, TIME, expected_quantity, read_quantity
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask
 from sqrp_cli.programming.coverage.assessment import Assessment
@@ -137,4 +137,4 @@ def wish_of(expected: ExpectedTask | None) -> Wish:
 
 def _refused(text: str, why: str) -> InputError:
     mend = 'write parts such as "q_eoi 100 %, time 20 s"'
-    return InputError(Problem("bad-option", f"the wish is `{text}`: {why}", mend=mend))
+    return bad_option(f"the wish is `{text}`: {why}", mend=mend)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from sqrp_cli.errors import Infeasible, InputError, Problem
+from sqrp_cli.errors import Infeasible, bad_option
 from sqrp_cli.knowledge.text.units import TIME, expected_quantity, read_quantity
 from sqrp_cli.programming.coverage.assessment import Rehearsal
 
@@ -36,7 +36,7 @@ class TimeLimit:
         if times is None and quantity is not None and quantity.dimension in (None, TIME) and 0 < quantity.value <= 1e6:
             return cls(quantity.value)
         expected = f"{expected_quantity(TIME)}, or a multiple of the fastest way's time, at least 1, such as `1.25x`"
-        raise InputError(Problem("bad-option", f"{option} is `{text}`, expected {expected}"))
+        raise bad_option(f"{option} is `{text}`, expected {expected}")
 
     def longest(self, scenes: Sequence[Rehearsal]) -> float:
         """The longest time of a way among all ways of a candidate [s]."""

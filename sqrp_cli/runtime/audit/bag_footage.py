@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem, expected_names, first_names
+from sqrp_cli.errors import InputError, Place, Problem, bad_option, expected_names, first_names
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.workspace.workspace import Workspace
@@ -180,8 +180,7 @@ def _check_one_stream(topics: Sequence[str], camera: str, path: Path) -> None:
     """Raises InputError where topics with the name of a camera have different images, as colours and depths."""
     if len({_stream(topic) for topic in topics}) > 1:
         message = f"there are images of {camera} on {first_names(topics)}; which are they?"
-        mend = f"sqrp audit PROGRAM RECORDING --topic {camera}={topics[0]}"
-        raise InputError(Problem("bad-option", message, Place(path), mend=mend))
+        raise bad_option(message, Place(path), mend=f"sqrp audit PROGRAM RECORDING --topic {camera}={topics[0]}")
 
 
 def _check_free(topic: str, camera: str, other: str, given: Mapping[str, str], path: Path) -> None:
@@ -189,8 +188,7 @@ def _check_free(topic: str, camera: str, other: str, given: Mapping[str, str], p
     if other != camera:
         bare = camera if camera not in given else other
         message = f"`{topic}` would be the images of {other} and of {camera}; expected a topic of its own for each"
-        mend = f"sqrp audit PROGRAM RECORDING --topic {bare}=TOPIC, too"
-        raise InputError(Problem("bad-option", message, Place(path), mend=mend))
+        raise bad_option(message, Place(path), mend=f"sqrp audit PROGRAM RECORDING --topic {bare}=TOPIC, too")
 
 
 def _is_of(topic: RecordedTopic, camera: str, given: Mapping[str, str]) -> bool:
