@@ -16,7 +16,7 @@ from sqrp_cli.errors import InputError, Place, Problem, bad_option, expected_nam
 from sqrp_cli.platform.memory import keep_all_so_far
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Sequence
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
     from sqrp_cli.api.answer import Answer, AnyDocument
     from sqrp_cli.api.arguments import WaysOption
@@ -229,6 +229,24 @@ def program_with_warnings(path: Path, seed: int = 0) -> OpenProgram:
     return program
 
 
+def check_needed(what: str, there: object, about: Mapping[str, object]) -> None:
+    """Raises InputError for options, by name, that are about something which is not there, such as `--vary`."""
+    for name, value in about.items():
+        if _is_given(value) and not _is_given(there):
+            raise bad_option(f"{name} is about {what}, which is missing")
+
+
+def check_excluded(option: str, others: Mapping[str, object]) -> None:
+    """Raises InputError for options, by name, that exclude one which is given."""
+    for name, value in others.items():
+        if _is_given(value):
+            raise bad_option(f"{option} and {name} exclude each other; give one of them")
+
+
+def _is_given(value: object) -> bool:
+    return value is not None and value is not False and value not in ("", [], {})
+
+
 def check_report(path: Path) -> None:
     """Raises InputError, before anything is computed, where a page cannot be written or a library is missing."""
     from sqrp_cli.platform.files import check_writable
@@ -263,11 +281,10 @@ def read_sampling(samples: int | None, dt: str | None, tolerance: float | None) 
     from sqrp_cli.knowledge.text.units import TIME, expected_quantity, read_quantity
     from sqrp_cli.programming.coverage.sampling import Adaptive, FixedCount, FixedStep
 
-    given = [
-        name for name, value in (("--samples", samples), ("--dt", dt), ("--tolerance", tolerance)) if value is not None
-    ]
-    if len(given) > 1:
-        raise bad_option(f"{given[0]} and {given[1]} exclude each other; give one of them")
+    if samples is not None:
+        check_excluded("--samples", {"--dt": dt, "--tolerance": tolerance})
+    if dt is not None:
+        check_excluded("--dt", {"--tolerance": tolerance})
     if samples is not None:
         if not 2 <= samples <= MOST_SAMPLES:
             raise bad_option(f"--samples is {samples}, expected 2 to {MOST_SAMPLES:,} per primitive action")

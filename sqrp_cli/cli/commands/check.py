@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sqrp_cli.cli import completion
-from sqrp_cli.cli.options import After, Jobs, Json, Seed, StartPath, answer, job_count
+from sqrp_cli.cli.options import After, Jobs, Json, Seed, StartPath, answer, check_needed, job_count
 from sqrp_cli.cli.start import Start
 from sqrp_cli.cli.watch import Watch, watched
-from sqrp_cli.errors import ExitCode, InputError, bad_option
+from sqrp_cli.errors import ExitCode, InputError
 
 if TYPE_CHECKING:
     from sqrp_cli.api.results import Check
@@ -54,9 +54,7 @@ def command(
 
     if watch:
         return watched(context, {"--json": as_json, "--program": program})
-    if task is None and (program is not None or planner is not None):
-        option = "--program" if program is not None else "--planner"
-        raise bad_option(f"{option} is about a task, which is missing")
+    check_needed("a task", task, {"--program": program, "--planner": planner})
     try:
         workspace, after = Start.of(workspace, after, program)
         checked = _check(workspace, task, after, program, planner, job_count(jobs), seed)

@@ -14,7 +14,7 @@ from sqrp_cli.cli.command import Command
 from sqrp_cli.cli.options import answer, job_count
 from sqrp_cli.cli.start import Start
 from sqrp_cli.cli.watch import Watch, watched
-from sqrp_cli.errors import ExitCode, InputError, Problem, bad_option, nearest
+from sqrp_cli.errors import ExitCode, InputError, Problem, nearest
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -146,8 +146,8 @@ def _explain_program(file: Path, step: int | None, seed: int, *, as_json: bool) 
 
 def _check_options(choose: str | None, images: Path | None, *, all_candidates: bool) -> None:
     """Raises InputError for options that exclude each other, and where no pictures can be written."""
-    if all_candidates and choose is not None:
-        raise bad_option("--all and --choose exclude each other; give one of them")
+    if all_candidates:
+        option.check_excluded("--all", {"--choose": choose})
     if images is not None:
         from sqrp_cli.report.pictures.pictures import check_pictures
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sqrp_cli.cli.options import Json, answer
+from sqrp_cli.cli.options import Json, answer, check_needed
 from sqrp_cli.errors import ExitCode, InputError, Problem, bad_option
 
 NAME = "init"
@@ -64,13 +64,10 @@ def command(
     from sqrp_cli.starter.random_cell import Crowd
     from sqrp_cli.terminal.console import print_problems, progress
 
-    for option, value in (("--objects", objects), ("--cameras", cameras), ("--seed", seed)):
-        if value is not None and not random:
-            raise bad_option(f"{option} is about --random, which is missing")
+    check_needed("--random", random, {"--objects": objects, "--cameras": cameras, "--seed": seed})
     folder, given = _split([str(folder), *(arguments or [])])
-    for option, stated in (("--tip", tip), ("--package-root", package_root), ("an argument", given)):
-        if stated and urdf is None and moveit is None:
-            raise bad_option(f"{option} is about the arm of --urdf, which is missing")
+    of_arm = {"--tip": tip, "--package-root": package_root, "an argument": given}
+    check_needed("the arm of --urdf", moveit if urdf is None else urdf, of_arm)
     for root in package_root or []:
         if not root.is_dir():
             raise InputError(Problem("missing-folder", f"--package-root: there is no folder {root}"))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sqrp_cli.cli.options import Json, check_own
+from sqrp_cli.cli.options import Json, check_excluded, check_needed, check_own
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem, bad_option, nearest
 
 if TYPE_CHECKING:
@@ -64,10 +64,9 @@ def command(
         if not file.exists() and nearest(str(file), [NEW]):
             mend = f"sqrp program {NEW} {shlex.quote(str(workspace))}"
         raise bad_option(f"one program at a time: found {file} and {workspace}", mend=mend)
-    if drop_last and export is not None:
-        raise bad_option("--drop-last and --export exclude each other; give one of them")
-    if rate is not None and export is None:
-        raise bad_option("--rate is about --export, which is missing")
+    if drop_last:
+        check_excluded("--drop-last", {"--export": export})
+    check_needed("--export", export, {"--rate": rate})
     _list(file, drop_last, export, rate, as_json)
     return ExitCode.OK
 

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sqrp_cli.cli.options import Json, Report, Seed, answer, check_report, program_with_warnings, read_program
-from sqrp_cli.errors import ExitCode, InputError, Problem, bad_option
+from sqrp_cli.cli import options as option
+from sqrp_cli.cli.options import answer, check_excluded, check_needed, program_with_warnings
+from sqrp_cli.errors import ExitCode, InputError, Problem
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from sqrp_cli.api.arguments import RunOutputs
     from sqrp_cli.api.program import OpenProgram
@@ -51,7 +52,7 @@ def command(
         typer.Option("--sweep", metavar="[STEP:]slip@PRIMITIVE", help="Many runs, with a slip at other instants."),
     ] = None,
     n: Annotated[int | None, typer.Option("--n", metavar="N", min=1, help="Runs of a sweep; 20 by default.")] = None,
-    seed: Seed = 0,
+    seed: option.Seed = 0,
     record: Annotated[
         Path | None,
         typer.Option(
@@ -75,8 +76,8 @@ def command(
             help="Show a run again, from its log, without simulating; with PROGRAM its page has 3D playback, too.",
         ),
     ] = None,
-    report: Report = None,
-    as_json: Json = False,
+    report: option.Report = None,
+    as_json: option.Json = False,
 ) -> ExitCode:
     """Run a program, watched through camera images alone.
 
@@ -86,12 +87,12 @@ def command(
 
     outputs = RunOutputs(film=record, log=log, frames=frames, page=report, options=_OPTIONS)
     _check_options(replay, sweep, n, fault, outputs)
-    _check_robot_options(robot, {"--dry-run": dry_run, "--yes": yes, "--speed": speed})
+    check_needed("--robot", robot, {"--dry-run": dry_run, "--yes": yes, "--speed": speed})
     if robot is not None:
-        _refuse_with("--robot", {"--sim": sim, "--fault": fault, "--sweep": sweep, "--replay": replay})
+        check_excluded("--robot", {"--sim": sim, "--fault": fault, "--sweep": sweep, "--replay": replay})
     outputs.check_names()
     if report is not None:
-        check_report(report)
+        option.check_report(report)
     if replay is not None:
         run = _replay(replay, program, report, as_json=as_json)
         return _show(run, report, context.obj, as_json=as_json)
@@ -125,25 +126,10 @@ def _check_options(
     """Raises InputError for options that exclude each other."""
     files = outputs.named
     if replay is not None:
-        _refuse_with("--replay", {"--fault": fault, "--sweep": sweep, "--n": n, **files, "--report": None})
+        check_excluded("--replay", {"--fault": fault, "--sweep": sweep, "--n": n, **files, "--report": None})
     if sweep is not None:
-        _refuse_with("--sweep", {"--fault": fault, "--report": outputs.page, **files})
-    elif n is not None:
-        raise bad_option("--n is about --sweep, which is missing")
-
-
-def _check_robot_options(robot: Path | None, others: Mapping[str, object]) -> None:
-    """Raises InputError for options of a robot without one."""
-    for name, value in others.items():
-        if value and robot is None:
-            raise bad_option(f"{name} is about --robot, which is missing")
-
-
-def _refuse_with(option: str, others: Mapping[str, object]) -> None:
-    """Raises InputError if an option is given together with one that it excludes."""
-    for name, value in others.items():
-        if value:
-            raise bad_option(f"{option} and {name} exclude each other; give one of them")
+        check_excluded("--sweep", {"--fault": fault, "--report": outputs.page, **files})
+    check_needed("--sweep", sweep, {"--n": n})
 
 
 def _open(path: Path, *, sim: bool, seed: int) -> OpenProgram:
@@ -192,7 +178,7 @@ def _replay(log: Path, program: Path | None, page: Path | None, *, as_json: bool
 
     logged = LoggedRun.read(log)
     if program is not None:
-        logged = logged.of(read_program(program))
+        logged = logged.of(option.read_program(program))
     check_not_read([page], [log, *([] if logged.program is None else logged.program.files)])
     with LiveView(logged.header.cameras, pace=not as_json) as view:
         return logged.replay(view)

@@ -99,11 +99,8 @@ def command(
     if resume and out is None:
         mend = "name the folder of the interrupted run: --out DIR --resume"
         raise bad_option("--resume needs the folder with the results", mend=mend)
-    if not vary and (draws is not None or patch is not None):
-        given = "--draws" if draws is not None else "--patch"
-        raise bad_option(f"{given} is about --vary, which is missing")
-    if allow_missing and baseline is None:
-        raise bad_option("--allow-missing is about --baseline, which is missing")
+    option.check_needed("--vary", vary, {"--draws": draws, "--patch": patch})
+    option.check_needed("--baseline", baseline, {"--allow-missing": allow_missing})
     outputs = Outputs(junit, summary, save_baseline, report)
     if vary and (baseline is not None or outputs.paths):
         raise bad_option("--vary goes without baselines and reports")
