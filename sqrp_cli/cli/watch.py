@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 from sqrp_cli.api.results import Check, Explanation, Ranking, Scores
-from sqrp_cli.cli.options import check_excluded
-from sqrp_cli.errors import ExitCode
+from sqrp_cli.errors import ExitCode, bad_option
 
 if TYPE_CHECKING:
     from sqrp_cli.api.answer import Answer, AnyDocument
@@ -83,7 +82,8 @@ def watched(context: typer.Context, refused: Mapping[str, object]) -> ExitCode:
     from sqrp_cli.knowledge.text.input_file import noted_files
     from sqrp_cli.terminal.console import note, say
 
-    check_excluded("--watch", refused)
+    if given := [name for name, value in refused.items() if value]:
+        raise bad_option(f"--watch and {given[0]} exclude each other; give one of them")
     execute, again = context.meta[EXECUTE], [word for word in context.obj if word != "--watch"]
     files: set[Path] = set()
     told = False
