@@ -31,6 +31,19 @@ def quiet(hand):
     assert hand.complaints == []
 
 
+CUT = """() => [...document.querySelectorAll('.scroll, #studio, #candidate, #fields input')]
+  .filter((e) => e.scrollWidth > e.clientWidth).map((e) => e.outerHTML.slice(0, 80))"""
+"""What has a part that is reached only by scrolling sideways, or not at all."""
+
+OUT_OF_SIGHT = """() => {
+  const stop = document.activeElement, { left, top, width, height } = stop.getBoundingClientRect();
+  const hit = document.elementFromPoint(left + width / 2, top + Math.min(height / 2, 8));
+  const marked = getComputedStyle(stop).outlineStyle !== 'none';
+  return marked && hit && (stop.contains(hit) || hit.contains(stop)) ? null : stop.outerHTML.slice(0, 80);
+}"""
+"""Where the keyboard is, unless that is marked and nothing lies above it."""
+
+
 def figures(candidate):
     """All that a document says of a candidate but its other ways, which the studio does not seek."""
     return {key: value for key, value in candidate.items() if key != "ways"}
@@ -273,3 +286,27 @@ def test_advice_is_found_and_applied_as_the_command_does_it(hand, cell):
     hand.wait("return document.querySelector('#offers p')")
     undo_all(hand)
     assert file.read_bytes() == before
+
+
+@pytest.mark.parametrize("size", [(1400, 900), (800, 600)])
+def test_nothing_is_cut_off_and_every_stop_of_the_tab_key_is_in_sight(browser, studio, size):
+    hand = Hand(browser, studio.address, *size)
+    assert hand.js(CUT) == []
+    for _ in range(hand.js("document.querySelectorAll('button, input, select, dfn, [tabindex]').length")):
+        hand.page.keyboard.press("Tab")
+        if hand.js("document.activeElement === document.body"):
+            break
+        assert hand.js(OUT_OF_SIGHT) is None
+    assert hand.js("document.activeElement === document.body")
+    assert hand.complaints == []
+
+
+def test_a_new_ranking_leaves_the_keyboard_where_it_is(browser, studio):
+    hand = Hand(browser, studio.address)
+    hand.ranked()
+    hand.page.locator("#ranking tbody button").last.focus()
+    name = hand.js("document.activeElement.textContent")
+    hand.js("sqrp.tell({ do: 'reread' })")
+    hand.wait("return sqrp.ranked > x", hand.js("sqrp.ranked"))
+    hand.ranked()
+    assert hand.js("document.activeElement.textContent") == name

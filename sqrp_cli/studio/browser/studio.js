@@ -4,6 +4,14 @@ const NOBODY = { name: 'ranking …', mark: '', labels: {}, candidate: null, rea
 
 const TOGETHER = 50; // so long a picture of what a hand moves waits for its verdicts [ms]
 
+const HELP = {
+  advise: 'Look for the least changes after which the cameras see more of this candidate.',
+  'place-cameras': 'Look for the best places of all cameras, on the mounts that the workspace states.',
+  write: 'Append this candidate to the program file; of a cell with unsaved changes there is no program.',
+  run: 'Run the program file in the simulated cell, and watch the images here.',
+  'faults-wanted': 'What goes wrong in the run, and when: slip@a4+0.4 drops the part 0.4 s after action a4 began.',
+};
+
 const BEFORE = 'against before it was taken in hand';
 
 // Candidates in a column beside the picture: their ways and what comes after a retry have no room.
@@ -54,6 +62,7 @@ class Studio extends Page {
     byId('task').addEventListener('change', ask);
     byId('by').addEventListener('change', ask);
     byId('what').addEventListener('change', () => this.take(...JSON.parse(byId('what').value)));
+    for (const [id, words] of Object.entries(HELP)) attachTip(byId(id), () => words);
     document.addEventListener('keydown', (event) => this.shortcut(event));
   }
 
@@ -232,7 +241,6 @@ class Studio extends Page {
     byId('motion').hidden = !state.parameters.length;
     byId('save').disabled = !state.dirty;
     byId('write').disabled = state.dirty;
-    byId('write').title = state.dirty ? 'A program is for the cell as it is saved' : '';
     byId('unsaved').textContent = state.dirty ? `${state.unsaved.length} unsaved change${state.unsaved.length === 1 ? '' : 's'}` : 'as it is saved';
     byId('commands').hidden = !state.lines.length;
     byId('lines').replaceChildren(
@@ -242,7 +250,7 @@ class Studio extends Page {
     byId('what').replaceChildren(
       ...kinds.map(([kind, name]) => make('option', { value: JSON.stringify([kind, name]) }, name || "the robot's base")),
     );
-    this.parameters(state);
+    rebuilt('parameters', () => this.parameters(state));
     this.take(...(kinds.find(([kind, name]) => kind === this.taken?.[0] && name === this.taken?.[1]) ?? kinds[0]));
   }
 
@@ -289,10 +297,12 @@ class Studio extends Page {
 
   tabulate() {
     const sorting = this.table.sorting;
-    this.table = new NarrowTable(this.entries, (i) => this.wish(i), false);
-    if (sorting.column < this.table.columns.length) Object.assign(this.table, { sorting });
-    this.table.show();
-    this.table.choose(this.selected ?? 0);
+    rebuilt('ranking', () => {
+      this.table = new NarrowTable(this.entries, (i) => this.wish(i), false);
+      if (sorting.column < this.table.columns.length) Object.assign(this.table, { sorting });
+      this.table.show();
+      this.table.choose(this.selected ?? 0);
+    });
   }
 
   // Whether all that is shown is computed from the text as it is.
@@ -346,12 +356,15 @@ class Studio extends Page {
   }
 
   drawTimeline() {
-    this.timeline = new Timeline(
-      this.motion,
-      Object.keys(this.motion.detail.cameras),
-      (t) => this.go(t),
-      (name) => this.look(name),
-    );
+    const cameras = Object.keys(this.motion.detail.cameras);
+    rebuilt('timeline', () => {
+      this.timeline = new Timeline(
+        this.motion,
+        cameras,
+        (t) => this.go(t),
+        (name) => this.look(name),
+      );
+    });
   }
 
   on_sketch({ number, seen, was, track, reasons }) {
@@ -520,6 +533,19 @@ class Studio extends Page {
     this.wrong = this.refusal = false;
     byId('notices').replaceChildren(...texts.map((text) => make('p', { class: kind }, named(text))));
   }
+}
+
+// Build a part of the page anew; who is there with the keyboard stays at what has the same name, or the same place.
+function rebuilt(id, build) {
+  const before = document.activeElement;
+  if (!byId(id).contains(before)) return build();
+  const stops = () => [...byId(id).querySelectorAll('button, select, .run')],
+    place = stops().indexOf(before);
+  build();
+  const name = before.getAttribute('aria-label') ?? before.textContent,
+    now = stops();
+  const same = now.find((stop) => (stop.getAttribute('aria-label') ?? stop.textContent) === name);
+  (same ?? now[Math.min(place, now.length - 1)])?.focus({ preventScroll: true });
 }
 
 const placed = ({ file, line, message }) => (file ? `${file}${line ? `:${line}` : ''}: ${message}` : message);

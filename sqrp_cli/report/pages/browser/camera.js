@@ -70,11 +70,23 @@ class CellCamera {
     return [((x + 1) / 2) * this.camera.width - 0.5, ((1 - y) / 2) * this.camera.height - 0.5];
   }
 
-  // Put its name above it in a view of some size.
-  placeLabel(eye, width, height) {
+  // Put its name beside it in a view of some size, where no other is: those that are there, as [left, top, width].
+  placeLabel(eye, width, height, taken) {
     const { x, y, z } = this.position().project(eye);
-    const [left, top] = [((x + 1) / 2) * width, ((1 - y) / 2) * height];
     this.label.hidden = z > 1 || Math.abs(x) > 1 || Math.abs(y) > 1;
-    this.label.style.transform = `translate(${left}px, ${top}px) translate(-50%, -170%)`;
+    if (this.label.hidden) return;
+    this.size = this.size?.[0] ? this.size : [this.label.offsetWidth, this.label.offsetHeight];
+    const [wide, high] = this.size,
+      [right, down] = [((x + 1) / 2) * width, ((1 - y) / 2) * height];
+    const places = [
+      [right - wide / 2, down - 1.7 * high],
+      [right - wide / 2, down + 0.7 * high],
+      [right + high, down - high / 2],
+      [right - high - wide, down - high / 2],
+    ];
+    const meets = (left, top) => taken.some(([l, t, w]) => left < l + w && l < left + wide && Math.abs(t - top) < high);
+    const [left, top] = places.find((place) => !meets(...place)) ?? places[0];
+    taken.push([left, top, wide]);
+    this.label.style.transform = `translate(${left}px, ${top}px)`;
   }
 }

@@ -10,6 +10,7 @@ class Page {
     this.head();
     const select = (i) => this.select(i);
     this.table = new EntryTable(this.entries, select, overview.placement !== null);
+    if (overview.of_images) explained.clear(); // a run has no table
     this.plot = new ParetoPlot(this.entries, select, overview.compared);
     this.controls();
   }
@@ -168,6 +169,8 @@ class Page {
     byId('figures').replaceChildren(
       ...rows.map(([name, value]) => make('div', {}, make('dt', {}, name), make('dd', {}, value))),
     );
+    byId('faults').hidden = !faults.length;
+    if (!faults.length) return;
     const again = faults.some(([name]) => retried.includes(name));
     const heads = [term('fault'), term('seen', 'seen after'), term('at worst'), term('longest blind stretch')];
     if (again) heads.push(term('all done', 'done after one retry'));
@@ -178,7 +181,6 @@ class Page {
     ];
     const row = (kind, texts) =>
       make('tr', {}, ...texts.map((text, i) => make(kind, { class: i ? 'number' : null }, text)));
-    byId('faults').hidden = !faults.length;
     byId('faults').replaceChildren(row('th', heads), ...faults.map((fault) => row('td', cells(fault))));
   }
 

@@ -280,7 +280,8 @@ class Scene3D {
       this.renderer.setClearColor(0, 0);
       this.renderer.clear();
       this.renderer.render(this.world, this.eye);
-      for (const camera of this.cameras) camera.placeLabel(this.eye, width, height);
+      const taken = [];
+      for (const camera of this.cameras) camera.placeLabel(this.eye, width, height, taken);
     }
   }
 

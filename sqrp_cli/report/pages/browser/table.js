@@ -29,7 +29,7 @@ class EntryTable {
     const some = this.entries.some(ranked);
     const place = (e) => (ranked(e) ? Number(e.mark.replace('#', '')) : e.mark === '' ? 0 : null);
     return {
-      title: some ? '#' : '',
+      title: some ? '#' : 'status',
       value: (e) => (e.candidate?.feasible === false ? null : some ? place(e) : e.mark),
       cell: (e) => this.mark(e),
     };
@@ -104,8 +104,7 @@ class EntryTable {
 
   head(column, i) {
     if (column.means) explained.add(column.means);
-    const text = column.title ? named(column.title) : make('span', { class: 'unseen' }, 'status');
-    const button = make('button', { type: 'button', onclick: () => this.sort(i) }, text);
+    const button = make('button', { type: 'button', onclick: () => this.sort(i) }, named(column.title));
     attachTip(button, () => TERMS[column.means ?? column.title] ?? '');
     return make('th', { scope: 'col', class: column.number ? 'number' : null }, button);
   }
