@@ -11,7 +11,8 @@ from sqrp_cli.programming.coverage.quality import Qualities, falls_short
 from sqrp_cli.programming.whole_assessment import mean_quality, worst_seen
 from sqrp_cli.report.documents.candidates import CandidateFigures
 from sqrp_cli.report.documents.document import Pose, Record
-from sqrp_cli.report.documents.explanation import CandidateStudy, Formula, Sample, Span
+from sqrp_cli.report.documents.explanation import CandidateStudy, Sample
+from sqrp_cli.report.documents.requirements import Formula, Span
 
 NOT = "not "
 """How a negated literal begins."""

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.report.documents.explanation import Span
 from sqrp_cli.report.documents.playback import (
     EndOfImages,
     Mark,
@@ -21,6 +20,7 @@ from sqrp_cli.report.documents.playback import (
     ShownLiteral,
     ShownMoment,
 )
+from sqrp_cli.report.documents.requirements import Span
 from sqrp_cli.report.pages.assembly import packed
 from sqrp_cli.report.pages.candidate_page import cell_scene, origin
 from sqrp_cli.report.pages.page import FigureShown, PageContent, PageRow, write_page

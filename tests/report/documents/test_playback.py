@@ -6,16 +6,9 @@ from dataclasses import replace
 
 from sqrp_cli.programming.coverage.quality import NO_FIGURES
 from sqrp_cli.report.documents.candidates import CandidateFigures, StepFigures
-from sqrp_cli.report.documents.explanation import (
-    BoxCoverage,
-    BoxVerdict,
-    CandidateStudy,
-    Formula,
-    LiteralCoverage,
-    Sample,
-    Span,
-)
+from sqrp_cli.report.documents.explanation import BoxCoverage, BoxVerdict, CandidateStudy, LiteralCoverage, Sample
 from sqrp_cli.report.documents.playback import PlayedCandidate
+from sqrp_cli.report.documents.requirements import Formula, Span
 from sqrp_cli.report.pages.assembly import tidy
 
 SEEN = BoxVerdict(covered=True, cause=None, by=None, visible=1.0)

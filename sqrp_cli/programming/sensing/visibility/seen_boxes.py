@@ -1,0 +1,237 @@
+"""Boxes as cameras see them: their silhouettes, and what lies before their far sides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.geometry import BOX_SIGNS, Array, Indices, Mask, cross, inverse, transform
+from sqrp_cli.programming.sensing.scene_states import SolidPoses
+from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
+from sqrp_cli.programming.sensing.visibility.hull_spaces import BOX_FACES
+from sqrp_cli.programming.sensing.visibility.silhouette import (
+    AHEAD,
+    ROWS,
+    Bends,
+    MetRays,
+    RayGrid,
+    beyond_sides,
+    signs,
+    turns,
+)
+from sqrp_cli.programming.sensing.visibility.triangulation import Triangulation
+from sqrp_cli.shapes import BOX_TRIANGLES
+
+_ROUNDING = 1e-9
+"""Share by which the area of an image may be too large."""
+
+
+BEFORE = np.uint16(0b11)
+"""Bits of the regions before a box, see `SeenBoxes.regions`."""
+
+
+_BOX = Triangulation.of_triangles(BOX_SIGNS, BOX_TRIANGLES)
+
+
+@dataclass(frozen=True, eq=False)
+class SeenBoxes:
+    """Boxes as cameras see them, one for each of h view hulls; optical frames are turned as the ray grids are."""
+
+    X_CW: Array
+    """The world in the optical frame, shape (h, 4, 4)."""
+    X_BW: Array
+    """The world in the box's frame, shape (h, 4, 4)."""
+    X_CB: Array
+    """The box in the optical frame, shape (h, 4, 4)."""
+    eyes: Array
+    """Camera centres in the boxes' frames, shape (h, 3) [m]."""
+    nearest: Array
+    """Least depth of each box, shape (h,) [m]."""
+    low: Array
+    """Least coordinates of each box in its own frame, shape (h, 3) [m]."""
+    high: Array
+    """Greatest coordinates of each box in its own frame, shape (h, 3) [m]."""
+    grid: RayGrid
+    """The rays to each box."""
+    areas: Array
+    """Of the box's image, in cells of the grid, shape (h,)."""
+
+    @classmethod
+    def of(cls, lines: SightLines, hulls: Indices, margin: Array | None = None) -> SeenBoxes:
+        """The views of some of the hulls of sight lines; margin: see `rays_around`."""
+        X_WC, corners_W = lines.X_WC[hulls], lines.corners[hulls]
+        X_CW = inverse(X_WC)
+        corners_C = transform(X_CW, corners_W).transpose(2, 0, 1)
+        X_CW = turns(corners_C[:2] / corners_C[2]) @ X_CW
+        corners_C = transform(X_CW, corners_W).transpose(2, 0, 1)
+        image = corners_C[:2] / corners_C[2]
+        X_BW = inverse(lines.X_WB[hulls])
+        half, middle = lines.half_size[hulls], lines.offset[hulls]
+        beyond = 0.0 if margin is None else margin[hulls]
+        grid = RayGrid.over(image.min(axis=-1) - beyond, image.max(axis=-1) + beyond)
+        return cls(
+            X_CW=X_CW,
+            X_BW=X_BW,
+            X_CB=X_CW @ lines.X_WB[hulls],
+            eyes=transform(X_BW, X_WC[:, None, :3, 3])[:, 0],
+            nearest=corners_C[2].min(axis=-1),
+            low=middle - half,
+            high=middle + half,
+            grid=grid,
+            areas=_image_areas(image / grid.step[..., None]),
+        )
+
+    def some(self, hulls: Indices) -> SeenBoxes:
+        """Some of the views, by index."""
+        arrays = {part.name: getattr(self, part.name)[hulls] for part in fields(self) if part.name != "grid"}
+        return replace(self, **arrays, grid=RayGrid(self.grid.low[:, hulls], self.grid.step[:, hulls]))
+
+    @cached_property
+    def maps(self) -> Array:
+        """From the frames of the boxes, stretched to be from -1 to 1, into the grids, shape (3, 4, h)."""
+        half, middle = 0.5 * (self.high - self.low), 0.5 * (self.high + self.low)
+        X_BU = np.zeros_like(self.X_CB)
+        X_BU[:, range(3), range(3)], X_BU[:, :3, 3], X_BU[:, 3, 3] = half, middle, 1.0
+        return self.grid.maps(np.arange(len(half)), self.X_CB @ X_BU)
+
+    def bends(self) -> Bends:
+        """The silhouettes of the boxes, each stretched to be from -1 to 1."""
+        sides = np.stack([self.eyes < self.low, self.eyes > self.high], axis=-1).reshape(-1, 6).T
+        turned = signs(np.repeat(sides, 2, axis=0))
+        return Bends.of(_BOX, turned, beyond_sides(self.maps, 1.0), np.arange(len(self.eyes)))
+
+    def surely_seen(self, hull: Indices, solids: SeenSolids, enough: Array) -> Mask:
+        """Whether so little may block the rays of each of l lines that it sees enough; a no means nothing, shape (l,).
+
+        hull: which of the views each line has, enough: the share that it must see, shape (l,).
+        """
+        if not (enough < 1.0).any():
+            return np.zeros(len(hull), dtype=bool)
+        # A row across a width of w cells holds at least w - 1 rays, and the widths add up to the area at least.
+        least = self.areas[hull] - ROWS
+        blocked = np.bincount(solids.line, self.grid.most_rays(solids.maps, solids.corners), minlength=len(hull))
+        return blocked < (1.0 - enough) * least * (1.0 - _ROUNDING)
+
+    def regions(self, hull: Indices, points_B: Array, points_C: Array) -> NDArray[np.uint16]:
+        """The convex regions in which points seen in k of the views lie, one bit each, shape (k, n).
+
+        A triangle wholly in one of the first two, of the bits `BEFORE`, blocks the rays that it meets; wholly in any
+        other region, it blocks none. points_B, points_C: in the frames of box and camera, shape (k, n, 3).
+        """
+        eyes, low, high = self.eyes[hull], self.low[hull], self.high[hull]
+        depth = points_C[..., 2]
+        ahead = depth > AHEAD
+        # Where the far faces lie on the axes; nothing is beyond a face that looks to the camera.
+        low, high = np.where(eyes > low, low, -np.inf), np.where(eyes < high, high, np.inf)
+        beyond = [points_B[..., axis] <= low[:, axis, None] for axis in range(3)]
+        beyond += [points_B[..., axis] >= high[:, axis, None] for axis in range(3)]
+        before = ahead & ~np.logical_or.reduce(beyond)
+        beside = self.grid.beside(hull, points_C)
+        masks = [ahead & (depth < self.nearest[hull, None]), before, ~ahead, *beyond, *beside]
+        regions = np.zeros(depth.shape, dtype=np.uint16)
+        for bit, mask in enumerate(masks):
+            regions |= mask.astype(np.uint16) << np.uint16(bit)
+        return regions
+
+    def blocked(self, hull: Indices, corners: Array) -> MetRays:
+        """The rays that n triangles block before the far sides.
+
+        By homogeneous edge functions a u + b v + c, all positive inside (M. Olano, T. Greer, 1997).
+
+        hull: in which view each triangle is looked at, shape (n,). corners: in its optical frame, shape (3, 3, n),
+        coordinate first.
+        """
+        edges = np.stack([cross(corners[:, k].T, corners[:, (k + 1) % 3].T).T for k in range(3)])
+        volume = np.einsum("in,in->n", corners[:, 2], edges[0])
+        edges, volume = edges * np.where(volume < 0, -1.0, 1.0), np.abs(volume)
+        ahead = (corners[2] > 0).all(axis=0)
+        v = corners[1] / np.where(ahead, corners[2], 1.0)
+        v = np.where(ahead, (v.min(axis=0), v.max(axis=0)), [[-np.inf], [np.inf]])
+        v = np.where(volume > 0, v, 0.0)  # a triangle seen edge-on blocks nothing
+        return self.grid.inside(hull, v, np.concatenate([edges, self._before(hull, edges, volume)]))
+
+    def _before(self, hull: Indices, edges: Array, volume: Array) -> Array:
+        """Where the planes of n triangles are met before the far sides: functions a u + b v + c, positive there.
+
+        The depth at which a ray meets a plane is `volume`, shape (n,), divided by the sum of the edge functions, shape
+        (3, 3, n). Shape (3, 3, n), or (6, 3, n) where an eye lies between two sides, which then are both far ones;
+        functions of sides that are none are positive everywhere.
+        """
+        eyes, low, high = self.eyes[hull].T[:, None], self.low[hull].T[:, None], self.high[hull].T[:, None]
+        total, along = edges.sum(axis=0), volume * self.X_CB[hull, :3, :3].transpose(2, 1, 0)
+        before_low, before_high = (eyes - low) * total + along, (high - eyes) * total - along
+        one: Array = np.where(eyes > low, before_low, before_high)
+        both = (eyes > low) & (eyes < high)
+        if not both.any():
+            return one
+        return np.concatenate([one, np.where(both, before_high, np.array([[0.0], [0.0], [1.0]]))])
+
+
+@dataclass(frozen=True, eq=False)
+class SeenSolids:
+    """Solids that may block the rays of sight lines: n pairs; optical frames as in `SeenBoxes`."""
+
+    line: Indices
+    """Of each, shape (n,)."""
+    hull: Indices
+    """Index of the line's view, shape (n,)."""
+    solid: Indices
+    """By index, shape (n,)."""
+    X_WP: Array
+    """Pose of the solid's parent in the world, shape (n, 4, 4)."""
+    X_CP: Array
+    """The same in the optical frame, shape (n, 4, 4)."""
+    maps: Array
+    """From the parent's frame into the grid, see `RayGrid.maps`, shape (3, 4, n)."""
+    corners: Array
+    """Corners of the box around the solid in its parent's frame, shape (n, 8, 3) [m]."""
+
+    @classmethod
+    def of(cls, view: SeenBoxes, hull: Indices, poses: SolidPoses, pairs: Pairs, state: Indices) -> SeenSolids:
+        """The solids of pairs; hull: which of the views each line has, state: index of each pair's state."""
+        at = hull[pairs.line]
+        X_WP = poses.at(pairs.solid, state)
+        X_CP = view.X_CW[at] @ X_WP
+        return cls(
+            line=pairs.line,
+            hull=at,
+            solid=pairs.solid,
+            X_WP=X_WP,
+            X_CP=X_CP,
+            maps=view.grid.maps(at, X_CP),
+            corners=poses.solids.corners[pairs.solid],
+        )
+
+    def of_lines(self, wanted: Mask, hull: Indices) -> SeenSolids:
+        """Those of some of the lines, which are counted anew; hull: the new index of the view of each of these."""
+        kept = wanted[self.line]
+        line = (np.cumsum(wanted) - 1)[self.line[kept]]
+        return SeenSolids(
+            line=line,
+            hull=hull[line],
+            solid=self.solid[kept],
+            X_WP=self.X_WP[kept],
+            X_CP=self.X_CP[kept],
+            maps=self.maps[:, :, kept],
+            corners=self.corners[kept],
+        )
+
+
+def in_all(regions: NDArray[np.uint16], triangles: Indices) -> NDArray[np.uint16]:
+    """The regions in which triangles (F, 3) lie wholly, from those of their corners (k, n), one bit each; (k, F)."""
+    a, b, c = triangles.T
+    return regions[:, a] & regions[:, b] & regions[:, c]
+
+
+def _image_areas(image: Array) -> Array:
+    """Areas of the images of boxes with these corners, shape (2, h, 8); shape (h,).
+
+    Each ray through a box meets two of its faces.
+    """
+    first, second, third, fourth = (image[:, :, BOX_FACES[:, k]] for k in range(4))
+    u, v = third - first, fourth - second
+    areas: Array = 0.25 * np.abs(u[0] * v[1] - u[1] * v[0]).sum(axis=-1)
+    return areas
