@@ -16,9 +16,6 @@ from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.ros.messages import Message, MessageTypes, message_types
 from sqrp_cli.ros.transport import Inbox, Send, Topic
 
-MOST_DOMAIN = 232
-"""The highest number of a domain that its ports allow."""
-
 _PEERS = 40
 """Most participants on this computer, where multicast is off."""
 

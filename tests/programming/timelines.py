@@ -100,8 +100,14 @@ def stretches(formulas: tuple[GroundFormula, ...], kinds: tuple[str, ...]) -> li
     return union
 
 
+def fault_response(timeline: Timeline, fault: str) -> Array:
+    """Time from a fault until images show it [s], NaN where it is not covered, shape (m,)."""
+    response: Array = timeline.observation.response[:, list(timeline.faults[fault])].max(axis=1)
+    return np.where(timeline.fault_covered(fault), response, np.nan)
+
+
 def moments(story: Story) -> list[tuple[float, bool, float]]:
     """Time, whether the fault is covered, and the response then, of every sample in order."""
     timeline = story.timeline
     t: Array = timeline.samples.t
-    return list(zip(t.tolist(), timeline.fault_covered("slip"), timeline.fault_response("slip"), strict=True))
+    return list(zip(t.tolist(), timeline.fault_covered("slip"), fault_response(timeline, "slip"), strict=True))

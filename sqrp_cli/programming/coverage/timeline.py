@@ -72,11 +72,6 @@ class Timeline:
         covered: Mask = np.all(self.observation.covered[:, list(self.faults[fault])], axis=1)
         return covered
 
-    def fault_response(self, fault: str) -> Array:
-        """Time from a fault until images show it [s], NaN where it is not covered, shape (m,)."""
-        response: Array = self.observation.response[:, list(self.faults[fault])].max(axis=1)
-        return np.where(self.fault_covered(fault), response, np.nan)
-
     @cached_property
     def steps(self) -> Array:
         """Time from each sample to the next within its piece [s], NaN at the end of a piece, shape (m - 1,)."""

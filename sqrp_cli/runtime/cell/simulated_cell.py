@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from types import TracebackType
 
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.runtime.cell.interface import ArmReference, CellState
@@ -101,7 +100,5 @@ class SimulatedCell:
     def __enter__(self) -> SimulatedCell:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()

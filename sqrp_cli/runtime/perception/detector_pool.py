@@ -6,7 +6,6 @@ import os
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from types import TracebackType
 
 from sqrp_cli.errors import SqrpError
 from sqrp_cli.platform.processes import Context, Worker, fresh
@@ -84,9 +83,7 @@ class DetectorPool:
     def __enter__(self) -> DetectorPool:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 

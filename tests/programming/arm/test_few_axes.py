@@ -12,8 +12,8 @@ from sqrp_cli.geometry import Array, axis_rotation, pose
 from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.arm.reach import WrongWayRound
-from sqrp_cli.programming.motion.paths.straight_line import straight_line
 from sqrp_cli.programming.motion.tool_curve import ToolLine
+from tests.programming.motion.straight import straight_line
 from tests.programming.robots import FEW_AXES, robot, rounded, written_urdf
 
 TOLERANCE = np.radians(0.5)

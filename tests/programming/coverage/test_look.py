@@ -16,6 +16,7 @@ from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.coverage.timeline import observe_all
 from sqrp_cli.programming.pieces import cut_into_pieces
 from tests.programming.studies import WatchedMotion, make_motion, watched_motion
+from tests.programming.timelines import fault_response
 
 COUNT = FixedCount(9)
 
@@ -60,7 +61,7 @@ def test_a_look_at_many_motions_sees_what_a_look_at_each_sees(
         assert np.array_equal(observation.required, alone.observation.required)
         assert np.array_equal(observation.states_covered, alone.covered)
         looked_at = replace(alone, observation=observation)
-        assert np.array_equal(looked_at.fault_response("slip"), alone.fault_response("slip"), equal_nan=True)
+        assert np.array_equal(fault_response(looked_at, "slip"), fault_response(alone, "slip"), equal_nan=True)
         seen += int(alone.covered.sum())
     assert seen > 0
 

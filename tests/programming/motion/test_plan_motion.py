@@ -17,12 +17,12 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.collision_body import CLEARANCE, pair
-from sqrp_cli.programming.motion.paths.straight_line import straight_line
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move, phase_samples, time_path
 from sqrp_cli.programming.motion.tool_curve import ToolLine
 from sqrp_cli.trajectory import JointPath
 from tests.programming.motion.cells import VALUES, Cell, PinocchioCell, read_waypoints, thing
+from tests.programming.motion.straight import straight_line
 
 PLACED = {"position": [0.35, 0.35, 0.041], "rpy": ["180 deg", 0, 0]}
 """The tool frame pointing down, where a cube held by its top stands 1 mm above the table."""

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, axis_rotation, pose
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.motion.paths.straight_line import straight_line
 from sqrp_cli.programming.motion.tool_curve import ToolHelix, ToolLine, arc_through, helix_about, rotation_vector
 from sqrp_cli.trajectory import JointPath
 from tests.programming.motion.paths.test_straight_line import READY
+from tests.programming.motion.straight import straight_line
 
 FEW = settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 

@@ -42,6 +42,7 @@ from tests.programming.sensing.views import (
     random_pose,
 )
 from tests.programming.studies import WatchedMotion, watched_motion
+from tests.programming.timelines import fault_response
 
 STATES = 6
 SEEDS = st.integers(0, 199)
@@ -353,7 +354,7 @@ def test_over_a_motion_coverage_alone_is_that_of_the_full_matrix(ur5: RobotModel
     quick, full = (motion.timeline(FixedCount(15), full=full) for full in (False, True))
     assert quick.covered.tolist() == full.covered.tolist()
     assert quick.fault_covered("slip").tolist() == full.fault_covered("slip").tolist()
-    assert same_response(quick.fault_response("slip"), full.fault_response("slip"))
+    assert same_response(fault_response(quick, "slip"), fault_response(full, "slip"))
 
 
 def turned_cell(workspace: Workspace, X_NW: Array) -> Workspace:

@@ -42,18 +42,6 @@ POSE_COORDINATES = 6
 """Coordinates of a pose: an arm with more joints can hold some of its joints still on a line."""
 
 
-def straight_line(model: RobotModel, q0: Array, line: ToolCurve) -> JointPath | Infeasible:
-    """The joint path that moves the tool along the line, from q0, shape (n,), with the tool at the line's start.
-
-    The path is one polynomial per joint, exact at Chebyshev points and within `TOLERANCE` between them. Infeasible,
-    with the place, where the arm becomes singular or a joint reaches its limit.
-    """
-    (path,) = follow_within_limits(model, q0[None], line, np.zeros(len(model.arm), dtype=bool))
-    if isinstance(path, JointPath) and (reason := limit_reason(model, path, line)) is not None:
-        return Infeasible((reason,))
-    return path
-
-
 def follow_within_limits(model: RobotModel, q0: Array, line: ToolCurve, may_turn: Mask) -> list[JointPath | Infeasible]:
     """As `follow`; a redundant arm holds the joints still that would leave their limits.
 

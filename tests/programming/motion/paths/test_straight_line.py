@@ -13,10 +13,10 @@ from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.paths.straight_line import (
     follow,
-    straight_line,
 )
 from sqrp_cli.programming.motion.tool_curve import ToolLine, rotation_matrix, rotation_vector
 from sqrp_cli.trajectory import JointPath
+from tests.programming.motion.straight import straight_line
 
 READY = np.array([0.3, -1.6, 1.9, -1.9, -1.6, 0.2])
 """The UR5 with its tool about 0.4 m in front of it, far from singularities."""
