@@ -79,9 +79,11 @@ class _Browser:
 class Live:
     """The connections of all browsers, and where they connect to."""
 
-    def __init__(self, heard: Callable[[str, Tell], Awaitable[None]], joined: Callable[[Tell], None]) -> None:
-        """heard: called with each message and how to answer it alone; joined: with how to tell a new browser."""
-        self._heard, self._joined = heard, joined
+    def __init__(self, heard: Callable[[str, Tell], Awaitable[None]]) -> None:
+        """heard: called with each message and how to answer it alone."""
+        self._heard = heard
+        self.kept: dict[str, str] = {}
+        """The messages that a new browser gets, by kind, in order."""
         self._token = secrets.token_urlsafe(24)
         self._browsers: set[_Browser] = set()
         self._page = b""
@@ -137,6 +139,16 @@ class Live:
         for browser in self._browsers:
             browser.tell(text, passing=passing)
 
+    def post(self, kind: str, text: str) -> None:
+        """Send a message to all browsers, and keep it for those that come."""
+        self.kept[kind] = text
+        self.tell(text)
+
+    def forget(self, *kinds: str) -> None:
+        """Keep these messages no more."""
+        for kind in kinds:
+            self.kept.pop(kind, None)
+
     def _request(self, _connection: Any, request: Any) -> Any:  # noqa: ANN401 - of websockets
         """The page, nothing, or None to let a connection begin."""
         headers, own = request.headers, f"{HOST}:{self._port}"
@@ -174,7 +186,8 @@ class Live:
         browser = _Browser(connection)
         self._browsers.add(browser)
         sending = asyncio.create_task(browser.send())
-        self._joined(browser.tell)
+        for text in self.kept.values():
+            browser.tell(text)
         try:
             async for message in connection:
                 await browser.pause()

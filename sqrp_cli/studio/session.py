@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import shlex
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,11 +23,12 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.studio.bench_process import Bench
 from sqrp_cli.studio.draft import Change, Draft
-from sqrp_cli.studio.jobs import Job, Offer, Play, Report, Running, Search, Write
-from sqrp_cli.studio.messages import findings, kind_of, message
+from sqrp_cli.studio.errands import Errands
+from sqrp_cli.studio.jobs import Play, Search, Write
+from sqrp_cli.studio.messages import findings, message
 from sqrp_cli.studio.moves import written
 from sqrp_cli.studio.page import studio_page
-from sqrp_cli.studio.questions import Choose, Hold, Question, Rank
+from sqrp_cli.studio.rankings import Asked, Rankings
 from sqrp_cli.studio.requests import (
     Apply,
     AskTask,
@@ -56,17 +56,8 @@ LINES_SHOWN = 50
 """How many of the last commands are shown."""
 
 
-@dataclass(frozen=True)
-class Asked:
-    """What is ranked."""
-
-    content: bytes
-    task: str
-    by: Criterion
-
-
 class Studio:
-    """The state that all browsers share, and the process that computes."""
+    """The state that all browsers share."""
 
     def __init__(self, opened: OpenCell, task: str, jobs: int, bench: Bench) -> None:
         """bench: of the same workspace. Raises InputError for a workspace that cannot be read."""
@@ -78,34 +69,18 @@ class Studio:
         self._task: str = task
         self._by: Criterion = "q_eoi"
         self._chosen = ""
-        self._number = 0
-        self._asked: Asked | None = None
-        self._kept: dict[str, str] = {}
-        self._held = False
-        """Whether a hand has moved something since the last ranking was asked for; that ranking is given up then."""
-        self._saved_ranking: Asked | None = None
-        """What the figures of the saved file are for."""
-        self._comparing: Asked | None = None
-        """What of the saved file is being ranked."""
         self._jobs = jobs
-        self._running: Running | None = None
-        self._offers: tuple[Offer, ...] = ()
         self._lines = deque[tuple[str, str]](maxlen=LINES_SHOWN)
         self._stamps: Mapping[Path, object] = {}
-        self._bench = bench
-        self.live = Live(self._heard, self._greet)
+        self.live = Live(self._heard)
+        self._rankings = Rankings(bench, self.live, self._saved, self._named)
+        self._errands = Errands(self.live, self._dropped)
 
     # What browsers are told
 
     def say(self, do: str, **fields: object) -> None:
         """Tell all browsers, and keep it for those that come."""
-        text = message(do, **fields)
-        self._kept[do] = text
-        self.live.tell(text)
-
-    def _greet(self, tell: Tell) -> None:
-        for text in list(self._kept.values()):
-            tell(text)
+        self.live.post(do, message(do, **fields))
 
     def _tell_state(self) -> None:
         draft, workspace = self._draft, self._workspace
@@ -120,7 +95,7 @@ class Studio:
             skills=list(workspace.skills),
             parameters=parameters(workspace, self._task),
             chosen=self._chosen,
-            number=self._number,
+            number=self._rankings.number,
             dirty=draft.dirty,
             undo=draft.past[-1].label if draft.past else None,
             redo=draft.future[0].label if draft.future else None,
@@ -136,13 +111,12 @@ class Studio:
     def _command(self, *words: str) -> str:
         return shlex.join(["sqrp", words[0], str(self._given), *words[1:]])
 
-    # The process that computes
+    # From beginning to end
 
     async def run(self, port: int, ready: Callable[[str], None]) -> None:
         """Serve until it is cancelled; ready: called with the address. Raises InputError for a port that is taken."""
-        self._over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         await self.live.open(port)
-        asyncio.get_running_loop().add_reader(self._bench.pipe.fileno(), self._answered)
+        over = self._rankings.listen()
         self._rank()  # meanwhile the page is put together
         self.live.show(studio_page(f"{self._workspace.name}: studio", self.live.socket))
         ready(self.live.address)
@@ -150,75 +124,28 @@ class Studio:
         self._tell_state()
         try:
             watching = asyncio.ensure_future(self._watch())
-            await asyncio.wait([watching, self._over], return_when=asyncio.FIRST_COMPLETED)
-            (watching if watching.done() else self._over).result()
+            await asyncio.wait([watching, over], return_when=asyncio.FIRST_COMPLETED)
+            (watching if watching.done() else over).result()
         finally:
             watching.cancel()
             await self.live.close()
 
     def close(self) -> None:
         """End what takes longer."""
-        with suppress(OSError, RuntimeError):
-            asyncio.get_running_loop().remove_reader(self._bench.pipe.fileno())
-        if self._running is not None:
-            self._running.end()
-
-    def _send(self, question: Question) -> None:
-        self._bench.ask(question)
+        self._errands.end()
 
     def _rank(self) -> None:
-        self._number += 1
-        self._held, self._comparing = False, None
-        self._asked = Asked(self._draft.content, self._task, self._by)
-        self._send(Rank(**vars(self._asked), number=self._number))
+        self._rankings.rank(Asked(self._draft.content, self._task, self._by))
 
-    def _answered(self) -> None:
-        try:
-            text = self._bench.pipe.recv()
-        except (EOFError, OSError):
-            message = "the process that computes was killed; is there enough memory?"
-            self._over.set_exception(InputError(Problem("worker-died", message)))
-            asyncio.get_running_loop().remove_reader(self._bench.pipe.fileno())
-            return
-        do = kind_of(text)
-        if do in ("sketch", "held", "progress"):
-            self.live.tell(text, passing=do == "progress")
-            return
-        answer = json.loads(text)
-        if answer.get("number", self._number) not in (None, self._number):
-            return  # of an earlier question
-        self._kept[do] = self._whole(text, answer) if do == "cell" else text
-        self.live.tell(text)
-        if do == "ranking":
-            self._kept.pop("problems", None)
-            self._ranked(text, answer)
-        elif do == "saved-ranking":
-            self._saved_ranking = self._comparing
-        elif do == "detail":
-            self._compare()
+    def _saved(self) -> Asked:
+        """What the saved file is ranked for, to compare."""
+        return Asked(self._draft.saved, self._task, self._by)
 
-    def _whole(self, text: str, answer: dict[str, Any]) -> str:
-        """What a new browser is told of the cell: with the shapes, which the others have already."""
-        if answer["model"] is not None or "cell" not in self._kept:
-            return text
-        return json.dumps({**answer, "model": json.loads(self._kept["cell"])["model"]})
-
-    def _ranked(self, text: str, answer: Mapping[str, Any]) -> None:
-        names = [entry["name"] for entry in answer["entries"]]
+    def _named(self, names: Sequence[str]) -> None:
+        """The candidates of a new ranking."""
         if self._chosen not in names:
             self._chosen = names[0]
             self._tell_state()
-        if self._asked is not None and self._asked.content == self._draft.saved:
-            self._saved_ranking = self._asked
-            self._kept["saved-ranking"] = text.replace('"ranking"', '"saved-ranking"', 1)
-            self.live.tell(self._kept["saved-ranking"])
-
-    def _compare(self) -> None:
-        """Rank the saved file as well, once there is nothing else to do, if that is not known."""
-        wanted = Asked(self._draft.saved, self._task, self._by)
-        if self._draft.dirty and wanted not in (self._saved_ranking, self._comparing):
-            self._comparing = wanted
-            self._send(Rank(**vars(wanted), number=self._number, of_saved=True))
 
     # What browsers ask for
 
@@ -232,8 +159,7 @@ class Studio:
         match read_request(text):
             case HoldAt(move=move, number=number):
                 self.live.tell(message("move", move=move))
-                self._held, self._comparing = True, None
-                self._send(Hold(move=move, number=number))
+                self._rankings.hold(move, number)
             case PutDown(move=move):
                 try:
                     label = move.in_words(handles(self._workspace)[move.kind].get(move.name))
@@ -253,8 +179,7 @@ class Studio:
             case RunProgram(file=file, faults=faults):
                 self._play(file, faults)
             case DropFault():
-                if self._running is not None:
-                    self._running.drop()
+                self._errands.drop()
             case Plain(do=do):
                 _PLAIN[do](self)
 
@@ -278,7 +203,7 @@ class Studio:
 
     def rest(self) -> None:
         """Nothing is held any more: rank again what a hand has interrupted without changing anything."""
-        if self._held:
+        if self._rankings.interrupted:
             self._rank()
             self._tell_state()
 
@@ -321,8 +246,7 @@ class Studio:
 
     def _choose(self, name: str) -> None:
         self._chosen = name
-        self._kept.pop("detail", None)
-        self._send(Choose(name=name))
+        self._rankings.choose(name)
         self._note("shown", self._command("explain", self._task, "--choose", name))
         self._tell_state()
 
@@ -348,54 +272,25 @@ class Studio:
         self._stamps = self._stamped()
         line = self._command("set", *(f"{k}={v}" for k, v in values.items())) if values else ""
         self._note("saved", line)
-        ranking = self._kept.get("ranking")
-        if ranking is not None and self._asked == Asked(self._draft.saved, self._task, self._by):
-            self._ranked(ranking, json.loads(ranking))
+        self._rankings.take_as_saved()
         self._tell_state()
 
     # What takes longer
 
-    def _begin(self, job: Job) -> None:
-        """Start a job instead of the one that is under way."""
-        self.stop()
-        for kind in ("offers", "run-began", "run-ended", "written", "refused"):
-            self._kept.pop(kind, None)
-        self._offers = ()
-        self._running = Running(job)
-        asyncio.get_running_loop().add_reader(self._running.pipe.fileno(), self._reported)
-
-    def _reported(self) -> None:
-        running = self._running
-        assert running is not None  # noqa: S101 - its pipe is read
-        try:
-            report: Report = running.pipe.recv()
-        except (EOFError, OSError):
-            self.stop()
-            return
-        do = kind_of(report.text)
-        if do == "offers":
-            self._offers = report.offers
-        if do in ("offers", "run-began", "run-ended"):
-            self._kept[do] = report.text
-        if do == "run-fault":
-            told = json.loads(report.text)
-            self._note("dropped", _run_line(told["file"], told["faults"]))
-            self._tell_state()
-        self.live.tell(report.text, passing=do in ("run-image", "run-state", "run-evidence", "searching"))
+    def _dropped(self, told: Mapping[str, Any]) -> None:
+        """A click has dropped a part in a run."""
+        self._note("dropped", _run_line(told["file"], told["faults"]))
+        self._tell_state()
 
     def stop(self) -> None:
         """End what takes longer."""
-        if self._running is not None:
-            asyncio.get_running_loop().remove_reader(self._running.pipe.fileno())
-            self._running.end()
-            self._running = None
-            self.live.tell(message("job-ended"))
+        self._errands.stop()
 
     def search(self, *, placing: bool) -> None:
         """Look for the least changes that help the chosen candidate, or for other places of all cameras."""
         line = ("place", self._task) if placing else ("advise", self._task, "--choose", self._chosen)
         self._note("asked", self._command(*line))
-        self._begin(
+        self._errands.begin(
             Search(
                 path=self._given,
                 content=self._draft.content,
@@ -409,17 +304,16 @@ class Studio:
         self._tell_state()
 
     def _apply(self, number: int) -> None:
-        if not 1 <= number <= len(self._offers):
+        if not 1 <= number <= len(self._errands.offers):
             raise InputError(Problem("bad-option", f"there is no change {number}"))
-        offer = self._offers[number - 1]
+        offer = self._errands.offers[number - 1]
         workspace = self._read(offer.content)
         values = changed_values(self._document(), offer.content)
         line = self._command(*offer.line)
         self._go_on(
             self._draft.changed(Change(label=offer.words, line=line, values=values, content=offer.content)), workspace
         )
-        self._offers = ()
-        self._kept.pop("offers", None)
+        self._errands.forget_offers()
         self._note(offer.words, line)
         self._tell_state()
 
@@ -432,7 +326,7 @@ class Studio:
         by = ["--by", self._by] if self._by != "q_eoi" else []
         line = self._command("rank", self._task, *by, "--program", str(file), "--choose", self._chosen)
         self._note("program", line)
-        self._begin(
+        self._errands.begin(
             Write(
                 path=self._given,
                 task=self._task,
@@ -448,7 +342,7 @@ class Studio:
     def _play(self, name: str, faults: Sequence[str]) -> None:
         file = _program_file(name)
         self._note("run", _run_line(str(file), faults))
-        self._begin(Play(file=file, faults=tuple(faults), seed=self._seed))
+        self._errands.begin(Play(file=file, faults=tuple(faults), seed=self._seed))
         self._tell_state()
 
     # Changes of others

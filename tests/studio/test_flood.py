@@ -73,7 +73,7 @@ def test_others_are_heard_during_a_flood():
         tell(text)
 
     async def both() -> str:
-        live = Live(heard, lambda _: None)
+        live = Live(heard)
         await live.open(0)
         where, origin = f"{live.socket}/{live.address.split('/')[3]}/live", live.address.rsplit("/", 2)[0]
         async with connect(where, origin=origin) as flooding, connect(where, origin=origin) as other:

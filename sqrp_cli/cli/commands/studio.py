@@ -88,7 +88,7 @@ def _serve(opened: OpenCell, task: str, bench: Bench, port: int, jobs: int, *, s
         sys.stdout.flush()
         note("the studio is at this address; Ctrl-C closes it")
         if show:
-            threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()  # one of text stays
+            threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()  # w3m would stay
 
     studio = Studio(opened, task, jobs, bench)
     try:

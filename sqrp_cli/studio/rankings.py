@@ -1,0 +1,128 @@
+"""What the process that computes is asked for a session, and which of its answers still count."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.studio.bench_process import Bench
+from sqrp_cli.studio.messages import kind_of
+from sqrp_cli.studio.moves import Move
+from sqrp_cli.studio.questions import Choose, Hold, Rank
+from sqrp_cli.studio.server import Live
+
+if TYPE_CHECKING:
+    from sqrp_cli.programming.ranking import Criterion
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is ranked."""
+
+    content: bytes
+    task: str
+    by: Criterion
+
+
+class Rankings:
+    """The ranking of the text, beside that of the saved file."""
+
+    def __init__(
+        self, bench: Bench, live: Live, saved: Callable[[], Asked], named: Callable[[Sequence[str]], None]
+    ) -> None:
+        """saved: what the saved file is ranked for; named: called with the names of the candidates of a new ranking."""
+        self._bench, self._live, self._saved, self._named = bench, live, saved, named
+        self.number = 0
+        """Of the last question."""
+        self._asked: Asked | None = None
+        self._ranked: Asked | None = None
+        """What the ranking that is shown is of."""
+        self._held = False
+        """Whether a hand has moved something since the last ranking was asked for; that ranking is given up then."""
+        self._of_saved: Asked | None = None
+        """What the figures of the saved file are for."""
+        self._comparing: Asked | None = None
+        """What of the saved file is being ranked."""
+        self._over: asyncio.Future[None] | None = None
+        """Done once the process was killed."""
+
+    def listen(self) -> asyncio.Future[None]:
+        """Hear answers from now on, in the loop that is running; the future fails once the process is killed."""
+        loop = asyncio.get_running_loop()
+        self._over = loop.create_future()
+        loop.add_reader(self._bench.pipe.fileno(), self._answered)
+        return self._over
+
+    def rank(self, asked: Asked) -> None:
+        """Rank a task in the cell of a text."""
+        self.number += 1
+        self._held, self._comparing = False, None
+        self._asked = asked
+        self._bench.ask(Rank(**vars(asked), number=self.number))
+
+    def choose(self, name: str) -> None:
+        """Show a candidate over time."""
+        self._live.forget("detail")
+        self._bench.ask(Choose(name=name))
+
+    def hold(self, move: Move, number: int) -> None:
+        """Sketch what a hand moves."""
+        self._held, self._comparing = True, None
+        self._bench.ask(Hold(move=move, number=number))
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the ranking that was asked for was given up, as a hand has moved something."""
+        return self._held
+
+    def take_as_saved(self) -> None:
+        """Take the ranking that is shown as that of the saved file too, if it is."""
+        if self._ranked == self._saved():
+            self._of_saved = self._ranked
+            text = self._live.kept["ranking"].replace('"ranking"', '"saved-ranking"', 1)
+            self._live.post("saved-ranking", text)
+
+    def _answered(self) -> None:
+        try:
+            text = self._bench.pipe.recv()
+        except (EOFError, OSError):
+            self._died()
+            return
+        do = kind_of(text)
+        if do in ("sketch", "held", "progress"):
+            self._live.tell(text, passing=do == "progress")
+            return
+        answer = json.loads(text)
+        if answer.get("number", self.number) not in (None, self.number):
+            return  # of an earlier question
+        before = self._live.kept.get("cell")
+        self._live.post(do, text)
+        if do == "cell" and before is not None and answer["model"] is None:
+            # A new browser is told the shapes too, which the others have already.
+            self._live.kept["cell"] = json.dumps({**answer, "model": json.loads(before)["model"]})
+        if do == "ranking":
+            self._ranked = self._asked
+            self._live.forget("problems")
+            self._named([entry["name"] for entry in answer["entries"]])
+            self.take_as_saved()
+        elif do == "saved-ranking":
+            self._of_saved = self._comparing
+        elif do == "detail":
+            self._compare()
+
+    def _died(self) -> None:
+        asyncio.get_running_loop().remove_reader(self._bench.pipe.fileno())
+        message = "the process that computes was killed; is there enough memory?"
+        assert self._over is not None  # noqa: S101 - it listens
+        self._over.set_exception(InputError(Problem("worker-died", message)))
+
+    def _compare(self) -> None:
+        """Rank the saved file as well, once there is nothing else to do, if that is not known."""
+        saved = self._saved()
+        if saved not in (self._asked, self._of_saved, self._comparing):
+            self._comparing = saved
+            self._bench.ask(Rank(**vars(saved), number=self.number, of_saved=True))
