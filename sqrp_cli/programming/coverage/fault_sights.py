@@ -19,7 +19,7 @@ from sqrp_cli.knowledge.skill.target_box import object_of
 from sqrp_cli.logic.formula_time import SAME_INSTANT, Stretch
 from sqrp_cli.logic.image_time import Onset, Window
 from sqrp_cli.logic.literal import Literal
-from sqrp_cli.programming.coverage.parting import least_delays, onset
+from sqrp_cli.programming.coverage.parting import held_in, least_delays, onset
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.stage import Stage
 from sqrp_cli.programming.coverage.timeline import Timeline, Watch, observe_all
@@ -206,17 +206,57 @@ def all_fault_windows(
     """The windows of every fault of several motions in one cell, by its name.
 
     Where targets of formulas decide all faults, or show them all the time, by the timelines; else the boxes that tell
-    are looked at as well.
+    are looked at as well. Where fingers may have lost a part that images do not show all the time, once more as they
+    are then.
     """
     clocks = clocks_of(observer.cameras)
     asked = [_enough(refuting(scene), scene, found, clocks) for scene, found in zip(scenes, timelines, strict=True)]
     further = [index for index, one in enumerate(asked) if one.more]
-    looked = observe_all([_watch(scenes[i], asked[i]) for i in further], observer, sampling, full=False)
-    by_scene = dict(zip(further, looked, strict=True))
-    return [
-        {fault.name: fault_windows(by_scene.get(index, timeline), fault, clocks) for fault in one.faults}
-        for index, (one, timeline) in enumerate(zip(asked, timelines, strict=True))
+    looked = observe_all(
+        [_watch(scenes[i].stage, scenes[i], asked[i]) for i in further], observer, sampling, full=False
+    )
+    seen = [*timelines]
+    for index, timeline in zip(further, looked, strict=True):
+        seen[index] = timeline
+    found = [
+        {fault.name: fault_windows(timeline, fault, clocks) for fault in one.faults}
+        for one, timeline in zip(asked, seen, strict=True)
     ]
+    late = [
+        [
+            fault
+            for fault in one.faults
+            if windows[fault.name] and _closes(scene.stage, fault) and not _always_shown(fault, timeline, clocks)
+        ]
+        for scene, one, timeline, windows in zip(scenes, asked, seen, found, strict=True)
+    ]
+    closing = [index for index, faults in enumerate(late) if faults]
+    watches = [_watch(scenes[index].stage.once_lost, scenes[index], asked[index]) for index in closing]
+    for index, timeline in zip(closing, observe_all(watches, observer, sampling, full=False), strict=True):
+        for fault in late[index]:
+            lost = fault_windows(timeline, fault, clocks)
+            found[index][fault.name] = _once_lost(found[index][fault.name], lost, fault.intervals[0])
+    return found
+
+
+def _closes(stage: Stage, fault: FaultWatch) -> bool:
+    """Whether fingers hold something throughout the intervals of a fault, behind which they close if they lose it."""
+    return bool(stage.model.fingers.joints) and all(held_in(stage, one) is not None for one in fault.intervals)
+
+
+def _once_lost(planned: Sequence[Window], lost: Sequence[Window], interval: Stretch) -> tuple[Window, ...]:
+    """The windows of what fingers lose in an interval.
+
+    Those of the motion as planned, where the fingers are still around the part, as long as images show it from the
+    start of the interval on; from then on, as it may have been lost long ago, those with the fingers closed.
+    """
+    shown = (window.end for window in planned if window.start <= interval.start + SAME_INSTANT)
+    until = min(next(shown, interval.start), interval.end)
+    first = [window._replace(end=min(window.end, until)) for window in planned if window.start < until]
+    then = [window._replace(start=max(window.start, until)) for window in lost if window.end > until]
+    if first and then and first[-1][1:] == (then[0].start, *then[0][2:]):
+        then[0] = first.pop()._replace(end=then[0].end)
+    return (*first, *then)
 
 
 def _enough(asked: Refuting, scene: WatchedFaults, timeline: Timeline, clocks: Mapping[float, Clock]) -> Refuting:
@@ -241,14 +281,13 @@ def _always_shown(fault: FaultWatch, timeline: Timeline, clocks: Mapping[float, 
     return True
 
 
-def _watch(scene: WatchedFaults, asked: Refuting) -> Watch:
-    """A look at what shows the faults of a motion, from when the first may happen."""
-    pieces = [_asking(piece, asked.faults) for piece in scene.stage.pieces]
+def _watch(stage: Stage, scene: WatchedFaults, asked: Refuting) -> Watch:
+    """A look at what shows the faults of a scene, on its stage or another, from when the first may happen."""
+    pieces = [_asking(piece, asked.faults) for piece in stage.pieces]
     pieces = [piece for piece in pieces if any(fault.told_in(piece) for fault in asked.faults)]
-    stage = Stage(scene.stage.model, scene.stage.motion, pieces, scene.stage.X_WO)
     # Each target is a fault of its own here, so that its changes are located whatever else is seen.
     alone = {f"{column}": (column,) for column in range(len(asked.targets))}
-    return Watch(stage=stage, targets=asked.targets, faults=alone, T=scene.T, T_eoi=scene.T_eoi)
+    return Watch(stage=stage.with_pieces(pieces), targets=asked.targets, faults=alone, T=scene.T, T_eoi=scene.T_eoi)
 
 
 def _asking(piece: Piece, faults: Sequence[FaultWatch]) -> Piece:

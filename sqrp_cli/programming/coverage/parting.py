@@ -169,7 +169,7 @@ def _by_camera(
     interval: Stretch,
 ) -> _ByCamera | None:
     """When each camera shows a fault, see `onset`; None where the tool loses nothing."""
-    name = _held(stage, interval)
+    name = held_in(stage, interval)
     boxes = {} if name is None else {lit: _boxes_of(stage, targets[lit.atom], name) for lit in literals}
     left = [box for lit, found in boxes.items() if not lit.positive for box in found if box.frame in stage.model.links]
     reached = [box for lit, found in boxes.items() if lit.positive for box in found if box.frame in stage.resting]
@@ -262,7 +262,7 @@ def _watching(
     return [np.flatnonzero(seen & fixed) for seen in of_groups]
 
 
-def _held(stage: Stage, interval: Stretch) -> str | None:
+def held_in(stage: Stage, interval: Stretch) -> str | None:
     """What the tool holds throughout an interval."""
     primitives = stage.motion.primitives
     held = {p.held for p in primitives if p.start < interval.end - 1e-9 and p.end > interval.start + 1e-9}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, pairwise
 
@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.frames import Stay, carried_poses, frame_poses
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.motion.plan_motion import Motion
+from sqrp_cli.programming.motion.fingers import closed_behind
+from sqrp_cli.programming.motion.plan_motion import Motion, TimedPrimitive
 from sqrp_cli.programming.pieces import Piece
 from sqrp_cli.programming.sensing.scene_states import SceneStates, fixed_frame
 from sqrp_cli.programming.targets import Target
@@ -46,6 +47,34 @@ class Stage:
         self.model, self.motion, self.pieces, self.X_WO = model, motion, tuple(pieces), X_WO
         self._primitive = np.array([piece.primitive for piece in self.pieces])
         self._carried = dict.fromkeys(p.held for p in motion.primitives if p.held is not None)
+
+    def with_pieces(self, pieces: Sequence[Piece]) -> Stage:
+        """The same motion, cut into other pieces."""
+        return Stage(self.model, self.motion, pieces, self.X_WO)
+
+    @property
+    def once_lost(self) -> Stage:
+        """The motion of a tool that has lost what it should hold.
+
+        The fingers are closed, and the part lies where it stood or, if the tool held it from the start, is to stand.
+        """
+        motion = self.motion
+        lies = motion.final.X_WO if motion.primitives[0].held is not None else self.X_WO
+
+        def empty(primitive: TimedPrimitive) -> TimedPrimitive:
+            if primitive.held is None:
+                return primitive
+            return replace(
+                primitive,
+                held=None,
+                X_TO=None,
+                X_WO={**primitive.X_WO, primitive.held: lies[primitive.held]},
+                trajectory=closed_behind(self.model, primitive.trajectory),
+            )
+
+        return Stage(
+            self.model, replace(motion, primitives=tuple(map(empty, motion.primitives))), self.pieces, self.X_WO
+        )
 
     def positions(self, samples: Samples) -> Array:
         """Positions of the motion's joints, shape (m, n)."""

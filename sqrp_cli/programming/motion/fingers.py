@@ -99,3 +99,10 @@ def with_fingers(model: RobotModel, arm: Trajectory, fingers: Trajectory | None,
     constant[:, 0] = moving
     both = (coefficients, constant) if fingers is None else (constant, coefficients)
     return Trajectory(type(still.path)(still.path.breaks, np.concatenate(both, axis=2)), still.law)
+
+
+def closed_behind(model: RobotModel, trajectory: Trajectory) -> Trajectory:
+    """A trajectory of all driven joints with the fingers closed throughout."""
+    path = trajectory.path
+    arm = type(path)(path.breaks, path.coefficients[:, :, : len(model.arm)])
+    return with_fingers(model, Trajectory(arm, trajectory.law), None, model.fingers.closed)

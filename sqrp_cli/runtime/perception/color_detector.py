@@ -22,7 +22,7 @@ from sqrp_cli.runtime.perception.background import Background
 from sqrp_cli.runtime.perception.detections import NO_OUTLINE, BoxDetection, MissReason
 from sqrp_cli.runtime.perception.expected_view import Crop, ExpectedView, extent
 from sqrp_cli.runtime.perception.projected import ProjectedObject
-from sqrp_cli.runtime.perception.vision import blobs, color_mask, dilated, direction, middle
+from sqrp_cli.runtime.perception.vision import blobs, color_mask, dilated, direction, displaced
 
 BORDER = 1.8
 """Pixels along the edge of what hides an object that are not judged though they are visible: the robot's silhouette is
@@ -150,8 +150,9 @@ class ColorDetector:
         askable = max(projected.area - float((silhouette & enclosed & ~hiding).sum()), LEAST_PIXELS**2)
         share = min(float(judged.sum()) / askable, 1.0)
         edge = float((silhouette & hiding & ~before).sum()) / askable
-        patch = dilated(inside, margin // 2) & ~front & own
-        shift = middle(patch) - middle(decided) if patch.any() else None
+        reach = margin // 2
+        patch = dilated(inside, reach) & ~front & own
+        shift = displaced(own, telling & (own | background), silhouette, reach) if patch.any() else None
         filled = min(float((inside & telling & own).sum() / decided.sum()), 1.0)
         return _Place(projected, share, hidden, edge, alike, filled, shift)
 

@@ -123,6 +123,25 @@ def middle(mask: Mask) -> Array:
     return np.array([columns.mean(), rows.mean()])
 
 
+def displaced(shown: Mask, judged: Mask, expected: Mask, reach: int) -> Array:
+    """By how much (x, y) something lies beside where it is expected, (2,) [pixels], at most by `reach` either way.
+
+    shown: where it is seen. judged: where it would be seen if it were there. expected: its silhouette. Of all that
+    explains which of the judged pixels show it, but for a share `ALIKE` of those expected, it is the least.
+    """
+    score = np.where(judged, np.where(shown, -1.0, 1.0), 0.0).astype(np.float32)
+    score = cv2.copyMakeBorder(score, reach, reach, reach, reach, cv2.BORDER_CONSTANT, value=0.0)
+    wrong = cv2.matchTemplate(score, expected.astype(np.float32), cv2.TM_CCORR)
+    rows, columns = np.nonzero(wrong <= wrong.min() + ALIKE * float((expected & judged).sum()))
+    steps = np.stack([columns, rows], axis=1) - reach
+    least: Array = steps[np.hypot(*steps.T).argmin()].astype(float)
+    return least
+
+
+ALIKE = 0.02
+"""Displacements explain an image equally well if they differ by no more than this share of the silhouette."""
+
+
 def dilated(mask: Mask, pixels: int) -> Mask:
     """A mask made wider by some pixels on every side."""
     kernel = np.ones((2 * pixels + 1, 2 * pixels + 1), dtype=np.uint8)
