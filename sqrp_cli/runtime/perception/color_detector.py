@@ -151,8 +151,10 @@ class ColorDetector:
         share = min(float(judged.sum()) / askable, 1.0)
         edge = float((silhouette & hiding & ~before).sum()) / askable
         reach = margin // 2
-        patch = dilated(inside, reach) & ~front & own
-        shift = displaced(own, telling & (own | background), silhouette, reach) if patch.any() else None
+        shift = None
+        if (dilated(inside, reach) & ~front & own).any():
+            wider = projected.mask((shape[0] + 2 * reach, shape[1] + 2 * reach), (origin[0] - reach, origin[1] - reach))
+            shift = displaced(own, telling & (own | background), wider)
         filled = min(float((inside & telling & own).sum() / decided.sum()), 1.0)
         return _Place(projected, share, hidden, edge, alike, filled, shift)
 

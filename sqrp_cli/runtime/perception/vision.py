@@ -123,17 +123,19 @@ def middle(mask: Mask) -> Array:
     return np.array([columns.mean(), rows.mean()])
 
 
-def displaced(shown: Mask, judged: Mask, expected: Mask, reach: int) -> Array:
-    """By how much (x, y) something lies beside where it is expected, (2,) [pixels], at most by `reach` either way.
+def displaced(shown: Mask, judged: Mask, expected: Mask) -> Array:
+    """By how much (x, y) something lies beside where it is expected, (2,) [pixels].
 
-    shown: where it is seen. judged: where it would be seen if it were there. expected: its silhouette. Of all that
-    explains which of the judged pixels show it, but for a share `ALIKE` of those expected, it is the least.
+    shown: where it is seen, shape (h, w). judged: where it would be seen if it were there, (h, w). expected: its
+    silhouette, with the margin on every side by which it may lie beside it. Of all that explains which of the judged
+    pixels show it, but for a share `ALIKE` of the silhouette as far as it is judged, it is the least.
     """
     score = np.where(judged, np.where(shown, -1.0, 1.0), 0.0).astype(np.float32)
-    score = cv2.copyMakeBorder(score, reach, reach, reach, reach, cv2.BORDER_CONSTANT, value=0.0)
-    wrong = cv2.matchTemplate(score, expected.astype(np.float32), cv2.TM_CCORR)
-    rows, columns = np.nonzero(wrong <= wrong.min() + ALIKE * float((expected & judged).sum()))
-    steps = np.stack([columns, rows], axis=1) - reach
+    wrong = cv2.matchTemplate(expected.astype(np.float32), score, cv2.TM_CCORR)
+    down, right = ((size - 1) // 2 for size in wrong.shape)
+    there = expected[down : down + shown.shape[0], right : right + shown.shape[1]] & judged
+    rows, columns = np.nonzero(wrong <= wrong.min() + ALIKE * float(there.sum()))
+    steps = np.stack([right - columns, down - rows], axis=1)
     least: Array = steps[np.hypot(*steps.T).argmin()].astype(float)
     return least
 
