@@ -47,7 +47,7 @@ class Case(NamedTuple):
     def predicted(self) -> float:
         """How far away nine of ten images show it [m]."""
         size = (1.5 * self.side, 1.5 * self.side, 0.002)
-        return MarkerRange.of(self.camera, self.marker.on(size)).far * float(np.cos(self.incidence))
+        return MarkerRange.of(self.camera, self.marker.on(size), self.incidence).far
 
     def measured(self, count: int, seed: int) -> float:
         """The same by random views, at distances up to `SPREAD` times nearer and farther than predicted [m]."""

@@ -13,3 +13,7 @@ An object that is not held counts as in a place that is filled by more than half
 
 SHIFT_PIXELS, SHIFT_SHARE = 2.0, 0.05
 """How far the patch of an object may lie from where the tool would show it: pixels, plus a share of its size there."""
+
+ALIKE = 0.02
+"""Places explain an image equally well if they differ by no more than this share of the part's silhouette; the nearest
+to where the tool would show it counts."""

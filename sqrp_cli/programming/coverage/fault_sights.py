@@ -235,7 +235,7 @@ def all_fault_windows(
     for index, timeline in zip(closing, observe_all(watches, observer, sampling, full=False), strict=True):
         for fault in late[index]:
             lost = fault_windows(timeline, fault, clocks)
-            found[index][fault.name] = _once_lost(found[index][fault.name], lost, fault.intervals[0])
+            found[index][fault.name] = after_loss(found[index][fault.name], lost, fault.intervals[0])
     return found
 
 
@@ -244,7 +244,7 @@ def _closes(stage: Stage, fault: FaultWatch) -> bool:
     return bool(stage.model.fingers.joints) and all(held_in(stage, one) is not None for one in fault.intervals)
 
 
-def _once_lost(planned: Sequence[Window], lost: Sequence[Window], interval: Stretch) -> tuple[Window, ...]:
+def after_loss(planned: Sequence[Window], lost: Sequence[Window], interval: Stretch) -> tuple[Window, ...]:
     """The windows of what fingers lose in an interval.
 
     Those of the motion as planned, where the fingers are still around the part, as long as images show it from the

@@ -20,7 +20,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.knowledge.camera.judging import EMPTY, FULL, LEAST_SHARE, SHIFT_PIXELS, SHIFT_SHARE
+from sqrp_cli.knowledge.camera.judging import ALIKE, EMPTY, FULL, LEAST_SHARE, SHIFT_PIXELS, SHIFT_SHARE
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.skill.target_box import object_of
 from sqrp_cli.logic.formula_time import Stretch
@@ -45,9 +45,9 @@ class PartingRule(NamedTuple):
 
 
 SURE = PartingRule(
-    pixels=SHIFT_PIXELS,
-    # Twice the detector's share: where fingers hide one end of it, the middle of what is seen moves by half as much.
-    share=2.0 * SHIFT_SHARE,
+    # The detector measures by whole pixels. What it leaves open lies at an edge across the way, half of it hidden.
+    pixels=SHIFT_PIXELS + 1.0,
+    share=SHIFT_SHARE + 2.0 * ALIKE,
     # Moved by a share d, a convex silhouette still covers (1 - d)^2 of itself at least (Brunn-Minkowski), even if all
     # that it leaves uncovered is in the share of it that must be visible.
     inside=1.0 - float(np.sqrt(1.0 - LEAST_SHARE * (1.0 - FULL / 2))),
@@ -55,14 +55,10 @@ SURE = PartingRule(
 )
 """So much is surely enough."""
 
-HIDDEN = 0.5
-"""Share of the width of a part that its tool usually hides at the end at which it holds it."""
-
 USUAL = PartingRule(
-    # Of what moves by d, the middle of what is seen moves by (1 - HIDDEN / 2) d: the tool lays bare HIDDEN d of the
-    # part's width, half a length from its middle.
-    pixels=SHIFT_PIXELS / (1.0 - HIDDEN / 2),
-    share=SHIFT_SHARE / (1.0 - HIDDEN / 2),
+    # What the detector leaves open lies at two edges.
+    pixels=SHIFT_PIXELS,
+    share=SHIFT_SHARE + ALIKE / 2.0,
     # Moved along an edge by a share d, a box covers 1 - d of itself.
     inside=1.0 - FULL / 2,
     covered=EMPTY,

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.camera.judging import ALIKE
 from sqrp_cli.knowledge.markers import ORIGINAL, opencv_name
 from sqrp_cli.knowledge.paint import HUE_TOLERANCE, HUES, LEAST_SEEN_SATURATION, LEAST_VALUE, hue_of
 from sqrp_cli.runtime.image import ImageArray
@@ -138,10 +139,6 @@ def displaced(shown: Mask, judged: Mask, expected: Mask) -> Array:
     steps = np.stack([right - columns, down - rows], axis=1)
     least: Array = steps[np.hypot(*steps.T).argmin()].astype(float)
     return least
-
-
-ALIKE = 0.02
-"""Displacements explain an image equally well if they differ by no more than this share of the silhouette."""
 
 
 def dilated(mask: Mask, pixels: int) -> Mask:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import astuple
-from itertools import groupby
+from itertools import groupby, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -15,14 +15,15 @@ from ruckig import ControlInterface, InputParameter, Result, Ruckig, Trajectory
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.logic.image_time import Onset, Window
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study
-from sqrp_cli.programming.coverage.fault_sights import Clock, FaultWatch, fault_windows
+from sqrp_cli.programming.coverage.fault_sights import Clock, FaultWatch, after_loss, fault_windows
 from sqrp_cli.programming.coverage.faults import fault_metrics, interval_metrics, why_late
-from sqrp_cli.programming.coverage.sampling import Adaptive
+from sqrp_cli.programming.coverage.sampling import Adaptive, first_samples
 from sqrp_cli.programming.motion.stop_and_return import Recovery, stop
 from sqrp_cli.programming.motion.timing import MotionLimits
 from sqrp_cli.programming.task import read_task
@@ -225,3 +226,43 @@ LATE = Onset(np.array([1.0, 3.0]), np.array([1.4, 3.0]))
 def test_what_makes_the_longest_delay_long(windows: list[Window], onset: Onset, why: str) -> None:
     found = fault_metrics(windows, [onset], recovery(0, 4.0), 4.0)
     assert why_late(found, windows, [onset]).startswith(why)
+
+
+@st.composite
+def some_windows(draw: st.DrawFn) -> list[Window]:
+    edges = sorted(draw(st.sets(st.integers(10, 60), max_size=8)))
+    return [Window(a / 10, b / 10, 0.1, 0.05) for a, b in zip(edges[::2], edges[1::2], strict=False)]
+
+
+@given(planned=some_windows(), lost=some_windows())
+def test_what_fingers_lost_is_seen_as_planned_until_that_ends_and_then_with_closed_fingers(
+    planned: list[Window], lost: list[Window]
+) -> None:
+    interval = Stretch(1.0, 3.0)
+    found = after_loss(planned, lost, interval)
+    at_once = [window for window in planned if window.start == interval.start]
+    until = min(at_once[0].end, interval.end) if at_once else interval.start
+    for t in np.arange(1.005, 6.0, 0.01):
+        counts = planned if t < until else lost
+        assert any(one.start <= t <= one.end for one in found) == any(one.start <= t <= one.end for one in counts)
+    assert all(first.end < second.start for first, second in pairwise(found))
+
+
+def test_once_it_is_lost_a_part_lies_where_it_stood_and_the_fingers_are_closed() -> None:
+    workspace = load_workspace(Path(__file__).parents[3] / "workspaces" / "screws")
+    cell = Cell.load(workspace)
+    candidate = next(one for one in read_task("pickup red1", workspace).candidates)
+    found = find_way(cell, candidate, cell.initial_world, Adaptive(), WantedWay(fastest=True))
+    assert not isinstance(found, Infeasible)
+    stage, lost = found.study.stage, found.study.stage.once_lost
+    samples = first_samples(Adaptive(), stage, cell.observer, found.study.targets)
+    as_planned, states = stage.states(samples).X_WF, lost.states(samples).X_WF
+    carried = np.array([name is not None for name in stage.held(samples)])
+    assert carried.any()
+    assert np.allclose(states["red1"], stage.X_WO["red1"])
+    # Closed, the pads of the gripper meet in the middle: `left_finger_joint` is half the distance between them.
+    for finger in ("left_finger", "right_finger"):
+        gap = np.linalg.norm(states[finger][carried, :3, 3] - states["gripper_palm"][carried, :3, 3], axis=1)
+        assert np.allclose(gap, 0.05)
+        assert np.array_equal(states[finger][~carried], as_planned[finger][~carried])
+    assert np.allclose(states["gripper_palm"], as_planned["gripper_palm"], atol=1e-12)

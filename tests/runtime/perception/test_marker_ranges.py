@@ -51,8 +51,9 @@ def with_detector(text: str) -> bytes:
 def test_a_detector_that_states_no_limits_has_those_of_its_markers_and_cameras() -> None:
     workspace = load_workspace(SCREWS, with_detector("kind: aruco, max_incidence: 60 deg"))
     found = workspace.detectors["aruco"]
-    # The longer side of the image decides: 0.011 of 1536 pixels are more than 1.9 for each of 7 modules.
-    assert found.min_pixels == pytest.approx(0.011 * 1536 / np.sqrt(0.5))
+    # Facing the camera, the longer side of the image decides: 0.011 of 1536 pixels are more than 1.9 for each of 7
+    # modules; at 60 degrees, where modules are half as long one way, the modules do.
+    assert found.min_pixels == pytest.approx(7 * 1.9 * ((1 + 2**8) / 2) ** (1 / 8) * np.sqrt(0.5))
     longest = max(float(one.matrix[0, 0]) for one in workspace.cameras.values())
     assert found.distance[1] == pytest.approx(longest * 0.03 / (0.011 * 1536))
     shortest = min(float(one.matrix[1, 1]) for one in workspace.cameras.values())
