@@ -60,7 +60,7 @@ def _least_side(camera: Intrinsics, marker: Marker, incidence: float) -> float:
     """
     dictionary, shorter = DICTIONARIES[marker.dictionary], _shorter(incidence)
     module = MODULE_PIXELS - LESS_PER_BIT * min(dictionary.corrected, MOST_BITS)
-    read = dictionary.modules * module * ((1.0 + shorter**-STEEPNESS) / 2.0) ** (1.0 / STEEPNESS)
+    read: float = dictionary.modules * module * ((1.0 + shorter**-STEEPNESS) / 2.0) ** (1.0 / STEEPNESS)
     return max(read, LEAST_SIDE * max(camera.width, camera.height) * 2.0 / (1.0 + shorter))
 
 
