@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.knowledge.workspace.load import workspace_name
 from sqrp_cli.program.file import workspace_path
 from sqrp_cli.program.joint_trajectory import ToolCommand, action_name, tool_commands
@@ -65,25 +66,20 @@ class ListedStep(Record):
     @classmethod
     def of(cls, step: Step, start: float) -> ListedStep:
         """A step that begins at a time [s]."""
-        return cls(
-            task=step.task,
-            skill=step.skill,
+        return completed(
+            cls,
+            step,
             parameters=dict(step.parameters),
             start=start,
             end=start + step.time,
-            time=step.time,
-            q_avg=step.q_avg,
-            q_eoi=step.q_eoi,
-            faults=step.faults,
-            verdict=step.verdict,
             primitives=[
-                ListedPrimitive(
-                    name=primitive.name,
+                completed(
+                    ListedPrimitive,
+                    primitive,
                     does=primitive.does or primitive.name,
                     action=action_name(primitive),
                     start=start + primitive.start,
                     end=start + primitive.end,
-                    held=primitive.held,
                 )
                 for primitive in step.primitives
             ],

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Literal
 
+from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.report.documents.document import Record, WorkspaceDocument
 from sqrp_cli.runtime.record.report import Confusion, Disagreement, FaultRecord, RunReport, StepRecord
 
@@ -91,20 +92,12 @@ class RunDocument(WorkspaceDocument):
     @classmethod
     def of(cls, workspace: str, report: RunReport) -> RunDocument:
         """A run in a workspace."""
-        return cls(
+        return completed(
+            cls,
+            report,
             workspace=workspace,
-            outcome=report.outcome,
-            reason=report.reason,
-            time=report.time,
-            steps=report.steps,
             faults=[Fault.of(fault) for fault in report.faults],
-            prediction=list(report.prediction),
-            disagreements=report.disagreements,
-            conflicts=report.conflicts,
             stop=StopTimes(told=report.stop_told, standing=report.stop_done),
-            tracking=report.tracking,
-            images=report.images,
-            wall=report.wall,
         )
 
 
@@ -288,21 +281,14 @@ class AuditDocument(WorkspaceDocument):
         patch: str,
     ) -> AuditDocument:
         """An audit of a recording."""
-        return cls(
+        return completed(
+            cls,
+            report,
             workspace=workspace,
-            images=report.images,
-            skipped=report.skipped,
-            repeated=report.repeated,
-            runs=report.runs,
             damaged=len(report.damaged),
-            apart=report.apart,
-            missing=list(report.missing),
-            other_topics=list(report.other_topics),
             precision=report.total.precision,
             threshold=threshold,
             passed=passed,
             cameras={name: AuditedCamera.of(one) for name, one in cameras.items()},
             patch=patch,
-            prediction=list(report.prediction),
-            disagreements=list(report.disagreements),
         )
