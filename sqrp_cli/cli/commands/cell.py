@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
@@ -73,24 +74,20 @@ def command(
     joints = tuple(cell.workspace.robot.home) if opened is None else opened.program.joints
     file = served_as("ros2" if serve == "ros2" else "ros1", joints, cell, network, domain)
 
-    written: list[Path] = []
-
     def ready() -> None:
         if config is not None:
             _check_new(config)  # it may have come while the simulation was made ready
             write_atomically(config, as_yaml(file))
-            written.append(config)
+            leaving.callback(config.unlink, missing_ok=True)
         where = f"domain {file.domain}, {file.network}" if serve == "ros2" else "ROS 1"
         note(f"serving {cell.workspace.name} ({where}) until Ctrl-C")
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C
-    try:
-        serve_cell(cell, opened, file, fault or [], seed, ready=ready, tell=note, factor=pace)
-    except KeyboardInterrupt:
-        note("stopped serving")
-    finally:
-        for path in written:
-            path.unlink(missing_ok=True)
+    with ExitStack() as leaving:
+        try:
+            serve_cell(cell, opened, file, fault or [], seed, ready=ready, tell=note, factor=pace)
+        except KeyboardInterrupt:
+            note("stopped serving")
     return ExitCode.OK
 
 
