@@ -51,8 +51,8 @@ ACTIONS = {
 MOST_GROWTH, MOST_PEAK = 1.1, 1.3
 """Most that memory may grow after the first fifth of the time, as factors; see above."""
 
-QUIET = 60.0
-"""How long it may take until everything rests [s]."""
+QUIET, WRITTEN = 60.0, 20.0
+"""How long it may take until everything rests, and is waited for a program [s]."""
 
 
 def memory(pid: int) -> float:
@@ -130,11 +130,11 @@ def run(hand: Hand, program: Path) -> None:
     hand.js("sqrp.tell({ do: 'save' })")
     hand.ranked()
     hand.js("(file) => sqrp.tell({ do: 'program', file })", str(program))
-    end = time.monotonic() + QUIET
-    while not program.exists() and time.monotonic() < end:  # never, where the chosen candidate cannot be done
-        hand.page.wait_for_timeout(500)
-        if hand.js("document.querySelector('#notices .refused')"):
+    end = time.monotonic() + WRITTEN
+    while not program.exists():  # never, where the chosen candidate cannot be done
+        if time.monotonic() > end:
             return
+        hand.page.wait_for_timeout(500)
     hand.js("(file) => sqrp.tell({ do: 'run', file, faults: [] })", str(program))
     hand.page.wait_for_timeout(8000)
     hand.js(CLICK, "run-slip")
