@@ -5,22 +5,14 @@ from __future__ import annotations
 from itertools import groupby
 
 from sqrp_cli.programming.advice.wish import Wish
-from sqrp_cli.report.documents.advice import (
-    AdviceDocument,
-    AdviceFound,
-    AdvisedFigures,
-    KindOutcome,
-    costs,
-    held_ways,
-    nearest_in_words,
-)
+from sqrp_cli.report.documents import advice
 from sqrp_cli.report.sentences import KIND_WORDS, shown_size
 from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table, say, say_command
 
 _FIGURES = ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nafter", "up to")
 
 
-def print_advice(found: AdviceDocument, wish: Wish, *, fastest: bool, fixed: bool) -> None:
+def print_advice(found: advice.AdviceDocument, wish: Wish, *, fastest: bool, fixed: bool) -> None:
     """The table with a row for each change that meets the wish, why other kinds do not, and what to do.
 
     fastest: whether the figures of before are those with `--ways fastest`, else of the best way. fixed: whether the
@@ -38,9 +30,9 @@ def print_advice(found: AdviceDocument, wish: Wish, *, fastest: bool, fixed: boo
         columns += [Column(title, right=True) for title in _FIGURES]
         print_table(columns, [_row(number, one) for number, one in enumerate(found.advice, 1)])
     for number, one in enumerate(found.advice, 1):
-        for cost in costs(one.tasks):
+        for cost in advice.costs(one.tasks):
             say(joined([(f"#{number} costs", "red"), f" {cost}"]), indent=4)
-    if held := held_ways(found.advice, fixed=fixed):
+    if held := advice.held_ways(found.advice, fixed=fixed):
         say(held)
     for why, same in groupby((one for one in found.kinds if not one.found), key=lambda one: one.why):
         outcomes = list(same)
@@ -52,7 +44,7 @@ def print_advice(found: AdviceDocument, wish: Wish, *, fastest: bool, fixed: boo
     _conclude(found)
 
 
-def _conclude(found: AdviceDocument) -> None:
+def _conclude(found: advice.AdviceDocument) -> None:
     """One sentence that says what to do."""
     if found.interrupted:
         say("Interrupted before all kinds were searched.")
@@ -71,11 +63,11 @@ def _conclude(found: AdviceDocument) -> None:
         say(f"No patch: {one.unwritten}.")
 
 
-def _conclude_without(found: AdviceDocument) -> None:
+def _conclude_without(found: advice.AdviceDocument) -> None:
     """What comes nearest, and what has to be done before, where nothing was found."""
     nothing = "Nothing that was searched so far" if found.interrupted else "Nothing"
     if found.nearest is not None:
-        say(f"{nothing} meets the wish. {nearest_in_words(found.nearest)}.")
+        say(f"{nothing} meets the wish. {advice.nearest_in_words(found.nearest)}.")
     elif found.first:
         say(f"No change helps: {found.first}.")
         say_command("These steps as a program:", "sqrp check WORKSPACE TASK --program FILE")
@@ -83,7 +75,7 @@ def _conclude_without(found: AdviceDocument) -> None:
         say("Nothing that was tried meets the wish.")
 
 
-def _row(number: int, one: AdviceFound) -> list[Styled]:
+def _row(number: int, one: advice.AdviceFound) -> list[Styled]:
     delay = "-" if one.delay_worst is None else f"{one.delay_worst:.2f}"
     time = "-" if one.time is None else f"{one.time:.2f}"
     room = "-" if one.margin is None else shown_size(one.size + one.margin.more, one.unit)
@@ -94,7 +86,7 @@ def _percent(quality: float | None) -> str:
     return "-" if quality is None else f"{100 * quality:.1f}"
 
 
-def _print_nearest(outcome: KindOutcome) -> None:
+def _print_nearest(outcome: advice.KindOutcome) -> None:
     nearest = outcome.nearest
     if nearest is not None:
         then = f"nearest: {nearest.words}, then {'; '.join(nearest.missing)}"
@@ -103,7 +95,7 @@ def _print_nearest(outcome: KindOutcome) -> None:
         say(plain(f"      {near}{limit}", "dim"), indent=6)
 
 
-def _figures(found: AdvisedFigures) -> str:
+def _figures(found: advice.AdvisedFigures) -> str:
     parts = [f"Q_eoi {100 * found.q_eoi:.1f} %"] if found.q_eoi is not None else []
     parts += [f"Q_avg {100 * found.q_avg:.1f} %"] if found.q_avg is not None else []
     if found.time is None:

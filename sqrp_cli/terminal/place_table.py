@@ -5,15 +5,7 @@ from __future__ import annotations
 from time import monotonic
 
 from sqrp_cli.programming.advice.wish import Wish
-from sqrp_cli.report.documents.placing import (
-    PlaceDocument,
-    compared_in_words,
-    in_words,
-    moved_in_words,
-    ranked_in_words,
-    scope_in_words,
-    unmet_in_words,
-)
+from sqrp_cli.report.documents import placing
 from sqrp_cli.terminal.console import Column, joined, note, print_table, say, say_command
 from sqrp_cli.terminal.progress_lines import PERIOD, wanted
 
@@ -36,12 +28,12 @@ class Bounds:
             note(f"{title}: best so far {known}, bound {abs(bound):.4g}")
 
 
-def print_placement(found: PlaceDocument, wish: Wish | None, *, written: bool = False) -> None:
+def print_placement(found: placing.PlaceDocument, wish: Wish | None, *, written: bool = False) -> None:
     """The cameras, the figures of the candidates with them, and the proof. written: whether a patch was written."""
     tasks = ", ".join(found.tasks)
     say(joined([(tasks, "bold"), f" in {found.workspace}\n"]))
-    say(compared_in_words(found))
-    if unmet_in_words(found, wish):
+    say(placing.compared_in_words(found))
+    if placing.unmet_in_words(found, wish):
         _print_unmet(found, wish)
     if found.cameras:
         say()
@@ -55,39 +47,41 @@ def print_placement(found: PlaceDocument, wish: Wish | None, *, written: bool = 
     if found.survive:
         say("Counted is only what is still seen if any one of the cameras fails.")
         _print_price(found)
-    for words in filter(None, (moved_in_words(found), ranked_in_words(found), scope_in_words(found))):
+    for words in filter(
+        None, (placing.moved_in_words(found), placing.ranked_in_words(found), placing.scope_in_words(found))
+    ):
         say(words)
     if found.patch and not written:
         say_command("To have it, add", "--patch FILE")
 
 
-def _print_price(found: PlaceDocument) -> None:
+def _print_price(found: placing.PlaceDocument) -> None:
     """What it costs that a camera may fail."""
     without = found.without_spare
     if without is None:
         return
     more, dearer = len(found.cameras) - without.cameras, found.price - without.price
     worse = without.objective - found.objective
-    costs = [f"{in_words(more)} more camera{'' if more == 1 else 's'}"] if more > 0 else []
+    costs = [f"{placing.in_words(more)} more camera{'' if more == 1 else 's'}"] if more > 0 else []
     costs += [f"a price of {dearer:g}"] if dearer > 1e-9 else []
     costs += [f"{100 * worse:.1f} points of the {found.by} Q"] if worse > 5e-4 else []
     if costs:
-        have = f"{in_words(without.cameras)} with a {found.by} Q of {100 * without.objective:.1f} % would do"
+        have = f"{placing.in_words(without.cameras)} with a {found.by} Q of {100 * without.objective:.1f} % would do"
         say(f"That costs {' and '.join(costs)}: if none could fail, {have}.")
     else:
-        say(f"That costs nothing: if none could fail, it would be {in_words(without.cameras)}, too.")
+        say(f"That costs nothing: if none could fail, it would be {placing.in_words(without.cameras)}, too.")
 
 
-def _print_unmet(found: PlaceDocument, wish: Wish | None) -> None:
+def _print_unmet(found: placing.PlaceDocument, wish: Wish | None) -> None:
     say()
-    say(unmet_in_words(found, wish), style="red")
+    say(placing.unmet_in_words(found, wish), style="red")
     for one in found.unseen[:MOST_UNSEEN]:
         say(f"  {one.candidate}: {one}", indent=4)
     if len(found.unseen) > MOST_UNSEEN:
         say(f"  and {len(found.unseen) - MOST_UNSEEN} more, see --json", indent=4)
 
 
-def _print_cameras(found: PlaceDocument) -> None:
+def _print_cameras(found: placing.PlaceDocument) -> None:
     columns = [Column("camera"), Column("mount"), Column("lens", shrink=True), Column("where [m]")]
     columns += [Column(title, right=True) for title in ("alone\n[%]", "its loss\n[points]")]
     if any(one.price for one in found.cameras):
@@ -100,7 +94,7 @@ def _print_cameras(found: PlaceDocument) -> None:
     print_table(columns, rows)
 
 
-def _print_candidates(found: PlaceDocument) -> None:
+def _print_candidates(found: placing.PlaceDocument) -> None:
     several = len(found.tasks) > 1
     columns = [*([Column("task")] if several else []), Column("candidate")]
     columns += [Column(title, right=True) for title in ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nafter")]

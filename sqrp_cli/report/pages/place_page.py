@@ -9,14 +9,8 @@ from typing import TYPE_CHECKING
 from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.report.documents import placing
 from sqrp_cli.report.documents.candidates import CandidateFigures
-from sqrp_cli.report.documents.placing import (
-    PlaceDocument,
-    compared_in_words,
-    moved_in_words,
-    scope_in_words,
-    unmet_in_words,
-)
 from sqrp_cli.report.pages.advice_page import studied
 from sqrp_cli.report.pages.candidate_page import cell_scene, origin
 from sqrp_cli.report.pages.page import MountShown, PageContent, PageRow, PlacementShown, write_page
@@ -29,7 +23,7 @@ if TYPE_CHECKING:
 
 def write_placement(
     found: Placement,
-    document: PlaceDocument,
+    document: placing.PlaceDocument,
     path: Path,
     *,
     arguments: Sequence[str],
@@ -51,13 +45,13 @@ def write_placement(
     entries += _infeasible(found)
     workspace = found.cell.workspace
     about = [*origin(arguments), ("workspace", str(workspace.path)), ("digest", workspace.digest)]
-    about += [("compared", compared_in_words(document)), ("proof", scope_in_words(document))]
+    about += [("compared", placing.compared_in_words(document)), ("proof", placing.scope_in_words(document))]
     about += [("to have it", "add --patch FILE to the command")] if document.patch else []
     if found.candidates:
         judged = [Ranked(one.found, 1, pareto=False) for one in found.candidates]
         about.append(("accuracy", accuracy(question.sampling, judged)))
     title = f"Where cameras go: {', '.join(document.tasks)} in {document.workspace}"
-    said = (unmet_in_words(document, question.demand.wish), document.proof, moved_in_words(document))
+    said = (placing.unmet_in_words(document, question.demand.wish), document.proof, placing.moved_in_words(document))
     summary = " ".join(filter(None, said))
     scenes = [cell_scene(found.cell)]
     write_page(
@@ -65,7 +59,7 @@ def write_placement(
     )
 
 
-def _placement(found: Placement, document: PlaceDocument) -> PlacementShown:
+def _placement(found: Placement, document: placing.PlaceDocument) -> PlacementShown:
     placed = {camera.spot.name: camera.camera.name for camera in found.cameras}
     return PlacementShown(
         by=document.by,
@@ -86,7 +80,7 @@ def _placement(found: Placement, document: PlaceDocument) -> PlacementShown:
     )
 
 
-def _row(found: Placement, document: PlaceDocument, one: JudgedCandidate) -> PageRow:
+def _row(found: Placement, document: placing.PlaceDocument, one: JudgedCandidate) -> PageRow:
     """The row of a candidate: how it fares, and what no choice of mounts would cover."""
     wish = found.question.demand.wish
     missed = () if wish is None else wish.missed(one.found)

@@ -26,17 +26,8 @@ from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.targets import Target
 from sqrp_cli.report.pages.paint import COVERED, CULPRIT, HIDDEN, solid_colors
+from sqrp_cli.report.pictures import drawing
 from sqrp_cli.report.pictures.camera_image import Photographer
-from sqrp_cli.report.pictures.drawing import (
-    BoxOutline,
-    Caption,
-    Picture,
-    captioned,
-    check_drawing,
-    contact_sheet,
-    outlined,
-    png,
-)
 from sqrp_cli.report.pictures.rays import check_rays
 from sqrp_cli.report.sentences import part_shares_in_words
 
@@ -62,7 +53,7 @@ class BlindInterval:
 def check_pictures(folder: Path) -> None:
     """Raises InputError, before anything is computed, where a library is missing or `folder` cannot be one."""
     check_rays()
-    check_drawing()
+    drawing.check_drawing()
     if folder.exists() and not folder.is_dir():
         raise InputError(Problem("cannot-write", "this is a file; expected the name of a folder", Place(folder)))
 
@@ -93,12 +84,12 @@ def write_pictures(cell: Cell, study: Study, folder: Path) -> int:
             made = _picture(cell, study, _Shot(interval, states, photographer, camera), views)
             when = f"{interval.start:.1f}s-{interval.end:.1f}s"
             name = f"{number:02d}_{when}_{cell.observer.cameras[camera].name}"
-            _write(folder / f"{_file_name(name)}.png", captioned(made))
+            _write(folder / f"{_file_name(name)}.png", drawing.captioned(made))
             pictures.append(made)
         if pictures:
             sheet.append((f"blind from {interval}; pictures of {interval.t:.1f} s", pictures))
     if sheet:
-        _write(folder / SHEET, contact_sheet(f"{study.candidate.name} in {cell.workspace.name}", sheet))
+        _write(folder / SHEET, drawing.contact_sheet(f"{study.candidate.name} in {cell.workspace.name}", sheet))
     return len(sheet)
 
 
@@ -118,29 +109,29 @@ class _Shot(NamedTuple):
     """By index."""
 
 
-def _picture(cell: Cell, study: Study, look: _Shot, views: HiddenViews) -> Picture:
+def _picture(cell: Cell, study: Study, look: _Shot, views: HiddenViews) -> drawing.Picture:
     """The picture of one camera; views: what hides the boxes that it does not see."""
     interval, states, photographer, index = look
     camera, step = _drawable(cell.observer.cameras[index])
     colors = solid_colors(cell)
     smaller = f", 1/{step} of its size" if step > 1 else ""
-    captions = [Caption(f"{camera.name} at {interval.t:.2f} s{smaller}")]
+    captions = [drawing.Caption(f"{camera.name} at {interval.t:.2f} s{smaller}")]
     outlines = []
     X_CW = inverse(states.camera_poses(camera)[0])
     for column, target, failure, failures in _asked(study, interval.row, index):
         seen = failure.cause is Cause.NONE
         why = f"{_of_box(target, failure)}{_because(cell, failure)}"
-        captions.append(Caption(f"{target.atom}: {why}", COVERED if seen else HIDDEN))
+        captions.append(drawing.Caption(f"{target.atom}: {why}", COVERED if seen else HIDDEN))
         if parts := views.get(HiddenView(column, failure.box, interval.row, index)):
             hidden = sum(part.share for part in parts)
-            captions.append(Caption(f"hidden {100 * hidden:.1f} %: {part_shares_in_words(parts)}"))
+            captions.append(drawing.Caption(f"hidden {100 * hidden:.1f} %: {part_shares_in_words(parts)}"))
         for box, cause in zip(target.boxes, failures, strict=True):
             corners = transform(X_CW @ states.box_poses(box)[0], box_corners(box.size))
-            outlines.append(BoxOutline(corners, COVERED if cause is Cause.NONE else HIDDEN))
+            outlines.append(drawing.BoxOutline(corners, COVERED if cause is Cause.NONE else HIDDEN))
         if failure.cause in (Cause.HIDDEN, Cause.SAME_COLOUR):
             culprit = cell.solid_name(failure.by)
             colors = [CULPRIT if cell.solid_name(solid) == culprit else color for solid, color in enumerate(colors)]
-    return outlined(photographer.image(camera, colors), Projection.of(camera), outlines, captions)
+    return drawing.outlined(photographer.image(camera, colors), Projection.of(camera), outlines, captions)
 
 
 def _drawable(camera: Camera) -> tuple[Camera, int]:
@@ -177,7 +168,7 @@ def _because(cell: Cell, failure: Failure) -> str:
 
 def _write(path: Path, image: Any) -> None:  # noqa: ANN401
     make_folder(path.parent)
-    write_atomically(path, png(image))
+    write_atomically(path, drawing.png(image))
 
 
 def _file_name(name: str) -> str:
