@@ -172,7 +172,7 @@ def _run(opened: OpenProgram, faults: Sequence[str], outputs: RunOutputs, *, as_
 
 def _replay(log: Path, program: Path | None, page: Path | None, *, as_json: bool) -> SimulatedRun:
     """Show a run again. program: leads to the workspace, for a page with 3D playback."""
-    from sqrp_cli.api.program import LoggedRun
+    from sqrp_cli.api.logged_run import LoggedRun
     from sqrp_cli.platform.files import check_not_read
     from sqrp_cli.terminal.run_view import LiveView
 
