@@ -33,6 +33,30 @@ def chromium() -> Iterator[Any]:
         browser.close()
 
 
+OUT_OF_SIGHT = """() => {
+  const stop = document.activeElement, { left, top, width, height } = stop.getBoundingClientRect();
+  const hit = document.elementFromPoint(left + width / 2, top + Math.min(height / 2, 8));
+  const marked = getComputedStyle(stop).outlineStyle !== 'none';
+  const free = marked && hit && (stop.contains(hit) || hit.contains(stop));
+  return free ? null : `${marked} ${stop.outerHTML.slice(0, 80)}`;
+}"""
+"""Where the keyboard is, unless that is marked and nothing lies above it."""
+
+
+def walk(page: Any) -> None:
+    """Go through a page by the tab key, from the first stop to beyond the last; each of them has to be in sight."""
+    page.evaluate("() => { document.activeElement.blur(); scrollTo(0, 0); }")
+    for _ in range(
+        1 + page.evaluate("document.querySelectorAll('a, button, input, select, summary, [tabindex]').length")
+    ):
+        page.keyboard.press("Tab")
+        if page.evaluate("document.activeElement === document.body"):
+            return
+        out_of_sight = page.evaluate(OUT_OF_SIGHT)
+        assert out_of_sight is None, out_of_sight
+    raise AssertionError("the tab key does not come to an end")
+
+
 class Opened:
     """A page in the browser, with everything that it complained about or asked for."""
 

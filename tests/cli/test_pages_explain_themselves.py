@@ -11,7 +11,7 @@ from sqrp_cli.report.pages.page import PageContent, PageRow, page
 from sqrp_cli.report.pages.run_page import RunCell, story, write_run
 from sqrp_cli.runtime.record.events import EvidenceSeen, PrimitiveBegan, ShownAtom
 from sqrp_cli.runtime.record.report import FaultRecord, RunReport, StepRecord
-from tests.cli.browser import Opened
+from tests.cli.browser import Opened, walk
 
 SIZES = [(1400, 900), (800, 600)]
 
@@ -88,6 +88,12 @@ def test_the_worst_fault_is_in_sight_however_many_columns_there_are(browser, tmp
         assert ("with" in cells) is (labels > 4)
     assert opened.complaints == []
     opened.context.close()
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_every_stop_of_the_tab_key_is_in_sight(opened, size):
+    walk(resized(opened, size).page)
+    assert opened.complaints == []
 
 
 def test_figures_are_those_of_the_document(opened, ranked):
@@ -178,8 +184,10 @@ def test_a_run_begins_with_what_happened_and_opens_there(browser, tmp_path):
     assert opened.js("sqrp.time") == 7.47
     assert opened.texts("#moments [aria-pressed=true]") == ["7.47 s slip happens"]
     assert opened.texts(".row.axis .now")[0] == "lift (a4)"
+    assert not {"Q_eoi", "longest blind stretch"} & set(opened.texts("#words dt"))  # nothing of it is on the page
     for size in SIZES:
         assert too_wide(resized(opened, size)) == []
+        walk(opened.page)
     opened.context.close()
 
 

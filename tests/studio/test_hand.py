@@ -9,6 +9,7 @@ import pytest
 
 from sqrp_cli import open_cell
 from sqrp_cli.cli.main import run
+from tests.cli.browser import walk
 from tests.studio.conftest import TASK
 from tests.studio.hand import Hand
 
@@ -34,14 +35,6 @@ def quiet(hand):
 CUT = """() => [...document.querySelectorAll('.scroll, #studio, #candidate, #fields input')]
   .filter((e) => e.scrollWidth > e.clientWidth).map((e) => e.outerHTML.slice(0, 80))"""
 """What has a part that is reached only by scrolling sideways, or not at all."""
-
-OUT_OF_SIGHT = """() => {
-  const stop = document.activeElement, { left, top, width, height } = stop.getBoundingClientRect();
-  const hit = document.elementFromPoint(left + width / 2, top + Math.min(height / 2, 8));
-  const marked = getComputedStyle(stop).outlineStyle !== 'none';
-  return marked && hit && (stop.contains(hit) || hit.contains(stop)) ? null : stop.outerHTML.slice(0, 80);
-}"""
-"""Where the keyboard is, unless that is marked and nothing lies above it."""
 
 
 def figures(candidate):
@@ -292,12 +285,7 @@ def test_advice_is_found_and_applied_as_the_command_does_it(hand, cell):
 def test_nothing_is_cut_off_and_every_stop_of_the_tab_key_is_in_sight(browser, studio, size):
     hand = Hand(browser, studio.address, *size)
     assert hand.js(CUT) == []
-    for _ in range(hand.js("document.querySelectorAll('button, input, select, dfn, [tabindex]').length")):
-        hand.page.keyboard.press("Tab")
-        if hand.js("document.activeElement === document.body"):
-            break
-        assert hand.js(OUT_OF_SIGHT) is None
-    assert hand.js("document.activeElement === document.body")
+    walk(hand.page)
     assert hand.complaints == []
 
 
