@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from difflib import SequenceMatcher
 from pathlib import Path
 from typing import TypeVar
 
@@ -243,10 +244,18 @@ def _root_of(package: str, root: Path) -> Path:
 
 
 def _srdf_beside(path: Path, urdf: UrdfModel) -> tuple[Path | None, list[Problem]]:
-    """The SRDF near a URDF with its file name or robot name, and why other such files do not fit."""
+    """The SRDF near a URDF with its file name or robot name, and why other such files do not fit.
+
+    Of several, as of one arm with several grippers, the one that is named most like the URDF or its robot.
+    """
     warnings: list[Problem] = []
+
+    def unlike(file: Path) -> tuple[bool, bool, float, Path]:
+        alike = SequenceMatcher(None, file.stem, path.stem).ratio()
+        return file.stem != path.stem, file.stem != urdf.name, -alike, file
+
     for folder in dict.fromkeys((path.parent / name).resolve() for name in _SRDF_FOLDERS):
-        for file in sorted(folder.glob("*.srdf")) if folder.is_dir() else ():
+        for file in sorted(folder.glob("*.srdf"), key=unlike) if folder.is_dir() else ():
             try:
                 if file.stem == path.stem or read_xml(file, "robot").attributes.get("name") == urdf.name:
                     read_srdf(file, urdf)

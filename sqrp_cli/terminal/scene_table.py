@@ -156,8 +156,12 @@ def _checked_pairs(cell: Cell) -> str:
     checked = len(cell.collision.self_pairs)
     contacts = cell.self_contacts
     if contacts is None:
-        left_out = len(cell.workspace.robot.disabled_pairs)
-        return f"\n{checked} pairs of parts are checked for contact; the SRDF leaves out {left_out} pairs of links.\n"
+        robot = cell.workspace.robot
+        named = "the SRDF" if robot.srdf is None else robot.srdf.name
+        return (
+            f"\n{checked} pairs of parts are checked for contact; "
+            f"{named} leaves out {len(robot.disabled_pairs)} pairs of links.\n"
+        )
     names = ", ".join(f"{a}-{b}" for a, b in sorted(contacts.unchecked)) or "none"
     return (
         f"\n{checked} pairs of parts are checked for contact. There is no SRDF: left out are neighbours, and links "

@@ -107,6 +107,11 @@ def table_text(path: Path) -> str:
 
 
 def _check_header(header: Sequence[str], place: Place) -> None:
+    if not header:
+        message = f"this file is empty: the run was stopped before it kept an image; expected `{', '.join(_COLUMNS)}`"
+        raise InputError(
+            Problem("wrong-columns", message, place, mend="record again: sqrp run PROGRAM --sim --frames DIR")
+        )
     if tuple(header) != _COLUMNS:
         # What has none of them may be another file, linked here to see what it says.
         found = f"`{', '.join(header)}`" if {*header} & {*_COLUMNS} else "others"

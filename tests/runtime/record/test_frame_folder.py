@@ -28,7 +28,7 @@ def test_what_is_no_folder_of_frames_is_refused_in_words(tmp_path: Path, name: s
 @pytest.mark.parametrize(
     ("content", "says"),
     [
-        (b"", "the columns are others, expected"),
+        (b"", "this file is empty: the run was stopped before it kept an image"),
         (b"\xff\xfe", "byte 0xff is not UTF-8 text"),
         (b"camera,file,step,t\n\0,a,1,0\n", "2: this is no CSV: it has a NUL character"),
         (b"camera,file,step,t\ncam,a.png,1,0\n", "there is no camera `cam`; did you mean `cam1`?"),
