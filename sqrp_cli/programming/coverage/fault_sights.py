@@ -222,26 +222,25 @@ def all_fault_windows(
         {fault.name: fault_windows(timeline, fault, clocks) for fault in one.faults}
         for one, timeline in zip(asked, seen, strict=True)
     ]
-    late = [
-        [
-            fault
-            for fault in one.faults
-            if windows[fault.name] and _closes(scene.stage, fault) and not _always_shown(fault, timeline, clocks)
-        ]
-        for scene, one, timeline, windows in zip(scenes, asked, seen, found, strict=True)
-    ]
-    closing = [index for index, faults in enumerate(late) if faults]
-    watches = [_watch(scenes[index].stage.once_lost, scenes[index], asked[index]) for index in closing]
-    for index, timeline in zip(closing, observe_all(watches, observer, sampling, full=False), strict=True):
-        for fault in late[index]:
+    late = {
+        index: faults
+        for index, (scene, one) in enumerate(zip(scenes, asked, strict=True))
+        if (faults := [fault for fault in one.faults if _shown_at_times(scene, fault, seen[index], clocks)])
+    }
+    closed = [_watch(scenes[index].stage.once_lost, scenes[index], asked[index]) for index in late]
+    looked = observe_all(closed, observer, sampling, full=False)
+    for (index, faults), timeline in zip(late.items(), looked, strict=True):
+        for fault in faults:
             lost = fault_windows(timeline, fault, clocks)
             found[index][fault.name] = after_loss(found[index][fault.name], lost, fault.intervals[0])
     return found
 
 
-def _closes(stage: Stage, fault: FaultWatch) -> bool:
-    """Whether fingers hold something throughout the intervals of a fault, behind which they close if they lose it."""
-    return bool(stage.model.fingers.joints) and all(held_in(stage, one) is not None for one in fault.intervals)
+def _shown_at_times(scene: WatchedFaults, fault: FaultWatch, timeline: Timeline, clocks: Mapping[float, Clock]) -> bool:
+    """Whether images show at some times, but not always, that fingers lost what they hold in a fault's intervals."""
+    if not scene.stage.model.fingers.joints or None in {held_in(scene.stage, one) for one in fault.intervals}:
+        return False
+    return bool(fault_windows(timeline, fault, clocks)) and not _always_shown(fault, timeline, clocks)
 
 
 def after_loss(planned: Sequence[Window], lost: Sequence[Window], interval: Stretch) -> tuple[Window, ...]:

@@ -31,6 +31,27 @@ class _Hiding(NamedTuple):
     mask: Mask
 
 
+class _FingerWay(NamedTuple):
+    """Where a marker on a finger may be in the image: (2,) [pixels] each."""
+
+    opened: Array
+    closed: Array
+
+    @property
+    def step(self) -> Array:
+        """From one end to the other."""
+        return self.closed - self.opened
+
+    def closure(self, marker: FoundMarker) -> float:
+        """How far the fingers are closed by a marker: 0 open, 1 closed."""
+        return float((_center(marker) - self.opened) @ self.step / max(float(self.step @ self.step), 1e-9))
+
+    def distance(self, marker: FoundMarker) -> float:
+        """How far a marker lies from it [pixels]."""
+        nearest = self.opened + np.clip(self.closure(marker), 0.0, 1.0) * self.step
+        return float(np.hypot(*(_center(marker) - nearest)))
+
+
 class MarkerDetector:
     """The search for markers in one image."""
 
@@ -44,13 +65,17 @@ class MarkerDetector:
             return BoxDetection(box.name, Truth.UNKNOWN, 0.0, NO_OUTLINE)
         wanted = self._view.marker(atom, box)
         inside = () if wanted is None else self._view.markers(wanted.dictionary)
-        found = next((marker for marker in inside if wanted is not None and marker.id == wanted.id), None)
+        alike = [marker for marker in inside if wanted is not None and marker.id == wanted.id]
+        way = self._finger_way(box, outline) if box.frame in self._view.cell.markers else None
+        if way is not None:
+            alike = [marker for marker in alike if way.distance(marker) <= 0.5 * outline.area**0.5]
+        found = min(alike, key=lambda marker: np.hypot(*(_center(marker) - outline.center)), default=None)
         hiding = self._hiding(box, outline) if found is None else None
         if wanted is not None and hiding is not None:
             found = self._beside(hiding, wanted)
         share = 0.0 if found is None else 1.0
-        if box.frame in self._view.cell.markers:
-            evidence = Truth.UNKNOWN if found is None else self._on_finger(atom, box, found)
+        if way is not None:
+            evidence = Truth.UNKNOWN if found is None else self._on_finger(atom, way, found)
         elif found is not None:
             near = np.hypot(*(_center(found) - outline.center)) <= max(0.5 * outline.area**0.5, 2.0)
             evidence = Truth.TRUE if near else Truth.FALSE
@@ -79,24 +104,27 @@ class MarkerDetector:
             None if marker is None else FoundMarker(marker.id, marker.corners + np.array([columns.start, rows.start]))
         )
 
-    def _on_finger(self, atom: str, box: TargetBox, marker: FoundMarker) -> Truth:
-        """What a marker on a finger says: where it is between open and closed, if the atom is about the fingers."""
-        robot, sought = self._view.cell.robot, self._view.sought
-        about_object = any(self._view.object_of(atom, other) is not None for other in sought.targets[atom].boxes)
-        if about_object or robot.fingers is None:
-            return Truth.TRUE
+    def _finger_way(self, box: TargetBox, outline: ProjectedBox) -> _FingerWay:
+        """The way in the image on which the fingers carry a marker; a point where they do not move it."""
+        robot = self._view.cell.robot
+        if robot.fingers is None:
+            return _FingerWay(outline.center, outline.center)
         ends = []
         for fingers in (robot.fingers.open, robot.fingers.closed):
             X_WL = robot.link_poses(robot.with_fingers(self._view.believed.joints, fingers))
-            outline = self._view.posed_camera.outline(X_WL[box.frame] @ box.X_FB, box.size)
-            if outline is None:
-                return Truth.UNKNOWN
-            ends.append(outline.center)
-        way = ends[1] - ends[0]
-        if np.hypot(*way) * OPEN_SHARE < 1.0:
+            at_end = self._view.posed_camera.outline(X_WL[box.frame] @ box.X_FB, box.size)
+            ends.append(outline.center if at_end is None else at_end.center)
+        return _FingerWay(*ends)
+
+    def _on_finger(self, atom: str, way: _FingerWay, marker: FoundMarker) -> Truth:
+        """What a marker on a finger says: where it is between open and closed, if the atom is about the fingers."""
+        sought = self._view.sought
+        about_object = any(self._view.object_of(atom, other) is not None for other in sought.targets[atom].boxes)
+        if about_object or self._view.cell.robot.fingers is None:
+            return Truth.TRUE
+        if np.hypot(*way.step) * OPEN_SHARE < 1.0:
             return Truth.UNKNOWN  # too small in the image to tell open from closed
-        closure = float((_center(marker) - ends[0]) @ way / (way @ way))
-        return Truth.TRUE if (closure <= OPEN_SHARE) == sought.when_open[atom] else Truth.FALSE
+        return Truth.TRUE if (way.closure(marker) <= OPEN_SHARE) == sought.when_open[atom] else Truth.FALSE
 
     def _background_share(self, outline: ProjectedBox) -> float:
         """The share of an outline in which the background is seen and the robot is not."""

@@ -1,0 +1,72 @@
+"""What a marker on a finger says: only where the fingers can carry it, whatever else looks like it."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.knowledge.frames import FrameName
+from sqrp_cli.knowledge.markers import Marker
+from sqrp_cli.knowledge.skill.target_box import TargetBox
+from sqrp_cli.logic.truth import Truth
+from sqrp_cli.runtime.perception.detections import BoxDetection
+from sqrp_cli.runtime.perception.marker_detector import MarkerDetector
+from sqrp_cli.runtime.perception.vision import FoundMarker
+
+OPEN, CLOSED, SIDE = 100.0, 160.0, 20.0
+"""Where the marker's middle is seen along the image's rows with the fingers open and closed, and its side [pixels]."""
+
+BOX = TargetBox(
+    name="left", detector="aruco", frame=FrameName("finger"), size=(0.02, 0.02, 0.001), X_FB=np.eye(4), normal=None,
+    encloses=("finger",),
+)  # fmt: skip
+
+
+def at(column: float, row: float = 50.0) -> FoundMarker:
+    square = SIDE / 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    return FoundMarker(0, square + np.array([column, row]))
+
+
+def link_poses(joints: dict[str, float]) -> dict[str, Array]:
+    X_WL = np.eye(4)
+    X_WL[:2, 3] = joints["finger"], 50.0
+    return {"finger": X_WL}
+
+
+def detected(markers: list[FoundMarker], by_encoder: float) -> BoxDetection:
+    joints = {"finger": by_encoder}
+    robot = SimpleNamespace(
+        fingers=SimpleNamespace(open={"finger": OPEN}, closed={"finger": CLOSED}), surfaces=(), link_poses=link_poses,
+        with_fingers=lambda _, fingers: fingers,
+    )  # fmt: skip
+    view: Any = SimpleNamespace(
+        posed_camera=SimpleNamespace(
+            outline=lambda X, _: SimpleNamespace(center=X[:2, 3], area=SIDE**2, polygon=np.zeros((4, 2)))
+        ),
+        pose=lambda box: link_poses(joints)[box.frame], believed=SimpleNamespace(joints=joints),
+        marker=lambda *_: Marker(id=0, side=0.02), markers=lambda _: markers, crop=lambda *_: None,
+        object_of=lambda *_: None, cell=SimpleNamespace(robot=robot, markers={"finger": Marker(id=0, side=0.02)}),
+        sought=SimpleNamespace(
+            targets={"open": SimpleNamespace(boxes=(BOX,))}, when_open={"open": True}
+        ),
+    )  # fmt: skip
+    background: Any = None
+    return MarkerDetector(view, background).detect("open", BOX)
+
+
+@pytest.mark.parametrize(("seen", "says"), [(OPEN, Truth.TRUE), (OPEN + 10, Truth.TRUE), (CLOSED, Truth.FALSE)])
+@pytest.mark.parametrize("by_encoder", [OPEN, CLOSED])
+def test_where_the_marker_is_seen_counts_not_where_the_encoder_has_it(
+    seen: float, says: Truth, by_encoder: float
+) -> None:
+    assert detected([at(seen)], by_encoder).evidence is says
+
+
+@pytest.mark.parametrize("elsewhere", [(20.0, 50.0), (300.0, 50.0), (110.0, 90.0)])
+def test_what_looks_like_it_elsewhere_is_not_the_marker(elsewhere: tuple[float, float]) -> None:
+    assert detected([at(*elsewhere)], CLOSED).evidence is Truth.UNKNOWN
+    assert detected([at(*elsewhere), at(CLOSED)], CLOSED).evidence is Truth.FALSE
