@@ -3,6 +3,9 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
+# Bytecode is kept: tests are rewritten for their asserts, and each process would do that again.
+export PYTHONDONTWRITEBYTECODE :=
+
 INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
 
 .PHONY: all rank run test check lint slow docs bench load damage planners trials pictures calibrate reproduce format clean

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
+import hashlib
 import io
 import json
 import os
@@ -11,7 +13,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from unittest import mock
@@ -92,6 +94,24 @@ def sqrp_process() -> Callable[..., Outcome]:
 
 
 @pytest.fixture(scope="session")
+def asked(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Outcome]:
+    """What a command says of a cell that no test changes, as `sqrp`: computed once for all tests and workers."""
+    base = tmp_path_factory.getbasetemp()
+    folder = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base  # which the workers share
+
+    def ask(*arguments: object, columns: int = 80) -> Outcome:
+        name = hashlib.sha256(repr(([*map(str, arguments)], columns)).encode()).hexdigest()
+        with (folder / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            file = folder / f"{name}.json"
+            if not file.exists():
+                file.write_text(json.dumps(asdict(_call(*arguments, columns=columns))), encoding="utf-8")
+        return Outcome(**json.loads(file.read_text(encoding="utf-8")))
+
+    return ask
+
+
+@pytest.fixture(scope="session")
 def tabletop() -> Path:
     """The shipped workspace; nothing here may depend on where its things stand."""
     return ROOT / "workspaces" / "tabletop"
@@ -110,18 +130,18 @@ def own_watch(watch: Path, tmp_path: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
-def ranked(tabletop: Path) -> Outcome:
-    return _call("rank", tabletop, TASK, "--json")
+def ranked(asked: Callable[..., Outcome], tabletop: Path) -> Outcome:
+    return asked("rank", tabletop, TASK, "--json")
 
 
 @pytest.fixture(scope="session")
-def explained(tabletop: Path) -> Outcome:
-    return _call("explain", tabletop, TASK, "--all", "--json")
+def explained(asked: Callable[..., Outcome], tabletop: Path) -> Outcome:
+    return asked("explain", tabletop, TASK, "--all", "--json")
 
 
 @pytest.fixture(scope="session")
-def shown(tabletop: Path) -> Outcome:
-    return _call("show", tabletop, "--json")
+def shown(asked: Callable[..., Outcome], tabletop: Path) -> Outcome:
+    return asked("show", tabletop, "--json")
 
 
 @pytest.fixture
@@ -220,8 +240,8 @@ def harsh_shown(harsh: Path) -> Outcome:
 
 
 @pytest.fixture(scope="session")
-def watched(watch: Path) -> Outcome:
-    return _call("explain", watch, "watch cube", "--all", "--json")
+def watched(asked: Callable[..., Outcome], watch: Path) -> Outcome:
+    return asked("explain", watch, "watch cube", "--all", "--json")
 
 
 @pytest.fixture(scope="session")
@@ -236,8 +256,8 @@ def gripper() -> Path:
 
 
 @pytest.fixture(scope="session")
-def gripped(gripper: Path) -> Outcome:
-    return _call("explain", gripper, "pickup_two_finger", "--all", "--json", "--samples", 9)
+def gripped(asked: Callable[..., Outcome], gripper: Path) -> Outcome:
+    return asked("explain", gripper, "pickup_two_finger", "--all", "--json", "--samples", 9)
 
 
 @pytest.fixture(scope="session")

@@ -59,11 +59,24 @@ def own(small, tmp_path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def advised(sqrp, small):
+def kept(tmp_path_factory) -> Path:
+    """A folder of searches, for tests that are not about a search: a copy of the cell has the same digest."""
+    return tmp_path_factory.mktemp("searches") / "kept"
+
+
+@pytest.fixture(scope="module")
+def advised(sqrp, small, kept):
     """The advice about g1 with its motion fixed."""
-    outcome = sqrp("advise", small, TASK, "--ways", "fastest", "--kinds", "way,aim,position", "--json", "--jobs", 1)
+    kinds = ("--ways", "fastest", "--kinds", "way,aim,position")
+    outcome = sqrp("advise", small, TASK, *kinds, "--json", "--jobs", 1, "--out", kept)
     assert outcome.code == 0
     return outcome.document
+
+
+@pytest.fixture(scope="module")
+def aims(kept) -> tuple[object, ...]:
+    """The options of a command about other aims alone, which are searched for once."""
+    return ("--ways", "fastest", "--kinds", "aim", "--jobs", 1, "--out", kept)
 
 
 def test_the_document_says_what_was_asked_and_what_meets_it(advised, sqrp, small):
@@ -135,8 +148,8 @@ def apply_patch(own: Path, patch: str) -> None:
     file.write_text(new.join(text.rsplit(old, 1)), encoding="utf-8")
 
 
-def test_what_is_applied_meets_the_wish_and_keeps_comments(sqrp, own):
-    command = ("advise", own, TASK, "--ways", "fastest", "--kinds", "aim", "--jobs", 1)
+def test_what_is_applied_meets_the_wish_and_keeps_comments(sqrp, own, aims):
+    command = ("advise", own, TASK, *aims)
     comments = [line.partition("#")[2] for line in (own / "workspace.yaml").read_text().splitlines()]
     outcome = sqrp(*command, "--apply", 1)
     assert outcome.code == 0
@@ -149,9 +162,9 @@ def test_what_is_applied_meets_the_wish_and_keeps_comments(sqrp, own):
     assert "nothing has to change" in again.out
 
 
-def test_a_patch_is_written_and_only_patches_are_overwritten(sqrp, own, tmp_path):
+def test_a_patch_is_written_and_only_patches_are_overwritten(sqrp, own, aims, tmp_path):
     patch = tmp_path / "advice.patch"
-    command = ("advise", own, TASK, "--ways", "fastest", "--kinds", "aim", "--jobs", 1, "--patch", patch)
+    command = ("advise", own, TASK, *aims, "--patch", patch)
     before = (own / "workspace.yaml").read_bytes()
     assert sqrp(*command).code == 0
     assert patch.read_text().startswith("# A change that `sqrp advise` found\n--- ")
@@ -219,14 +232,15 @@ def test_where_the_time_is_missed_the_limit_is_the_motion(sqrp):
 TOWER = ROOT / "workspaces" / "tower"
 
 
-def test_what_has_to_be_done_first_is_said(sqrp):
+def test_what_has_to_be_done_first_is_said(sqrp, kept):
     """As `check` says it, and no kind of change blames anything else."""
     needed = "`pickup` needs `hand_empty`, which does not hold"
-    outcome = sqrp("advise", TOWER, "pickup blue")
+    command = ("advise", TOWER, "pickup blue", "--out", kept)
+    outcome = sqrp(*command)
     assert outcome.code == 1
     assert "No change helps: first do place(red, table).\n" in outcome.out
     assert "sqrp check WORKSPACE TASK --program FILE" in outcome.out
-    document = sqrp("advise", TOWER, "pickup blue", "--json").document
+    document = sqrp(*command, "--json").document
     assert {kind["why"] for kind in document["kinds"]} == {needed}
     assert document["first"] == "first do place(red, table)"
     (checked,) = sqrp("check", TOWER, "pickup blue", "--json").document["candidates"]
@@ -251,12 +265,11 @@ def test_an_interrupted_search_does_not_say_that_nothing_helps(sqrp, monkeypatch
     assert "Nothing meets" not in said
 
 
-def test_a_way_names_the_first_of_all_candidates_of_the_task(sqrp):
+def test_a_way_names_the_first_of_all_candidates_of_the_task(sqrp, ranked):
     command = ("advise", TABLETOP, "pickup green", "--choose", "g1", "--kinds", "way", "--json")
     (way,) = sqrp(*command).document["advice"]
     (task,) = way["tasks"]
-    first = sqrp("rank", TABLETOP, "pickup green", "--json").document["candidates"][0]
-    assert task["first_before"] == task["first_after"] == name(first)
+    assert task["first_before"] == task["first_after"] == name(ranked.document["candidates"][0])
     assert [one["candidate"] for one in task["candidates"]] == ["g1"]
 
 
@@ -285,18 +298,17 @@ def test_bad_input_is_refused(sqrp, arguments, word):
     assert word in outcome.err
 
 
-def test_a_number_that_no_change_has_is_refused_and_nothing_is_written(sqrp, own):
+def test_a_number_that_no_change_has_is_refused_and_nothing_is_written(sqrp, own, aims):
     before = (own / "workspace.yaml").read_bytes()
-    outcome = sqrp("advise", own, TASK, "--ways", "fastest", "--kinds", "aim", "--jobs", 1, "--apply", 99)
+    outcome = sqrp("advise", own, TASK, *aims, "--apply", 99)
     assert outcome.code == 2
     assert "expected 1 to" in outcome.err
     assert (own / "workspace.yaml").read_bytes() == before
 
 
-@pytest.mark.parametrize("kinds", ["aim"])
-def test_the_number_of_processes_changes_nothing(sqrp, small, kinds):
-    command = ("advise", small, TASK, "--ways", "fastest", "--kinds", kinds, "--json")
-    assert sqrp(*command, "--jobs", 1).out == sqrp(*command, "--jobs", 2).out
+def test_the_number_of_processes_changes_nothing(sqrp, small, aims):
+    command = ("advise", small, TASK, "--ways", "fastest", "--kinds", "aim", "--jobs", 2, "--json")
+    assert sqrp("advise", small, TASK, *aims, "--json").out == sqrp(*command).out
 
 
 def test_with_the_motion_free_another_way_comes_first_and_can_be_stated(sqrp, own):

@@ -54,21 +54,22 @@ def test_the_whole_suggestion_becomes_a_program(sqrp, laying, program):
 
 
 def test_of_several_candidates_the_best_after_its_plan_is_written(sqrp, laying, program, holding):
-    assert sqrp("check", laying, "pickup green", "--program", program).code == 0
+    task = "pickup object=g1,g3"
+    assert sqrp("check", laying, task, "--program", program).code == 0
     laid, written = load_program(program).steps[-2:]
     assert laid.short_task == "lay g2"
     program.write_bytes(holding.read_bytes())
     assert sqrp("rank", laying, "lay g2", "--program", program).code == 0
-    best = sqrp("rank", laying, "pickup green", "--after", program, "--json").document["candidates"][0]
+    best = sqrp("rank", laying, task, "--after", program, "--json").document["candidates"][0]
     assert written.parameters == best["ways"]["pareto"][0]["parameters"]
     assert (written.q_eoi, written.q_avg, written.time) == (best["q_eoi"], best["q_avg"], best["time"])
 
 
 def test_without_need_of_a_plan_the_best_candidate_is_written(sqrp, laying):
     program = laying / "fresh.yaml"
-    assert sqrp("check", laying, "pickup green", "--program", program).code == 0
+    assert sqrp("check", laying, "pickup object=g1,g3", "--program", program).code == 0
     (step,) = load_program(program).steps
-    best = json.loads(sqrp("rank", laying, "pickup green", "--json").out)["candidates"][0]
+    best = json.loads(sqrp("rank", laying, "pickup object=g1,g3", "--json").out)["candidates"][0]
     assert dict(step.parameters) == best["ways"]["pareto"][0]["parameters"]
 
 

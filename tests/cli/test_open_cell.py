@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli import OpenCell, new_cell, open_cell, open_program, read_run
+from sqrp_cli.api.scores import ScoreRun
 from sqrp_cli.errors import InputError
 from sqrp_cli.programming.coverage.robustness import Calibration
 from sqrp_cli.programming.coverage.sampling import Adaptive, FixedCount
@@ -31,16 +32,22 @@ def printed(sqrp, *arguments: object) -> str:
     return sqrp(*arguments).out.rstrip("\n")
 
 
-def test_a_ranking_is_the_table_and_the_document_of_rank(sqrp, cell):
+@pytest.fixture(scope="module")
+def scores(cell) -> ScoreRun:
+    return cell.score()
+
+
+def test_a_ranking_is_the_table_and_the_document_of_rank(asked, cell):
     ranking = cell.rank("pickup green")
-    assert str(ranking) == printed(sqrp, "rank", TABLETOP, "pickup green")
-    assert ranking.to_json() == printed(sqrp, "rank", TABLETOP, "pickup green", "--json")
+    assert str(ranking) == printed(asked, "rank", TABLETOP, "pickup green")
+    assert ranking.to_json() == printed(asked, "rank", TABLETOP, "pickup green", "--json")
     assert [one.parameters["object"] for one in ranking.candidates] == ["g2", "g4", "g5", "g1", "g3", "g6"]
 
 
 def test_an_explanation_is_that_of_explain(sqrp, cell):
-    command = ("explain", TABLETOP, "pickup green", "--choose", "g1", "--ways", "fastest")
-    explanation = cell.explain("pickup green", "g1", ways="fastest")
+    task = "pickup object=g1,g6"
+    command = ("explain", TABLETOP, task, "--choose", "g1", "--ways", "fastest")
+    explanation = cell.explain(task, "g1", ways="fastest")
     shown, _, advise = printed(sqrp, *command).partition("\n\nHow much ")
     assert str(explanation) == shown
     assert f"\nsqrp advise {TABLETOP} " in advise
@@ -59,11 +66,11 @@ def test_a_check_is_that_of_check(sqrp, cell, task):
     assert str(cell.check(*task)) == printed(sqrp, *arguments)
 
 
-def test_scores_are_those_of_score(sqrp, cell):
-    scores = cell.score()
+def test_scores_are_those_of_score(sqrp, scores, tmp_path):
+    command = ("score", TABLETOP, "--out", tmp_path)
     assert scores.passed
-    assert str(scores) == printed(sqrp, "score", TABLETOP)
-    assert scores.to_json() == printed(sqrp, "score", TABLETOP, "--json")
+    assert str(scores) == printed(sqrp, *command)
+    assert scores.to_json() == printed(sqrp, *command, "--json")
 
 
 def test_a_scene_is_that_of_show(sqrp, cell):
@@ -129,21 +136,21 @@ def test_an_argument_that_cannot_be_used_is_refused_with_what_was_expected(cell,
     assert said in str(refused.value)
 
 
-def test_a_prompt_shows_an_answer_as_one_short_line(cell):
+def test_a_prompt_shows_an_answer_as_one_short_line(cell, scores):
     answers = [
         cell.rank("pickup green", ways="fastest"),
-        cell.explain("pickup green", "g1", ways="fastest"),
-        cell.explain("pickup green", "g6", ways="fastest"),
+        cell.explain("pickup object=g1,g6", "g1", ways="fastest"),
+        cell.explain("pickup object=g1,g6", "g6", ways="fastest"),
         cell.explain("pickup g2", None, ways="fastest"),
         cell.check(),
         cell.check("pickup green"),
         cell.scene(),
-        cell.score(),
+        scores,
     ]
     assert [repr(answer) for answer in answers] == [
         "Ranking(pickup green in tabletop: 6 candidates, best g2, Q_eoi 100.0 %)",
-        "Explanation(pickup green in tabletop: g1, Q_eoi 0.0 %)",
-        "Explanation(pickup green in tabletop: g6, infeasible)",
+        "Explanation(pickup object=g1,g6 in tabletop: g1, Q_eoi 0.0 %)",
+        "Explanation(pickup object=g1,g6 in tabletop: g6, infeasible)",
         "Explanation(pickup g2 in tabletop: 1 candidate)",
         "Check(tabletop: valid, 0 problems)",
         "Check(pickup green in tabletop: 5 of 6 candidates feasible, valid, 0 problems)",

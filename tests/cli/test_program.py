@@ -270,8 +270,8 @@ def test_a_workspace_in_place_of_a_program_is_refused_with_another_command_than_
     assert file.read_bytes() == before
 
 
-def test_the_same_choice_writes_the_same_program(sqrp, tabletop, program):
-    again = program.with_name("again.yaml")
-    assert sqrp("rank", tabletop, TASK, "--program", again, "--json").code == 0
-    assert again.read_bytes() == program.read_bytes()
-    again.unlink()
+def test_the_same_choice_writes_the_same_program(sqrp, tabletop, tmp_path):
+    one, other = tmp_path / "one.yaml", tmp_path / "other.yaml"
+    for path in (one, other):
+        assert sqrp("rank", tabletop, "pickup g2", "--program", path).code == 0
+    assert one.read_bytes() == other.read_bytes()

@@ -37,22 +37,34 @@ def redirected(arguments: list[str], redirections: str, **variables: str) -> sub
     )
 
 
+QUICK = [
+    (["--version"], 0, True, "", ""),
+    (["rnak"], 2, False, "<&-", "1"),
+]
+"""Words, exit code, whether there are results, and what stdin and PYTHONUNBUFFERED are."""
+
+WITH_LIBRARIES = [
+    (["show", "{watch}", "--json"], 0, True, "<&-", "1"),
+    (["rank", "{watch}", "watch stray"], 1, True, "", ""),
+    (["show", "nowhere"], 2, False, "", ""),
+]
+"""The same of commands that take half a second to start."""
+
+OUT, ERR = ("", ">&-", ">/dev/full"), ("", "2>&-", "2>/dev/full")
+
+
 @needs_full
-@pytest.mark.parametrize("out", ["", ">&-", ">/dev/full"])
-@pytest.mark.parametrize("err", ["", "2>&-", "2>/dev/full"])
 @pytest.mark.parametrize(
-    ("arguments", "code", "has_results", "stdin", "unbuffered"),
+    ("arguments", "code", "has_results", "stdin", "unbuffered", "out", "err"),
     [
-        (["--version"], 0, True, "", ""),
-        (["show", "{watch}", "--json"], 0, True, "<&-", "1"),
-        (["rank", "{watch}", "watch stray"], 1, True, "", ""),
-        (["show", "nowhere"], 2, False, "", ""),
-        (["rnak"], 2, False, "<&-", "1"),
+        *((*command, out, err) for command in QUICK for out in OUT for err in ERR),
+        *((*command, out, err) for command in WITH_LIBRARIES for out, err in zip(OUT, ERR, strict=True)),
+        *((*command, ">/dev/full", "") for command in WITH_LIBRARIES),
     ],
-    ids=lambda value: " ".join(value)[:30] if isinstance(value, list) else "",
+    ids=lambda value: " ".join(value)[:30] if isinstance(value, list) else None,
 )
 def test_the_exit_code_is_that_of_the_command_or_of_lost_results(
-    watch: Path, arguments: list[str], code: int, has_results: bool, stdin: str, unbuffered: str, err: str, out: str
+    watch: Path, arguments: list[str], code: int, has_results: bool, stdin: str, unbuffered: str, out: str, err: str
 ) -> None:
     filled = [argument.format(watch=watch) for argument in arguments]
     found = redirected(filled, f"{out} {err} {stdin}", PYTHONUNBUFFERED=unbuffered)
@@ -70,13 +82,11 @@ def test_the_exit_code_is_that_of_the_command_or_of_lost_results(
 @pytest.mark.parametrize(
     "variables", [{"PYTHONIOENCODING": "ascii"}, {"PYTHONIOENCODING": "latin-1:strict"}, {"LC_ALL": "C"}]
 )
-@pytest.mark.parametrize("folder", [b"caf\xe9", "日本".encode()])
-def test_names_of_any_bytes_are_shown_by_any_encoding(
-    watch: Path, tmp_path: Path, folder: bytes, variables: dict[str, str]
-) -> None:
+def test_names_of_any_bytes_are_shown_by_any_encoding(watch: Path, tmp_path: Path, variables: dict[str, str]) -> None:
+    folder = b"caf\xe9 " + "日本".encode()
     cell = os.path.join(os.fsencode(tmp_path), folder)  # noqa: PTH118 - bytes
     shutil.copytree(os.fsencode(watch), cell)
-    for arguments in (["show"], ["rank", "watch seen"], ["show", "--json"]):
+    for arguments in (["rank", "watch seen"], ["show", "--json"]):
         command, *rest = arguments
         found = redirected([command, os.fsdecode(cell), *rest], "", **variables)
         assert (found.returncode, found.stderr) == (0, b"")

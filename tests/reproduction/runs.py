@@ -39,19 +39,19 @@ class Run:
     prediction: tuple[tuple[str, ...], ...]
 
 
-def runs_with_slip(names: Sequence[str], folder: Path) -> dict[str, Run]:
+def runs_with_slip(names: Sequence[str], folder: Path, workspace: Path = WORKSPACE) -> dict[str, Run]:
     """As `run_with_slip` of each, side by side: a run leaves some of a second core idle."""
     with ThreadPoolExecutor(len(names)) as pool:
-        return dict(zip(names, pool.map(lambda name: run_with_slip(name, folder), names), strict=True))
+        return dict(zip(names, pool.map(lambda name: run_with_slip(name, folder, workspace), names), strict=True))
 
 
-def run_with_slip(name: str, folder: Path) -> Run:
+def run_with_slip(name: str, folder: Path, workspace: Path) -> Run:
     """Rank, write the program, run it with a slip. Raises CalledProcessError where one of the commands fails."""
     program = folder / f"{name}.yaml"
     program.parent.mkdir(parents=True, exist_ok=True)
     program.unlink(missing_ok=True)
     skill = TASK.split()[0]
-    _sqrp("rank", str(WORKSPACE), f"{skill} {name}", "--ways", "fastest", "--program", str(program), "--json")
+    _sqrp("rank", str(workspace), f"{skill} {name}", "--ways", "fastest", "--program", str(program), "--json")
     document = json.loads(_sqrp("run", str(program), "--sim", "--fault", SLIP, "--json"))
     (fault,) = (fault for fault in document["faults"] if fault["name"] == "slip")
     counts = (

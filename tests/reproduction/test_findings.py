@@ -8,7 +8,7 @@ import pytest
 
 from tests.reproduction.findings import DRAWS, REAL, SIMULATED, Finding, failing, moved
 from tests.reproduction.runs import AFTER_A_SLIP, runs_with_slip
-from tests.reproduction.screws import Screws, pick_screws, screws_cell
+from tests.reproduction.screws import WORKSPACE, Screws, pick_screws, screws_cell
 from tests.reproduction.simulation import Picking, Simulation, simulate, tabletop
 
 
@@ -32,7 +32,7 @@ def test_in_the_real_world(finding: Finding[Screws], real: Screws) -> None:
     assert finding.holds(real), f"no longer so: {finding.text}"
 
 
-some_draws_and_all = pytest.mark.parametrize("draws", [4, pytest.param(DRAWS, marks=pytest.mark.trial)])
+some_draws_and_all = pytest.mark.parametrize("draws", [2, pytest.param(DRAWS, marks=pytest.mark.trial)])
 
 
 @some_draws_and_all
@@ -50,7 +50,27 @@ def test_the_findings_in_simulation_survive_inexact_cameras(draws: int) -> None:
     assert sum(not texts for texts in lost) >= 0.9 * draws, lost
 
 
+@pytest.fixture
+def few_images(tmp_path: Path) -> Path:
+    """The cell of the screws with fewer and smaller images: `make reproduce` has the whole one.
+
+    When a slip is seen depends on them by a frame period, and the finding is about seconds.
+    """
+    shipped = WORKSPACE.resolve()
+    text = (shipped / "workspace.yaml").read_text(encoding="utf-8")
+    for old, new in {
+        "rate: 10 Hz": "rate: 4 Hz",
+        "width: 1536, height: 1152": "width: 1024, height: 768",
+        "../robots": f"{shipped.parent}/robots",
+        "../../skills": f"{shipped.parents[1]}/skills",
+    }.items():
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / "workspace.yaml").write_text(text, encoding="utf-8")
+    return tmp_path
+
+
 @pytest.mark.slow
-def test_after_a_slip(tmp_path: Path) -> None:
-    lost = failing(AFTER_A_SLIP, runs_with_slip(("red1", "red2"), tmp_path))
+def test_after_a_slip(few_images: Path) -> None:
+    lost = failing(AFTER_A_SLIP, runs_with_slip(("red1", "red2"), few_images, few_images))
     assert not lost, f"no longer so: {', '.join(lost)}"

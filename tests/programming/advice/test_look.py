@@ -54,11 +54,9 @@ def test_what_meets_a_wish_passes_the_look(cell, studied, camera, wish):
     wanted = read_wish(wish)
     look = CameraLook(WishedSamples.of(cell, studied, wanted), entry, index)
     poses = moved(entry, np.random.default_rng(len(wish)), 20)
-    passes = look.passes(poses)
-    for X_FC, passed in zip(poses, passes, strict=True):
+    for X_FC in poses[~look.passes(poses)]:
         change = ProposedChange(kind="position", target=camera, size=0.0, unit="m", camera=replace(entry, X_FC=X_FC))
-        met = wanted.met(seen_by(change.in_cell(cell), studied, SAMPLING).assessment)
-        assert passed or not met
+        assert not wanted.met(seen_by(change.in_cell(cell), studied, SAMPLING).assessment)
 
 
 @pytest.mark.parametrize("wish", ["q_eoi 60 %", "q_avg 80 %", "delay 1.3 s"])
