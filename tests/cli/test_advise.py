@@ -33,6 +33,7 @@ from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.programming.ways.grips import grips
 from tests.cli.browser import Opened
+from tests.cli.test_document_schemas import assert_no_other_key_fits, validate
 
 ROOT = Path(__file__).parents[2]
 TABLETOP = ROOT / "workspaces" / "tabletop"
@@ -462,6 +463,12 @@ def test_every_kind_of_change_meets_the_wish_once_it_is_in_the_file(sqrp, others
         assert candidate[figure] == pytest.approx(one[figure], abs=1e-6)
     assert candidate["q_eoi"] == 1.0
     assert sqrp("check", own).code == 0
+
+
+def test_documents_of_every_kind_of_change_fit_their_schema(advised, others):
+    for document in (advised, others):
+        validate(document, "advise")
+        assert_no_other_key_fits(document, "advise")
 
 
 def test_a_moved_part_stays_on_its_table(others):

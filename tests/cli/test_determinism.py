@@ -6,6 +6,7 @@ import hashlib
 import json
 import math
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -94,13 +95,26 @@ def held_by_two_facts(tmp_path) -> Path:
     return folder
 
 
-def test_everything_is_the_same_bytes_whatever_order_sets_have(sqrp, held_by_two_facts, tmp_path):
-    asked = [held_by_two_facts, "pickup blue"]
-    asked += [ROOT / "workspaces" / "tabletop", "place g2 tray"]
+@pytest.fixture
+def place_first(tmp_path) -> Path:
+    """The tabletop with a task that needs others first."""
+    for name in ("workspaces", "skills"):
+        shutil.copytree(ROOT / name, tmp_path / name)
+    folder = tmp_path / "workspaces" / "tabletop"
+    text = (folder / "workspace.yaml").read_text(encoding="utf-8")
+    listed = "{task: pickup green, min_q_eoi: 0.5}"
+    assert listed in text
+    text = text.replace(listed, "{task: place g2 tray, feasible: false}")
+    (folder / "workspace.yaml").write_text(text, encoding="utf-8")
+    return folder
+
+
+def test_everything_is_the_same_bytes_whatever_order_sets_have(sqrp, held_by_two_facts, place_first, tmp_path):
+    tasks = [held_by_two_facts, "pickup blue", place_first, "place g2 tray"]
     made = tmp_path / "random"
-    assert sqrp("init", made, "--random", "--seed", 4, "--objects", 4, "--cameras", 3).code == 0
-    asked += [made, "pickup"]
-    program = [sys.executable, "-m", "tests.cli.all_output", *map(str, asked)]
+    assert sqrp("init", made, "--random", "--seed", 4, "--objects", 2, "--cameras", 3).code == 0
+    tasks += [made, "pickup"]
+    program = [sys.executable, "-m", "tests.cli.all_output", *map(str, tasks)]
     said = [
         json.loads(
             subprocess.run(

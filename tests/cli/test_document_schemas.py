@@ -12,6 +12,7 @@ from sqrp_cli.report.documents.schemas import DOCUMENTS, NAMES, RECORDS, schema_
 
 CELLS = Path(__file__).parents[2] / "workspaces"
 TABLETOP, TOWER = CELLS / "tabletop", CELLS / "tower"
+WATCH = Path(__file__).parents[1] / "cases" / "watch"
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -48,16 +49,15 @@ COMMANDS = [
     ("explain", TABLETOP, "pickup g2", "--samples", "3"),
     ("explain", TABLETOP, "pickup object=g2,g6", "--samples", "3", "--all"),
     ("explain", TABLETOP, "pickup g6"),
-    ("advise", TABLETOP, "pickup g3", "--kinds", "way,aim", "--ways", "fastest"),
     ("advise", TABLETOP, "pickup g3", "--kinds", "aim", "--ways", "fastest", "--want", "time 5 s"),
     ("rules",),
     ("rules", "wrong-unit"),
     ("show", TABLETOP),
     ("show", CELLS / "screws"),
     ("show", TOWER),
-    ("score", TABLETOP, "--samples", "3"),
-    ("score", TABLETOP, "--samples", "3", "--vary", "cameras.cam2.pose.position[2]=1.3:1.5:2"),
-    ("diff", TABLETOP, TABLETOP, "--samples", "3"),
+    ("score", WATCH, "--samples", "3"),
+    ("score", WATCH, "--samples", "3", "--vary", "cameras.eye.near=0.5:0.6:2"),
+    ("diff", WATCH, WATCH, "--samples", "3"),
 ]
 
 

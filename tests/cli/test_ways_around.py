@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import yaml
 
+from sqrp_cli import open_cell
 from sqrp_cli.report.pages.assembly import tidy
 from tests.cli.conftest import Outcome
 from tests.cli.pages import detail_in
@@ -29,13 +30,14 @@ def walled(tmp_path: Path, tabletop_cell: dict[str, Any]) -> Path:
 
 
 def test_every_command_names_what_goes_around_what(sqrp: Callable[..., Outcome], walled: Path) -> None:
-    for command in ("check", "rank"):
-        assert "g1: a1 goes around wall, a5 goes around wall\n" in sqrp(command, walled, "pickup").out
+    ranking = open_cell(walled).rank("pickup")
+    for shown in (sqrp("check", walled, "pickup").out, f"{ranking}\n"):
+        assert "g1: a1 goes around wall, a5 goes around wall\n" in shown
     assert "On the way a1 goes around wall, a5 goes around wall." in " ".join(
         sqrp("explain", walled, "pickup").out.split()
     )
-    (candidate,) = sqrp("rank", walled, "pickup", "--json").document["candidates"]
-    assert candidate["verdict"].endswith("On the way a1 goes around wall, a5 goes around wall.")
+    (candidate,) = ranking.document.candidates
+    assert candidate.verdict.endswith("On the way a1 goes around wall, a5 goes around wall.")
 
 
 def test_the_planner_says_nothing_and_the_seed_decides(
