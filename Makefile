@@ -56,8 +56,9 @@ lint: all
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+# Of the files that have any, as it takes a while to read all the others.
 slow: all
-	$(BIN)/pytest --numprocesses auto -m 'slow and not trial'
+	$(BIN)/pytest --numprocesses auto -m 'slow and not trial' $$(grep -rl --include='test_*.py' 'mark\.slow' tests)
 
 # The documentation, as pages that open from the disk: build/site/index.html.
 docs: all

@@ -158,8 +158,7 @@ def scored(sqrp, tabletop, watch, tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-@pytest.mark.parametrize("kind", ["written", "scored"])
+@pytest.mark.parametrize(("kind", "seed"), [("written", 1), ("scored", 2)])
 def test_however_fast_one_clicks_the_last_click_is_what_is_shown(browser, request, kind, seed):
     opened = Opened(browser, request.getfixturevalue(kind))
     name = click_at_random(opened, seed)

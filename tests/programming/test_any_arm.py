@@ -239,9 +239,15 @@ class IndependentArm:
         return found
 
 
-def test_the_tool_goes_where_the_skill_says_by_pinocchios_kinematics(cell: Cell, arm: Arm, motion: Motion) -> None:
+@pytest.fixture(scope="module")
+def independent(cell: Cell, arm: Arm) -> IndependentArm:
+    return IndependentArm(cell, arm)
+
+
+def test_the_tool_goes_where_the_skill_says_by_pinocchios_kinematics(
+    independent: IndependentArm, arm: Arm, motion: Motion
+) -> None:
     """Straight down onto the middle of the cube's upper side, and straight up again."""
-    independent = IndependentArm(cell, arm)
     x, y, side = arm.cube
     heights = {"a2": (side + 0.02, side), "a4": (side, side + 0.05)}
     for primitive in motion.primitives:
@@ -254,8 +260,7 @@ def test_the_tool_goes_where_the_skill_says_by_pinocchios_kinematics(cell: Cell,
                 np.testing.assert_allclose(X_WT[:3, 2], [0, 0, -1], atol=5e-6)
 
 
-def test_nothing_touches_by_pinocchios_geometry(cell: Cell, arm: Arm, motion: Motion) -> None:
-    independent = IndependentArm(cell, arm)
+def test_nothing_touches_by_pinocchios_geometry(independent: IndependentArm, motion: Motion) -> None:
     meant = {"a2": {("cube", "tool_body")}, "a3": {("cube", "tool_body")}, "a4": {("cube", "table")}}
     for index, primitive in enumerate(motion.primitives):
         found = independent.contacts(motion, index, 0.9 * CLEARANCE, 0.01)
@@ -290,8 +295,9 @@ def test_more_positions_of_a_seventh_axis_are_tried_where_few_do_not_do(
     (candidate,) = read_task("pickup lift=0.05", cell.workspace).candidates
     motion = feasible_motion(cell, candidate, cell.initial_world)
     assert isinstance(motion, Motion)
+    independent = IndependentArm(cell, ARMS["panda"])
     for index in range(len(motion.primitives)):
-        found = IndependentArm(cell, ARMS["panda"]).contacts(motion, index, 0.9 * CLEARANCE, 0.01)
+        found = independent.contacts(motion, index, 0.9 * CLEARANCE, 0.01)
         assert not any("box" in names for names in found)
     monkeypatch.setattr(plan_motion, "MORE_REDUNDANCY_SAMPLES", plan_motion.REDUNDANCY_SAMPLES)
     few = feasible_motion(cell, candidate, cell.initial_world)

@@ -146,10 +146,16 @@ def test_the_default_is_within_its_tolerance_on_random_scenes(ur5: RobotModel) -
     judge("random scenes", found)
 
 
-def test_a_tighter_tolerance_is_kept_too(ur5: RobotModel) -> None:
-    for seed in range(SCENES):
-        motion = watched_motion(seed, ur5)
-        fine, coarse = motion.timeline(Adaptive(1e-6)), motion.timeline(Adaptive(1e-2))
+@pytest.fixture(scope="module")
+def watched_finely(ur5: RobotModel) -> list[tuple[WatchedMotion, Timeline]]:
+    """The random scenes, each with its time line at a tolerance of a millionth."""
+    motions = [watched_motion(seed, ur5) for seed in range(SCENES)]
+    return [(motion, motion.timeline(Adaptive(1e-6))) for motion in motions]
+
+
+def test_a_tighter_tolerance_is_kept_too(watched_finely: list[tuple[WatchedMotion, Timeline]]) -> None:
+    for motion, fine in watched_finely:
+        coarse = motion.timeline(Adaptive(1e-2))
         assert fine.transition_error <= 1e-6
         assert coarse.transition_error <= 1e-2
         assert average_quality(coarse) == pytest.approx(average_quality(fine), abs=1e-2)
@@ -157,11 +163,10 @@ def test_a_tighter_tolerance_is_kept_too(ur5: RobotModel) -> None:
 
 @pytest.mark.parametrize("sampling", [FixedCount(5), FixedCount(23), FixedStep(0.21), FixedStep(0.05)])
 def test_the_shortfall_of_fixed_sampling_is_at_most_transitions_times_spacing(
-    ur5: RobotModel, sampling: Sampling
+    watched_finely: list[tuple[WatchedMotion, Timeline]], sampling: Sampling
 ) -> None:
-    for seed in range(SCENES):
-        motion = watched_motion(seed, ur5)
-        fine, coarse = motion.timeline(Adaptive(1e-5)), motion.timeline(sampling)
+    for motion, fine in watched_finely:
+        coarse = motion.timeline(sampling)
         spacing = float(np.nanmax(coarse.steps))
         length = (average_quality(fine) - average_quality(coarse)) * fine.T
         assert abs(length) <= (changed(fine.covered).sum() + 1e-3) * spacing

@@ -426,7 +426,7 @@ def test_the_place_of_a_whole_cell_does_not_change_its_quality(
 
 def test_two_processes_give_what_one_gives(tabletop: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pipeline, "WORTH_WITH_WAYS", 1)
-    task = read_task("pickup green", tabletop).candidates
+    task = read_task("pickup object=g2,g3", tabletop).candidates
     assignment = Assignment(Cell.load(tabletop), tabletop.stated_world, FixedCount(20))
     one, two = ([figures(a) for a in assess_all(assignment, task, jobs)] for jobs in (1, 2))
     assert one == two
