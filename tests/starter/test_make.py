@@ -130,7 +130,7 @@ def test_the_cameras_see_all_that_matters_in_one_way_at_least(cell: Cell) -> Non
 
 def test_it_is_the_same_every_time(tmp_path: Path) -> None:
     for name in ("one", "other"):
-        make_starter(tmp_path / name, ARMS["ur3"])
+        make_starter(tmp_path / name, ARMS["ur10"])
     one, other = (
         {f.name: f.read_bytes() for f in (tmp_path / n).rglob("*.*") if f.is_file()} for n in ("one", "other")
     )
@@ -166,17 +166,17 @@ def test_a_folder_that_is_not_empty_is_named_as_it_was_given(tmp_path: Path, mon
 def test_an_urdf_of_ones_own_with_meshes_in_its_own_package_needs_no_settings(tmp_path: Path) -> None:
     """A checkout of a ROS package that no environment variable points at."""
     data = next(root for root in package_roots() if (root / "example-robot-data").is_dir())
-    source = data / "example-robot-data" / "robots" / "xarm_description"
-    package = tmp_path / "ws" / "my_xarm"
+    source = data / "example-robot-data" / "robots" / "ur_description"
+    package = tmp_path / "ws" / "my_ur"
     package.mkdir(parents=True)
     (package / "meshes").symlink_to(source / "meshes")
-    text = (source / "urdf" / "xarm7.urdf").read_text()
+    text = (source / "urdf" / "ur10_robot.urdf").read_text()
     (package / "urdf").mkdir()
-    text = text.replace("package://example-robot-data/robots/xarm_description", "package://my_xarm")
+    text = text.replace("package://example-robot-data/robots/ur_description", "package://my_ur")
     (package / "urdf" / "arm.urdf").write_text(text)
     made = make_starter(tmp_path / "cell", str(package / "urdf" / "arm.urdf"))
     written = (made.folder / "workspace.yaml").read_text()
-    assert "urdf: ../ws/my_xarm/urdf/arm.urdf" in written
+    assert "urdf: ../ws/my_ur/urdf/arm.urdf" in written
     assert "package_roots: [../ws]" in written
     assert made.task is not None
 
