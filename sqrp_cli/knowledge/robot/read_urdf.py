@@ -14,19 +14,10 @@ import numpy as np
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, pose, read_only, rpy_to_matrix
 from sqrp_cli.knowledge.frames import WORLD, WORLD_LINK
+from sqrp_cli.knowledge.robot import urdf
 from sqrp_cli.knowledge.robot.doubtful_urdf import LEAST_MOMENT, as_meant
 from sqrp_cli.knowledge.robot.robot_source import RobotSource
 from sqrp_cli.knowledge.robot.robot_xml import read_robot_xml
-from sqrp_cli.knowledge.robot.urdf import (
-    Inertial,
-    JointType,
-    LinkGeometry,
-    MeshReference,
-    Mimic,
-    UrdfJoint,
-    UrdfLink,
-    UrdfModel,
-)
 from sqrp_cli.knowledge.text.bounds import LARGEST_LENGTH, NO_LIMIT, SMALLEST_LIMIT, SMALLEST_SIZE
 from sqrp_cli.knowledge.text.xml_file import Element
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Sphere
@@ -41,16 +32,16 @@ MAX_SHAPES = 500
 LONGEST_SLIDE = 100.0
 """Largest position limit of a prismatic joint [m]."""
 
-_JOINT_TYPES: tuple[JointType, ...] = ("fixed", "revolute", "continuous", "prismatic")
+_JOINT_TYPES: tuple[urdf.JointType, ...] = ("fixed", "revolute", "continuous", "prismatic")
 _OTHER_JOINT_TYPES = ("floating", "planar")
 
 _SIZES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius",)}
 """Attributes of shapes that are nothing if one is 0; a capsule without a straight part is a sphere."""
 
-_Named = TypeVar("_Named", UrdfLink, UrdfJoint)
+_Named = TypeVar("_Named", urdf.UrdfLink, urdf.UrdfJoint)
 
 
-def read_urdf(path: Path, source: RobotSource | None = None) -> UrdfModel:
+def read_urdf(path: Path, source: RobotSource | None = None) -> urdf.UrdfModel:
     """Read and validate a URDF, expanded first if it has xacro elements; source: what else it is made of.
 
     Raises InputError, with file and line, for XML that cannot be read (see `read_robot_xml`), missing or malformed
@@ -64,7 +55,7 @@ def read_urdf(path: Path, source: RobotSource | None = None) -> UrdfModel:
     return replace(model, content=xml.content, expanded=xml.expanded, packages=xml.packages, warnings=warnings)
 
 
-def _model(path: Path, robot: Element) -> UrdfModel:
+def _model(path: Path, robot: Element) -> urdf.UrdfModel:
     _check_size(robot)
     links = _unique(_link(element) for element in robot.all("link"))
     if not links:
@@ -74,7 +65,7 @@ def _model(path: Path, robot: Element) -> UrdfModel:
         _check_references(joint, links, joints)
     root = _root(links, joints, robot.place)
     name = robot.attributes.get("name", path.stem)
-    model = as_meant(UrdfModel(name, path, links, _outwards(root, joints), root))
+    model = as_meant(urdf.UrdfModel(name, path, links, _outwards(root, joints), root))
     model = replace(model, warnings=(*model.warnings, *_flat_shapes(robot)))
     return _with_renamed_world(model) if WORLD in links else model
 
@@ -97,7 +88,7 @@ def _check_size(robot: Element) -> None:
         raise InputError(Problem("too-many-shapes", message, shapes[MAX_SHAPES].place, mend=mend))
 
 
-def _with_renamed_world(model: UrdfModel) -> UrdfModel:
+def _with_renamed_world(model: urdf.UrdfModel) -> urdf.UrdfModel:
     def called(name: str) -> str:
         return WORLD_LINK if name == WORLD else name
 
@@ -113,17 +104,17 @@ def _unique(items: Iterable[_Named]) -> dict[str, _Named]:
     named: dict[str, _Named] = {}
     for item in items:
         if item.name in named:
-            kind = "link" if isinstance(item, UrdfLink) else "joint"
+            kind = "link" if isinstance(item, urdf.UrdfLink) else "joint"
             message = f"{kind} `{item.name}` is defined twice, first at line {named[item.name].place.line}"
             raise InputError(Problem("duplicate-name", message, item.place))
         named[item.name] = item
     return named
 
 
-def _link(element: Element) -> UrdfLink:
+def _link(element: Element) -> urdf.UrdfLink:
     collision = tuple(_geometry(child) for child in element.all("collision") if not _is_empty(child))
     visual = tuple(_geometry(child) for child in element.all("visual") if not _is_empty(child))
-    return UrdfLink(element.text("name"), collision, visual, _inertial(element), element.place)
+    return urdf.UrdfLink(element.text("name"), collision, visual, _inertial(element), element.place)
 
 
 def _is_empty(piece: Element) -> bool:
@@ -147,7 +138,7 @@ def _flat_shapes(robot: Element) -> Iterator[Problem]:
         yield Problem("no-size", message, owners[0][1].place, severity="warning", mend="state its size, or remove it")
 
 
-def _inertial(link: Element) -> Inertial | None:
+def _inertial(link: Element) -> urdf.Inertial | None:
     inertial = link.first("inertial")
     if inertial is None or inertial.first("mass") is None:
         return None
@@ -163,18 +154,18 @@ def _inertial(link: Element) -> Inertial | None:
             f"link `{link.text('name')}` has a moment of inertia of {min(xx, yy, zz):g} kg m^2, expected none below 0"
         )
         raise moments.error("wrong-value", message)
-    return Inertial(mass, _origin(inertial), read_only([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    return urdf.Inertial(mass, _origin(inertial), read_only([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
 
 
-def _geometry(element: Element) -> LinkGeometry:
+def _geometry(element: Element) -> urdf.LinkGeometry:
     holder = element.need("geometry")
     if len(holder.children) != 1:
         raise holder.error("wrong-geometry", f"<geometry> has {len(holder.children)} shapes, expected one")
     shape = holder.children[0]
-    return LinkGeometry(element.attributes.get("name"), _shape(shape), _origin(element), shape.place)
+    return urdf.LinkGeometry(element.attributes.get("name"), _shape(shape), _origin(element), shape.place)
 
 
-def _shape(element: Element) -> Box | Sphere | Cylinder | Capsule | MeshReference:
+def _shape(element: Element) -> Box | Sphere | Cylinder | Capsule | urdf.MeshReference:
     match element.tag:
         case "box":
             return Box(_triple(_positive(element, "size", 3)))
@@ -188,12 +179,12 @@ def _shape(element: Element) -> Box | Sphere | Cylinder | Capsule | MeshReferenc
             scale = _triple(element.numbers("scale", 3, (1.0, 1.0, 1.0)))
             if 0.0 in scale:
                 raise element.error("wrong-value", "the mesh's `scale` has a zero, which would flatten it")
-            return MeshReference(element.text("filename"), scale)
+            return urdf.MeshReference(element.text("filename"), scale)
     expected = expected_names(element.tag, ("box", "sphere", "cylinder", "capsule", "mesh"))
     raise element.error("unknown-shape", f"unknown shape {element}; {expected}")
 
 
-def _joint(element: Element) -> UrdfJoint:
+def _joint(element: Element) -> urdf.UrdfJoint:
     name, kind = element.text("name"), element.text("type")
     if kind not in _JOINT_TYPES:
         if kind in _OTHER_JOINT_TYPES:
@@ -206,7 +197,7 @@ def _joint(element: Element) -> UrdfJoint:
     lower, upper, velocity = _limits(element, name, joint_type)
     limit = element.first("limit")
     effort = None if limit is None else _magnitude(limit, "effort")
-    return UrdfJoint(
+    return urdf.UrdfJoint(
         name=name,
         type=joint_type,
         parent=element.need("parent").text("link"),
@@ -222,7 +213,7 @@ def _joint(element: Element) -> UrdfJoint:
     )
 
 
-def _axis(element: Element, joint_type: JointType) -> Array:
+def _axis(element: Element, joint_type: urdf.JointType) -> Array:
     axis = element.first("axis")
     if axis is None or joint_type == "fixed":
         return read_only([1.0, 0.0, 0.0])
@@ -234,7 +225,7 @@ def _axis(element: Element, joint_type: JointType) -> Array:
     return read_only(direction / length)
 
 
-def _limits(element: Element, name: str, joint_type: JointType) -> tuple[float, float, float | None]:
+def _limits(element: Element, name: str, joint_type: urdf.JointType) -> tuple[float, float, float | None]:
     limit = element.first("limit")
     if joint_type == "fixed":
         return 0.0, 0.0, None
@@ -264,12 +255,12 @@ def _magnitude(limit: Element, attribute: str) -> float:
     return value
 
 
-def _mimic(element: Element) -> Mimic | None:
+def _mimic(element: Element) -> urdf.Mimic | None:
     mimic = element.first("mimic")
     if mimic is None:
         return None
     multiplier, offset = mimic.number("multiplier", 1.0), mimic.number("offset", 0.0)
-    return Mimic(mimic.text("joint"), multiplier, offset)
+    return urdf.Mimic(mimic.text("joint"), multiplier, offset)
 
 
 def _origin(element: Element) -> Array:
@@ -294,7 +285,9 @@ def _triple(numbers: tuple[float, ...]) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _check_references(joint: UrdfJoint, links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint]) -> None:
+def _check_references(
+    joint: urdf.UrdfJoint, links: Mapping[str, urdf.UrdfLink], joints: Mapping[str, urdf.UrdfJoint]
+) -> None:
     for role, link in (("parent", joint.parent), ("child", joint.child)):
         if link not in links:
             message = f"joint `{joint.name}` has the unknown {role} link `{link}`; {expected_names(link, links)}"
@@ -312,9 +305,9 @@ def _check_references(joint: UrdfJoint, links: Mapping[str, UrdfLink], joints: M
         raise InputError(Problem("wrong-mimic", message, joint.place, mend=f"let it follow `{leader.mimic.joint}`"))
 
 
-def _root(links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint], place: Place) -> str:
+def _root(links: Mapping[str, urdf.UrdfLink], joints: Mapping[str, urdf.UrdfJoint], place: Place) -> str:
     """The one link that no joint carries; checks that every link is reached from it exactly once."""
-    carriers: dict[str, UrdfJoint] = {}
+    carriers: dict[str, urdf.UrdfJoint] = {}
     for joint in joints.values():
         if joint.child in carriers:
             other = carriers[joint.child].name
@@ -343,12 +336,12 @@ def _root(links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint], place:
     return roots[0]
 
 
-def _outwards(root: str, joints: Mapping[str, UrdfJoint]) -> dict[str, UrdfJoint]:
+def _outwards(root: str, joints: Mapping[str, urdf.UrdfJoint]) -> dict[str, urdf.UrdfJoint]:
     """The joints with every joint after the one that carries it, otherwise in file order."""
-    children: dict[str, list[UrdfJoint]] = {}
+    children: dict[str, list[urdf.UrdfJoint]] = {}
     for joint in joints.values():
         children.setdefault(joint.parent, []).append(joint)
-    ordered: dict[str, UrdfJoint] = {}
+    ordered: dict[str, urdf.UrdfJoint] = {}
     waiting = list(reversed(children.get(root, [])))
     while waiting:
         joint = waiting.pop()

@@ -16,17 +16,8 @@ from typing import Any
 import yaml
 
 from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.knowledge.text import source
 from sqrp_cli.knowledge.text.input_file import decoded, read_input
-from sqrp_cli.knowledge.text.source import (
-    KeyPath,
-    LeafValue,
-    SourceDocument,
-    describe,
-    dotted,
-    excerpt,
-    not_finite,
-    too_deep,
-)
 
 MAX_BYTES = 1_000_000
 """Largest YAML file that is read."""
@@ -71,7 +62,7 @@ _IMPLICIT_TAGS = frozenset(
 )
 
 
-def read_yaml(path: Path, tags: frozenset[str] = frozenset(), keys: Collection[str] = ()) -> SourceDocument:
+def read_yaml(path: Path, tags: frozenset[str] = frozenset(), keys: Collection[str] = ()) -> source.SourceDocument:
     """The YAML file at `path`, which must hold a mapping.
 
     tags: explicit tags (such as `!!opencv-matrix`) that are accepted and ignored; all others are refused.
@@ -86,7 +77,7 @@ def read_yaml(path: Path, tags: frozenset[str] = frozenset(), keys: Collection[s
 
 def parse_yaml(
     path: Path, content: bytes, tags: frozenset[str] = frozenset(), keys: Collection[str] = ()
-) -> SourceDocument:
+) -> source.SourceDocument:
     """As `read_yaml`, from content in memory; path: named in problems."""
     text = _decode(path, content)
     try:
@@ -108,7 +99,7 @@ def _unquoted(problem: Problem) -> Problem:
     return replace(problem, message=problem.message if hint else _QUOTED.sub("`...`", problem.message), excerpt=None)
 
 
-def _parsed(path: Path, content: bytes, text: str, tags: frozenset[str]) -> SourceDocument:
+def _parsed(path: Path, content: bytes, text: str, tags: frozenset[str]) -> source.SourceDocument:
     root = _compose(path, text)
     if root is None:
         raise InputError(Problem("empty-file", "the file is empty, expected a mapping of keys to values", Place(path)))
@@ -116,9 +107,9 @@ def _parsed(path: Path, content: bytes, text: str, tags: frozenset[str]) -> Sour
     data = builder.build(root, ())
     if not isinstance(data, dict):
         place = builder.values[()]
-        found = "text" if isinstance(data, str) else describe(data)
+        found = "text" if isinstance(data, str) else source.describe(data)
         raise InputError(Problem("not-a-mapping", f"found {found}, expected a mapping of keys to values", place))
-    return SourceDocument(path=path, content=content, data=data, keys=builder.keys, values=builder.values)
+    return source.SourceDocument(path=path, content=content, data=data, keys=builder.keys, values=builder.values)
 
 
 def _decode(path: Path, content: bytes) -> str:
@@ -168,7 +159,7 @@ class _LimitedLoader(yaml.SafeLoader):
         if self._count > 2 * MAX_VALUES:  # a key is a node, too
             raise InputError(self._quoting(Problem("too-many-values", f"more than {MAX_VALUES:,} values")))
         if self._depth > MAX_DEPTH:
-            raise InputError(self._quoting(too_deep(None, MAX_DEPTH)))
+            raise InputError(self._quoting(source.too_deep(None, MAX_DEPTH)))
         node = super().compose_node(parent, index)
         self._depth -= 1
         return node
@@ -217,7 +208,7 @@ def _quoting(problem: Problem, path: Path, text: str, mark: yaml.Mark | None) ->
     lines = text.splitlines()
     line = lines[mark.line] if mark.line < len(lines) else ""
     place = Place(path, mark.line + 1, mark.column + 1)
-    return replace(problem, place=place, excerpt=excerpt(line, mark.column + 1))
+    return replace(problem, place=place, excerpt=source.excerpt(line, mark.column + 1))
 
 
 class _Values:
@@ -227,15 +218,15 @@ class _Values:
         self.path = path
         self.lines = lines
         self.tags = tags
-        self.keys: dict[KeyPath, Place] = {}
-        self.values: dict[KeyPath, Place] = {}
+        self.keys: dict[source.KeyPath, Place] = {}
+        self.values: dict[source.KeyPath, Place] = {}
 
-    def build(self, node: yaml.Node, path: KeyPath) -> Any:  # noqa: ANN401 - YAML holds anything
+    def build(self, node: yaml.Node, path: source.KeyPath) -> Any:  # noqa: ANN401 - YAML holds anything
         if len(self.values) >= MAX_VALUES:
             message = f"more than {MAX_VALUES:,} values (an alias counts as often as it is used)"
             raise InputError(Problem("too-many-values", message, self._place(node)))
         if len(path) > MAX_DEPTH:
-            raise InputError(too_deep(self._place(node), MAX_DEPTH, hint=" (an alias inside its own anchor?)"))
+            raise InputError(source.too_deep(self._place(node), MAX_DEPTH, hint=" (an alias inside its own anchor?)"))
         self.values[path] = self._text_place(node)
         explicit_tag = node.tag not in _IMPLICIT_TAGS and node.tag.replace("tag:yaml.org,2002:", "!!")
         if explicit_tag and explicit_tag not in self.tags:
@@ -246,17 +237,17 @@ class _Values:
             return [self._item(child, (*path, index)) for index, child in enumerate(node.value)]
         return self._scalar(node) if isinstance(node, yaml.ScalarNode) else None
 
-    def _item(self, node: yaml.Node, path: KeyPath) -> Any:  # noqa: ANN401
+    def _item(self, node: yaml.Node, path: source.KeyPath) -> Any:  # noqa: ANN401
         self.keys[path] = self._place(node)
         return self.build(node, path)
 
-    def _mapping(self, node: yaml.MappingNode, path: KeyPath) -> dict[str, Any]:
+    def _mapping(self, node: yaml.MappingNode, path: source.KeyPath) -> dict[str, Any]:
         data: dict[str, Any] = {}
         for key_node, value_node in self._pairs(node):
             key, place = str(key_node.value), self._place(key_node)
             if key in data:
                 first = self.keys[(*path, key)]
-                message = f"`{dotted((*path, key))}` is given twice, first in line {first.line}"
+                message = f"`{source.dotted((*path, key))}` is given twice, first in line {first.line}"
                 raise InputError(Problem("duplicate-key", message, place))
             self.keys[(*path, key)] = place
             data[key] = self.build(value_node, (*path, key))
@@ -285,7 +276,7 @@ class _Values:
                 if pair[0].value not in own:
                     yield pair
 
-    def _scalar(self, node: yaml.ScalarNode) -> LeafValue:
+    def _scalar(self, node: yaml.ScalarNode) -> source.LeafValue:
         text = str(node.value)
         if node.style:
             return text
@@ -294,7 +285,7 @@ class _Values:
         if _INTEGER.fullmatch(text) and len(text) < 20:
             return int(text)
         if _NOT_FINITE.fullmatch(text) or (_FLOAT.fullmatch(text) and abs(float(text)) == float("inf")):
-            raise InputError(not_finite(self._place(node), text))
+            raise InputError(source.not_finite(self._place(node), text))
         return float(text) if _FLOAT.fullmatch(text) else text
 
     def _place(self, node: yaml.Node) -> Place:

@@ -10,22 +10,10 @@ from functools import partial
 from sqrp_cli.errors import InputError, Problem, expected_names, no_such
 from sqrp_cli.geometry import read_only
 from sqrp_cli.knowledge.frames import link_called
+from sqrp_cli.knowledge.robot import robot
 from sqrp_cli.knowledge.robot.joint_tree import driving_joints
 from sqrp_cli.knowledge.robot.moveit_limits import MoveitLimits, read_moveit_limits, with_position_limits
 from sqrp_cli.knowledge.robot.read_urdf import read_urdf
-from sqrp_cli.knowledge.robot.robot import (
-    ANGLE_TOLERANCE,
-    AXES_OF_A_POSE,
-    Fingers,
-    JointLimits,
-    LimitsEntry,
-    Marker,
-    Robot,
-    RobotEntry,
-    StopLimits,
-    Tool,
-    ToolEntry,
-)
 from sqrp_cli.knowledge.robot.srdf import SrdfModel, read_srdf
 from sqrp_cli.knowledge.robot.urdf import TOOL_TIP, UrdfJoint, UrdfModel, tool_of_boxes
 from sqrp_cli.knowledge.text import packages, units
@@ -48,7 +36,7 @@ class RobotReader(EntryReader):
     URDF and SRDF are read first: their InputError is raised at once, because nothing can be checked without them.
     """
 
-    entry: RobotEntry
+    entry: robot.RobotEntry
     _parts: list[Part] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -80,13 +68,13 @@ class RobotReader(EntryReader):
         """The links of robot and tool."""
         return (*self.urdf.links, *(self.tool.links if self.tool else ()))
 
-    def read(self) -> Robot:
+    def read(self) -> robot.Robot:
         """The robot; meaningful only if `problems` is empty afterwards."""
         tool = self._tool()
         arm = self._arm()
         joints = [*self.urdf.movable_joints, *(self.tool.movable_joints if self.tool else ())]
         limits = self._limits(joints)
-        return Robot(
+        return robot.Robot(
             urdf=self.urdf,
             srdf=self.srdf_path if self.srdf is not None else None,
             package_roots=self.roots,
@@ -122,7 +110,7 @@ class RobotReader(EntryReader):
                 self._add_mesh(f"{dotted(path)}.{part.name}", part.shape.path, piece.place)
         return urdf
 
-    def _read_tool(self, entry: ToolEntry) -> UrdfModel:
+    def _read_tool(self, entry: robot.ToolEntry) -> UrdfModel:
         if entry.urdf is not None:
             return self._read_urdf(entry.urdf, ("robot", "tool", "urdf"))
         place = self.document.key_place(("robot", "tool", "boxes"))
@@ -131,7 +119,7 @@ class RobotReader(EntryReader):
         self._parts += tool.parts(self.entry.geometry, partial(packages.resolve_mesh, self.roots))
         return tool
 
-    def _tool(self) -> Tool | None:
+    def _tool(self) -> robot.Tool | None:
         if self.entry.tool is None or self.tool is None:
             return None
         link = link_called(self.entry.tool.link, self.urdf.links)
@@ -143,7 +131,7 @@ class RobotReader(EntryReader):
                 path = ("robot", "tool", "urdf" if self.entry.tool.urdf else "boxes")
                 self._report("ambiguous-name", path, message, "rename one of them")
         file = None if self.entry.tool.urdf is None else self.tool.path
-        return Tool(self.tool, link, read_only(self.entry.tool.pose.matrix()), file)
+        return robot.Tool(self.tool, link, read_only(self.entry.tool.pose.matrix()), file)
 
     def _arm(self) -> list[UrdfJoint]:
         """The joints that drive those from the root to the tool frame, in order."""
@@ -166,10 +154,12 @@ class RobotReader(EntryReader):
 
     def _angle_tolerance(self, arm: Sequence[UrdfJoint]) -> float:
         stated = self.entry.angle_tolerance
-        if len(arm) < AXES_OF_A_POSE:
-            return ANGLE_TOLERANCE if stated is None else stated
+        if len(arm) < robot.AXES_OF_A_POSE:
+            return robot.ANGLE_TOLERANCE if stated is None else stated
         if stated:
-            message = f"an arm with {len(arm)} axes takes poses exactly; expected this for fewer than {AXES_OF_A_POSE}"
+            message = (
+                f"an arm with {len(arm)} axes takes poses exactly; expected this for fewer than {robot.AXES_OF_A_POSE}"
+            )
             self._report("wrong-value", ("robot", "angle_tolerance"), message)
         return 0.0
 
@@ -184,7 +174,7 @@ class RobotReader(EntryReader):
             self._report("missing-joint", path, f"lacks a position for {names}")
         return positions
 
-    def _fingers(self, joints: Sequence[UrdfJoint], arm: Sequence[UrdfJoint]) -> Fingers | None:
+    def _fingers(self, joints: Sequence[UrdfJoint], arm: Sequence[UrdfJoint]) -> robot.Fingers | None:
         entry = self.entry.fingers
         if entry is None:
             return None
@@ -201,9 +191,9 @@ class RobotReader(EntryReader):
             self._report("missing-joint", path, message)
         if opened == closed:
             self._report("wrong-value", (*path, "closed"), "the fingers are where they are when open, so nothing moves")
-        return Fingers(opened, {name: closed[name] for name in opened if name in closed}, entry.width)
+        return robot.Fingers(opened, {name: closed[name] for name in opened if name in closed}, entry.width)
 
-    def _markers(self) -> dict[str, Marker]:
+    def _markers(self) -> dict[str, robot.Marker]:
         ids: dict[tuple[str, int], str] = {}
         for named, marker in self.entry.markers.items():
             path, link = ("robot", "markers", named), link_called(named, self.links)
@@ -258,15 +248,15 @@ class RobotReader(EntryReader):
             positions[name] = quantity.value
         return positions
 
-    def _limits(self, joints: Sequence[UrdfJoint]) -> dict[str, JointLimits]:
+    def _limits(self, joints: Sequence[UrdfJoint]) -> dict[str, robot.JointLimits]:
         limits = {
             limit: {**self._from_files(limit, joints), **self._values(limit, joints)}
             for limit in ("velocity", "acceleration", "jerk")
         }
-        assumed = {limit: LimitsEntry.kind(limit).assumed for limit in limits}
+        assumed = {limit: robot.LimitsEntry.kind(limit).assumed for limit in limits}
         self._warn_of_assumed_limits(joints, limits, assumed)
         return {
-            joint.name: JointLimits(
+            joint.name: robot.JointLimits(
                 lower=joint.lower,
                 upper=joint.upper,
                 **{limit: values.get(joint.name, assumed[limit]) for limit, values in limits.items()},
@@ -288,12 +278,16 @@ class RobotReader(EntryReader):
         scale = self.moveit.scaling.get(limit, 1.0) if factor is None else factor
         return {name: scale * value for name, value in {**found, **stated}.items() if name in names}
 
-    def _stop_limits(self, limits: Mapping[str, JointLimits], joints: Sequence[UrdfJoint]) -> dict[str, StopLimits]:
+    def _stop_limits(
+        self, limits: Mapping[str, robot.JointLimits], joints: Sequence[UrdfJoint]
+    ) -> dict[str, robot.StopLimits]:
         stops = {limit: self._values(f"stop_{limit}", joints) for limit in ("acceleration", "jerk")}
         for limit, values in stops.items():
             self._check_stop(limit, values, {name: getattr(usual, limit) for name, usual in limits.items()})
         return {
-            name: StopLimits(**{limit: values.get(name, getattr(usual, limit)) for limit, values in stops.items()})
+            name: robot.StopLimits(
+                **{limit: values.get(name, getattr(usual, limit)) for limit, values in stops.items()}
+            )
             for name, usual in limits.items()
         }
 
@@ -326,7 +320,7 @@ class RobotReader(EntryReader):
         """The stated values of one limit by joint. A single value applies to every joint that its unit fits."""
         entry: Quantity | Mapping[str, Quantity] | None = getattr(self.entry.limits, limit)
         path: KeyPath = ("robot", "limits", limit)
-        dimensions = {joint.name: LimitsEntry.kind(limit).of(joint) for joint in joints}
+        dimensions = {joint.name: robot.LimitsEntry.kind(limit).of(joint) for joint in joints}
         if entry is None:
             return {}
         if isinstance(entry, Quantity):

@@ -24,18 +24,10 @@ from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.collision import CollisionScene
 from sqrp_cli.programming.motion.fingers import with_fingers
 from sqrp_cli.programming.motion.ground_primitives import GroundPrimitive, GroundSkill, SkillUse, ground_primitives
+from sqrp_cli.programming.motion.paths import sections
 from sqrp_cli.programming.motion.paths.branch_search import Station, fastest_sequence
 from sqrp_cli.programming.motion.paths.joint_moves import FoundMove, JointMoves
 from sqrp_cli.programming.motion.paths.position_limits import worst_past_limit
-from sqrp_cli.programming.motion.paths.sections import (
-    SHORTEST_LINE,
-    Branch,
-    BranchFinder,
-    Failures,
-    Section,
-    Ways,
-    cut_into_sections,
-)
 from sqrp_cli.trajectory import JointPath, Trajectory
 
 MOST_AXES_WITHOUT_REDUNDANCY = 6
@@ -174,7 +166,7 @@ def _first_planner(use: SkillUse, scene: CollisionScene, seed: int) -> _Planner 
     return _Planner(scene, grounded, scene.model.arm_positions(use.world.joints), seed, REDUNDANCY_SAMPLES)
 
 
-def _within(ways: Sequence[Ways], masks: Sequence[Mask]) -> list[Station]:
+def _within(ways: Sequence[sections.Ways], masks: Sequence[Mask]) -> list[Station]:
     """The ways in the masks; the others take endlessly long."""
     return [
         Station(through.q_start, through.q_end, np.where(mask, through.duration, np.inf))
@@ -203,9 +195,9 @@ class _Planner:
         self._samples = samples
         placed = cache(scene.placed)
         self._scenes = [placed(primitive.world, primitive.allowed) for primitive in skill.primitives]
-        self._sections = cut_into_sections(skill.primitives)
-        self._failures = Failures()
-        self._finder = BranchFinder(self._model, self._scenes, q_start, self._failures, seed, samples)
+        self._sections = sections.cut_into_sections(skill.primitives)
+        self._failures = sections.Failures()
+        self._finder = sections.BranchFinder(self._model, self._scenes, q_start, self._failures, seed, samples)
         self._named: dict[str, Sequence[_Names]] = {}
 
     def with_more_samples(self) -> _Planner:
@@ -252,17 +244,17 @@ class _Planner:
             feasible = [BranchMotion({}, motion)]
         return Branches(tried, tuple(feasible), self._failures.reasons(MAX_REASONS))
 
-    def _ways(self) -> list[Ways] | None:
+    def _ways(self) -> list[sections.Ways] | None:
         """The ways through each section; None if one has none."""
-        ways: list[Ways] = []
+        ways: list[sections.Ways] = []
         for section in self._sections:
             branches = self._finder.branches(section)
             if not branches:
                 return None
-            ways.append(Ways.through(branches))
+            ways.append(sections.Ways.through(branches))
         return ways
 
-    def _moves(self, ways: Sequence[Ways]) -> JointMoves:
+    def _moves(self, ways: Sequence[sections.Ways]) -> JointMoves:
         return JointMoves(
             self._model,
             self._skill.primitives,
@@ -274,7 +266,7 @@ class _Planner:
             self._seed,
         )
 
-    def _branches(self, ways: Sequence[Ways]) -> list[dict[str, MotionValue]]:
+    def _branches(self, ways: Sequence[sections.Ways]) -> list[dict[str, MotionValue]]:
         """The different branches of the ways through all sections."""
         found: list[dict[str, MotionValue]] = [{}]
         for section, through in zip(self._sections, ways, strict=True):
@@ -282,21 +274,21 @@ class _Planner:
             found = [{**one, **more} for one in found for more in possible if _agree(one, more)][:MOST_BRANCHES]
         return found
 
-    def _masks(self, ways: Sequence[Ways], branch: _Names) -> list[Mask]:
+    def _masks(self, ways: Sequence[sections.Ways], branch: _Names) -> list[Mask]:
         """Which ways through each section belong to a branch."""
 
-        def mask(section: Section, through: Ways) -> Mask:
+        def mask(section: sections.Section, through: sections.Ways) -> Mask:
             fitting = [_agree(branch, self._name(section, of_way)) for of_way in through.branches]
             return np.array(fitting)[through.of]
 
         return [mask(section, through) for section, through in zip(self._sections, ways, strict=True)]
 
-    def _name(self, section: Section, branch: Branch) -> _Names:
+    def _name(self, section: sections.Section, branch: sections.Branch) -> _Names:
         """The name of a branch of a section."""
         names = self._names(section)
         return names[branch.solution] if len(names) > 1 else names[0]
 
-    def _names(self, section: Section) -> Sequence[_Names]:
+    def _names(self, section: sections.Section) -> Sequence[_Names]:
         """The name of each solution of inverse kinematics at the start of a section; one for all if nothing is free."""
         move = section.move
         if move is None or move.home or not move.free:
@@ -307,7 +299,7 @@ class _Planner:
         return self._named[move.name]
 
     def _fastest(
-        self, ways: Sequence[Ways], moves: JointMoves, stations: Sequence[Station], *, around: bool = True
+        self, ways: Sequence[sections.Ways], moves: JointMoves, stations: Sequence[Station], *, around: bool = True
     ) -> Motion | Infeasible:
         """The fastest motion of some of the ways; see `_within`. around: look for ways around, if need be."""
         durations = moves.durations
@@ -350,7 +342,7 @@ class _Planner:
                 continue
             approach, whole = move.trajectory, move.trajectory
             beyond = primitive.guard.beyond
-            if beyond.length > SHORTEST_LINE:
+            if beyond.length > sections.SHORTEST_LINE:
                 moving = self._finder.beyond(index, primitive, approach.path.end)
                 if moving is None:
                     return self._infeasible()
