@@ -53,25 +53,9 @@ ANYWHERE = ("-q", "--quiet", "-v", "--verbose", "--debug")
 """Options that may stand before the command and after it."""
 
 COMMANDS = (
-    check,
-    rank,
-    explain,
-    advise,
-    place,
-    program,
-    run_program,
-    cell,
-    audit,
-    calibrate,
-    score,
-    diff,
-    show,
-    set_values,
-    studio,
-    rules,
-    schema,
-    init,
-)
+    check, rank, explain, advise, place, program, run_program, cell, audit, calibrate, score, diff, show,
+    set_values, studio, rules, schema, init,
+)  # fmt: skip
 """In the order in which `--help` lists them."""
 
 _NAMES = tuple(module.NAME for module in COMMANDS)

@@ -148,14 +148,7 @@ def with_children(formula: Formula, parts: tuple[Formula, ...]) -> Formula:
             return Eventually(interval, parts[0], origin)
 
 
-_SIGNS = {
-    Not: "not ",
-    And: " and ",
-    Or: " or ",
-    Implies: " -> ",
-    Always: "always",
-    Eventually: "eventually",
-}
+_SIGNS = {Not: "not ", And: " and ", Or: " or ", Implies: " -> ", Always: "always", Eventually: "eventually"}
 _BINDING = {Implies: 0, Or: 1, And: 2, Not: 3, Always: 3, Eventually: 3, Predicate: 4}
 """How tightly each kind of formula binds."""
 

@@ -14,15 +14,9 @@ from sqrp_cli.logic.nested_lists import Node, Word, WordList, read_list
 from sqrp_cli.logic.source_text import SourceText
 
 REQUIREMENTS = (
-    ":strips",
-    ":typing",
-    ":equality",
-    ":negative-preconditions",
-    ":disjunctive-preconditions",
-    ":existential-preconditions",
-    ":universal-preconditions",
-    ":quantified-preconditions",
-)
+    ":strips", ":typing", ":equality", ":negative-preconditions", ":disjunctive-preconditions",
+    ":existential-preconditions", ":universal-preconditions", ":quantified-preconditions",
+)  # fmt: skip
 """The supported requirements; every other one is an error."""
 
 _SECTIONS = (":requirements", ":types", ":constants", ":predicates", ":action")

@@ -12,8 +12,7 @@ from sqrp_cli.errors import ExitCode, InputError, bad_option
 NAME = "set"
 
 Values = Annotated[
-    list[str],
-    typer.Argument(metavar="PATH=VALUE...", help="Values by dotted path, such as cameras.cam1.rate=20."),
+    list[str], typer.Argument(metavar="PATH=VALUE...", help="Values by dotted path, such as cameras.cam1.rate=20.")
 ]
 
 

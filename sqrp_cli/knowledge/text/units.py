@@ -47,20 +47,9 @@ FORCE = Dimension("a force", {"N": 1.0, "kN": 1e3}, "5 N")
 SHARE = Dimension("a share", {"%": 0.01}, "50 %")
 
 DIMENSIONS = (
-    LENGTH,
-    ANGLE,
-    TIME,
-    FREQUENCY,
-    SPEED,
-    ACCELERATION,
-    JERK,
-    ANGULAR_SPEED,
-    ANGULAR_ACCELERATION,
-    ANGULAR_JERK,
-    PIXELS,
-    FORCE,
-    SHARE,
-)
+    LENGTH, ANGLE, TIME, FREQUENCY, SPEED, ACCELERATION, JERK, ANGULAR_SPEED, ANGULAR_ACCELERATION, ANGULAR_JERK,
+    PIXELS, FORCE, SHARE,
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

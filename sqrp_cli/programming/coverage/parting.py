@@ -158,11 +158,7 @@ class _ByCamera(NamedTuple):
 
 
 def _by_camera(
-    stage: Stage,
-    observer: Observer,
-    literals: Sequence[Literal],
-    targets: Mapping[Atom, Target],
-    interval: Stretch,
+    stage: Stage, observer: Observer, literals: Sequence[Literal], targets: Mapping[Atom, Target], interval: Stretch
 ) -> _ByCamera | None:
     """When each camera shows a fault, see `onset`; None where the tool loses nothing."""
     name = held_in(stage, interval)

@@ -92,11 +92,7 @@ def seen_by(
 
 
 def _in_frame(
-    observer: Observer,
-    way: JudgedWay,
-    spots: Sequence[Spot],
-    views: Sequence[View],
-    lenses: Sequence[LensChoice],
+    observer: Observer, way: JudgedWay, spots: Sequence[Spot], views: Sequence[View], lenses: Sequence[LensChoice]
 ) -> Mask:
     """The same for poses that one frame carries."""
     boxes = [box for target in way.scene.targets for box in target.boxes]

@@ -25,20 +25,9 @@ _UNSEEN = ("Cc", "Cf", "Co", "Cs", "Zl", "Zp")
 """Unicode categories of invisible characters that change a line."""
 
 PARTS = (
-    "data",
-    "words",
-    "motion",
-    "table",
-    "plot",
-    "timeline",
-    "shape",
-    "orbit",
-    "camera",
-    "sight",
-    "scene",
-    "mounts",
+    "data", "words", "motion", "table", "plot", "timeline", "shape", "orbit", "camera", "sight", "scene", "mounts",
     "page",
-)
+)  # fmt: skip
 """The scripts that all pages share, the live one too, each after those that it needs."""
 
 

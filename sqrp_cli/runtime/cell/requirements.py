@@ -12,12 +12,7 @@ from importlib.util import find_spec
 
 from sqrp_cli.errors import InputError, Problem
 
-_PACKAGES = {
-    "mujoco": "mujoco",
-    "cv2": "opencv-contrib-python-headless",
-    "trimesh": "trimesh",
-    "collada": "pycollada",
-}
+_PACKAGES = {"mujoco": "mujoco", "cv2": "opencv-contrib-python-headless", "trimesh": "trimesh", "collada": "pycollada"}
 """Modules of the extra `sim`, with the names under which pip installs them."""
 
 _LIBRARIES = {"egl": ("EGL", "GL"), "osmesa": ("OSMesa",)}

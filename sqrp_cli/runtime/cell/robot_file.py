@@ -123,8 +123,7 @@ class RobotFile(Entry):
     )
     master: Text | None = Field(default=None, description="With ros1: ROS_MASTER_URI; by default, the environment's.")
     reliable: bool = Field(
-        default=False,
-        description="Whether lost messages are sent again; then the cameras' drivers must offer it, too.",
+        default=False, description="Whether lost messages are sent again; then the cameras' drivers must offer it, too."
     )
     use_sim_time: bool = Field(default=False, description="Whether `/clock` gives the time, as in simulations.")
     trajectory: TrajectoryEntry = Field(description="Where joint trajectories go.")

@@ -35,11 +35,7 @@ class EvidenceCollector:
     """What all cameras together show of the attempt that is watched."""
 
     def __init__(
-        self,
-        cell: RunnableCell,
-        streams: Streams,
-        publisher: EventPublisher,
-        recorder: ImageRecorder | None = None,
+        self, cell: RunnableCell, streams: Streams, publisher: EventPublisher, recorder: ImageRecorder | None = None
     ) -> None:
         """recorder: takes every image with what was seen in it, if images are to be kept."""
         self._cell, self.streams = cell, streams

@@ -15,16 +15,9 @@ from sqrp_cli.program.check import SAME_TIME
 from sqrp_cli.program.record import ProgramPrimitive, Step
 
 FaultKind = Literal[
-    "slip",
-    "miss-pick",
-    "camera-loss",
-    "frozen",
-    "latency",
-    "perception-crash",
-    "joints-loss",
-    "joints-frozen",
+    "slip", "miss-pick", "camera-loss", "frozen", "latency", "perception-crash", "joints-loss", "joints-frozen",
     "joints-latency",
-]
+]  # fmt: skip
 
 _FORMS = {
     "slip": "slip@a4+0.4, slip@a4:random or slip@7.2",

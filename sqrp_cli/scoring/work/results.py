@@ -60,18 +60,9 @@ class Outcome:
 
 Seconds = Annotated[float, Field(ge=0)]
 CauseLabel = Literal[
-    "too_near",
-    "too_far",
-    "out_of_image",
-    "detector_near",
-    "detector_far",
-    "oblique",
-    "too_small",
-    "hidden",
-    "same_colour",
-    "too_dark",
-    "too_bright",
-]
+    "too_near", "too_far", "out_of_image", "detector_near", "detector_far", "oblique", "too_small", "hidden",
+    "same_colour", "too_dark", "too_bright",
+]  # fmt: skip
 
 
 class _TargetRecord(Entry):
