@@ -40,7 +40,7 @@ class Rankings:
         """Of the last question."""
         self._asked: Asked | None = None
         self._ranked: Asked | None = None
-        """What the ranking that is shown is of."""
+        """What the ranking that is shown is of; None while another one is under way."""
         self._held = False
         """Whether a hand has moved something since the last ranking was asked for; that ranking is given up then."""
         self._of_saved: Asked | None = None
@@ -61,7 +61,7 @@ class Rankings:
         """Rank a task in the cell of a text."""
         self.number += 1
         self._held, self._comparing = False, None
-        self._asked = asked
+        self._asked, self._ranked = asked, None
         self._bench.ask(Rank(**vars(asked), number=self.number))
 
     def choose(self, name: str) -> None:
@@ -122,6 +122,8 @@ class Rankings:
 
     def _compare(self) -> None:
         """Rank the saved file as well, once there is nothing else to do, if that is not known."""
+        if self._ranked is None or self._held:
+            return  # what is shown over time is of before, and this would end what was asked for since
         saved = self._saved()
         if saved not in (self._asked, self._of_saved, self._comparing):
             self._comparing = saved
