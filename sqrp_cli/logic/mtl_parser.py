@@ -32,34 +32,16 @@ MAX_LENGTH = 20_000
 """Most characters of a formula."""
 
 _EXPECTED = {
-    "ALWAYS": "`always`",
-    "EVENTUALLY": "`eventually`",
-    "NOT": "`not`",
-    "AND": "`and`",
-    "OR": "`or`",
-    "IMPLIES": "`->`",
-    "EDGE": "`start` or `end`",
-    "SIGN": "`+`, `-`",
-    "NUMBER": "a number of seconds",
-    "NAME": "a name",
-    "LPAR": "`(`",
-    "RPAR": "`)`",
-    "LSQB": "`[`",
-    "RSQB": "`]`",
-    "COMMA": "`,`",
-    "DOT": "`.`",
+    "ALWAYS": "`always`", "EVENTUALLY": "`eventually`", "NOT": "`not`", "AND": "`and`", "OR": "`or`",
+    "IMPLIES": "`->`", "EDGE": "`start` or `end`", "SIGN": "`+`, `-`", "NUMBER": "a number of seconds",
+    "NAME": "a name", "LPAR": "`(`", "RPAR": "`)`", "LSQB": "`[`", "RSQB": "`]`", "COMMA": "`,`", "DOT": "`.`",
     "$END": "the end of the formula",
-}
+}  # fmt: skip
 """Names of the grammar's terminals in messages, in the order of their listing."""
 
 _KEYWORDS = {
-    "ALWAYS": "always",
-    "EVENTUALLY": "eventually",
-    "NOT": "not",
-    "AND": "and",
-    "OR": "or",
-    "IMPLIES": "implies",
-}
+    "ALWAYS": "always", "EVENTUALLY": "eventually", "NOT": "not", "AND": "and", "OR": "or", "IMPLIES": "implies",
+}  # fmt: skip
 
 
 def parse_formula(text: str, place: Place, indent: int = 0) -> mtl.Formula:

@@ -15,15 +15,8 @@ from typing import Literal
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import Array, pose, read_only
+from sqrp_cli.knowledge.camera import static_transforms
 from sqrp_cli.knowledge.camera.bag_transforms import read_bag
-from sqrp_cli.knowledge.camera.static_transforms import (
-    StaticTransform,
-    TransformEntry,
-    camera_seat,
-    read_launch,
-    read_messages,
-    unit_quaternion,
-)
 from sqrp_cli.knowledge.text.entries import ForeignEntry, Length, Number, Text
 from sqrp_cli.knowledge.text.input_file import decoded, read_input
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
@@ -72,7 +65,7 @@ class _Transformation(ForeignEntry):
 
 class _Result(ForeignEntry):
     transformation: _Transformation | None = None
-    transform: TransformEntry | None = None
+    transform: static_transforms.TransformEntry | None = None
 
 
 class _File(_Result):
@@ -101,11 +94,13 @@ def read_hand_eye(
         return _seated(read_bag(path), path, camera, carriers, asked, "/tf_static of a recording", None)
     content = read_input(path, MAX_BYTES)
     text = decoded(path, content)
-    launched = read_launch(path, content, text)
+    launched = static_transforms.read_launch(path, content, text)
     if launched is not None:
         return _seated(launched, path, camera, carriers, asked, "static_transform_publisher", content)
     if re.search(r"^\s*child_frame_id:|^transforms:", text, re.MULTILINE):
-        return _seated(read_messages(path, text), path, camera, carriers, asked, "TF messages", content)
+        return _seated(
+            static_transforms.read_messages(path, text), path, camera, carriers, asked, "TF messages", content
+        )
     document = parse_yaml(path, content, keys=_KEYS)
     if not any(key in document.data for key in _KEYS):
         message = "found no camera pose; expected a result of easy_handeye, TF messages, a launch file or a recording"
@@ -118,7 +113,7 @@ def read_hand_eye(
 
 
 def _seated(
-    transforms: Sequence[StaticTransform],
+    transforms: Sequence[static_transforms.StaticTransform],
     path: Path,
     camera: str | None,
     carriers: Collection[str],
@@ -127,7 +122,7 @@ def _seated(
     content: bytes | None,
 ) -> HandEye:
     """The pose of a camera among static transforms; content: None for a recording, which may be large."""
-    seat = camera_seat(transforms, path, camera, carriers, asked)
+    seat = static_transforms.camera_seat(transforms, path, camera, carriers, asked)
     read = repr([(one.parent, one.child, one.X_PC.tolist()) for one in transforms]).encode()
     return HandEye(
         frame=seat.frame,
@@ -179,7 +174,7 @@ def _pose(document: SourceDocument, file: _Result) -> Array:
         position, quaternion, path = (f.x, f.y, f.z), (f.qx, f.qy, f.qz, f.qw), ("transformation",)
     else:
         raise _lacks(document, (), "`transform` (easy_handeye2) or `transformation` (easy_handeye)")
-    R = unit_quaternion(quaternion)
+    R = static_transforms.unit_quaternion(quaternion)
     if R is None:
         length = sum(value * value for value in quaternion) ** 0.5
         message = f"the quaternion has length {length:.3g}, expected 1"

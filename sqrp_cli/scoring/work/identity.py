@@ -67,18 +67,8 @@ def says_something(path: str) -> bool:
 def candidate_key(content: str, candidate: Candidate, sampling: Sampling, seed: int, *, coverage: bool) -> str:
     """The key of a candidate's result; content: see `content_digest`. coverage: whether it has its `Coverage`, too."""
     parameters = list(candidate.parameters.items())
-    return digest_of(
-        [
-            program_digest(),
-            content,
-            candidate.skill.name,
-            parameters,
-            type(sampling).__name__,
-            asdict(sampling),
-            seed,
-            coverage,
-        ]
-    )
+    how = [type(sampling).__name__, asdict(sampling), seed, coverage]
+    return digest_of([program_digest(), content, candidate.skill.name, parameters, *how])
 
 
 def digest_of(value: object) -> str:

@@ -157,12 +157,5 @@ def _way(way: Candidate) -> list[object]:
 def _lens(lens: LensChoice) -> list[object]:
     own = lens.intrinsics
     sensing = [getattr(lens, part.name) for part in fields(lens) if isinstance(getattr(lens, part.name), float)]
-    return [
-        lens.name,
-        own.width,
-        own.height,
-        own.matrix.tolist(),
-        own.distortion_model,
-        own.distortion.tolist(),
-        sensing,
-    ]
+    size, distortion = [own.width, own.height], [own.distortion_model, own.distortion.tolist()]
+    return [lens.name, *size, own.matrix.tolist(), *distortion, sensing]
