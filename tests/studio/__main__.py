@@ -160,6 +160,7 @@ def measured(hand: Hand, pid: int) -> tuple[float, float]:
         hand.ranked()
     except Exception:
         print(hand.js(UNSETTLED), hand.complaints)
+        psutil.Process(pid).terminate()
         raise
     hand.page.wait_for_timeout(1000)
     devtools = hand.context.new_cdp_session(hand.page)
