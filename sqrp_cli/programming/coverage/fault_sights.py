@@ -246,10 +246,11 @@ def _shown_at_times(scene: WatchedFaults, fault: FaultWatch, timeline: Timeline,
 def after_loss(planned: Sequence[Window], lost: Sequence[Window], interval: Stretch) -> tuple[Window, ...]:
     """The windows of what fingers lose in an interval.
 
-    In the interval, in which the fingers are still around the part or closing, those of the motion as planned; after
-    it, those with the fingers closed.
+    Those of the motion as planned, where the fingers are still around the part, as long as images show it from the
+    start of the interval on; from then on, as it may have been lost long ago, those with the fingers closed.
     """
-    until = interval.end
+    shown = (window.end for window in planned if window.start <= interval.start + SAME_INSTANT)
+    until = min(next(shown, interval.start), interval.end)
     first = [window._replace(end=min(window.end, until)) for window in planned if window.start < until]
     then = [window._replace(start=max(window.start, until)) for window in lost if window.end > until]
     if first and then and first[-1][1:] == (then[0].start, *then[0][2:]):
