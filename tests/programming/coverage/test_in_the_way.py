@@ -14,7 +14,7 @@ from sqrp_cli.programming.coverage.assessment import Study, study
 from sqrp_cli.programming.coverage.in_the_way import HiddenViews, hidden_views, in_the_way, to_move
 from sqrp_cli.programming.coverage.sampling import FixedCount
 from sqrp_cli.programming.task import read_task
-from sqrp_cli.report.pictures import pictures
+from sqrp_cli.report.pictures import drawing, pictures
 from sqrp_cli.report.sentences import part_shares_in_words, what_to_move
 
 WATCH = Path(__file__).parents[2] / "cases" / "watch"
@@ -101,7 +101,7 @@ def test_explain_tells_it_in_text_document_and_pictures(
     assert f"{100 * first.alone:.1f} % would be seen without it." in text.replace("\n", " ")
     lines: list[str] = []
     monkeypatch.setattr(
-        pictures, "captioned", lambda picture: [lines.extend(one.text for one in picture.captions), picture.photo][1]
+        drawing, "captioned", lambda picture: [lines.extend(one.text for one in picture.captions), picture.photo][1]
     )
     pictures.write_pictures(cell, behind, tmp_path / "pictures")
     assert any(line.startswith("hidden 100.0 %: bar ") for line in lines)
