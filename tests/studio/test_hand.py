@@ -214,23 +214,38 @@ def test_a_syntax_error_outside_is_shown_and_recovered_from(hand, cell):
     hand.wait("return sqrp.overview.scenes[0].cameras.cam1.rate === 10")
 
 
+def with_a_camera_more(text: bytes) -> bytes:
+    more = (
+        b"  more:\n    pose: {position: [1, 1, 1], look_at: [0, 0, 0]}\n"
+        b"    image: {width: 640, height: 480, horizontal_fov: 60 deg}\n    rate: 10 Hz\n"
+    )
+    return text.replace(b"  cam1:", more + b"  cam1:", 1)
+
+
 def test_a_camera_may_appear_outside_while_one_looks_through_another(hand, cell):
     file = cell / "workspace.yaml"
     good = file.read_bytes()
     hand.js("sqrp.look('cam1')")
-    file.write_bytes(
-        good.replace(
-            b"  cam1:",
-            b"  more:\n    pose: {position: [1, 1, 1], look_at: [0, 0, 0]}\n"
-            b"    image: {width: 640, height: 480, horizontal_fov: 60 deg}\n    rate: 10 Hz\n  cam1:",
-            1,
-        )
-    )
+    file.write_bytes(with_a_camera_more(good))
     hand.wait("return sqrp.scene.cameras.length === 7 && sqrp.settled")
     assert hand.js("sqrp.scene.through") == "cam1"
     file.write_bytes(good)
     hand.wait("return sqrp.scene.cameras.length === 6 && sqrp.settled")
     hand.js("sqrp.look(null)")
+
+
+def test_a_camera_may_appear_outside_while_a_hand_holds_another(hand, cell):
+    file = cell / "workspace.yaml"
+    good = file.read_bytes()
+    hand.take("camera", "cam6")
+    hand.drag("z", 0, -20, leave=True)
+    hand.wait("return sqrp.held && sqrp.answered === sqrp.asked")
+    file.write_bytes(with_a_camera_more(good))
+    hand.wait("return sqrp.scene.cameras.length === 7 && sqrp.settled")
+    hand.page.mouse.up()
+    assert not hand.js("sqrp.state.dirty")
+    file.write_bytes(good)
+    hand.wait("return sqrp.scene.cameras.length === 6 && sqrp.settled")
 
 
 def test_a_task_is_asked_for_by_words_and_by_motion_parameters(hand):

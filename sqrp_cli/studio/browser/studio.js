@@ -193,6 +193,11 @@ class Studio extends Page {
   }
 
   enterCell({ scene, model }) {
+    if (this.gizmo?.cancel()) {
+      // What a hand holds is drawn anew, without the hand.
+      this.grasp(null);
+      this.tell({ do: 'rest' });
+    }
     const view = this.scene && { orbit: this.scene.orbit, through: this.scene.through };
     this.enter(0, model);
     if (this.motion && !fits(this.motion, scene)) this.motion = null; // until the new one is there
