@@ -7,7 +7,7 @@ sums over pieces, and suprema lie at their ends: nothing is sampled.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -34,6 +34,21 @@ class Window(NamedTuple):
     """Between two images [s]."""
     lag: float
     """From an image until what it shows is known [s]."""
+
+
+class Windows(NamedTuple):
+    """When images show something: windows in order, apart from each other."""
+
+    sure: tuple[Window, ...]
+    """In which they surely do."""
+    usual: tuple[Window, ...]
+    """In which they usually do: those, and others."""
+
+    @classmethod
+    def always(cls, windows: Iterable[Window]) -> Windows:
+        """What images show in the same windows surely and usually."""
+        found = tuple(windows)
+        return cls(found, found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,19 +93,19 @@ class Delays:
     """Mean of a cost of the time at which it is noticed."""
 
 
-def delays(windows: Sequence[Window], onset: Onset, end: float, cost: Callable[[Array], Array], bends: Array) -> Delays:
+def delays(windows: Windows, onset: Onset, end: float, cost: Callable[[Array], Array], bends: Array) -> Delays:
     """The delays of something that happens at any x of `onset`: the worst by what is sure, the rest by what is usual.
 
-    windows: apart from each other, in order. end: when it is noticed if no image shows it [s]. cost: of being noticed
-    at times, shape (n,) each, linear between `bends` [s].
+    end: when it is noticed if no image shows it [s]. cost: of being noticed at times, shape (n,) each, linear between
+    `bends` [s].
 
     Of several rates, the mean takes the phases to be the same share of every period, and the worst delay only counts on
     windows as long as a period, so that it holds whatever the phases are.
     """
-    usual = _delays(windows, onset.as_usual, end, cost, bends)
-    if onset.usual is None:
+    usual = _delays(windows.usual, onset.as_usual, end, cost, bends)
+    if onset.usual is None and windows.sure == windows.usual:
         return usual
-    return replace(usual, worst=_delays(windows, Onset(onset.x, onset.shown), end, cost, bends).worst)
+    return replace(usual, worst=_delays(windows.sure, Onset(onset.x, onset.shown), end, cost, bends).worst)
 
 
 def _delays(

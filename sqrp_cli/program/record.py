@@ -22,7 +22,7 @@ from sqrp_cli.knowledge.text.entries import Entry, Finite, Stored, Written
 from sqrp_cli.knowledge.text.units import read_quantity
 from sqrp_cli.knowledge.workspace.understood import Plain
 from sqrp_cli.knowledge.workspace.workspace import World
-from sqrp_cli.logic.image_time import Onset, Window, delays
+from sqrp_cli.logic.image_time import Onset, Window, Windows, delays
 from sqrp_cli.trajectory import Trajectory
 
 Numbers = tuple[Finite, ...]
@@ -191,7 +191,7 @@ class ProgramSight(Entry):
             return None
         shown = float(np.interp(x, onset.x, onset.shown))
         at = Onset(np.array([x, x]), np.array([shown, shown]))
-        windows = [Window(w.start, w.end, w.period, w.lag) for w in self.windows]
+        windows = Windows.always(Window(w.start, w.end, w.period, w.lag) for w in self.windows)
         found = delays(windows, at, end, lambda t: t, np.empty(0))
         return None if found.unseen > 0 else found.worst
 

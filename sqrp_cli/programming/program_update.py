@@ -116,7 +116,7 @@ def _primitive(timed: TimedPrimitive, action: PrimitiveAction) -> record.Program
 
 def _sight(study: Study, fault: str) -> record.ProgramSight:
     return record.ProgramSight(
-        windows=tuple(record.ProgramWindow(**window._asdict()) for window in study.windows[fault]),
+        windows=tuple(record.ProgramWindow(**window._asdict()) for window in study.windows[fault].sure),
         onsets=tuple(
             record.ProgramOnset(x=tuple(onset.x.tolist()), shown=tuple(onset.shown.tolist()))
             for onset in study.onsets[fault]

@@ -350,13 +350,13 @@ class Noticed:
 def _noticed(sight: Document, onset: Document, end: float, key: str) -> Noticed:
     """By every image of every phase, one by one; the phases of all cameras are the same share of their periods.
 
-    key: from when on images show the fault, usually or surely.
+    key: from when on, and in which windows, images show the fault, usually or surely.
     """
     x = onset["x"][0] + (np.arange(INSTANTS) + 0.5) / INSTANTS * (onset["x"][-1] - onset["x"][0])
     shown, rows = np.interp(x, onset["x"], onset[key]), []
     for share in (np.arange(PHASES) + 0.5) / PHASES:
         images = []
-        for w in sight["windows"]:
+        for w in sight["usual_windows" if key == "usual" else "windows"]:
             t = (np.arange(w["start"] // w["period"] - 1, w["end"] // w["period"] + 2) + share) * w["period"]
             images += [(one, one + w["lag"]) for one in t.tolist() if w["start"] <= one <= w["end"]]
         taken, known = np.array([*sorted(images), (np.inf, end)]).T
@@ -376,7 +376,7 @@ def test_delays_of_faults_follow_from_every_image_at_every_phase(scene):
         def mean(values: list[np.ndarray], length: list[float] = length) -> float:
             return float(np.average([value.mean() for value in values], weights=length))
 
-        edges = 2 * len(sight["windows"]) + 4
+        edges = 2 * len(sight["usual_windows"]) + 4
         off = edges * (1 / INSTANTS + min(1.0, 0.2 / min(length)) / PHASES) / 2
         longest = document["time"]
         assert figures["delay_mean"] == pytest.approx(mean([one.t - one.x for one in found]), abs=longest * off)

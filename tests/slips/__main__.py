@@ -110,7 +110,7 @@ def slips(folder: Path, seed: int, count: int) -> tuple[dict[str, Study], list[S
     candidates = read_task(TASK, workspace).candidates
     found = find_ways(cell, candidates, cell.initial_world, Adaptive(), WantedWay(alone=True))
     ways = {one.study.candidate.name: one.study for one in found if isinstance(one, BestWay)}
-    ways = {name: way for name, way in ways.items() if way.windows[FAULT]}
+    ways = {name: way for name, way in ways.items() if way.windows[FAULT].usual}
     kept, rng = folder / "slips.jsonl", np.random.default_rng(seed)
     done = [Slip(*json.loads(line)) for line in kept.read_text().splitlines()] if kept.exists() else []
     if len(done) >= count or not ways:

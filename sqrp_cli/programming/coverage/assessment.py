@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from sqrp_cli.errors import Infeasible, InputError, Problem
 from sqrp_cli.knowledge.workspace.workspace import World
-from sqrp_cli.logic.image_time import Onset, Window
+from sqrp_cli.logic.image_time import Onset, Windows
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.certificate import Certificate
@@ -189,7 +189,7 @@ class Study(Rehearsal):
 
     timeline: Timeline
     recovery: Recovery
-    windows: Mapping[str, tuple[Window, ...]]
+    windows: Mapping[str, Windows]
     """In which images show each fault, by its name."""
     onsets: Mapping[str, tuple[Onset, ...]]
     """From when on images show each fault, for each interval in which it may happen, by its name."""
@@ -276,7 +276,7 @@ def observed_again(cell: Cell, study: Study, sampling: Sampling, *, full: bool) 
     return replace(study, timeline=timeline, windows=windows, onsets=fault_onsets(study, cell.observer))
 
 
-def _study(cell: Cell, scene: Rehearsal, timeline: Timeline, windows: Mapping[str, tuple[Window, ...]]) -> Study:
+def _study(cell: Cell, scene: Rehearsal, timeline: Timeline, windows: Mapping[str, Windows]) -> Study:
     starts = (fault_intervals(scene.formulas, fault)[0].start for fault in timeline.faults)
     recovery = recovery_over(scene.motion, cell.model, min(starts, default=scene.motion.time))
     return Study(

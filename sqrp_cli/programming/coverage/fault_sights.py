@@ -17,7 +17,7 @@ from sqrp_cli.geometry import Array, begins_run
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.skill.target_box import object_of
 from sqrp_cli.logic.formula_time import SAME_INSTANT, Stretch
-from sqrp_cli.logic.image_time import Onset, Window
+from sqrp_cli.logic.image_time import Onset, Window, Windows
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.programming.coverage.parting import held_in, least_delays, onset
 from sqrp_cli.programming.coverage.sampling import Sampling
@@ -202,7 +202,7 @@ def _telling(target: Target, literal: Literal, objects: Mapping[str, Array]) -> 
 
 def all_fault_windows(
     scenes: Sequence[WatchedFaults], timelines: Sequence[Timeline], observer: Observer, sampling: Sampling
-) -> list[dict[str, tuple[Window, ...]]]:
+) -> list[dict[str, Windows]]:
     """The windows of every fault of several motions in one cell, by its name.
 
     Where targets of formulas decide all faults, or show them all the time, by the timelines; else the boxes that tell
@@ -219,7 +219,7 @@ def all_fault_windows(
     for index, timeline in zip(further, looked, strict=True):
         seen[index] = timeline
     found = [
-        {fault.name: fault_windows(timeline, fault, clocks) for fault in one.faults}
+        {fault.name: Windows.always(fault_windows(timeline, fault, clocks)) for fault in one.faults}
         for one, timeline in zip(asked, seen, strict=True)
     ]
     late = {
@@ -232,7 +232,9 @@ def all_fault_windows(
     for (index, faults), timeline in zip(late.items(), looked, strict=True):
         for fault in faults:
             lost = fault_windows(timeline, fault, clocks)
-            found[index][fault.name] = after_loss(found[index][fault.name], lost, fault.intervals[0])
+            planned, interval = found[index][fault.name].sure, fault.intervals[0]
+            sure = after_loss(planned, lost, interval)
+            found[index][fault.name] = Windows(sure, while_closing(planned, sure, interval))
     return found
 
 
@@ -256,6 +258,23 @@ def after_loss(planned: Sequence[Window], lost: Sequence[Window], interval: Stre
     if first and then and first[-1][1:] == (then[0].start, *then[0][2:]):
         then[0] = first.pop()._replace(end=then[0].end)
     return (*first, *then)
+
+
+def while_closing(planned: Sequence[Window], sure: Sequence[Window], interval: Stretch) -> tuple[Window, ...]:
+    """The windows in which images usually show what fingers lose in an interval.
+
+    Besides the sure ones those of the motion as planned, in the interval: fingers that have just lost it are still
+    closing.
+    """
+    edges = [interval.start, *(edge for window in sure for edge in (window.start, window.end)), interval.end]
+    within = np.clip(edges, interval.start, interval.end).tolist()
+    more = [
+        window._replace(start=max(window.start, start), end=min(window.end, end))
+        for window in planned
+        for start, end in zip(within[::2], within[1::2], strict=True)
+        if min(window.end, end) > max(window.start, start)
+    ]
+    return tuple(sorted([*sure, *more]))
 
 
 def _enough(asked: Refuting, scene: WatchedFaults, timeline: Timeline, clocks: Mapping[float, Clock]) -> Refuting:

@@ -8,7 +8,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.logic.formula_time import Stretch
-from sqrp_cli.logic.image_time import Onset, Window, delays
+from sqrp_cli.logic.image_time import Onset, Window, Windows, delays
 from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.motion.stop_and_return import Recovery
 
@@ -16,7 +16,7 @@ _PROMPT = 1e-3
 """Times and shares up to this explain no delay [s, 1]."""
 
 
-def fault_metrics(windows: Sequence[Window], onsets: Sequence[Onset], recovery: Recovery, total: float) -> FaultMetrics:
+def fault_metrics(windows: Windows, onsets: Sequence[Onset], recovery: Recovery, total: float) -> FaultMetrics:
     """The metrics of a fault that may happen at any time of its intervals, on a motion of duration `total` [s].
 
     windows: in which images show it. onsets: of each interval. Means and shares are over all the time of the intervals
@@ -39,9 +39,9 @@ def fault_metrics(windows: Sequence[Window], onsets: Sequence[Onset], recovery: 
     )
 
 
-def why_late(fault: FaultMetrics, windows: Sequence[Window], onsets: Sequence[Onset]) -> str:
+def why_late(fault: FaultMetrics, windows: Windows, onsets: Sequence[Onset]) -> str:
     """What takes so long until a fault is noticed, at worst; see `fault_metrics`."""
-    if not windows:
+    if not windows.usual:
         return "no image shows it"
     if fault.blind_longest > _PROMPT:
         return f"no image shows it for up to {fault.blind_longest:.2f} s"
@@ -53,7 +53,7 @@ def why_late(fault: FaultMetrics, windows: Sequence[Window], onsets: Sequence[On
     return "so long take a frame and the latency of the camera that sees it"
 
 
-def interval_metrics(windows: Sequence[Window], onset: Onset, recovery: Recovery, total: float) -> FaultMetrics:
+def interval_metrics(windows: Windows, onset: Onset, recovery: Recovery, total: float) -> FaultMetrics:
     """The metrics of a fault that may happen at any x of `onset`, on a motion of duration `total` [s].
 
     It is noticed by the first image that shows it, or else at the end. expected_time = mean of the time at which it is
@@ -67,7 +67,7 @@ def interval_metrics(windows: Sequence[Window], onset: Onset, recovery: Recovery
     return FaultMetrics(
         delay_mean=found.mean,
         delay_worst=found.worst,
-        blind_longest=longest_gap(windows, Stretch(float(onset.x[0]), float(onset.x[-1]))),
+        blind_longest=longest_gap(windows.sure, Stretch(float(onset.x[0]), float(onset.x[-1]))),
         unseen=found.unseen,
         expected_time=found.cost,
     )

@@ -16,12 +16,12 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.logic.formula_time import Stretch
-from sqrp_cli.logic.image_time import Onset, Window
+from sqrp_cli.logic.image_time import Onset, Window, Windows
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study
-from sqrp_cli.programming.coverage.fault_sights import Clock, FaultWatch, after_loss, fault_windows
+from sqrp_cli.programming.coverage.fault_sights import Clock, FaultWatch, after_loss, fault_windows, while_closing
 from sqrp_cli.programming.coverage.faults import fault_metrics, interval_metrics, why_late
 from sqrp_cli.programming.coverage.sampling import Adaptive, first_samples
 from sqrp_cli.programming.motion.stop_and_return import Recovery, stop
@@ -54,7 +54,7 @@ def windows_of(story: Story) -> tuple[Window, ...]:
 
 def figures(story: Story, back: Recovery) -> FaultMetrics:
     return interval_metrics(
-        windows_of(story), Onset.at_once(story.interval.start, story.interval.end), back, story.total
+        Windows.always(windows_of(story)), Onset.at_once(story.interval.start, story.interval.end), back, story.total
     )
 
 
@@ -129,7 +129,9 @@ def story_of(seen: float, *, start: float = 1.0, end: float = 3.0) -> Story:
 
 
 def test_a_fault_that_is_always_seen_waits_for_the_next_image() -> None:
-    found = interval_metrics([Window(0.0, 4.0, 0.1, 0.05)], Onset.at_once(1.0, 3.0), recovery(0, 4.0), 4.0)
+    found = interval_metrics(
+        Windows.always([Window(0.0, 4.0, 0.1, 0.05)]), Onset.at_once(1.0, 3.0), recovery(0, 4.0), 4.0
+    )
     assert found.delay_mean == pytest.approx(0.10)
     assert found.delay_worst == pytest.approx(0.15)
     assert (found.blind_longest, found.unseen) == (0, pytest.approx(0.0))
@@ -201,7 +203,7 @@ def test_stopping_takes_as_long_and_as_far_as_ruckig_says(velocity: float, accel
 
 def test_a_fault_in_two_intervals_is_averaged_over_both_and_not_over_the_time_between() -> None:
     first, second = Onset.at_once(0.5, 1.0), Onset.at_once(2.0, 3.5)
-    windows, back = (Window(0.7, 1.2, 0.1, 0.05),), recovery(0, 4.0)
+    windows, back = Windows.always([Window(0.7, 1.2, 0.1, 0.05)]), recovery(0, 4.0)
     parts = [interval_metrics(windows, part, back, 4.0) for part in (first, second)]
     both = fault_metrics(windows, (first, second), back, 4.0)
     assert both.delay_mean == pytest.approx(0.25 * parts[0].delay_mean + 0.75 * parts[1].delay_mean)
@@ -224,8 +226,9 @@ LATE = Onset(np.array([1.0, 3.0]), np.array([1.4, 3.0]))
     ],
 )
 def test_what_makes_the_longest_delay_long(windows: list[Window], onset: Onset, why: str) -> None:
-    found = fault_metrics(windows, [onset], recovery(0, 4.0), 4.0)
-    assert why_late(found, windows, [onset]).startswith(why)
+    shown = Windows.always(windows)
+    found = fault_metrics(shown, [onset], recovery(0, 4.0), 4.0)
+    assert why_late(found, shown, [onset]).startswith(why)
 
 
 @st.composite
@@ -246,6 +249,21 @@ def test_what_fingers_lost_is_seen_as_planned_until_that_ends_and_then_with_clos
         counts = planned if t < until else lost
         assert any(one.start <= t <= one.end for one in found) == any(one.start <= t <= one.end for one in counts)
     assert all(first.end < second.start for first, second in pairwise(found))
+    usual = while_closing(planned, found, interval)
+    for t in np.arange(1.005, 6.0, 0.01):
+        counts = [*found, *planned] if t < interval.end else found
+        assert any(one.start <= t <= one.end for one in usual) == any(one.start <= t <= one.end for one in counts)
+    assert all(first.end <= second.start for first, second in pairwise(usual))
+
+
+def test_the_mean_is_by_the_usual_windows_and_the_worst_by_the_sure_ones() -> None:
+    sure, usual = (Window(3.0, 4.0, 0.1, 0.0),), (Window(0.0, 2.0, 0.1, 0.0), Window(3.0, 4.0, 0.1, 0.0))
+    onset, back = Onset.at_once(1.0, 2.0), recovery(0, 4.0)
+    both = fault_metrics(Windows(sure, usual), [onset], back, 4.0)
+    surely, usually = (fault_metrics(Windows.always(one), [onset], back, 4.0) for one in (sure, usual))
+    assert (both.delay_mean, both.expected_time) == (usually.delay_mean, usually.expected_time)
+    assert (both.delay_worst, both.blind_longest) == (surely.delay_worst, surely.blind_longest)
+    assert both.delay_mean < 0.2 < 2.0 < both.delay_worst
 
 
 def test_once_it_is_lost_a_part_lies_where_it_stood_and_the_fingers_are_closed() -> None:
