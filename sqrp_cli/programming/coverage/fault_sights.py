@@ -225,7 +225,7 @@ def all_fault_windows(
     late = {
         index: faults
         for index, (scene, one) in enumerate(zip(scenes, asked, strict=True))
-        if (faults := [fault for fault in one.faults if _shown_at_times(scene, fault, seen[index], clocks)])
+        if (faults := [fault for fault in one.faults if _may_be_missed(scene, fault, seen[index], clocks)])
     }
     closed = [_watch(scenes[index].stage.once_lost, scenes[index], asked[index]) for index in late]
     looked = observe_all(closed, observer, sampling, full=False)
@@ -238,11 +238,11 @@ def all_fault_windows(
     return found
 
 
-def _shown_at_times(scene: WatchedFaults, fault: FaultWatch, timeline: Timeline, clocks: Mapping[float, Clock]) -> bool:
-    """Whether images show at some times, but not always, that fingers lost what they hold in a fault's intervals."""
+def _may_be_missed(scene: WatchedFaults, fault: FaultWatch, timeline: Timeline, clocks: Mapping[float, Clock]) -> bool:
+    """Whether fingers may lose what they hold in a fault's intervals, and images of them as planned may miss that."""
     if not scene.stage.model.fingers.joints or None in {held_in(scene.stage, one) for one in fault.intervals}:
         return False
-    return bool(fault_windows(timeline, fault, clocks)) and not _always_shown(fault, timeline, clocks)
+    return not _always_shown(fault, timeline, clocks)
 
 
 def after_loss(planned: Sequence[Window], lost: Sequence[Window], interval: Stretch) -> tuple[Window, ...]:
@@ -251,8 +251,11 @@ def after_loss(planned: Sequence[Window], lost: Sequence[Window], interval: Stre
     Those of the motion as planned, where the fingers are still around the part, as long as images show it from the
     start of the interval on; from then on, as it may have been lost long ago, those with the fingers closed.
     """
-    shown = (window.end for window in planned if window.start <= interval.start + SAME_INSTANT)
-    until = min(next(shown, interval.start), interval.end)
+    until = interval.start
+    for window in planned:  # one after the other, as the cameras that show it change
+        if window.start <= until + SAME_INSTANT:
+            until = max(until, window.end)
+    until = min(until, interval.end)
     first = [window._replace(end=min(window.end, until)) for window in planned if window.start < until]
     then = [window._replace(start=max(window.start, until)) for window in lost if window.end > until]
     if first and then and first[-1][1:] == (then[0].start, *then[0][2:]):

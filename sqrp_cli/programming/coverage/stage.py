@@ -42,15 +42,26 @@ class Samples:
 class Stage:
     """Robot, objects and their frames over a motion that begins with objects at known poses."""
 
-    def __init__(self, model: RobotModel, motion: Motion, pieces: Sequence[Piece], X_WO: Mapping[str, Array]) -> None:
-        """X_WO: known poses of objects at the start of the motion, shape (4, 4)."""
+    def __init__(
+        self,
+        model: RobotModel,
+        motion: Motion,
+        pieces: Sequence[Piece],
+        X_WO: Mapping[str, Array],
+        carried: Sequence[str] | None = None,
+    ) -> None:
+        """X_WO: known poses of objects at the start of the motion, shape (4, 4). carried: that lie elsewhere than then.
+
+        carried are by default what the tool holds at some time.
+        """
         self.model, self.motion, self.pieces, self.X_WO = model, motion, tuple(pieces), X_WO
         self._primitive = np.array([piece.primitive for piece in self.pieces])
-        self._carried = dict.fromkeys(p.held for p in motion.primitives if p.held is not None)
+        held = dict.fromkeys(p.held for p in motion.primitives if p.held is not None)
+        self._carried = tuple(held) if carried is None else tuple(carried)
 
     def with_pieces(self, pieces: Sequence[Piece]) -> Stage:
         """The same motion, cut into other pieces."""
-        return Stage(self.model, self.motion, pieces, self.X_WO)
+        return Stage(self.model, self.motion, pieces, self.X_WO, self._carried)
 
     @property
     def once_lost(self) -> Stage:
@@ -59,22 +70,17 @@ class Stage:
         The fingers are closed, and the part lies where it stood or, if the tool held it from the start, is to stand.
         """
         motion = self.motion
-        lies = motion.final.X_WO if motion.primitives[0].held is not None else self.X_WO
+        from_start = motion.primitives[0].held
+        lies = {name: (motion.final.X_WO if name == from_start else self.X_WO)[name] for name in self._carried}
 
         def empty(primitive: TimedPrimitive) -> TimedPrimitive:
+            there = replace(primitive, held=None, X_TO=None, X_WO={**primitive.X_WO, **lies})
             if primitive.held is None:
-                return primitive
-            return replace(
-                primitive,
-                held=None,
-                X_TO=None,
-                X_WO={**primitive.X_WO, primitive.held: lies[primitive.held]},
-                trajectory=closed_behind(self.model, primitive.trajectory),
-            )
+                return there
+            return replace(there, trajectory=closed_behind(self.model, primitive.trajectory))
 
-        return Stage(
-            self.model, replace(motion, primitives=tuple(map(empty, motion.primitives))), self.pieces, self.X_WO
-        )
+        lost = replace(motion, primitives=tuple(map(empty, motion.primitives)))
+        return Stage(self.model, lost, self.pieces, self.X_WO, self._carried)
 
     def positions(self, samples: Samples) -> Array:
         """Positions of the motion's joints, shape (m, n)."""

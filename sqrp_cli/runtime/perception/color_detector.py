@@ -22,7 +22,7 @@ from sqrp_cli.runtime.perception.background import Background
 from sqrp_cli.runtime.perception.detections import NO_OUTLINE, BoxDetection, MissReason
 from sqrp_cli.runtime.perception.expected_view import Crop, ExpectedView, extent
 from sqrp_cli.runtime.perception.projected import ProjectedObject
-from sqrp_cli.runtime.perception.vision import blobs, color_mask, dilated, direction, displaced
+from sqrp_cli.runtime.perception.vision import blobs, color_mask, dilated, direction, displacement
 
 BORDER = 1.8
 """Pixels along the edge of what hides an object that are not judged though they are visible: the robot's silhouette is
@@ -150,11 +150,15 @@ class ColorDetector:
         askable = max(projected.area - float((silhouette & enclosed & ~hiding).sum()), LEAST_PIXELS**2)
         share = min(float(judged.sum()) / askable, 1.0)
         edge = float((silhouette & hiding & ~before).sum()) / askable
-        reach = margin // 2
         shift = None
-        if (dilated(inside, reach) & ~front & own).any():
-            wider = projected.mask((shape[0] + 2 * reach, shape[1] + 2 * reach), (origin[0] - reach, origin[1] - reach))
-            shift = displaced(own, telling & (own | background), wider)
+        if (dilated(inside, margin // 2) & ~front & own).any():
+
+            def wider(by: int) -> Mask:
+                return projected.mask((shape[0] + 2 * by, shape[1] + 2 * by), (origin[0] - by, origin[1] - by))
+
+            # It fills a place from `FULL / 2` on, so that it may lie beside that by the rest of its length.
+            most = round((1.0 - FULL / 2) * float(np.ptp(box_outline.polygon, axis=0).max())) + 2
+            shift = displacement(own, telling & (own | background), wider, (margin // 2, most))
         filled = min(float((inside & telling & own).sum() / decided.sum()), 1.0)
         return _Place(projected, share, hidden, edge, alike, filled, shift)
 

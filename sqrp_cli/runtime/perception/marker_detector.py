@@ -46,10 +46,10 @@ class _FingerWay(NamedTuple):
         """How far the fingers are closed by a marker: 0 open, 1 closed."""
         return float((_center(marker) - self.opened) @ self.step / max(float(self.step @ self.step), 1e-9))
 
-    def distance(self, marker: FoundMarker) -> float:
-        """How far a marker lies from it [pixels]."""
+    def carries(self, marker: FoundMarker, outline: ProjectedBox) -> bool:
+        """Whether a marker lies on it, to half the size of the marker's outline."""
         nearest = self.opened + np.clip(self.closure(marker), 0.0, 1.0) * self.step
-        return float(np.hypot(*(_center(marker) - nearest)))
+        return bool(np.hypot(*(_center(marker) - nearest)) <= 0.5 * outline.area**0.5)
 
 
 class MarkerDetector:
@@ -68,11 +68,12 @@ class MarkerDetector:
         alike = [marker for marker in inside if wanted is not None and marker.id == wanted.id]
         way = self._finger_way(box, outline) if box.frame in self._view.cell.markers else None
         if way is not None:
-            alike = [marker for marker in alike if way.distance(marker) <= 0.5 * outline.area**0.5]
+            alike = [marker for marker in alike if way.carries(marker, outline)]
         found = min(alike, key=lambda marker: np.hypot(*(_center(marker) - outline.center)), default=None)
         hiding = self._hiding(box, outline) if found is None else None
         if wanted is not None and hiding is not None:
             found = self._beside(hiding, wanted)
+            found = None if found is not None and way is not None and not way.carries(found, outline) else found
         share = 0.0 if found is None else 1.0
         if way is not None:
             evidence = Truth.UNKNOWN if found is None else self._on_finger(atom, way, found)
@@ -112,9 +113,11 @@ class MarkerDetector:
         ends = []
         for fingers in (robot.fingers.open, robot.fingers.closed):
             X_WL = robot.link_poses(robot.with_fingers(self._view.believed.joints, fingers))
-            at_end = self._view.posed_camera.outline(X_WL[box.frame] @ box.X_FB, box.size)
-            ends.append(outline.center if at_end is None else at_end.center)
-        return _FingerWay(*ends)
+            ends.append(self._view.posed_camera.outline(X_WL[box.frame] @ box.X_FB, box.size))
+        opened, closed = ends
+        if opened is None or closed is None:  # nobody can tell how far they are closed
+            return _FingerWay(outline.center, outline.center)
+        return _FingerWay(opened.center, closed.center)
 
     def _on_finger(self, atom: str, way: _FingerWay, marker: FoundMarker) -> Truth:
         """What a marker on a finger says: where it is between open and closed, if the atom is about the fingers."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -139,6 +139,20 @@ def displaced(shown: Mask, judged: Mask, expected: Mask) -> Array:
     steps = np.stack([right - columns, down - rows], axis=1)
     least: Array = steps[np.hypot(*steps.T).argmin()].astype(float)
     return least
+
+
+def displacement(shown: Mask, judged: Mask, expected: Callable[[int], Mask], reaches: Sequence[int]) -> Array:
+    """As `displaced`, within the first of some reaches that does not end where it lies, (2,) [pixels].
+
+    expected: its silhouette with so wide a margin. Rising reaches, so that what is alike further away does not matter
+    where something nearer explains the image.
+    """
+    found = np.zeros(2)
+    for reach in reaches:
+        found = displaced(shown, judged, expected(reach))
+        if np.abs(found).max() < reach:
+            break
+    return found
 
 
 def dilated(mask: Mask, pixels: int) -> Mask:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sqrp_cli.geometry import Mask
-from sqrp_cli.runtime.perception.vision import displaced
+from sqrp_cli.runtime.perception.vision import displaced, displacement
 
 SHAPE, REACH = (60, 80), 9
 TOP, LEFT, ROWS, COLUMNS = 20, 30, 24, 18
@@ -56,3 +56,18 @@ def test_the_edge_of_the_image_is_no_end_of_it(down: int, right: int) -> None:
     seen, expected = part(down, right)[first:], part(margin=REACH)[first:]
     across, along = displaced(seen, np.ones_like(seen), expected).tolist()
     assert (along, across) == (down, right)
+
+
+@pytest.mark.parametrize("far", [(0, 4), (0, 13), (-14, 0), (12, 13)])
+def test_a_part_further_away_than_the_first_reach_is_found_within_the_next(far: tuple[int, int]) -> None:
+    seen = part(*far)
+    across, along = displacement(seen, np.ones_like(seen), lambda margin: part(margin=margin), (REACH, 17)).tolist()
+    assert (along, across) == far
+
+
+def test_what_is_alike_further_away_does_not_matter() -> None:
+    end = slice(TOP + 8, None)
+    judged = np.ones(SHAPE, dtype=bool)
+    judged[end] = False
+    seen = (part() | part(0, 16)) & judged
+    assert displacement(seen, judged, lambda margin: part(margin=margin), (REACH, 17)).tolist() == [0.0, 0.0]
