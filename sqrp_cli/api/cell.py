@@ -13,7 +13,6 @@ from sqrp_cli.api import arguments
 from sqrp_cli.errors import InputError, Problem, bad_option
 
 if TYPE_CHECKING:
-    from sqrp_cli.api import arguments
     from sqrp_cli.api.advice import TaskAdvice
     from sqrp_cli.api.placing import CellPlacement
     from sqrp_cli.api.results import Check, Explanation, Ranking, Scene, Scores

@@ -246,7 +246,7 @@ def _root_of(package: str, root: Path) -> Path:
 def _srdf_beside(path: Path, urdf: UrdfModel) -> tuple[Path | None, list[Problem]]:
     """The SRDF near a URDF with its file name or robot name, and why other such files do not fit.
 
-    Of several, as of one arm with several grippers, the one that is named most like the URDF or its robot.
+    Of several, as of one arm with several grippers, the one named as the URDF or its robot, else most like the URDF.
     """
     warnings: list[Problem] = []
 

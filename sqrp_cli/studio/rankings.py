@@ -82,7 +82,7 @@ class Rankings:
     def take_as_saved(self) -> None:
         """Take the ranking that is shown as that of the saved file too, if it is."""
         if self._ranked == self._saved():
-            self._of_saved = self._ranked
+            self._of_saved, self._comparing = self._ranked, None
             text = self._live.kept["ranking"].replace('"ranking"', '"saved-ranking"', 1)
             self._live.post("saved-ranking", text)
 
@@ -99,6 +99,8 @@ class Rankings:
         answer = json.loads(text)
         if answer.get("number", self.number) not in (None, self.number):
             return  # of an earlier question
+        if do == "saved-ranking" and self._comparing != self._saved():
+            return  # of a file that was saved again meanwhile
         before = self._live.kept.get("cell")
         self._live.post(do, text)
         if do == "cell" and before is not None and answer["model"] is None:

@@ -69,6 +69,8 @@ class Studio:
         self._task: str = task
         self._by: Criterion = "q_eoi"
         self._chosen = ""
+        self._searched = b""
+        """The text for which changes are offered."""
         self._jobs = jobs
         self._lines = deque[tuple[str, str]](maxlen=LINES_SHOWN)
         self._stamps: Mapping[Path, object] = {}
@@ -290,6 +292,7 @@ class Studio:
         """Look for the least changes that help the chosen candidate, or for other places of all cameras."""
         line = ("place", self._task) if placing else ("advise", self._task, "--choose", self._chosen)
         self._note("asked", self._command(*line))
+        self._searched = self._draft.content
         self._errands.begin(
             Search(
                 path=self._given,
@@ -306,6 +309,9 @@ class Studio:
     def _apply(self, number: int) -> None:
         if not 1 <= number <= len(self._errands.offers):
             raise InputError(Problem("bad-option", f"there is no change {number}"))
+        if self._searched != self._draft.content:
+            message = "the cell has changed since this was found"
+            raise InputError(Problem("changed-meanwhile", message, mend="ask for advice or places again"))
         offer = self._errands.offers[number - 1]
         workspace = self._read(offer.content)
         values = changed_values(self._document(), offer.content)

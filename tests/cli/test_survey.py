@@ -82,8 +82,8 @@ def test_the_document_says_all_that(audit: Audit) -> None:
 def test_a_second_run_in_the_recording_is_told(audit: Audit) -> None:
     twice = replace(audit, report=replace(audit.report, runs=2))
     assert (audit.document.runs, twice.document.runs) == (1, 2)
-    assert "has 2 runs of this program: the first one is compared" in str(twice)
-    assert "runs of this program" not in str(audit)
+    assert "is there 2 times (runs, or a retry): the first is compared" in str(twice)
+    assert "(runs, or a retry)" not in str(audit)
 
 
 @pytest.mark.parametrize("kind", ["ros1", "sqlite3"])

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import json
+import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from websockets.asyncio.client import connect
@@ -92,19 +94,34 @@ def test_others_are_heard_during_a_flood():
     assert json.loads(asyncio.run(asyncio.wait_for(both(), 60.0))) == {"do": "undo"}
 
 
+def ends(act: Callable[[], None]) -> bool:
+    thread = threading.Thread(target=act, daemon=True)
+    thread.start()
+    thread.join(60.0)
+    return not thread.is_alive()
+
+
 def test_a_process_that_does_not_read_holds_nobody_up(monkeypatch):
     monkeypatch.setattr(bench_process, "_serve", lambda *_: time.sleep(1000.0))
-    bench = Bench(Path("cell"), 0, 1)
-    for number in range(20):
-        bench.ask(Rank(content=b"x" * 1_000_000, task="pickup", by="q_eoi", number=number))
-    bench.close()
+
+    def ask() -> None:
+        bench = Bench(Path("cell"), 0, 1)
+        for number in range(20):
+            bench.ask(Rank(content=b"x" * 1_000_000, task="pickup", by="q_eoi", number=number))
+        bench.close()
+
+    assert ends(ask)
 
 
 def test_drops_that_no_job_listens_to_hold_nobody_up(monkeypatch):
     monkeypatch.setattr(jobs, "_work", lambda *_: time.sleep(1000.0))
     searching = Search(path=Path("cell"), content=b"", task="pickup", chosen="best", seed=0, jobs=1, placing=False)
-    for job in (searching, Play(file=Path("pick.yaml"), faults=(), seed=0)):
-        running = Running(job)
-        for _ in range(5000):
-            running.drop()
-        running.end()
+
+    def drop() -> None:
+        for job in (searching, Play(file=Path("pick.yaml"), faults=(), seed=0)):
+            running = Running(job)
+            for _ in range(5000):
+                running.drop()
+            running.end()
+
+    assert ends(drop)

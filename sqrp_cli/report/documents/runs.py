@@ -244,7 +244,7 @@ class AuditDocument(WorkspaceDocument):
     repeated: int
     """Images identical to the one before them."""
     runs: int
-    """Runs of the program in the recording. The first one is compared; images of the others count as skipped."""
+    """How often the program's motion is in the recording: runs, or a retry. The first one counts."""
     damaged: int
     """Images that are damaged and were left out."""
     apart: Mapping[str, float]

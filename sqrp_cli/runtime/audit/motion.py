@@ -135,14 +135,14 @@ def found_steps(program: Program, arm: Sequence[str], tracks: JointTracks, path:
 
 
 def _runs(times: Sequence[float], starts: Sequence[Sequence[float]]) -> int:
-    """How many runs there are, of steps that begin at some starts each, and at least a time [s] after one another."""
+    """How often steps are there that begin at some starts each, at least a time [s] after one another; one at least."""
     count, t = 0, -np.inf
     while True:
         for time, of_step in zip(times, starts, strict=True):
             start = next((one for one in of_step if one >= t), None)
             if start is None:
                 return count
-            t = start + time
+            t = start + max(time, SPACING)
         count += 1
 
 

@@ -74,13 +74,14 @@ class _Listening:
         return cls(infos, (subscribe(static), subscribe(moving)) if cell.file.tf else ())
 
     def complete(self, cell: RosCell) -> bool:
-        """Whether something has come on each topic on which something is expected, or is sent.
+        """Whether a `CameraInfo` of each camera has come, and what stands still of TF, if somebody sends that.
 
         Connections are made one after another, and some messages come once in a while only.
         """
-        offered = cell.transport.senders()
-        sent = [inbox for inbox in self.transforms if inbox.topic.name in offered]
-        return all(inbox.count for inbox in (*self.infos.values(), *sent))
+        if not all(inbox.count for inbox in self.infos.values()):
+            return False
+        static = self.transforms[:1]
+        return all(inbox.count for inbox in static) or static[0].topic.name not in cell.transport.senders()
 
     def poses(self) -> dict[str, tuple[str, Array]]:
         """Parent of each frame, and its pose in that, shape (4, 4)."""
