@@ -10,7 +10,7 @@ from sqrp_cli import open_cell, open_program
 from tests.studio.conftest import TASK
 from tests.studio.hand import Hand
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.trial]
 
 CLICKED_IN_THE_LIFT = """() => {
   const lifts = document.querySelector('#run-doing').textContent === 'lift';
