@@ -21,7 +21,7 @@ all: .venv/installed
 	@touch $@
 
 .venv/run: pyproject.toml constraints.txt | .venv/pyvenv.cfg
-	$(INSTALL) '.[robots,sim,report,xacro,bags,ros2,studio]'
+	$(INSTALL) '.[robots,sim,report,place,xacro,bags,ros2,studio]'
 	@touch .venv/rank $@
 
 .venv/installed: pyproject.toml constraints.txt | .venv/pyvenv.cfg

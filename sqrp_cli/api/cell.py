@@ -318,7 +318,7 @@ class OpenCell:
         from sqrp_cli.checks.formulas import intervals_outside
         from sqrp_cli.logic.planner import find_plan
         from sqrp_cli.programming.suggestion import Suggester
-        from sqrp_cli.programming.task import impossible_tasks
+        from sqrp_cli.programming.task import example_task, impossible_tasks
 
         arguments.check_means(jobs, progress)
         if plan is not None and not isinstance(plan, bool):
@@ -330,7 +330,7 @@ class OpenCell:
             return Check(path, name, task, self.findings)
         if task is None:
             doubts = (*self.findings, *impossible_tasks(self.workspace), *self._doubts())
-            return Check(path, name, None, doubts)
+            return Check(path, name, None, doubts, example=example_task(self.workspace))
         session = self.begin(task, after=after)
         candidates = len(session.task.candidates)
         suggester = Suggester(session.cell, session.assignment.world, planner or find_plan, jobs, candidates)

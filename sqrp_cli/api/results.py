@@ -190,6 +190,7 @@ class Check(Answer["CheckDocument"]):
     """The findings about a workspace, and which candidates of a task can be done.
 
     path: of the workspace, as it was given. found: empty without a task. suggested: what has to be done first.
+    example: a task of the workspace, if none was asked for.
     """
 
     path: str
@@ -198,6 +199,7 @@ class Check(Answer["CheckDocument"]):
     problems: tuple[Problem, ...]
     found: tuple[Feasibility, ...] = ()
     suggested: tuple[SuggestedStep, ...] = ()
+    example: str = ""
 
     @property
     def valid(self) -> bool:
@@ -233,7 +235,7 @@ class Check(Answer["CheckDocument"]):
         if not self.valid:
             return
         if self.task is None:
-            print_valid(self.path, self.workspace, self.problems)
+            print_valid(self.path, self.workspace, self.problems, self.example)
         else:
             print_candidates(self.task, self.workspace, self.found, self.suggested)
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Sequence
+from typing import Any
 
 import typer
 
 from sqrp_cli import __version__
-from sqrp_cli.cli.command import Command
+from sqrp_cli.cli.command import Command, UsageError
 from sqrp_cli.cli.commands import (
     advise,
     audit,
@@ -30,15 +31,13 @@ from sqrp_cli.cli.commands import (
 )
 from sqrp_cli.cli.commands import run as run_program
 from sqrp_cli.cli.commands import set as set_values
-from sqrp_cli.cli.completion import ASKED, for_named_shell, propose
+from sqrp_cli.cli.completion import ASKED, example_task, for_named_shell, propose
 from sqrp_cli.cli.streams import ResultsLost
 from sqrp_cli.cli.watch import EXECUTE
 from sqrp_cli.errors import ExitCode, InputError, expected_names
 from sqrp_cli.shown import harmless, one_line
 from sqrp_cli.terminal import progress_lines
 from sqrp_cli.terminal.progress_lines import Verbosity
-
-UsageError: type[Exception] = typer.BadParameter.__base__  # type: ignore[assignment] # typer names it nowhere else
 
 app = typer.Typer(
     name="sqrp",
@@ -142,8 +141,9 @@ def _print_usage_error(error: Exception) -> None:
     if message.startswith("Usage:"):  # no command at all
         typer.echo(message, err=True)
         return
-    _print_error(f"error: {_number_expected(error) or _command_expected(message) or message}")
     context = getattr(error, "ctx", None)
+    told = _number_expected(error) or _value_expected(error, message, context) or _command_expected(message) or message
+    _print_error(f"error: {told}")
     if context is not None:
         _print_error(f"  to see what is expected: {context.command_path} --help")
 
@@ -152,6 +152,22 @@ def _command_expected(message: str) -> str:
     """The message about a word that is no command, with those that are; empty for any other message."""
     found = re.match(r"No such command '(.*?)'\.", message)
     return "" if found is None else f"there is no command `{found[1]}`; {expected_names(found[1], _NAMES)}"
+
+
+def _value_expected(error: Exception, message: str, context: Any) -> str:  # noqa: ANN401 # has no public name
+    """What an argument that is missing, or an option without its value, should be; empty for any other error."""
+    asked: Any = getattr(error, "param", None)
+    if message.startswith("Missing ") and asked is not None:
+        found = f"{asked.metavar} is missing"
+        if asked.metavar == "TASK" and (example := example_task(context)):
+            return f'{found}, such as "{example}"'
+    elif message.endswith("requires an argument."):
+        name = getattr(error, "option_name", "")
+        asked = next(one for one in context.command.params if name in one.opts)
+        found = f"{asked.metavar} is missing after {name}"
+    else:
+        return ""
+    return f"{found}: {asked.help}"
 
 
 def _number_expected(error: Exception) -> str:

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import typer
 from typer.core import TyperCommand
+
+UsageError: Any = typer.BadParameter.__base__
+"""What Typer raises for a command line that it cannot read; it names it nowhere else."""
 
 
 class Command(TyperCommand):
@@ -13,7 +17,11 @@ class Command(TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 # its type has no public name
         """Read the words of the command; while they are typed, without an option whose value is still missing."""
         unfinished = ctx.resilient_parsing and args and args[-1].startswith("-")
-        return super().parse_args(ctx, args[:-1] if unfinished else args)
+        try:
+            return super().parse_args(ctx, args[:-1] if unfinished else args)
+        except UsageError as error:
+            error.ctx = error.ctx or ctx  # an option without its value has none
+            raise
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:  # noqa: ANN401 # as above
         """The words after the command's name in its usage line."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import re
 import shlex
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import redirect_stdout, suppress
 from io import StringIO
 from itertools import islice
@@ -24,9 +24,6 @@ if TYPE_CHECKING:
 
 ASKED = "_SQRP_COMPLETE"
 """Environment variable with which a shell asks for proposals."""
-
-THEN = "then"
-"""Between two steps of a task."""
 
 MOST = 500
 """Most proposals."""
@@ -92,8 +89,20 @@ def _words(line: str) -> tuple[list[str], bool]:
 
 def tasks(ctx: typer.Context, incomplete: str) -> list[str]:
     """Tasks that go on as typed: the workspace's own, or one more word of a task."""
+    from sqrp_cli.programming.task import longer_tasks
+
     workspace = _workspace(ctx)
-    return _proposed(_next_words(workspace, incomplete), incomplete) if workspace else []
+    if workspace is None:
+        return []
+    return _proposed((*(one.task for one in workspace.tasks), *longer_tasks(incomplete, workspace)), incomplete)
+
+
+def example_task(ctx: typer.Context) -> str:
+    """A task of the command's workspace; empty without one."""
+    from sqrp_cli.programming.task import example_task
+
+    workspace = _workspace(ctx)
+    return example_task(workspace) if workspace else ""
 
 
 def candidates(ctx: typer.Context, incomplete: str) -> list[str]:
@@ -136,20 +145,6 @@ def _workspace(ctx: typer.Context) -> Workspace | None:
     with suppress(InputError, OSError):
         return load_workspace(Start.of(path, None).workspace) if path is not None else None
     return None
-
-
-def _next_words(workspace: Workspace, typed: str) -> Iterator[str]:
-    """Texts of tasks that are one word longer than what is typed, its last word being unfinished."""
-    from sqrp_cli.programming.task import following_words, read_task
-
-    yield from (task.task for task in workspace.tasks)
-    before = typed[: typed.rfind(" ") + 1]
-    for word in following_words(before, workspace):
-        text = f"{before}{word}"
-        with suppress(InputError):
-            if word != THEN and not word.endswith("="):
-                read_task(text, workspace)
-            yield text
 
 
 def _proposed(values: Iterable[str], typed: str) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import fields, replace
 from itertools import combinations_with_replacement, pairwise, product
 from math import comb, prod
@@ -83,6 +84,29 @@ def following_words(text: str, workspace: Workspace) -> list[str]:
     }
     settings = [f"{name}={value}" for name, listed in values.items() for value in listed or [""]]
     return [word for word in (*(obj.name for obj in usable), *described) if word not in words] + settings + ["then"]
+
+
+def longer_tasks(text: str, workspace: Workspace) -> Iterator[str]:
+    """The texts of a task that goes on as typed with one more word, as a shell proposes them.
+
+    text: of the task; its last word, after the last blank, may be unfinished.
+    """
+    before = text[: text.rfind(" ") + 1]
+    for word in following_words(before, workspace):
+        longer = f"{before}{word}"
+        with suppress(InputError):
+            if word != "then" and not word.endswith("="):
+                read_task(longer, workspace)
+            yield longer
+
+
+def example_task(workspace: Workspace) -> str:
+    """A task of the workspace: its first expected one, or a skill with all that it can take; `TASK` without any."""
+    for text in (*(one.task for one in workspace.tasks), *workspace.skills):
+        with suppress(InputError):
+            read_task(text, workspace)
+            return text
+    return "TASK"
 
 
 def impossible_tasks(workspace: Workspace) -> Iterator[Problem]:

@@ -17,12 +17,12 @@ from sqrp_cli.terminal.infeasible import print_infeasible
 from sqrp_cli.terminal.rank_table import MOST_ROWS
 
 
-def print_valid(path: str, name: str, warnings: Sequence[Problem]) -> None:
-    """The message that a workspace is valid, and how to go on. path: as it was given."""
+def print_valid(path: str, name: str, warnings: Sequence[Problem], example: str) -> None:
+    """The message that a workspace is valid, and how to go on. path: as it was given. example: a task of it."""
     findings = f"{len(warnings)} warning{'s' if len(warnings) > 1 else ''}" if warnings else "nothing to complain about"
     say(f"{name} is valid: {findings}.")
     if all(problem.code != "no-skills" for problem in warnings):
-        say_command("Try:", f"sqrp rank {shlex.quote(path)} TASK")
+        say_command("Try:", f"sqrp rank {shlex.quote(path)} {shlex.quote(example)}")
 
 
 def print_candidates(

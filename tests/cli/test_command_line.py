@@ -98,3 +98,25 @@ def test_a_long_check_shows_the_fastest_of_each_object(sqrp, tabletop):
     assert [row[0] for row in rows] == ["g1", "g2", "g3", "g4", "g5"]
     assert all("speed=1" in row for row in rows)
     assert f"... and {len(found) - 5} more (--json)" in outcome.out.splitlines()
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["rank", "TABLETOP"], 'TASK is missing, such as "pickup green"'),
+        (["rank", "none"], "TASK is missing: A skill and what to do it with"),
+        (["explain", "TABLETOP"], "so a task is missing\n  to mend it: sqrp explain TABLETOP 'pickup green'"),
+        (["audit"], "PROGRAM is missing: A program file"),
+        (["run", "pick.yaml", "--sweep"], "[STEP:]slip@PRIMITIVE is missing after --sweep: Many runs"),
+    ],
+)
+def test_what_is_left_out_is_named_with_an_example_of_this_cell(sqrp, tabletop, words, says):
+    outcome = sqrp(*(tabletop if word == "TABLETOP" else word for word in words))
+    assert (outcome.code, outcome.out) == (2, "")
+    assert says.replace("TABLETOP", str(tabletop)) in outcome.err
+
+
+def test_a_valid_workspace_proposes_a_task_of_its_own(sqrp, tabletop, own_watch):
+    (own_watch / "workspace.yaml").write_text(re.sub(r"(?ms)^tasks:.*", "", (own_watch / "workspace.yaml").read_text()))
+    assert sqrp("check", tabletop).out.endswith(f"sqrp rank {tabletop} 'pickup green'\n")
+    assert sqrp("check", own_watch).out.endswith(f"sqrp rank {own_watch} watch\n")

@@ -132,13 +132,17 @@ def _explain_program(file: Path, step: int | None, seed: int, *, as_json: bool) 
     """Explain a step of a program, which stands where a workspace would."""
     from sqrp_cli.api.program import open_program
     from sqrp_cli.knowledge.text.input_file import missing_file
+    from sqrp_cli.knowledge.workspace.load import load_workspace
     from sqrp_cli.program.file import is_program
+    from sqrp_cli.programming.task import example_task
 
     if not file.exists():
         raise InputError(missing_file(file))
     if not is_program(file):
         message = f"{file} is no program, so a task is missing"
-        raise InputError(Problem("no-program", message, mend=f"sqrp explain {file} TASK"))
+        example = example_task(load_workspace(file))
+        mend = shlex.join(["sqrp", "explain", str(file), example])
+        raise InputError(Problem("no-program", message, mend=mend))
     explanation = open_program(file, seed=seed).explain(step)
     answer(explanation, as_json=as_json)
     return ExitCode.OK
