@@ -1,10 +1,9 @@
-"""The best of all sets of cameras, where they are few enough to compare every one of them."""
+"""The best of all sets of cameras, where they are few enough to compare all that may be good enough."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import cached_property
-from itertools import combinations, islice
 from math import comb, inf
 from typing import NamedTuple
 
@@ -12,13 +11,11 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.programming.placing.gain import Gain, WayQuality, qualities_alone
+from sqrp_cli.programming.placing.grow import SetsInBounds, sets_at_once
 from sqrp_cli.programming.placing.problem import Choice, Demand, Placing
 
 MOST_WORK = 1e9
 """Most sets of cameras times rows that are compared; beyond that, an integer program finds the best."""
-
-_TOGETHER = 4e6
-"""Sets times rows that are compared at once, to bound the memory."""
 
 _SAME = 1e-9
 """Figures that differ by less are equal."""
@@ -50,9 +47,8 @@ class EverySet:
         self._gain = Gain(problem, demand)
         self._rows = max(1, len(problem.cover.table.needed))
         free = np.array([option for option in range(problem.count) if option not in problem.kept], dtype=np.int64)
-        self._free: Indices = free[problem.price[free] <= (inf if demand.budget is None else demand.budget + _SAME)]
-        spots = len(problem.spot)
-        self._apart = np.array([first * spots + second for first, second in sorted(problem.apart)], dtype=np.int64)
+        self._budget = inf if demand.budget is None else demand.budget + _SAME
+        self._free: Indices = free[problem.price[free] <= self._budget]
 
     @property
     def most(self) -> int:
@@ -83,49 +79,27 @@ class EverySet:
 
     def _best(self, count: int, *, first_only: bool) -> tuple[Key, Choice] | None:
         """The best of all sets of a number, with its key."""
-        best, tied = 0.0, list[tuple[float, Indices]]()
-        for cameras in self._sets(count):
+        best, tied = max(0.0, self._known - _SAME), list[tuple[float, Indices]]()
+        sets = SetsInBounds(self._problem, self._gain, self._at_most, self._worth_trying(count), self._budget)
+        sets.enough = best
+        for cameras in sets.of(count):
             score = self._scores(self._gain, cameras).first
-            top = float(score.max(initial=-1.0))
+            top = float(score.max())
             if top >= best - _SAME:
                 best = max(best, top)
                 tied.append((top, cameras[score >= top - _SAME]))
-        equal = [cameras for top, cameras in tied if top >= best - _SAME and top >= 0.0]
+                sets.enough = max(0.0, best - _SAME)
+        equal = [cameras for top, cameras in tied if top >= best - _SAME]
         if not equal:
             return None
-        together = np.concatenate([cameras[:1] for cameras in equal[:1]] if first_only else equal)
-        keys = [self._finest(part, best) for part in self._chunked(together)]
+        together = np.concatenate(equal)
+        together = together[np.lexsort(together.T[::-1])] if count else together
+        keys = [self._finest(part, best) for part in self._chunked(together[:1] if first_only else together)]
         return min((key for key in keys if key is not None), key=lambda one: one[0], default=None)
 
-    def _sets(self, count: int) -> Iterator[Indices]:
-        """All sets of a number that may stand together and are cheap enough, some at a time, shape (sets, count)."""
-        every = combinations(self._worth_trying(count).tolist(), count)
-        while some := list(islice(every, self._at_once)):
-            cameras = np.array(some, dtype=np.int64).reshape(len(some), count)
-            cameras = cameras[self._stand_together(cameras)]
-            if len(cameras):
-                yield cameras
-
-    @property
-    def _at_once(self) -> int:
-        return max(1, int(_TOGETHER / self._rows))
-
     def _chunked(self, cameras: Indices) -> Iterator[Indices]:
-        yield from (cameras[start : start + self._at_once] for start in range(0, len(cameras), self._at_once))
-
-    def _stand_together(self, cameras: Indices) -> Mask:
-        """Whether there is room for all cameras of a set, and money, shape (sets,)."""
-        problem, spots = self._problem, len(self._problem.spot)
-        good = np.ones(len(cameras), dtype=bool)
-        at = np.sort(problem.spot[cameras], axis=1)
-        for first, second in combinations(range(cameras.shape[1]), 2):
-            good &= (at[:, first] != at[:, second]) & ~np.isin(at[:, first] * spots + at[:, second], self._apart)
-        for some in problem.missing:
-            if len(some) == cameras.shape[1]:
-                good &= np.any(np.sort(cameras, axis=1) != np.array(some), axis=1)
-        if self._demand.budget is not None:
-            good &= problem.price[cameras].sum(axis=1) <= self._demand.budget + _SAME
-        return good
+        at_once = sets_at_once(self._rows)
+        yield from (cameras[start : start + at_once] for start in range(0, len(cameras), at_once))
 
     def _shut(self, cameras: Indices) -> Mask:
         """Whether a camera of a set is in the way, or in the sight of another one, shape (ways, sets)."""
@@ -140,7 +114,14 @@ class EverySet:
     def _scores(self, gain: Gain, cameras: Indices) -> _Scores:
         """What several sets are worth."""
         seen = gain.seen(cameras)
-        figures = gain.figures(seen)
+        return self._judged(gain, cameras, seen, gain.figures(seen))
+
+    def _at_most(self, cameras: Indices, seen: Array, figures: Sequence[Array]) -> Array:
+        """What counts first of sets with these cameras and others, which see no more than this, (sets,)."""
+        return self._judged(self._gain, cameras, seen, figures).first
+
+    def _judged(self, gain: Gain, cameras: Indices, seen: Array, figures: Sequence[Array]) -> _Scores:
+        """The same, of these figures of each way, (2, sets), if so many cameras see each row, (rows, sets)."""
         usable = ~self._shut(cameras) & np.array([self._reaches(pair) for pair in figures])
         wish = self._demand.wish
         if wish is not None and wish.delay is not None and usable.any():

@@ -110,6 +110,36 @@ class SetWorth(NamedTuple):
     second: float
 
 
+class _Groups(NamedTuple):
+    """The groups of a way that can be covered."""
+
+    rows: Indices
+    """Those of the first group, those of the next one, and so on."""
+    begins: Indices
+    """Where each group begins, shape (groups,)."""
+    shares: Array
+    """What each is worth in Q_eoi and Q_avg, shape (2, groups)."""
+    defined: Mask
+    """Whether the way has these two, shape (2, 1)."""
+    helps: Mask
+    """Which options see any row of each, shape (groups, options)."""
+
+    def share(self, missing: Mask) -> Array:
+        """What is covered, if some rows are not, (rows, sets); as part of all, (2, sets)."""
+        found: Array = self.shares @ (~_any_of_each(missing[self.rows], self.begins)).astype(float)
+        return found
+
+    def qualities(self, shares: Array) -> Array:
+        """Q_eoi and Q_avg, NaN where undefined, (2, sets)."""
+        return np.where(self.defined, np.minimum(1.0, shares), np.nan)
+
+
+def _any_of_each(rows: Mask, begins: Indices) -> Mask:
+    """Whether any row of a group is true, shape (rows of all groups, n); (groups, n)."""
+    found: Mask = np.logical_or.reduceat(rows, begins, axis=0) if len(begins) else rows[:0]
+    return found
+
+
 class Gain:
     """What each option would add to others, for all options at once."""
 
@@ -117,27 +147,27 @@ class Gain:
         """failed: so many cameras have failed already, of those that may."""
         table = problem.cover.table
         self._problem, self._demand = problem, demand
-        self._matrix = table.matrix.reshape(-1, problem.count).astype(np.int16)
+        self.sees = table.matrix.reshape(-1, problem.count).astype(np.int16)
+        """Which options see each row, 0 or 1, shape (rows, options)."""
         self._needed = np.array(table.needed, dtype=np.int16)[:, None] - failed
         self._parts = [self._part(way) for way in problem.cover.ways]
         self.shut = np.zeros((len(problem.cover.ways), problem.count), dtype=bool)
         for place, way in problem.blocked:
             self.shut[way] |= problem.spot == place
 
-    @staticmethod
-    def _part(way: CoveredWay) -> tuple[Indices, Indices, Array, tuple[float, float]]:
-        """Of a way: the rows of all groups, where each group begins, what each is worth, (2, groups), and of what."""
+    def _part(self, way: CoveredWay) -> _Groups:
         groups = [group for group in way.groups if NEVER not in group.rows]
         rows = np.array([row for group in groups for row in group.rows], dtype=np.int64)
         begins = np.cumsum([0, *(len(group.rows) for group in groups)])[:-1]
         seconds = np.array([[group.of_interest, group.seconds] for group in groups]).reshape(-1, 2).T
-        totals = way.T_eoi, way.T
-        return rows, begins, seconds / np.maximum(np.array(totals)[:, None], 1e-12), totals
+        totals = np.array([[way.T_eoi], [way.T]])
+        helps = _any_of_each(self.sees[rows] > 0, begins)
+        return _Groups(rows, begins, seconds / np.maximum(totals, 1e-12), totals > 0, helps)
 
     def seen(self, cameras: Indices) -> Array:
         """How many cameras see each row, with those that stay; cameras: of several sets, (sets, n); (rows, sets)."""
-        stay = self._matrix[:, sorted(self._problem.kept)].sum(axis=1, dtype=np.int16)[:, None]
-        found: Array = stay + sum((self._matrix[:, column] for column in cameras.T), np.zeros((1, 1), dtype=np.int16))
+        stay = self.sees[:, sorted(self._problem.kept)].sum(axis=1, dtype=np.int16)[:, None]
+        found: Array = stay + sum((self.sees[:, column] for column in cameras.T), np.zeros((1, 1), dtype=np.int16))
         return found
 
     def covered(self, seen: Array) -> Mask:
@@ -149,13 +179,21 @@ class Gain:
 
         seen: how many cameras of each set see each row, (rows, sets).
         """
-        missing, found = ~self.covered(seen), []
-        for rows, begins, shares, (T_eoi, T) in self._parts:
-            good = np.zeros((len(begins), seen.shape[1]))
-            if len(begins):
-                good = (~np.logical_or.reduceat(missing[rows], begins, axis=0)).astype(float)
-            qualities = np.minimum(1.0, shares @ good)
-            found.append(np.where(np.array([[T_eoi > 0], [T > 0]]), qualities, np.nan))
+        missing = ~self.covered(seen)
+        return [part.qualities(part.share(missing)) for part in self._parts]
+
+    def figures_at_most(self, seen: Array, most: Array, more: int, open_: Mask) -> list[Array]:
+        """Bounds of the figures with some of the open options, (sets, options), besides; seen: so far, most: with all.
+
+        Time that they add has a row that is not covered yet and that one of them sees: so together they add no more
+        than each could, as if it were enough alone.
+        """
+        missing, still, found = ~self.covered(seen), ~self.covered(most), []
+        for part in self._parts:
+            lacking = _any_of_each(missing[part.rows], part.begins).astype(float)
+            each = np.where(open_, (part.shares[:, None] * lacking.T) @ part.helps, 0.0)  # (2, sets, options)
+            gained = -np.partition(-each, min(more, each.shape[2]) - 1, axis=2)[..., :more].sum(axis=2)
+            found.append(part.qualities(np.minimum(part.share(missing) + gained, part.share(still))))
         return found
 
     def _of_all(self, seen: Array, shut: Mask) -> Worths:
@@ -181,7 +219,7 @@ class Gain:
     def with_each(self, chosen: Sequence[int]) -> Worths:
         """The worth of each option besides the chosen ones and those that stay."""
         fixed = [*chosen, *sorted(self._problem.kept)]
-        seen = self._matrix[:, fixed].sum(axis=1, dtype=np.int16)[:, None] + self._matrix
+        seen = self.sees[:, fixed].sum(axis=1, dtype=np.int16)[:, None] + self.sees
         shut = self.shut | np.any(self.shut[:, list(chosen)], axis=1, keepdims=True)
         return self._of_all(seen, shut)
 
@@ -214,7 +252,7 @@ class Gain:
         return Choice(tuple(sorted(chosen)), tuple(int(ways[0]) for ways in best))
 
     def _together(self, chosen: Sequence[int]) -> Worths:
-        seen = self._matrix[:, [*chosen, *sorted(self._problem.kept)]].sum(axis=1, dtype=np.int16)[:, None]
+        seen = self.sees[:, [*chosen, *sorted(self._problem.kept)]].sum(axis=1, dtype=np.int16)[:, None]
         return self._of_all(seen, np.any(self.shut[:, list(chosen)], axis=1, keepdims=True))
 
     def _allowed(self, chosen: Sequence[int]) -> Mask:
