@@ -31,6 +31,15 @@ def keep_freed_memory() -> None:
         library.mallopt(_M_TRIM_THRESHOLD, _KEPT)
 
 
+def give_back_memory() -> None:
+    """Collect garbage, and return freed memory to the system: for a process that is at rest."""
+    import ctypes
+
+    gc.collect()
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
+
+
 def collect_seldom() -> None:
     """Run Python's garbage collection less often.
 

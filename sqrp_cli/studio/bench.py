@@ -5,7 +5,6 @@ A later question supersedes an earlier one: what is still computed for that is e
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from multiprocessing.connection import Connection, wait
@@ -19,7 +18,7 @@ from sqrp_cli.api.session import Session
 from sqrp_cli.errors import Infeasible, InputError, Problem
 from sqrp_cli.geometry import Array, matrix_to_quaternion
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
-from sqrp_cli.platform.memory import keep_all_so_far
+from sqrp_cli.platform.memory import give_back_memory, keep_all_so_far
 from sqrp_cli.platform.processes import Worker, forked
 from sqrp_cli.programming.candidate import Candidate
 from sqrp_cli.programming.cell import Cell
@@ -222,7 +221,7 @@ class _Bench:
         self._pipe.send(detail)
         if self._chosen and not self._pipe.poll():
             self._base()  # so that a hand need not wait for it
-            gc.collect()  # nor for this: cells that are no longer shown refer to themselves
+            give_back_memory()  # nor for this: cells that are no longer shown refer to themselves
 
     def _base(self) -> Steps | None:
         """The chosen candidate's motions with all verdicts of the cell as it is written."""

@@ -7,7 +7,8 @@ import json
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from sqrp_cli.studio.jobs import Job, Offer, Report, Running
+from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.studio.jobs import TOO_LATE, Job, Offer, Report, Running
 from sqrp_cli.studio.messages import kind_of, message
 from sqrp_cli.studio.server import Live
 
@@ -47,9 +48,9 @@ class Errands:
             self._running = None
 
     def drop(self) -> None:
-        """Drop what the tool holds in the run under way, if there is one."""
-        if self._running is not None:
-            self._running.drop()
+        """Drop what the tool holds in the run under way. Raises InputError where that is over."""
+        if self._running is None or not self._running.drop():
+            raise InputError(Problem("bad-fault", f"nothing was dropped: {TOO_LATE}"))
 
     def forget_offers(self) -> None:
         """Offer nothing any more."""

@@ -29,6 +29,10 @@ IMAGE_QUALITY = 70
 """Of JPEG, in percent."""
 
 
+TOO_LATE = "the run was over before the click"
+"""Why nothing is dropped."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Search:
     """For changes of a text."""
@@ -102,11 +106,13 @@ class Running:
         self._process: Foreman[None, None] = Foreman(forked(), _work, theirs, self.pipe, job)
         theirs.close()
 
-    def drop(self) -> None:
-        """Drop what the tool holds, if it is a run; what nobody listens to is not said."""
+    def drop(self) -> bool:
+        """Drop what the tool holds, in a run; whether that was heard."""
         if isinstance(self.job, Play) and select.select([], [self.pipe], [], 0.0)[1]:
             with suppress(OSError):  # it has just ended
                 self.pipe.send("slip")
+                return True
+        return False
 
     def end(self) -> None:
         """End it at once, if it has not ended."""
@@ -320,6 +326,8 @@ def _play(job: Play, say: _Teller) -> None:
     cameras = list(opened.workspace.cameras)
     say("run-began", file=str(job.file), cameras=cameras, faults=list(job.faults))
     run = opened.run(job.faults, listeners=[watching], screen=watching, spectator=watching)
+    if watching.wants_slip():
+        watching.told("slip", TOO_LATE)
     outcome = "done" if run.done else "stopped"
     faults = [
         {"name": one.name, "happened": one.happened, "detected": one.detected, "recovered": one.recovered}

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.platform.memory import give_back_memory
 from sqrp_cli.studio.bench_process import Bench
 from sqrp_cli.studio.messages import kind_of
 from sqrp_cli.studio.moves import Move
@@ -126,6 +127,7 @@ class Rankings:
         """Rank the saved file as well, once there is nothing else to do, if that is not known."""
         if self._ranked is None or self._held:
             return  # what is shown over time is of before, and this would end what was asked for since
+        give_back_memory()
         saved = self._saved()
         if saved not in (self._asked, self._of_saved, self._comparing):
             self._comparing = saved

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import shlex
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -116,7 +117,7 @@ class Studio:
     # From beginning to end
 
     async def run(self, port: int, ready: Callable[[str], None]) -> None:
-        """Serve until it is cancelled; ready: called with the address. Raises InputError for a port that is taken."""
+        """Serve until it is cancelled or alone; ready: called with the address. Raises InputError for a taken port."""
         await self.live.open(port)
         over = self._rankings.listen()
         self._rank()  # meanwhile the page is put together
@@ -363,7 +364,9 @@ class Studio:
         return stamps
 
     async def _watch(self) -> None:
-        while True:
+        """Look at the files, until the process that started this one is gone: nobody could close the studio then."""
+        parent = os.getppid()
+        while os.getppid() == parent:
             await asyncio.sleep(LOOK_EVERY)
             stamps = self._stamped()
             if stamps != self._stamps:

@@ -313,3 +313,36 @@ def test_a_new_ranking_leaves_the_keyboard_where_it_is(browser, studio):
     hand.wait("return sqrp.ranked > x", hand.js("sqrp.ranked"))
     hand.ranked()
     assert hand.js("document.activeElement.textContent") == name
+
+
+def test_a_cell_that_is_drawn_anew_leaves_nothing_behind(hand):
+    hand.ranked()
+    hand.js("""() => {
+      window.before = new WeakRef(sqrp.scene);
+      sqrp.hear({ do: 'cell', scene: sqrp.overview.scenes[0], model: sqrp.model });
+    }""")
+    hand.wait("return !sqrp.scene.waiting")
+    devtools = hand.context.new_cdp_session(hand.page)
+    devtools.send("HeapProfiler.collectGarbage")
+    devtools.detach()
+    assert hand.js("window.before.deref() === undefined")
+
+
+def test_a_page_that_falls_behind_a_run_shows_the_newest_of_it(hand):
+    shown = hand.js("""async () => {
+      const images = [], states = [], seek = sqrp.scene.seek;
+      sqrp.hear({ do: 'run-began', file: 'pick.yaml', cameras: ['cam1', 'cam2'], faults: [] });
+      sqrp.scene.seek = () => states.push(sqrp.scene.motion.around(0)[0].held);
+      for (const image of sqrp.runs.images.values())
+        Object.defineProperty(image, 'src', { set: (data) => images.push(data.slice(-2)) });
+      for (let k = 10; k < 60; k++) {
+        sqrp.hear({ do: 'run-state', q: {}, objects: {}, held: `g${k}` });
+        for (const camera of ['cam1', 'cam2']) sqrp.hear({ do: 'run-image', camera, data: `${k}` });
+      }
+      await new Promise(requestAnimationFrame);
+      sqrp.scene.seek = seek;
+      sqrp.hear({ do: 'job-ended' });
+      document.querySelector('#running').hidden = true;
+      return [images, states];
+    }""")
+    assert shown == [["59", "59"], ["g59"]]

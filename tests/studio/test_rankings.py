@@ -2,26 +2,35 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from multiprocessing import Pipe
+from pathlib import Path
 
 import pytest
 
-from sqrp_cli.studio.moves import Move
+from sqrp_cli.api.cell import OpenCell
+from sqrp_cli.errors import InputError
+from sqrp_cli.knowledge.workspace.load import read_workspace_document
+from sqrp_cli.studio.jobs import Offer
+from sqrp_cli.studio.moves import Move, written
 from sqrp_cli.studio.questions import Hold, Rank
 from sqrp_cli.studio.rankings import Asked, Rankings
 from sqrp_cli.studio.server import Live
+from sqrp_cli.studio.session import Studio
+from tests.studio.conftest import TASK
 
 SAVED, EDITED = (Asked(content, "pickup", "q_eoi") for content in (b"saved", b"edited"))
 OF_SAVED = Rank(**vars(SAVED), number=1, of_saved=True)
 
 
 class Bench:
-    """A process that answers when it is told to; what it was asked."""
+    """A process that answers when it is told to; what it was asked, and what the saved file is ranked for."""
 
     def __init__(self) -> None:
         self.pipe, self.theirs = Pipe()
         self.asked: list[object] = []
+        self.saved = SAVED
 
     def ask(self, question: object) -> None:
         self.asked.append(question)
@@ -39,7 +48,7 @@ def answered(bench):
     async def heard(*_: object) -> None:
         raise AssertionError
 
-    rankings = Rankings(bench, Live(heard), lambda: SAVED, lambda _: None)
+    rankings = Rankings(bench, Live(heard), lambda: bench.saved, lambda _: None)
     rankings.rank(EDITED)
 
     def answer(**fields: object) -> Rankings:
@@ -68,3 +77,39 @@ def test_nothing_is_compared_while_a_hand_holds_something(bench, answered):
     rankings.hold(move, 1)
     answered(do="detail", name="g1", detail=None)
     assert bench.asked[1:] == [Hold(move=move, number=1)]
+
+
+def test_figures_of_the_file_before_it_was_saved_are_not_those_of_the_saved_file(bench, answered):
+    rankings = answered(do="ranking", number=1, entries=[{"name": "g1"}])
+    answered(do="detail", name="g1", detail=None)
+    bench.saved = EDITED
+    rankings.take_as_saved()
+    answered(do="saved-ranking", number=1, entries=[{"name": "before"}])
+    assert json.loads(rankings._live.kept["saved-ranking"])["entries"] == [{"name": "g1"}]
+
+
+def moved_to(file: Path, x: float) -> bytes:
+    """The text of a workspace with a camera elsewhere."""
+    opened = OpenCell.read(file.parent, 0)
+    move = Move(kind="camera", name="cam1", position=[x, 0.7, 1.2])
+    return written(read_workspace_document(file, file.read_bytes()), opened.workspace, move)
+
+
+def test_a_change_that_was_found_for_another_text_is_not_made(bench, cell, monkeypatch):
+    file = cell / "workspace.yaml"
+    studio = Studio(OpenCell.read(cell, 0), TASK, 1, bench)
+    monkeypatch.setattr(studio._errands, "begin", lambda _: None)  # what it would find is below
+    studio.search(placing=False)
+    offer = Offer(words="cam1 elsewhere", line=("advise", TASK), content=moved_to(file, 0.1))
+    studio._errands.offers = [offer]
+
+    def asked(text: str) -> bytes:
+        asyncio.run(studio._obey(text))
+        return bench.asked[-1].content
+
+    edited = asked('{"do": "set", "path": "cameras.cam1.rate", "value": "7 Hz"}')
+    with pytest.raises(InputError, match="the cell has changed since this was found"):
+        asked('{"do": "apply", "number": 1}')
+    assert bench.asked[-1].content == edited
+    asked('{"do": "undo"}')
+    assert asked('{"do": "apply", "number": 1}') == offer.content

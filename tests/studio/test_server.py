@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import http.client
 import json
+import shlex
+import subprocess
+import sys
 from typing import get_args
 
 import pytest
@@ -13,6 +16,8 @@ from websockets.sync.client import connect
 from sqrp_cli.cli.main import run
 from sqrp_cli.studio.requests import Plain
 from sqrp_cli.studio.session import _PLAIN
+from tests.studio.conftest import TASK
+from tests.studio.started import ROOT
 
 
 def answer(studio, path: str, **headers: str) -> tuple[int, bytes]:
@@ -152,6 +157,21 @@ def test_a_move_that_is_refused_ends_no_ranking(own):
     asked(own, "hold", move=there, number=1)
     asked(own, "put", move=there)
     heard(own, "ranking", heard(own, "state", state["number"] + 1)["number"])
+
+
+def test_a_click_that_drops_nothing_is_told_so(own):
+    asked(own, "fault", name="slip")
+    assert "over before the click" in heard(own, "refused")["problems"][0]["message"]
+
+
+def test_a_studio_ends_with_the_process_that_started_it(cell):
+    command = shlex.join([sys.executable, "-m", "sqrp_cli", "studio", str(cell), TASK, "--no-browser"])
+    shell = subprocess.Popen(
+        ["/bin/sh", "-c", f"{command} & wait"], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    assert shell.stdout.readline().startswith(b"http://127.0.0.1:")
+    shell.kill()
+    shell.communicate(timeout=120)  # its output ends once the studio and all that it started have ended
 
 
 def test_a_task_that_cannot_be_read_is_refused_as_by_rank(cell, capsys):

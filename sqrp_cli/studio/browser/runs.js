@@ -3,7 +3,7 @@
 class Runs {
   // scene: gives the picture of the cell.
   constructor(tell, scene) {
-    Object.assign(this, { tell, scene, images: new Map(), going: false });
+    Object.assign(this, { tell, scene, images: new Map(), going: false, newest: new Map() });
     byId('run').addEventListener('click', () => this.run());
     byId('run-stop').addEventListener('click', () => tell({ do: 'stop' }));
     byId('run-slip').addEventListener('click', () => tell({ do: 'fault', name: 'slip' }));
@@ -27,6 +27,17 @@ class Runs {
     const framed = ([name, image]) => make('figure', {}, image, make('figcaption', {}, named(name)));
     byId('run-images').replaceChildren(...[...this.images].map(framed));
     for (const id of ['run-stop', 'run-slip']) byId(id).hidden = false;
+  }
+
+  // Show something at the next frame, and only the newest of its kind: a slow page does not fall behind the run.
+  soon(kind, show) {
+    if (!this.newest.size) requestAnimationFrame(() => this.catchUp());
+    this.newest.set(kind, show);
+  }
+
+  catchUp() {
+    for (const show of this.newest.values()) show();
+    this.newest.clear();
   }
 
   image({ camera, data }) {

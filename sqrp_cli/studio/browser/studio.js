@@ -484,6 +484,7 @@ class Studio extends Page {
     byId('searching').replaceChildren();
     byId('stop-search').hidden = true;
     if (!this.runs.going) return;
+    this.runs.catchUp();
     this.runs.over();
     if (this.motion) this.show(this.motion);
   }
@@ -494,7 +495,7 @@ class Studio extends Page {
   }
 
   on_run_image(message) {
-    this.runs.image(message);
+    this.runs.soon(`image of ${message.camera}`, () => this.runs.image(message));
   }
 
   on_run_doing(message) {
@@ -502,7 +503,7 @@ class Studio extends Page {
   }
 
   on_run_evidence(message) {
-    this.runs.evidence(message);
+    this.runs.soon('evidence', () => this.runs.evidence(message));
   }
 
   on_run_event(message) {
@@ -510,7 +511,7 @@ class Studio extends Page {
   }
 
   on_run_state(message) {
-    this.runs.state(message);
+    this.runs.soon('state', () => this.runs.state(message));
   }
 
   on_run_fault({ faults }) {

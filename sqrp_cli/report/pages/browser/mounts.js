@@ -8,7 +8,6 @@ class Mounts {
     Object.assign(this, { places, scene });
     const frames = [...new Set(places.map(({ frame }) => frame))];
     this.groups = frames.map((frame) => this.balls(frame));
-    attachTip(scene.host, (x, y) => this.at(x, y));
   }
 
   // The balls of one frame, as instances of a single mesh.

@@ -78,6 +78,7 @@ class Page {
     byId('play').addEventListener('click', () => (this.playing ? this.pause() : this.play()));
     for (const id of ['show-boxes', 'show-lines', 'show-frusta', 'show-mounts'])
       byId(id).addEventListener('change', () => this.seek(this.time));
+    attachTip(byId('view'), (x, y) => this.scene?.mounts.at(x, y)); // once: the scenes in it come and go
     const follow = byId('follow');
     follow.parentElement.hidden = !this.overview.of_images;
     follow.addEventListener('change', () => {
