@@ -14,6 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sqrp_cli.logic.formula_time import SAME_INSTANT
+
 Array = NDArray[np.float64]
 
 _GAUSS = np.array([0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5])
@@ -49,6 +51,44 @@ class Windows(NamedTuple):
         """What images show in the same windows surely and usually."""
         found = tuple(windows)
         return cls(found, found)
+
+
+def within(windows: Iterable[Window], start: float, end: float) -> list[Window]:
+    """What of windows lies between two times [s]."""
+    clipped = (one._replace(start=max(one.start, start), end=min(one.end, end)) for one in windows)
+    return [one for one in clipped if one.end > one.start]
+
+
+def overlaps(windows: Iterable[Window], others: Sequence[Window]) -> list[Window]:
+    """Where windows meet others, with the slower cameras of both."""
+    return [
+        found._replace(period=max(one.period, found.period), lag=max(one.lag, found.lag))
+        for one in windows
+        for found in within(others, one.start, one.end)
+    ]
+
+
+def joined(*windows: Sequence[Window]) -> tuple[Window, ...]:
+    """Windows, with what of the next ones lies outside of those before; in order, apart from each other."""
+    found: list[Window] = []
+    for some in windows:
+        edges = [-np.inf, *(edge for one in found for edge in (one.start, one.end)), np.inf]
+        new = [one for start, end in zip(edges[::2], edges[1::2], strict=True) for one in within(some, start, end)]
+        every, found = sorted([*found, *new]), []
+        for one in every:
+            if found and found[-1][1:] == (one.start, one.period, one.lag):
+                one = found.pop()._replace(end=one.end)
+            found.append(one)
+    return tuple(found)
+
+
+def shown_until(windows: Iterable[Window], start: float) -> float:
+    """Until when one window after the other shows what happens from a time on [s]; that time where none does."""
+    until = start
+    for window in windows:
+        if window.start <= until + SAME_INSTANT:
+            until = max(until, window.end)
+    return until
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,3 +40,10 @@ class Target:
     atom: Atom
     cameras: int
     boxes: tuple[SoughtBox, ...]
+
+    @property
+    def usual(self) -> Target:
+        """The same by what detectors usually see: itself where that is what they surely do."""
+        boxes = tuple(replace(box, limits=box.limits.usual) for box in self.boxes)
+        same = all(one.limits is box.limits for one, box in zip(boxes, self.boxes, strict=True))
+        return self if same else replace(self, boxes=boxes)

@@ -8,14 +8,16 @@ from itertools import product
 from math import pi, radians
 from typing import Annotated
 
+import numpy as np
 from pydantic import PlainValidator, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.errors import expected_names
+from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera.camera import Intrinsics
 from sqrp_cli.knowledge.camera.curve import Curve
 from sqrp_cli.knowledge.camera.installed import GROUP, installed_detectors
-from sqrp_cli.knowledge.camera.marker_range import least_pixels, marker_ranges, widest
+from sqrp_cli.knowledge.camera.marker_range import STEEPEST, least_pixels, marker_ranges, widest
 from sqrp_cli.knowledge.markers import Marker
 from sqrp_cli.knowledge.text.bounds import LARGEST_LENGTH
 from sqrp_cli.knowledge.text.entries import In, Pixels, Range, Stored, completed, refused
@@ -92,6 +94,10 @@ class Detector(DetectorTraits):
     """Nearest and farthest distance from the camera [m]."""
     min_pixels: float
     """Least size in the image: square root of the area in pixels."""
+    dictionaries: tuple[str, ...] = ()
+    """Of the cell's markers, for a detector of them."""
+    is_usual: bool = False
+    """Whether the size at which markers are read counts, not `min_pixels`: see `usual`."""
 
     @classmethod
     def of(cls, entry: DetectorEntry, cameras: Mapping[str, Intrinsics], markers: Mapping[str, Marker]) -> Detector:
@@ -101,14 +107,32 @@ class Detector(DetectorTraits):
         which every camera reads each of them, also at the largest angle. Raises ValueError where there are none.
         """
         distance, least = entry.distance, entry.min_pixels
+        dictionaries = tuple(dict.fromkeys(one.dictionary for one in markers.values() if entry.kind == "aruco"))
         if distance is None or least is None:
             reads = widest(marker_ranges(cameras, markers))
             if reads is None:
                 raise ValueError("there is no marker, or no camera, that gives the detector its limits")
-            looks = product(cameras.values(), markers.values())
-            smallest = max(least_pixels(camera, marker, entry.max_incidence) for camera, marker in looks)
+            looks = product(cameras.values(), dictionaries)
+            smallest = max(float(least_pixels(*look, entry.max_incidence)) for look in looks)
             distance, least = distance or (reads.near, reads.far), smallest if least is None else least
-        return completed(cls, entry, distance=distance, min_pixels=least)
+        return completed(cls, entry, distance=distance, min_pixels=least, dictionaries=dictionaries)
+
+    @property
+    def usual(self) -> Detector:
+        """With the limits within which it usually sees: markers as images show them, see `smallest`.
+
+        Of other detectors, and of those with a curve, no more is known than what is stated.
+        """
+        if self.curve is not None or not self.dictionaries:
+            return self
+        return replace(self, distance=(0.0, LARGEST_LENGTH), max_incidence=STEEPEST, is_usual=True)
+
+    def smallest(self, camera: Intrinsics, incidence: Array) -> Array:
+        """The least size of boxes in the image that are seen at angles [rad], the same shape [pixels]."""
+        if not self.is_usual:
+            return np.full(incidence.shape, self.min_pixels)
+        found: Array = np.max([least_pixels(camera, one, incidence) for one in self.dictionaries], axis=0)
+        return found
 
     @property
     def gates(self) -> Detector:

@@ -6,9 +6,13 @@ Measured with images of the simulated cell and OpenCV's detector, see `python -m
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from math import cos, sqrt
+from math import cos, radians, sqrt
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera.camera import Intrinsics
 from sqrp_cli.knowledge.markers import DICTIONARIES, Marker
 
@@ -24,8 +28,8 @@ STEEPNESS = 8.0
 """How fast reading gets worse with fewer pixels along a module: as their power of -8, by images of markers that face
 the camera, of which half show it 1.27 times as far away as nine of ten do."""
 
-_STEEPEST = 0.17
-"""Cosine of the largest angle, 80 degrees, at which markers are read."""
+STEEPEST = radians(80.0)
+"""The largest angle at which markers are read [rad]."""
 
 
 class MarkerRange(NamedTuple):
@@ -41,32 +45,33 @@ class MarkerRange(NamedTuple):
         """The range of a marker for a camera; incidence: turned by an angle [rad]."""
         fx, fy = float(camera.matrix[0, 0]), float(camera.matrix[1, 1])
         near = marker.side * max(fx / camera.width, fy / camera.height)
-        return cls(near, marker.side * sqrt(fx * fy) / _least_side(camera, marker, incidence))
+        return cls(near, marker.side * sqrt(fx * fy) / float(_least_side(camera, marker.dictionary, incidence)))
 
 
-def least_pixels(camera: Intrinsics, marker: Marker, incidence: float = 0.0) -> float:
+def least_pixels(camera: Intrinsics, dictionary: str, incidence: ArrayLike = 0.0) -> Array:
     """Square root of the area in the image of the smallest marker that is read in nine of ten images [pixels].
 
-    incidence: angle between its normal and the direction to the camera [rad].
+    incidence: angles between its normal and the direction to the camera [rad]; the result has their shape.
     """
-    return _least_side(camera, marker, incidence) * sqrt(_shorter(incidence))
+    found: Array = _least_side(camera, dictionary, incidence) * np.sqrt(_shorter(incidence))
+    return found
 
 
-def _least_side(camera: Intrinsics, marker: Marker, incidence: float) -> float:
+def _least_side(camera: Intrinsics, dictionary: str, incidence: ArrayLike) -> Array:
     """The longer side in the image of the smallest marker that is read [pixels].
 
     A bit is lost across or along its module. With sides of a and b pixels that happens in proportion to a^-n + b^-n,
     n = `STEEPNESS`, where the marker is turned about an axis along a side. Outlines are passed over by their perimeter.
     """
-    dictionary, shorter = DICTIONARIES[marker.dictionary], _shorter(incidence)
-    module = MODULE_PIXELS - LESS_PER_BIT * min(dictionary.corrected, MOST_BITS)
-    read: float = dictionary.modules * module * ((1.0 + shorter**-STEEPNESS) / 2.0) ** (1.0 / STEEPNESS)
-    return max(read, LEAST_SIDE * max(camera.width, camera.height) * 2.0 / (1.0 + shorter))
+    code, shorter = DICTIONARIES[dictionary], _shorter(incidence)
+    module = MODULE_PIXELS - LESS_PER_BIT * min(code.corrected, MOST_BITS)
+    read = code.modules * module * ((1.0 + shorter**-STEEPNESS) / 2.0) ** (1.0 / STEEPNESS)
+    return np.maximum(read, LEAST_SIDE * max(camera.width, camera.height) * 2.0 / (1.0 + shorter))
 
 
-def _shorter(incidence: float) -> float:
+def _shorter(incidence: ArrayLike) -> Array:
     """How long the shorter side of a turned marker is, as a share of the longer one."""
-    return max(cos(incidence), _STEEPEST)
+    return np.maximum(np.cos(incidence), cos(STEEPEST))
 
 
 def marker_ranges(

@@ -17,7 +17,7 @@ from sqrp_cli.geometry import Array, begins_run
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.skill.target_box import object_of
 from sqrp_cli.logic.formula_time import SAME_INSTANT, Stretch
-from sqrp_cli.logic.image_time import Onset, Window, Windows
+from sqrp_cli.logic.image_time import Onset, Window, Windows, joined, overlaps, shown_until, within
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.programming.coverage.parting import held_in, least_delays, onset
 from sqrp_cli.programming.coverage.sampling import Sampling
@@ -200,109 +200,128 @@ def _telling(target: Target, literal: Literal, objects: Mapping[str, Array]) -> 
     return tuple(replace(target, boxes=(box,)) for box in with_object or target.boxes)
 
 
+class _Look(NamedTuple):
+    """What is asked of the images of a motion."""
+
+    scene: WatchedFaults
+    stage: Stage
+    """The motion as planned, or after a loss."""
+    asked: Refuting
+
+    def missed(self, windows: _WindowsOf) -> list[FaultWatch]:
+        """The faults that images may miss, with windows by name."""
+        return [fault for fault in self.asked.faults if not _always_shown(fault, windows[fault.name])]
+
+    def loses(self, fault: FaultWatch) -> bool:
+        """Whether fingers may lose what they hold in a fault's intervals."""
+        held = {held_in(self.stage, interval) for interval in fault.intervals}
+        return bool(self.stage.model.fingers.joints) and None not in held
+
+
+_WindowsOf = Mapping[str, tuple[Window, ...]]
+"""By the names of faults."""
+
+
 def all_fault_windows(
     scenes: Sequence[WatchedFaults], timelines: Sequence[Timeline], observer: Observer, sampling: Sampling
 ) -> list[dict[str, Windows]]:
     """The windows of every fault of several motions in one cell, by its name.
 
-    Where targets of formulas decide all faults, or show them all the time, by the timelines; else the boxes that tell
-    are looked at as well. Where fingers may have lost a part that images do not show all the time, once more as they
-    are then.
+    Where images do not show a fault all the time, they are asked again for what detectors usually see, and, where
+    fingers may have lost a part, as they are then.
     """
     clocks = clocks_of(observer.cameras)
+
+    def shown(looks: Mapping[int, _Look]) -> dict[int, _WindowsOf]:
+        watches = [_watch(*look) for look in looks.values()]
+        timelines = observe_all(watches, observer, sampling, full=False)
+        return {
+            index: _windows_of_all(timeline, looks[index].asked.faults, clocks)
+            for index, timeline in zip(looks, timelines, strict=True)
+        }
+
+    def usually(looks: Mapping[int, _Look], sure: Mapping[int, _WindowsOf]) -> dict[int, dict[str, Windows]]:
+        more = shown(_usual(looks))
+        return {
+            index: {
+                name: Windows(one, joined(one, more.get(index, sure[index])[name])) for name, one in sure[index].items()
+            }
+            for index in looks
+        }
+
     asked = [_enough(refuting(scene), scene, found, clocks) for scene, found in zip(scenes, timelines, strict=True)]
-    further = [index for index, one in enumerate(asked) if one.more]
-    looked = observe_all(
-        [_watch(scenes[i].stage, scenes[i], asked[i]) for i in further], observer, sampling, full=False
-    )
-    seen = [*timelines]
-    for index, timeline in zip(further, looked, strict=True):
-        seen[index] = timeline
-    found = [
-        {fault.name: Windows.always(fault_windows(timeline, fault, clocks)) for fault in one.faults}
-        for one, timeline in zip(asked, seen, strict=True)
-    ]
-    late = {
-        index: faults
-        for index, (scene, one) in enumerate(zip(scenes, asked, strict=True))
-        if (faults := [fault for fault in one.faults if _may_be_missed(scene, fault, seen[index], clocks)])
-    }
-    closed = [_watch(scenes[index].stage.once_lost, scenes[index], asked[index]) for index in late]
-    looked = observe_all(closed, observer, sampling, full=False)
-    for (index, faults), timeline in zip(late.items(), looked, strict=True):
-        for fault in faults:
-            lost = fault_windows(timeline, fault, clocks)
-            planned, interval = found[index][fault.name].sure, fault.intervals[0]
-            sure = after_loss(planned, lost, interval)
-            found[index][fault.name] = Windows(sure, while_closing(planned, sure, interval))
+    looks = {index: _Look(scenes[index], scenes[index].stage, one) for index, one in enumerate(asked)}
+    planned = {i: _windows_of_all(timelines[i], one.faults, clocks) for i, one in enumerate(asked) if not one.more}
+    planned |= shown({index: look for index, look in looks.items() if look.asked.more})
+    late = {index: look for index, look in looks.items() if look.missed(planned[index])}
+    losing = {index: look for index, look in late.items() if any(map(look.loses, look.missed(planned[index])))}
+    closed = {index: look._replace(stage=look.stage.once_lost) for index, look in losing.items()}
+    held, lost = usually(late, planned), usually(closed, shown(closed))
+    found = [{name: Windows.always(one) for name, one in planned[index].items()} for index in looks]
+    for index, look in late.items():
+        found[index] = held[index]
+        for fault in filter(look.loses, look.missed(planned[index])):
+            found[index][fault.name] = once_lost(held[index][fault.name], lost[index][fault.name], fault.intervals)
     return found
 
 
-def _may_be_missed(scene: WatchedFaults, fault: FaultWatch, timeline: Timeline, clocks: Mapping[float, Clock]) -> bool:
-    """Whether fingers may lose what they hold in a fault's intervals, and images of them as planned may miss that."""
-    if not scene.stage.model.fingers.joints or None in {held_in(scene.stage, one) for one in fault.intervals}:
-        return False
-    return not _always_shown(fault, timeline, clocks)
+def _windows_of_all(timeline: Timeline, faults: Sequence[FaultWatch], clocks: Mapping[float, Clock]) -> _WindowsOf:
+    return {fault.name: fault_windows(timeline, fault, clocks) for fault in faults}
 
 
-def after_loss(planned: Sequence[Window], lost: Sequence[Window], interval: Stretch) -> tuple[Window, ...]:
-    """The windows of what fingers lose in an interval.
+def _usual(looks: Mapping[int, _Look]) -> dict[int, _Look]:
+    """The looks with what detectors usually see, where that differs from what they surely do."""
+    found = {index: tuple(target.usual for target in look.asked.targets) for index, look in looks.items()}
+    return {
+        index: look._replace(asked=look.asked._replace(targets=found[index]))
+        for index, look in looks.items()
+        if any(one is not other for one, other in zip(found[index], look.asked.targets, strict=True))
+    }
 
-    Those of the motion as planned, where the fingers are still around the part, as long as images show it from the
-    start of the interval on; from then on, as it may have been lost long ago, those with the fingers closed.
+
+def once_lost(planned: Windows, lost: Windows, intervals: Sequence[Stretch]) -> Windows:
+    """The windows of what fingers lose in some intervals, by those of the motion as planned and as it is after a loss.
+
+    Fingers that have just lost it are still closing: in the intervals images usually show it as planned, too.
     """
-    until = interval.start
-    for window in planned:  # one after the other, as the cameras that show it change
-        if window.start <= until + SAME_INSTANT:
-            until = max(until, window.end)
-    until = min(until, interval.end)
-    first = [window._replace(end=min(window.end, until)) for window in planned if window.start < until]
-    then = [window._replace(start=max(window.start, until)) for window in lost if window.end > until]
-    if first and then and first[-1][1:] == (then[0].start, *then[0][2:]):
-        then[0] = first.pop()._replace(end=then[0].end)
-    return (*first, *then)
+    sure = after_loss(planned.sure, lost.sure, intervals)
+    closing = [within(some, interval.start, interval.end) for interval in intervals for some in planned]
+    return Windows(sure, joined(sure, *closing, lost.usual))
 
 
-def while_closing(planned: Sequence[Window], sure: Sequence[Window], interval: Stretch) -> tuple[Window, ...]:
-    """The windows in which images usually show what fingers lose in an interval.
+def after_loss(planned: Sequence[Window], lost: Sequence[Window], intervals: Sequence[Stretch]) -> tuple[Window, ...]:
+    """The windows of what fingers lose in some intervals.
 
-    Besides the sure ones those of the motion as planned, in the interval: fingers that have just lost it are still
-    closing.
+    From the start of an interval on, as long as images show it, those of the motion as planned, where the fingers are
+    still around the part; in later intervals only where it is shown after a loss as well, as it may have been lost in
+    one before. From then on, as it may have been lost long ago, those with the fingers closed.
     """
-    edges = [interval.start, *(edge for window in sure for edge in (window.start, window.end)), interval.end]
-    within = np.clip(edges, interval.start, interval.end).tolist()
-    more = [
-        window._replace(start=max(window.start, start), end=min(window.end, end))
-        for window in planned
-        for start, end in zip(within[::2], within[1::2], strict=True)
-        if min(window.end, end) > max(window.start, start)
-    ]
-    return tuple(sorted([*sure, *more]))
+    found: list[Window] = []
+    since = intervals[0].start
+    for number, interval in enumerate(intervals):
+        until = min(shown_until(planned, interval.start), interval.end)
+        held = within(planned, interval.start, until)
+        found += [*within(lost, since, interval.start), *(overlaps(held, lost) if number else held)]
+        since = until
+    return joined([*found, *within(lost, since, np.inf)])
 
 
 def _enough(asked: Refuting, scene: WatchedFaults, timeline: Timeline, clocks: Mapping[float, Clock]) -> Refuting:
     """What shows the faults: the targets of formulas, if images show all faults by them all the time."""
     column = {target.atom: (number,) for number, target in enumerate(scene.targets)}
     whole = [replace(fault, columns=tuple(column[lit.atom] for lit in fault.literals)) for fault in asked.faults]
-    if not asked.more or not all(_always_shown(fault, timeline, clocks) for fault in whole):
+    if not asked.more or not all(_always_shown(fault, fault_windows(timeline, fault, clocks)) for fault in whole):
         return asked
     return Refuting(scene.targets, tuple(whole), more=False)
 
 
-def _always_shown(fault: FaultWatch, timeline: Timeline, clocks: Mapping[float, Clock]) -> bool:
-    """Whether one window after the other shows a fault until surely an image has come after its last interval."""
-    windows = fault_windows(timeline, fault, clocks)
-    for interval in fault.intervals:
-        seen = interval.start
-        for window in windows:
-            if window.start <= seen + SAME_INSTANT:
-                seen = max(seen, window.end)
-        if seen < interval.end + max(window.period for window in windows) if windows else True:
-            return False
-    return True
+def _always_shown(fault: FaultWatch, windows: Sequence[Window]) -> bool:
+    """Whether windows show a fault all the time, until surely an image has come after each interval."""
+    period = max((window.period for window in windows), default=np.inf)
+    return all(shown_until(windows, interval.start) >= interval.end + period for interval in fault.intervals)
 
 
-def _watch(stage: Stage, scene: WatchedFaults, asked: Refuting) -> Watch:
+def _watch(scene: WatchedFaults, stage: Stage, asked: Refuting) -> Watch:
     """A look at what shows the faults of a scene, on its stage or another, from when the first may happen."""
     pieces = [_asking(piece, asked.faults) for piece in stage.pieces]
     pieces = [piece for piece in pieces if any(fault.told_in(piece) for fault in asked.faults)]

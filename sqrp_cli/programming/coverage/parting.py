@@ -121,7 +121,8 @@ def onset(
         return Onset.at_once(interval.start, interval.end)
     surely = found.shown.max(axis=0, initial=0.0)
     shown = _between(found.x, surely, interval)
-    return replace(shown, usual=_between(found.x, np.minimum(found.usual, surely), interval).shown)
+    usual = _between(found.x, np.minimum(found.usual, surely), interval, earlier=True)
+    return replace(shown, usual=usual.shown)
 
 
 def least_delays(
@@ -229,10 +230,13 @@ def _outvoted(until: Array, since: Array, needed: int) -> Array:
     return np.where(np.isfinite(found), found, since.max(axis=0, initial=0.0))
 
 
-def _between(x: Array, shown: Array, interval: Stretch) -> Onset:
-    """The onset of what becomes true at x and is shown from some times on, within an interval."""
+def _between(x: Array, shown: Array, interval: Stretch, *, earlier: bool = False) -> Onset:
+    """The onset of what becomes true at x and is shown from some times on, within an interval.
+
+    earlier: whether it may be shown before it is true, such as a part in a place that it falls into.
+    """
     x = np.maximum.accumulate(x)
-    lag = np.maximum(shown - x, 0.0)
+    lag = shown - x if earlier else np.maximum(shown - x, 0.0)
     kept = np.append(np.diff(x) > 1e-9, True)
     inner = (x > interval.start) & (x < interval.end) & kept
     at = np.concatenate([[interval.start], x[inner], [interval.end]])

@@ -62,12 +62,13 @@ def check_limits(
     # Coordinates and corners first: NumPy is slow at reductions over short trailing axes.
     ranges = [(projection.camera.near, projection.camera.far) for projection in projections]
     near, far = np.array(ranges, dtype=float).T[:, :, None]
-    columns = [(*entry.distance, entry.max_incidence, entry.min_pixels) for entry in detectors]
-    closest, remotest, widest, smallest = np.array(columns, dtype=float).T[:, detector]
+    columns = [(*entry.distance, entry.max_incidence) for entry in detectors]
+    closest, remotest, widest = np.array(columns, dtype=float).T[:, detector]
     nearest, farthest = corners_C[2].min(axis=0), corners_C[2].max(axis=0)
     in_front = nearest > 0
     image = _images(projections, corners_C, in_front)
     distance, incidence = aspects(corners_C, normal_C)
+    smallest = _smallest(projections, detectors, detector, incidence)
     # Each condition is true within the limit, so NaN counts as outside.
     limits = [
         (Cause.TOO_NEAR, in_front & (nearest >= near), near - nearest),
@@ -85,6 +86,20 @@ def check_limits(
         cause[~within], figure[~within] = code, missed[~within]
     side = np.where(cause == Cause.OUT_OF_IMAGE, image.beyond.argmax(axis=0), -1).astype(np.int8)
     return LimitVerdicts(cause=cause, side=side, figure=figure)
+
+
+def _smallest(
+    projections: Sequence[Projection], detectors: Sequence[Detector], detector: Indices, incidence: Array
+) -> Array:
+    """The least sizes of boxes seen by cameras at angles, shape (c, n) or (n,) [pixels]."""
+    if not any(entry.is_usual for entry in detectors):
+        return np.array([entry.min_pixels for entry in detectors])[detector]
+    found = np.empty_like(incidence)
+    for index, entry in enumerate(detectors):
+        own = detector == index
+        for row, projection in enumerate(projections):
+            found[row, own] = entry.smallest(projection.camera, incidence[row, own])
+    return found
 
 
 class _Images(NamedTuple):

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from sqrp_cli.geometry import Array, Mask
-from sqrp_cli.knowledge.markers import Marker
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.truth import Truth
+from sqrp_cli.runtime.image import ImageArray
 from sqrp_cli.runtime.perception.background import Background
 from sqrp_cli.runtime.perception.detections import NO_OUTLINE, BoxDetection, MissReason
 from sqrp_cli.runtime.perception.expected_view import Crop, ExpectedView, extent
@@ -64,16 +65,18 @@ class MarkerDetector:
         if outline is None:
             return BoxDetection(box.name, Truth.UNKNOWN, 0.0, NO_OUTLINE)
         wanted = self._view.marker(atom, box)
-        inside = () if wanted is None else self._view.markers(wanted.dictionary)
-        alike = [marker for marker in inside if wanted is not None and marker.id == wanted.id]
         way = self._finger_way(box, outline) if box.frame in self._view.cell.markers else None
-        if way is not None:
-            alike = [marker for marker in alike if way.carries(marker, outline)]
-        found = min(alike, key=lambda marker: np.hypot(*(_center(marker) - outline.center)), default=None)
+
+        def nearest(markers: Iterable[FoundMarker]) -> FoundMarker | None:
+            """The marker of the box among several: that on a finger lies where the fingers can carry it."""
+            alike = (marker for marker in markers if wanted is not None and marker.id == wanted.id)
+            carried = (marker for marker in alike if way is None or way.carries(marker, outline))
+            return min(carried, key=lambda marker: np.hypot(*(_center(marker) - outline.center)), default=None)
+
+        found = None if wanted is None else nearest(self._view.markers(wanted.dictionary))
         hiding = self._hiding(box, outline) if found is None else None
         if wanted is not None and hiding is not None:
-            found = self._beside(hiding, wanted)
-            found = None if found is not None and way is not None and not way.carries(found, outline) else found
+            found = nearest(_beside(self._view.image, hiding, wanted.dictionary))
         share = 0.0 if found is None else 1.0
         if way is not None:
             evidence = Truth.UNKNOWN if found is None else self._on_finger(atom, way, found)
@@ -95,15 +98,6 @@ class MarkerDetector:
         others = {surface.parent for surface in self._view.cell.robot.surfaces} - {box.frame, *box.encloses}
         mask = dilated(self._view.robot.mask(shape, origin, outline.depth, links=others), 1)
         return _Hiding(crop, mask) if (mask & filled(shape, origin, [outline.corners])).any() else None
-
-    def _beside(self, hiding: _Hiding, wanted: Marker) -> FoundMarker | None:
-        """A marker that is not found because a part of the robot touches it in the image."""
-        rows, columns = hiding.crop
-        found = markers_beside(self._view.image[hiding.crop], hiding.mask, wanted.dictionary)
-        marker = next((marker for marker in found if marker.id == wanted.id), None)
-        return (
-            None if marker is None else FoundMarker(marker.id, marker.corners + np.array([columns.start, rows.start]))
-        )
 
     def _finger_way(self, box: TargetBox, outline: ProjectedBox) -> _FingerWay:
         """The way in the image on which the fingers carry a marker; a point where they do not move it."""
@@ -138,6 +132,13 @@ class MarkerDetector:
         background = filled(shape, origin, [outline.corners]) & self._background.matches(self._view.image, crop)
         background &= ~dilated(self._view.robot.mask(shape, origin, outline.depth), 1)
         return min(1.0, float(background.sum()) / max(outline.area, 1.0))
+
+
+def _beside(image: ImageArray, hiding: _Hiding, dictionary: str) -> Iterator[FoundMarker]:
+    """Markers that are not found because a part of the robot touches them in the image."""
+    rows, columns = hiding.crop
+    for marker in markers_beside(image[hiding.crop], hiding.mask, dictionary):
+        yield FoundMarker(marker.id, marker.corners + np.array([columns.start, rows.start]))
 
 
 def _center(marker: FoundMarker) -> Array:

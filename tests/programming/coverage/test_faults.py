@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import astuple, replace
 from itertools import groupby, pairwise
 from pathlib import Path
@@ -21,7 +22,7 @@ from sqrp_cli.logic.literal import Literal
 from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study
-from sqrp_cli.programming.coverage.fault_sights import Clock, FaultWatch, after_loss, fault_windows, while_closing
+from sqrp_cli.programming.coverage.fault_sights import Clock, FaultWatch, after_loss, fault_windows, once_lost
 from sqrp_cli.programming.coverage.faults import fault_metrics, interval_metrics, why_late
 from sqrp_cli.programming.coverage.sampling import Adaptive, first_samples
 from sqrp_cli.programming.coverage.stage import Samples, Stage
@@ -241,24 +242,43 @@ def some_windows(draw: st.DrawFn) -> list[Window]:
     return [Window(a, b, (0.1, 0.2)[number % 2], 0.05) for number, (a, b) in enumerate(seen)]
 
 
+def contains(windows: Iterable[Window], t: float) -> bool:
+    return any(one.start <= t <= one.end for one in windows)
+
+
+def period(windows: Iterable[Window], t: float) -> float:
+    return next(one.period for one in windows if one.start <= t <= one.end)
+
+
 @given(planned=some_windows(), lost=some_windows())
 def test_what_fingers_lost_is_seen_as_planned_until_that_ends_and_then_with_closed_fingers(
     planned: list[Window], lost: list[Window]
 ) -> None:
-    interval = Stretch(1.0, 3.0)
-    found = after_loss(planned, lost, interval)
-    tenths = range(round(10 * interval.start), round(10 * interval.end))
-    blind = (k / 10 for k in tenths if not any(one.start <= k / 10 + 0.05 <= one.end for one in planned))
-    until = next(blind, interval.end)
+    intervals = Stretch(1.0, 3.0), Stretch(4.0, 5.0)
+    found = after_loss(planned, lost, intervals)
+
+    def shown_since(start: float, t: float) -> bool:
+        return all(contains(planned, k / 10 + 0.05) for k in range(round(10 * start), int(10 * t) + 1))
+
     for t in np.arange(1.005, 6.0, 0.01):
-        counts = planned if t < until else lost
-        assert any(one.start <= t <= one.end for one in found) == any(one.start <= t <= one.end for one in counts)
+        # In the second interval it may as well have been lost in the first.
+        as_planned = t < intervals[0].end and shown_since(intervals[0].start, t)
+        assert contains(found, t) == contains(planned if as_planned else lost, t), t
+        if intervals[1].start < t < intervals[1].end and shown_since(intervals[1].start, t) and contains(lost, t):
+            assert period(found, t) == max(period(planned, t), period(lost, t))
     assert all(first.end <= second.start for first, second in pairwise(found))
-    usual = while_closing(planned, found, interval)
+
+
+@given(planned=some_windows(), lost=some_windows())
+def test_in_each_interval_images_usually_show_fingers_that_are_still_closing(
+    planned: list[Window], lost: list[Window]
+) -> None:
+    intervals = Stretch(1.0, 3.0), Stretch(4.0, 5.0)
+    found = once_lost(Windows.always(planned), Windows.always(lost), intervals)
     for t in np.arange(1.005, 6.0, 0.01):
-        counts = [*found, *planned] if t < interval.end else found
-        assert any(one.start <= t <= one.end for one in usual) == any(one.start <= t <= one.end for one in counts)
-    assert all(first.end <= second.start for first, second in pairwise(usual))
+        closing = any(interval.start <= t <= interval.end for interval in intervals) and contains(planned, t)
+        assert contains(found.usual, t) == (closing or contains(found.sure, t)), t
+    assert all(first.end <= second.start for first, second in pairwise(found.usual))
 
 
 def test_the_mean_is_by_the_usual_windows_and_the_worst_by_the_sure_ones() -> None:

@@ -120,14 +120,7 @@ def _cube_sights(
 ) -> tuple[Truth, Truth]:
     """What perception says with the cube in its place, and without, both behind a screen or between two."""
     X_WO = pose(position=PLACE)
-    detector = ImageDetector(eye, stage.knowledge)
-    box = TargetBox(
-        name="place", detector="color", frame=FrameName("cube@start"), size=CUBE.size, X_FB=pose(), normal=None,
-        encloses=("cube",),
-    )  # fmt: skip
-    detector.watch(
-        DetectionTargets({"placed(cube)": ProgramTarget(cameras=1, boxes=(box,), seen={})}, {"cube": X_WO}, {})
-    )
+    detector = _detector_of_place(stage, eye)
     aside = {"screen": pose(position=(4.0, 3.0, 0.5)), **({"other": pose(position=(4.0, 4.0, 0.5))} if slit else {})}
     screens = dict(zip(aside, _screens(eye, X_WO, visible, random, slit=slit), strict=True))
     before, behind = {"cube": X_WO, **aside}, {"cube": X_WO, **screens}
@@ -140,6 +133,33 @@ def _cube_sights(
     stage.put("cube", pose(position=(4.0, -6.0, 0.02)))
     gone = detector.look(stage.frame(eye.name, 0.2), BelievedState({}, False, behind))
     return there.boxes["placed(cube)"][0].evidence, gone.boxes["placed(cube)"][0].evidence
+
+
+def beside(share: float, trials: int, seed: int = 0) -> list[Truth]:
+    """What perception says of the place of a cube, in random views, that lies beside it by a share of its side."""
+    random = np.random.default_rng([seed, round(share * 1000)])
+    eyes, found = [_view_of_cube(f"eye{trial}", 30.0, random) for trial in range(trials)], []
+    with staged([GROUND, CUBE], eyes) as stage:
+        for eye in eyes:
+            detector = _detector_of_place(stage, eye)
+            believed = BelievedState({}, False, {"cube": pose(position=PLACE)})
+            for t, right in enumerate((0.0, share)):
+                stage.put("cube", pose(position=np.add(PLACE, (right * CUBE.size[0], 0.0, 0.0))))
+                sights = detector.look(stage.frame(eye.name, 0.1 * t), believed)
+            found.append(sights.boxes["placed(cube)"][0].evidence)
+    return found
+
+
+def _detector_of_place(stage: Stage, eye: Camera) -> ImageDetector:
+    """One that looks for the cube where it stands at the start."""
+    detector = ImageDetector(eye, stage.knowledge)
+    box = TargetBox(
+        name="place", detector="color", frame=FrameName("cube@start"), size=CUBE.size, X_FB=pose(), normal=None,
+        encloses=("cube",),
+    )  # fmt: skip
+    target = ProgramTarget(cameras=1, boxes=(box,), seen={})
+    detector.watch(DetectionTargets({"placed(cube)": target}, {"cube": pose(position=PLACE)}, {}))
+    return detector
 
 
 def _view_of_cube(name: str, pixels: float, random: np.random.Generator) -> Camera:

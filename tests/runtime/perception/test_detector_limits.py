@@ -8,8 +8,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sqrp_cli.logic.truth import Truth
 from tests.runtime.cell.scenes import workspace
-from tests.runtime.perception.detector_limits import color_rates, marker_rate
+from tests.runtime.perception.detector_limits import beside, color_rates, marker_rate
 
 DETECTORS = workspace("workspaces/tabletop").detectors
 MARKERS, COLORS = DETECTORS["aruco"], DETECTORS["color"]
@@ -48,3 +49,8 @@ def test_a_detector_that_asks_for_more_is_not_content_with_less() -> None:
     assert color_rates(30, 0.41, 10, min_visible=0.35) == (1.0, 1.0)
     assert color_rates(30, 0.41, 10, min_visible=0.5) == (0.0, 0.0)
     assert color_rates(30, 0.6, 10, min_visible=1.0) == (1.0, 1.0)
+
+
+@pytest.mark.parametrize(("share", "says"), [(0.4, Truth.TRUE), (0.6, Truth.FALSE), (0.66, Truth.FALSE)])
+def test_a_part_beside_its_place_is_in_it_if_its_middle_is(share: float, says: Truth) -> None:
+    assert beside(share, 20) == 20 * [says]

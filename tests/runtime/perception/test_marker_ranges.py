@@ -91,4 +91,4 @@ def test_more_pixels_and_larger_markers_are_read_farther_away() -> None:
     wide, narrow = camera(focal=(300.0, 300.0)), camera(focal=(900.0, 900.0))
     assert MarkerRange.of(wide, large).far == pytest.approx(2 * MarkerRange.of(wide, small).far)
     assert MarkerRange.of(narrow, small).far == pytest.approx(3 * MarkerRange.of(wide, small).far)
-    assert least_pixels(wide, small, 1.0) > least_pixels(wide, small)
+    assert least_pixels(wide, small.dictionary, 1.0) > least_pixels(wide, small.dictionary)
