@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.geometry import look_at, pose
+from sqrp_cli.geometry import box_corners, look_at, pose, rpy_to_matrix
+from sqrp_cli.knowledge.camera.curve import Curve
+from sqrp_cli.knowledge.camera.detector import Detector, DetectorEntry
 from sqrp_cli.knowledge.camera.marker_range import MarkerRange, least_pixels
+from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.markers import DICTIONARIES, Marker, opencv_name
 from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.limits import check_limits
 from sqrp_cli.runtime.perception.vision import find_markers
 from tests.detectors.ranges import CASES, Case
 from tests.runtime.cell.scenes import ROOT, camera, thing
@@ -92,3 +99,28 @@ def test_more_pixels_and_larger_markers_are_read_farther_away() -> None:
     assert MarkerRange.of(wide, large).far == pytest.approx(2 * MarkerRange.of(wide, small).far)
     assert MarkerRange.of(narrow, small).far == pytest.approx(3 * MarkerRange.of(wide, small).far)
     assert least_pixels(wide, small.dictionary, 1.0) > least_pixels(wide, small.dictionary)
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.9])
+def test_what_is_usually_read_is_what_its_range_says_whatever_margin_is_stated(turned: float) -> None:
+    eye, marker = camera(focal=(900.0, 900.0)), Marker(id=1, side=0.02)
+    entry = DetectorEntry(kind="aruco", distance=(0.15, 1.0), max_incidence=0.8, min_pixels=60.0)
+    stated = Detector.of(entry, {"cam": eye}, {"plate": marker})
+    far, R = MarkerRange.of(eye, marker, turned).far, rpy_to_matrix((turned, 0.0, 0.0))
+    for share, usual in ((0.96, Cause.NONE), (1.04, Cause.TOO_SMALL)):
+        corners = box_corners((marker.side, marker.side, 1e-6)) @ R.T + (0.0, 0.0, share * far)
+        found = check_limits(
+            [Projection.of(eye)] * 2, [stated, stated.usual], detector=np.array([0, 1]),
+            corners_C=np.tile(corners.T[:, :, None, None], (1, 1, 2, 2)),
+            normal_C=np.tile(-R[:, 2, None, None], (1, 2, 2)),
+        )  # fmt: skip
+        assert found.cause[0].tolist() == found.cause[1].tolist()
+        assert found.cause[0, 0] not in (Cause.NONE, Cause.OUT_OF_IMAGE)
+        assert found.cause[0, 1] == usual
+
+
+def test_of_other_detectors_no_more_is_known_than_what_is_stated() -> None:
+    for name, detector in load_workspace(SCREWS).detectors.items():
+        assert (detector.usual == detector) == (name == "color")
+        learned = replace(detector, curve=Curve(bias=1.0, pixels=1.0))
+        assert learned.usual == learned
