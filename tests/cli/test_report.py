@@ -11,7 +11,7 @@ import pytest
 from sqrp_cli.report.pages import libraries
 from sqrp_cli.report.pages.assembly import packed
 from sqrp_cli.report.pages.page import CellScene, PageContent, PageRow, page
-from tests.cli.browser import Opened, click_at_random
+from tests.cli.browser import Opened, click_at_random, walk
 from tests.cli.hostile import hostile_cell
 
 TASK = "pickup green"
@@ -156,6 +156,15 @@ def scored(sqrp, tabletop, watch, tmp_path_factory):
     path = tmp_path_factory.mktemp("scored") / "page.html"
     assert sqrp("score", tabletop, watch, "--samples", 3, "--report", path).code == 0
     return path
+
+
+@pytest.mark.parametrize("size", [(1400, 900), (800, 600)])
+def test_every_stop_of_the_tab_key_on_the_page_about_cells_is_in_sight(browser, scored, size):
+    opened = Opened(browser, scored)
+    opened.page.set_viewport_size({"width": size[0], "height": size[1]})
+    walk(opened.page)
+    assert opened.complaints == []
+    opened.context.close()
 
 
 @pytest.mark.parametrize(("kind", "seed"), [("written", 1), ("scored", 2)])

@@ -31,7 +31,6 @@ class Studio extends Page {
       title: '', summary: '', heading: 'Candidates', about: [], entries: [NOBODY], scenes: [cell.scene], of_images: false, placement: null, compared: false, opens_at: 0,
     });
     document.body.classList.add('studio');
-    byId('filter').placeholder = 'Filter';
     this.tell = tell;
     this.state = null;
     this.saved = new Map();
