@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def silent(_title: str, _total: int) -> Iterator[Callable[[int], None]]:
+def silent(_title: str, _total: int | None) -> Iterator[Callable[[int], None]]:
     """Progress that is not shown."""
     yield lambda _count: None
 

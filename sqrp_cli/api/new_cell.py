@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from sqrp_cli.api.arguments import check_crowd, check_text, checked_path, optional_path
-from sqrp_cli.api.cell import open_cell
+from sqrp_cli.api.cell import open_cell, silent
 from sqrp_cli.errors import InputError
 
 if TYPE_CHECKING:
     from sqrp_cli.api.results import NewCell
     from sqrp_cli.report.documents.scene import FirstRun
     from sqrp_cli.starter.random_cell import Crowd
+
+Progress = Callable[[str, None], AbstractContextManager[object]]
+"""Shows what is being done, while it is."""
 
 
 def new_cell(
@@ -27,13 +31,14 @@ def new_cell(
     tip: str | None = None,
     crowd: Crowd | None = None,
     run: bool = False,
+    progress: Progress = silent,
 ) -> NewCell:
     """Make a new workspace with its skill, ready to rank, in a folder that does not exist or is empty.
 
     urdf: the arm, also as xacro with `arguments`; by default that of which the configuration of MoveIt in the folder
     `moveit` was made, else one that comes with the package. package_roots: folders in which packages are looked up.
     tip: the link at the end of the arm, of a robot that has several. crowd: how many random objects and cameras to put
-    in. run: whether to run its task once in the simulated cell, where there is one.
+    in. run: whether to run its task once in the simulated cell, where there is one. progress: told each step.
     Raises InputError for an arm that cannot be used; nothing is ever overwritten.
     """
     from sqrp_cli.api.results import NewCell
@@ -46,12 +51,13 @@ def new_cell(
     folder, arm, config = checked_path(folder, "folder"), optional_path(urdf, "urdf"), optional_path(moveit, "moveit")
     roots = tuple(checked_path(root, "package_roots") for root in package_roots)
     own = OwnRobot(None if arm is None else str(urdf), dict(arguments or {}), roots, config)
-    made = make_starter(folder, own if arm is not None or config is not None else None, crowd, tip)
-    tried = first_run(made.folder, made.task) if run and made.task is not None else None
+    with progress("Looking for what the arm can reach", None):
+        made = make_starter(folder, own if arm is not None or config is not None else None, crowd, tip)
+    tried = first_run(made.folder, made.task, progress) if run and made.task is not None else None
     return NewCell(made, folder, own_arm=arm is not None or config is not None, run=tried)
 
 
-def first_run(folder: Path, task: str) -> FirstRun | None:
+def first_run(folder: Path, task: str, progress: Progress = silent) -> FirstRun | None:
     """Run the best candidate of a task of the workspace in a folder, and keep nothing of it.
 
     None where there is no simulator, or no candidate is feasible.
@@ -64,10 +70,14 @@ def first_run(folder: Path, task: str) -> FirstRun | None:
         check_simulator()
     except InputError:
         return None
-    ranking = open_cell(folder).rank(task)
+    with progress(f"Ranking {task}", None):
+        ranking = open_cell(folder).rank(task)
     if ranking.best is None:
         return None
-    with TemporaryDirectory(dir=folder) as drafts:
+    with (
+        progress("Running the best candidate in the simulated cell", None),
+        TemporaryDirectory(dir=folder) as drafts,
+    ):
         program = Path(drafts) / "first.yaml"
         ranking.write(program)
         report = open_program(program).run(witnessed=False).report

@@ -20,6 +20,7 @@ import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, pose, quaternion_to_matrix
+from sqrp_cli.knowledge.text.bounds import LARGEST
 from sqrp_cli.knowledge.text.source import describe
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.runtime.record.frame_folder import LONGEST_NAME, file_in, table_text
@@ -115,7 +116,7 @@ class _LabelRow:
             value = float(text)
         except ValueError:
             value = math.nan
-        if not abs(value) < 1e6:
+        if not abs(value) <= LARGEST:
             self._refuse("wrong-value", f"`{name}` is {describe(text)}, expected a number")
         return value
 

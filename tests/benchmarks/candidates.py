@@ -22,6 +22,7 @@ from sqrp_cli.programming.task import read_task
 from sqrp_cli.programming.ways.find import WantedWay
 from tests.benchmarks.scene import TABLETOP
 from tests.benchmarks.table import print_table
+from tests.cells import write_cell
 
 OBJECTS, YAWS, CAMERAS = 200, 8, 24
 
@@ -110,7 +111,6 @@ def _crowded(folder: Path) -> Path:
         cell["cameras"][f"cam{number}"] = {**camera, "pose": {"position": place, "look_at": target}}
     cell["state"] = ["hand_empty", *(f"obj_on_table(g{number})" for number in range(OBJECTS))]
     cell.pop("tasks", None)
-    path = folder / "workspaces" / "crowded" / "workspace.yaml"
-    path.parent.mkdir(parents=True)
-    path.write_text(yaml.safe_dump(cell, sort_keys=False))
-    return path
+    crowded = folder / "workspaces" / "crowded"
+    crowded.mkdir(parents=True)
+    return write_cell(cell, crowded)

@@ -14,8 +14,7 @@ import tempfile
 import time
 from pathlib import Path
 
-import yaml
-
+from tests.cells import read_cell, write_cell
 from tests.cli.browser import chromium
 from tests.studio.hand import WHERE, Hand
 from tests.studio.started import Started, copied
@@ -25,15 +24,8 @@ STEPS = 100
 
 def crowded(cell: Path, cameras: int, objects: int) -> Path:
     """The cell with more of everything: cameras around it, and small boxes at the edges of the table."""
-    file = cell / "workspace.yaml"
-    data = yaml.safe_load(file.read_text(encoding="utf-8"))
-    seen = data["cameras"]
-    # PyYAML takes the key `on` for a truth value.
-    things = {
-        name: {"on" if key is True else key: value for key, value in one.items()}
-        for name, one in data["objects"].items()
-    }
-    data["objects"] = things
+    data = read_cell(cell)
+    seen, things = data["cameras"], data["objects"]
     for number in range(cameras - len(seen)):
         like = seen[f"cam{1 + number % 6}"]
         x, y, z = like["pose"]["position"]
@@ -43,7 +35,7 @@ def crowded(cell: Path, cameras: int, objects: int) -> Path:
         at = [round(-1.1 + 0.03 * (number % 70), 3), round(-0.95 + 0.04 * (number // 70), 3), 0.01]
         size = [0.02, 0.02, 0.02]
         things[f"box{number}"] = {"type": "box", "color": "blue", "size": size, "pose": {"position": at}, "on": "table"}
-    file.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
+    write_cell(data, cell)
     return cell
 
 

@@ -22,6 +22,7 @@ import pytest
 import yaml
 
 from sqrp_cli.cli.main import run
+from tests.cells import shipped_cell, write_cell
 from tests.cli.browser import chromium
 
 if TYPE_CHECKING:
@@ -151,11 +152,7 @@ def tabletop_cell() -> dict[str, Any]:
 
 
 def _read_tabletop() -> dict[str, Any]:
-    cell = yaml.safe_load((ROOT / "workspaces" / "tabletop" / "workspace.yaml").read_text(encoding="utf-8"))
-    for thing in cell["objects"].values():
-        if True in thing:
-            thing["on"] = thing.pop(True)  # this reader takes the key `on` for a truth value
-    cell["robot"]["tool"]["urdf"] = str(ROOT / "workspaces" / "robots" / "suction_cup.urdf")
+    cell = shipped_cell("tabletop")
     cell["skills"] = [str(ROOT / "skills" / "pickup")]
     return cell
 
@@ -170,7 +167,7 @@ def laying(tmp_path_factory: pytest.TempPathFactory) -> Path:
     cell["state"] = ["hand_empty", *(f"obj_on_table({name})" for name in kept[1:])]
     cell["skills"].append(str(ROOT / "tests" / "cases" / "lay"))
     folder = tmp_path_factory.mktemp("laying")
-    (folder / "workspace.yaml").write_text(yaml.safe_dump(cell, sort_keys=False), encoding="utf-8")
+    write_cell(cell, folder)
     return folder
 
 
@@ -225,7 +222,7 @@ def harsh(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "response": "continue",
     }
     (skill_folder / "skill.yaml").write_text(yaml.safe_dump(skill), encoding="utf-8")
-    (folder / "workspace.yaml").write_text(yaml.safe_dump(cell, sort_keys=False), encoding="utf-8")
+    write_cell(cell, folder)
     return folder
 
 

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-import yaml
-
 from sqrp_cli.geometry import Array
 from sqrp_cli.runtime.cell.physics import Physics
+from tests.cells import shipped_cell, write_cell
 
 ROOT = Path(__file__).parents[2]
 RATE = 8.0
@@ -55,13 +54,11 @@ class SlipRun:
 
 def quick_cell(sqrp: Callable[..., Any], folder: Path) -> Cell:
     """A program for the tabletop with two of its cameras and a faster arm."""
-    text = (ROOT / "workspaces" / "tabletop" / "workspace.yaml").read_text(encoding="utf-8")
-    workspace = yaml.safe_load(text.replace(" on: ", " 'on': "))  # YAML 1.1 takes a bare `on` for a truth value
+    workspace = shipped_cell("tabletop")
     workspace["cameras"] = {name: {**workspace["cameras"][name], "rate": f"{RATE} Hz"} for name in ("cam3", "cam5")}
     workspace["robot"]["limits"] = QUICK_ARM
-    workspace["robot"]["tool"]["urdf"] = str(ROOT / "workspaces" / "robots" / "suction_cup.urdf")
     workspace["skills"] = [str(ROOT / "skills" / "pickup")]
-    (folder / "workspace.yaml").write_text(yaml.safe_dump(workspace, sort_keys=False), encoding="utf-8")
+    write_cell(workspace, folder)
     program = folder / "pick.yaml"
     assert sqrp("rank", folder, "pickup g2", "--ways", "fastest", "--program", program).code == 0
     return Cell(program, folder)

@@ -17,6 +17,7 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.file import check_program, load_program
+from tests.cells import read_cell, write_cell
 
 CASES = yaml.safe_load((Path(__file__).parents[1] / "cases" / "bad_programs.yaml").read_text(encoding="utf-8"))
 
@@ -165,9 +166,9 @@ def copied(laying: Path, folder: Path, old: str, new: str) -> Path:
     shutil.copytree(Path(__file__).parents[1] / "cases" / "lay", folder / "lay")
     for path in (folder / "lay").iterdir():
         path.write_text(path.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
-    cell = yaml.safe_load((laying / "workspace.yaml").read_text(encoding="utf-8"))
+    cell = read_cell(laying)
     cell["skills"][-1] = "lay"
-    (folder / "workspace.yaml").write_text(yaml.safe_dump(cell, sort_keys=False), encoding="utf-8")
+    write_cell(cell, folder)
     return folder
 
 

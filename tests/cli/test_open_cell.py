@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -160,7 +162,18 @@ def test_a_prompt_shows_an_answer_as_one_short_line(cell, scores):
 
 
 def test_a_new_cell_is_that_of_init_and_can_be_opened(sqrp, tmp_path):
-    made = new_cell(tmp_path / "one", run=True)
+    steps = []
+
+    @contextmanager
+    def progress(title: str, _total: None) -> Iterator[None]:
+        steps.append(title)
+        yield
+
+    made = new_cell(tmp_path / "one", run=True, progress=progress)
+    looking, ranking, running = steps
+    assert looking.startswith("Looking for")
+    assert ranking == f"Ranking {made.document.task}"
+    assert running.startswith("Running")
     assert str(made).replace("/one", "/two") == printed(sqrp, "init", tmp_path / "two")
     assert repr(made) == f"NewCell({tmp_path / 'one'}: {made.document.task})"
     assert made.to_json().replace("/one", "/three") == printed(sqrp, "init", tmp_path / "three", "--json")

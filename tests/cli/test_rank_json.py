@@ -8,7 +8,8 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-import yaml
+
+from tests.cells import write_cell
 
 Document = dict[str, Any]
 
@@ -91,7 +92,7 @@ def test_moving_an_object_by_less_than_it_is_too_far_does_not_help(sqrp, ranked,
     away = math.hypot(x, y)
     closer = 0.9 * (figure - 0.005)  # the figure is rounded
     tabletop_cell["objects"]["g6"]["pose"]["position"] = [x - closer * x / away, y - closer * y / away, z]
-    (tmp_path / "workspace.yaml").write_text(yaml.safe_dump(tabletop_cell), encoding="utf-8")
+    write_cell(tabletop_cell, tmp_path)
     (g6,) = sqrp("check", tmp_path, "pickup g6", "--json").document["candidates"]
     assert 0.0 <= missing_reach(g6) < figure
 

@@ -13,6 +13,7 @@ import yaml
 
 from sqrp_cli.runtime.record.events import Event, StepBegan
 from sqrp_cli.terminal.run_view import LiveView
+from tests.cells import read_cell, shipped_cell, write_cell
 from tests.cli.slip_run import QUICK_ARM, RATE, ROOT, Cell, SlipRun
 
 
@@ -110,9 +111,9 @@ def uneven(sqrp: Callable[..., Any], cell: Cell) -> Any:
     """A run with a slip, whose cameras are late by different times; the one that sees the slip is the slower one."""
     folder = cell.folder / "uneven"
     folder.mkdir()
-    workspace = yaml.safe_load((cell.folder / "workspace.yaml").read_text(encoding="utf-8"))
+    workspace = read_cell(cell.folder)
     workspace["cameras"]["cam3"]["latency"] = "80 ms"
-    (folder / "workspace.yaml").write_text(yaml.safe_dump(workspace, sort_keys=False), encoding="utf-8")
+    write_cell(workspace, folder)
     program = folder / "pick.yaml"
     assert sqrp("rank", folder, "pickup g2", "--ways", "fastest", "--program", program).code == 0
     outputs = ("--log", folder / "run.jsonl", "--report", folder / "run.html")
@@ -159,14 +160,12 @@ def test_faults_come_several_at_once_and_outlast_a_retry(sqrp: Callable[..., Any
 def two_steps(sqrp: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory) -> Cell:
     """A program that puts down what the tool holds before it picks up something else, with a faster arm."""
     folder = tmp_path_factory.mktemp("two")
-    text = (ROOT / "workspaces" / "tower" / "workspace.yaml").read_text(encoding="utf-8")
-    workspace = yaml.safe_load(text.replace(" on: ", " 'on': "))
+    workspace = shipped_cell("tower")
     workspace["cameras"] = {name: {**workspace["cameras"][name], "rate": "5 Hz"} for name in ("left", "right")}
     workspace["robot"]["limits"] = QUICK_ARM
-    workspace["robot"]["tool"]["urdf"] = str(ROOT / "workspaces" / "robots" / "suction_cup.urdf")
     workspace["skills"] = [str(ROOT / "skills" / name) for name in ("pickup", "place")]
     workspace["tasks"] = []
-    (folder / "workspace.yaml").write_text(yaml.safe_dump(workspace, sort_keys=False), encoding="utf-8")
+    write_cell(workspace, folder)
     program = folder / "two.yaml"
     assert sqrp("check", folder, "pickup blue", "--program", program).code == 0
     return Cell(program, folder)

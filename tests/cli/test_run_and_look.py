@@ -8,23 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
+
+from tests.cells import shipped_cell, write_cell
 
 ROOT = Path(__file__).parents[2]
 ARM = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
 
 
-def workspace_of(name: str) -> dict[str, Any]:
-    text = (ROOT / "workspaces" / name / "workspace.yaml").read_text(encoding="utf-8")
-    found = yaml.safe_load(text.replace(" on: ", " 'on': "))  # YAML 1.1 takes a bare `on` for a truth value
-    found["robot"]["tool"]["urdf"] = str(ROOT / "workspaces" / "robots" / Path(found["robot"]["tool"]["urdf"]).name)
-    found["skills"] = [str(ROOT / "skills" / Path(skill).name) for skill in found["skills"]]
-    return found
-
-
 def run_in(cell: dict[str, Any], folder: Path, sqrp: Callable[..., Any], task: str, fault: str) -> Any:
     """A run of the fastest way of doing a task in a cell, with a fault."""
-    (folder / "workspace.yaml").write_text(yaml.safe_dump(cell, sort_keys=False), encoding="utf-8")
+    write_cell(cell, folder)
     program = folder / "pick.yaml"
     assert sqrp("rank", folder, task, "--ways", "fastest", "--program", program).code == 0
     return sqrp("run", program, "--sim", "--fault", fault, "--json", "--log", folder / "run.jsonl")
@@ -38,7 +31,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def moved_on(sqrp: Callable[..., Any], folder: Path) -> Any:
     """A slip of red2 in a lift that is out of sight; a faster arm, fewer cameras, few and small images."""
-    cell = workspace_of("screws")
+    cell = shipped_cell("screws")
     cell["cameras"] = {name: {**cell["cameras"][name], "rate": "4 Hz"} for name in ("cam3", "cam4")}
     for camera in cell["cameras"].values():
         camera["image"] |= {"width": 1024, "height": 768}
@@ -72,7 +65,7 @@ def test_what_no_image_shows_at_the_end_is_told_with_the_last_that_did(moved_on:
 def from_the_hand(sqrp: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory) -> Any:
     """A run of g2 that a fixed camera and one beside the suction cup watch, with a slip."""
     folder = tmp_path_factory.mktemp("hand")
-    cell = workspace_of("tabletop")
+    cell = shipped_cell("tabletop")
     hand = {"frame": "tool0", "pose": {"position": [0.0, -0.2, -0.1], "look_at": [0.0, 0.0, 0.2]}}
     seen = {"image": {"width": 640, "height": 480, "horizontal_fov": "60 deg"}, "near": "2 cm"}
     cell["cameras"] = {

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 
 from sqrp_cli import open_cell
 from sqrp_cli.report.pages.assembly import tidy
+from tests.cells import write_cell
 from tests.cli.conftest import Outcome
 from tests.cli.pages import detail_in
 
@@ -25,7 +25,7 @@ def walled(tmp_path: Path, tabletop_cell: dict[str, Any]) -> Path:
     cell["objects"] = {"table": things["table"], "g1": cube, "wall": wall, "back": back}
     cell["state"] = ["hand_empty", "obj_on_table(g1)"]
     cell["tasks"] = [{"task": "pickup"}]
-    (tmp_path / "workspace.yaml").write_text(yaml.safe_dump(cell, sort_keys=False), encoding="utf-8")
+    write_cell(cell, tmp_path)
     return tmp_path
 
 

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import yaml
 
 from sqrp_cli.geometry import Array, matrix_to_quaternion, pose
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.runtime.image import ImageArray
+from tests.cells import write_cell
 from tests.runtime.cell.scenes import ROOT
 from tests.runtime.perception.detector_limits import Stage, tilted
 
@@ -92,8 +92,7 @@ def write_workspace(folder: Path, detectors: dict[str, object] | None = None) ->
             },
         },
     }
-    (folder / "workspace.yaml").write_text(yaml.safe_dump(document, sort_keys=False))
-    return load_workspace(folder)
+    return load_workspace(write_cell(document, folder))
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,6 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-import yaml
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, pose, rpy_to_matrix
@@ -28,6 +27,7 @@ from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.timing import phase_samples
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.task import read_task
+from tests.cells import write_cell
 
 SKILL = Path(__file__).parents[2] / "skills" / "pickup"
 DATA = "package://example-robot-data/robots/"
@@ -151,9 +151,7 @@ def make_cell(arm: Arm, folder: Path, **things: dict[str, object]) -> Cell:
         },
         "state": ["hand_empty", "obj_on_table(cube)"],
     }
-    path = folder / "workspace.yaml"
-    path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
-    return Cell.load(load_workspace(path))
+    return Cell.load(load_workspace(write_cell(document, folder)))
 
 
 @pytest.fixture(scope="module")

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.starter.make import make_starter
 from sqrp_cli.starter.random_cell import Crowd
+from tests.cells import shipped_cell, write_cell
 
 ROOT = Path(__file__).parents[2]
 
@@ -29,8 +29,7 @@ def make_cell(folder: Path, seed: int) -> Path:
         return make_starter(folder, None, Crowd(seed, CUBES, CAMERAS)).folder
     folder.mkdir()
     rng = np.random.default_rng(seed)
-    cell = yaml.safe_load((ROOT / "workspaces" / "screws" / "workspace.yaml").read_text(encoding="utf-8"))
-    cell["robot"]["tool"]["urdf"] = str(ROOT / "workspaces" / "robots" / "two_finger_gripper.urdf")
+    cell = shipped_cell("screws")
     cell["skills"] = [str(ROOT / "skills" / "pickup")]
     for key, value in {"velocity": SPEED, "acceleration": ACCELERATION, "jerk": JERK}.items():
         limits = cell["robot"]["limits"][key]
@@ -41,7 +40,7 @@ def make_cell(folder: Path, seed: int) -> Path:
     cell["state"] = ["open", *(f"obj_on_table({name})" for name in cell["objects"] if name != "table")]
     cell["cameras"] = {f"cam{i + 1}": _camera(rng, places) for i in range(CAMERAS)}
     cell["tasks"] = [{"task": TASK}]
-    (folder / "workspace.yaml").write_text(yaml.safe_dump(cell, sort_keys=False), encoding="utf-8")
+    write_cell(cell, folder)
     return folder
 
 

@@ -27,6 +27,8 @@ from pathlib import Path
 
 import yaml
 
+from tests.cells import shipped_cell, write_cell
+
 ROOT = Path(__file__).parents[2]
 FRAME, PROCESSING = 0.1, 0.02
 CAMERAS = ("cam3", "cam6")
@@ -43,17 +45,13 @@ def sqrp(*words: object) -> list[str]:
 
 def small_cell(folder: Path) -> Path:
     """`tabletop` with two cameras and small images, which a busy computer can simulate in time."""
-    source = ROOT / "workspaces" / "tabletop" / "workspace.yaml"
-    document = yaml.safe_load(re.sub(r"\bon:", "'on':", source.read_text()))
+    document = shipped_cell("tabletop")
     document["cameras"] = {name: document["cameras"][name] for name in CAMERAS}
     for camera in document["cameras"].values():
         camera["image"].update(width=320, height=240)
-    document["robot"]["tool"]["urdf"] = str(ROOT / "workspaces" / "robots" / "suction_cup.urdf")
     document["skills"] = [str(ROOT / "skills" / "pickup")]
     (folder / "cell").mkdir(exist_ok=True)
-    path = folder / "cell" / "workspace.yaml"
-    path.write_text(yaml.safe_dump(document, sort_keys=False))
-    return path
+    return write_cell(document, folder / "cell")
 
 
 @dataclass
@@ -195,7 +193,7 @@ class Trials:
                 at["height"] = 120
             folder = self.folder / what.replace(" ", "-")
             folder.mkdir()
-            (folder / "workspace.yaml").write_text(yaml.safe_dump(other, sort_keys=False))
+            write_cell(other, folder)
             with self.served(workspace=folder / "workspace.yaml", program=False) as cell:
                 code, _, err = self.run(cell)
             well = code == 2 and figure in err

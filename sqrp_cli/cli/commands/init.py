@@ -72,17 +72,17 @@ def command(
         if not root.is_dir():
             raise InputError(Problem("missing-folder", f"--package-root: there is no folder {root}"))
     crowd = Crowd(seed or 0, objects or DEFAULT_OBJECTS, cameras or DEFAULT_CAMERAS) if random else None
-    with progress(f"Making {folder}", None):
-        made = new_cell(
-            folder,
-            urdf=urdf,
-            arguments=given,
-            package_roots=package_root or (),
-            moveit=moveit,
-            tip=tip,
-            crowd=crowd,
-            run=run and crowd is None,
-        )
+    made = new_cell(
+        folder,
+        urdf=urdf,
+        arguments=given,
+        package_roots=package_root or (),
+        moveit=moveit,
+        tip=tip,
+        crowd=crowd,
+        run=run and crowd is None,
+        progress=progress,
+    )
     print_problems(made.problems)
     answer(made, as_json=as_json)
     return ExitCode.OK if made.works else ExitCode.NONE_FEASIBLE

@@ -80,8 +80,8 @@ class _Listening:
         """
         if not all(inbox.count for inbox in self.infos.values()):
             return False
-        static = self.transforms[:1]
-        return all(inbox.count for inbox in static) or static[0].topic.name not in cell.transport.senders()
+        senders = cell.transport.senders()
+        return all(inbox.count or inbox.topic.name not in senders for inbox in self.transforms if inbox.topic.latched)
 
     def poses(self) -> dict[str, tuple[str, Array]]:
         """Parent of each frame, and its pose in that, shape (4, 4)."""

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.knowledge.text.bounds import LONGEST
 from sqrp_cli.knowledge.text.input_file import NOT_THERE, missing_file, read_text
 from sqrp_cli.knowledge.text.source import describe
 from sqrp_cli.platform.files import make_folder, naming
@@ -154,7 +155,7 @@ def _seconds(text: str, place: Place) -> float | None:
         t = float(text) if text else 0.0
     except ValueError:
         t = math.nan
-    if not 0.0 <= t < math.inf:
-        message = f"`t` is {describe(text)}, expected seconds from 0 on, or nothing"
+    if not 0.0 <= t <= LONGEST:
+        message = f"`t` is {describe(text)}, expected seconds from 0 to {LONGEST:g}, or nothing"
         raise InputError(Problem("wrong-value", message, place))
     return t if text else None

@@ -11,6 +11,7 @@ from pathlib import Path
 from pydantic import TypeAdapter, ValidationError
 
 from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.knowledge.text.bounds import LARGEST
 from sqrp_cli.knowledge.text.input_file import open_input
 from sqrp_cli.knowledge.text.json_file import json_name, parse_json
 from sqrp_cli.knowledge.text.source import describe
@@ -112,7 +113,7 @@ def _line(text: str, place: Place) -> _Line:
     if not isinstance(document, dict):
         raise _no_log(f"this line is no event of a log: found {describe(document)}, expected a mapping", place)
     t, kind = document.get("t"), document.get("event")
-    if isinstance(t, bool) or not isinstance(t, int | float):
+    if isinstance(t, bool) or not isinstance(t, int | float) or abs(t) > LARGEST:
         raise _no_log(f"this line is no event of a log: `t` is {describe(t)}, expected a number of seconds", place)
     if not isinstance(kind, str):
         raise _no_log(f"this line is no event of a log: `event` is {describe(kind)}, expected its kind", place)

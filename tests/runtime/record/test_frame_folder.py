@@ -33,8 +33,9 @@ def test_what_is_no_folder_of_frames_is_refused_in_words(tmp_path: Path, name: s
         (b"camera,file,step,t\n\0,a,1,0\n", "2: this is no CSV: it has a NUL character"),
         (b"camera,file,step,t\ncam,a.png,1,0\n", "there is no camera `cam`; did you mean `cam1`?"),
         (b"camera,step,file,t\n", "the columns are `camera, step, file, t`, expected"),
-        (b"camera,file,step,t\ncam1,here.png,1,nan\n", "2: `t` is `nan`, expected seconds from 0 on"),
-        (b"camera,file,step,t\ncam1,here.png,1,-0.1\n", "2: `t` is `-0.1`, expected seconds from 0 on"),
+        (b"camera,file,step,t\ncam1,here.png,1,nan\n", "2: `t` is `nan`, expected seconds from 0 to 3600"),
+        (b"camera,file,step,t\ncam1,here.png,1,1e300\n", "2: `t` is `1e300`, expected seconds from 0 to 3600"),
+        (b"camera,file,step,t\ncam1,here.png,1,-0.1\n", "2: `t` is `-0.1`, expected seconds from 0 to 3600"),
         (b"camera,file,step,t\ncam1,here.png,1," + b"9" * 400 + b"\n", r"2: `t` is `9{57}\.\.\.`, expected seconds"),
         (b"camera,file,step,t\ncam1,here.png," + b"9" * 400 + b",0\n", r"2: `step` is `9{57}\.\.\.`, expected a whole"),
         (

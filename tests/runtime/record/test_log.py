@@ -77,6 +77,7 @@ def damaged() -> Iterator[tuple[int, str, list[dict[str, Any]]]]:
         (b"\xff\xfe\x00", "no log of `sqrp run --log`: it is not UTF-8 text"),
         (b"", "this log is empty"),
         (b"[1]\n", "this line is no event"),
+        (b'{"t": 1e300, "event": "run"}\n', "`t` is `1e[+]?300`, expected a number of seconds"),
         (b'{"t": 0, "event": "start"}\n', "or one of another version"),
         (
             b'{"t": 0, "event": "state", "sqrp_log": 1, "workspace": "w", "digest": "", "cameras": []}\n',

@@ -1,0 +1,33 @@
+"""Cells as documents: the shipped ones to be changed, and where they are written."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+ROOT = Path(__file__).parents[1]
+
+
+def read_cell(folder: Path) -> dict[str, Any]:
+    """What the workspace file of a folder says, with absolute paths of tool and skills."""
+    text = (folder / "workspace.yaml").read_text(encoding="utf-8")
+    cell = yaml.safe_load(re.sub(r"\bon:", "'on':", text))  # YAML 1.1 takes a bare `on` for a truth value
+    tool = cell["robot"]["tool"]
+    tool["urdf"] = str((folder / tool["urdf"]).resolve())
+    cell["skills"] = [str((folder / skill).resolve()) for skill in cell["skills"]]
+    return cell
+
+
+def shipped_cell(name: str) -> dict[str, Any]:
+    """What the file of a shipped workspace says, with absolute paths of tool and skills."""
+    return read_cell(ROOT / "workspaces" / name)
+
+
+def write_cell(cell: dict[str, Any], folder: Path) -> Path:
+    """Write a workspace file into a folder; its path."""
+    path = folder / "workspace.yaml"
+    path.write_text(yaml.safe_dump(cell, sort_keys=False), encoding="utf-8")
+    return path
