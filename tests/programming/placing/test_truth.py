@@ -15,7 +15,7 @@ from sqrp_cli.programming.placing.views import camera_of
 from sqrp_cli.programming.sensing.moved_camera import MovedCamera
 from tests.programming.placing.test_place import TABLETOP, placer
 from tests.programming.sensing.renderer import MujocoScene
-from tests.programming.sensing.test_truth import exit_depth, shrunk
+from tests.programming.sensing.test_truth import picture_of
 
 RESOLUTION = 120
 
@@ -78,14 +78,6 @@ def _at(poses, state):
 
 def _share(stage, X_WC, X_WB, box) -> float:
     """The share of the silhouette of a box without its skin along which nothing lies before its far side."""
-    low, high = shrunk(box)
-    X_CB = inverse(X_WC) @ X_WB
-    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * (high - low) + low
-    corners_C = corners @ X_CB[:3, :3].T + X_CB[:3, 3]
-    image = corners_C[:, :2] / corners_C[:, 2:]
-    side = 1.04 * float((image.max(axis=0) - image.min(axis=0)).max())
-    near = float(corners_C[:, 2].min()) / 300
-    picture = stage.picture(X_WC, (image.max(axis=0) + image.min(axis=0) - side) / 2, side, near)
-    leaves = exit_depth(picture, X_CB, low, high)
+    picture, leaves, _ = picture_of(stage, inverse(X_WC) @ X_WB, X_WC, box)
     inside = leaves > 0
     return 1.0 - float((inside & (picture.depth < leaves)).sum() / inside.sum())

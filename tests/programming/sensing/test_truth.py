@@ -141,6 +141,18 @@ def shrunk(box: SoughtBox) -> tuple[Array, Array]:
     return moved - half, moved + half
 
 
+def picture_of(stage: MujocoScene, X_CB: Array, X_WC: Array, box: SoughtBox) -> tuple[Picture, Array, float]:
+    """By a camera at X_WC of a box without its skin; where its rays leave the box; the size of a pixel there [m]."""
+    low, high = shrunk(box)
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * (high - low) + low
+    corners_C = corners @ X_CB[:3, :3].T + X_CB[:3, 3]
+    image = corners_C[:, :2] / corners_C[:, 2:]
+    side = 1.04 * float((image.max(axis=0) - image.min(axis=0)).max())
+    near = float(corners_C[:, 2].min()) / 300
+    picture = stage.picture(X_WC, (image.max(axis=0) + image.min(axis=0) - side) / 2, side, near)
+    return picture, exit_depth(picture, X_CB, low, high), side / RESOLUTION * float(corners_C[:, 2].mean())
+
+
 def exit_depth(picture: Picture, X_CB: Array, low: Array, high: Array) -> Array:
     """Optical z at which each pixel's ray leaves a box, 0 where it misses it."""
     X_BC = inverse(X_CB)
@@ -268,16 +280,8 @@ class Comparison:
 
     def _view(self, stage: MujocoScene, state: int, camera: int, number: int, X_WC: Array, X_WB: Array) -> View:
         box = self.scene.boxes[number]
-        low, high = shrunk(box)
         X_CB = inverse(X_WC) @ X_WB
-        corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * (high - low) + low
-        corners_C = corners @ X_CB[:3, :3].T + X_CB[:3, 3]
-        image = corners_C[:, :2] / corners_C[:, 2:]
-        side = 1.04 * float((image.max(axis=0) - image.min(axis=0)).max())
-        near = float(corners_C[:, 2].min()) / 300
-        picture = stage.picture(X_WC, (image.max(axis=0) + image.min(axis=0) - side) / 2, side, near)
-        leaves = exit_depth(picture, X_CB, low, high)
-        pixel = side / RESOLUTION * float(corners_C[:, 2].mean())
+        picture, leaves, pixel = picture_of(stage, X_CB, X_WC, box)
         name = f"scene {self.seed}, state {state}, {self.scene.cameras[camera].name}, {box.name}"
         return View(name, state, camera, number, X_WC, X_CB[:3, 3], picture, leaves, pixel)
 
