@@ -63,6 +63,9 @@ ACTIONS = {
 MOST_GROWTH, MOST_PEAK = 1.1, 1.3
 """Most that memory may grow after the first fifth of the time, as factors; see above."""
 
+HEAP = ("usedSize", "embedderHeapUsedSize", "backingStorageSize")
+"""What a page holds: values of its scripts, its elements, and the numbers of shapes."""
+
 QUIET, WRITTEN = 60.0, 20.0
 """How long it may take until everything rests, and is waited for a program [s]."""
 
@@ -170,8 +173,9 @@ def measured(hand: Hand, pid: int) -> tuple[float, float]:
     hand.page.wait_for_timeout(1000)
     devtools = hand.context.new_cdp_session(hand.page)
     devtools.send("HeapProfiler.collectGarbage")
+    heap = devtools.send("Runtime.getHeapUsage")
     devtools.detach()
-    return memory(pid), hand.js("performance.memory.usedJSHeapSize / 1e6")
+    return memory(pid), sum(heap[part] for part in HEAP) / 1e6
 
 
 def main(minutes: float) -> int:
