@@ -149,23 +149,29 @@ def _ground_actions(
     choices: _Choices, numbering: _Numbering, sizes: Mapping[str, int], limits: TaskLimits
 ) -> Iterator[GroundAction]:
     """Every action for every choice of objects with which its precondition may hold."""
-    ground, literals, found = 0, 0, 0
+    found = 0
+    for action, bound in _bound_actions(choices, sizes, limits):
+        if 2 * len(numbering.numbers) * found > limits.bits:
+            raise TaskTooLargeError(f"{limits.bits:,} bits of ground actions", choices.why(action))
+        condition = ground_condition(action.precondition, bound, choices.objects, choices.domain)
+        precondition = numbering.need(condition, keep=False)
+        if precondition is not None:
+            found += 1
+            yield _ground_action(action, bound, precondition, numbering)
+
+
+def _bound_actions(choices: _Choices, sizes: Mapping[str, int], limits: TaskLimits) -> list[tuple[Action, Binding]]:
+    """Every action with every choice of objects: all are counted before one is grounded, which takes longer."""
+    found, literals = list[tuple[Action, Binding]](), 0
     for action in choices.domain.actions.values():
         for bound in choices.of(action):
-            ground += 1
+            found.append((action, bound))
             literals += sizes[action.name]
-            for count, limit, what in (
-                (ground, limits.actions, "ground actions"),
-                (literals, limits.literals, "literals of ground actions"),
-                (2 * len(numbering.numbers) * found, limits.bits, "bits of ground actions"),
-            ):
-                if count > limit:
-                    raise TaskTooLargeError(f"{limit:,} {what}", choices.why(action))
-            condition = ground_condition(action.precondition, bound, choices.objects, choices.domain)
-            precondition = numbering.need(condition, keep=False)
-            if precondition is not None:
-                found += 1
-                yield _ground_action(action, bound, precondition, numbering)
+            if len(found) > limits.actions:
+                raise TaskTooLargeError(f"{limits.actions:,} ground actions", choices.why(action))
+            if literals > limits.literals:
+                raise TaskTooLargeError(f"{limits.literals:,} literals of ground actions", choices.why(action))
+    return found
 
 
 def _condition_sizes(domain: Domain, objects: Objects, goal: Condition) -> dict[str, int]:
