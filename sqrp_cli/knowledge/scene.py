@@ -16,9 +16,9 @@ from pydantic_core import PydanticCustomError
 from sqrp_cli.geometry import Array, axis_rotation, check_finite, check_poses, inverse, pose, read_only, side_pose
 from sqrp_cli.knowledge.markers import Marker, ObjectMarker, StatedMarker, object_marker
 from sqrp_cli.knowledge.text.bounds import SMALLEST_SIZE
-from sqrp_cli.knowledge.text.described import DescriptionEntry
 from sqrp_cli.knowledge.text.entries import (
     Angle,
+    DescriptionEntry,
     Distance,
     Entry,
     Extents,

@@ -16,8 +16,17 @@ from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.ranking import Criterion, Ranked, winners
 from sqrp_cli.programming.task import in_words
 from sqrp_cli.report.documents.candidates import percentiles
-from sqrp_cli.report.proven import between, stays_first, undecided, within
-from sqrp_cli.report.sentences import accuracy, differing_parameters, summary, way_of, why_first
+from sqrp_cli.report.sentences import (
+    accuracy,
+    between,
+    differing_parameters,
+    stays_first,
+    summary,
+    undecided,
+    way_of,
+    why_first,
+    within,
+)
 from sqrp_cli.terminal.console import Cell, Column, Share, Styled, fits, joined, plain, print_table, say
 from sqrp_cli.terminal.infeasible import print_infeasible
 from sqrp_cli.terminal.ways_table import blind_ends, faster_ways, print_ways

@@ -44,7 +44,7 @@ UNKNOWN = {
     "read_skill.py": ("skill-parameter", "waypoint", "predicate"),
     "srdf.py": ("link", "joint", "group"),
     "check.py": ("skill", "object", "camera"),
-    "check_names.py": ("frame", "object", "enclosed", "detector"),
+    "load.py": ("frame", "object", "enclosed", "detector"),
 }
 """What the codes `unknown-...` are made from that the source puts together, by file."""
 

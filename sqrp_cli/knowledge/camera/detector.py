@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
 from itertools import product
 from math import pi, radians
 from typing import Annotated
@@ -16,13 +18,28 @@ from sqrp_cli.errors import expected_names
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera.camera import Intrinsics
 from sqrp_cli.knowledge.camera.curve import Curve
-from sqrp_cli.knowledge.camera.installed import GROUP, installed_detectors
 from sqrp_cli.knowledge.camera.marker_range import STEEPEST, least_pixels, marker_ranges, widest
 from sqrp_cli.knowledge.markers import Marker
 from sqrp_cli.knowledge.text.bounds import LARGEST_LENGTH
 from sqrp_cli.knowledge.text.entries import In, Pixels, Range, Stored, completed, refused
 from sqrp_cli.knowledge.text.source import describe
 from sqrp_cli.knowledge.text.units import ANGLE, SHARE
+
+GROUP = "sqrp.detectors"
+"""The group of entry points: the name of each is a kind of detector, its object makes one for a camera."""
+
+
+@cache
+def installed_detectors() -> Mapping[str, EntryPoint]:
+    """The entry point of each kind, by its name; of several packages with one name, the first by the package's name."""
+    found = sorted(entry_points(group=GROUP), key=lambda one: (one.name, package_of(one)), reverse=True)
+    return {one.name: one for one in found}
+
+
+def package_of(entry: EntryPoint) -> str:
+    """The name of the package that brings an entry point."""
+    return entry.dist.name if entry.dist is not None else entry.module
+
 
 LEAST_VISIBLE = 0.001
 """A box of which less than this share is visible is never seen."""

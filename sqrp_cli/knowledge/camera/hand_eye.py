@@ -8,21 +8,23 @@ its base (eye on base); its transform is the pose of the tracking frame, usually
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Literal
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import Array, pose, read_only
 from sqrp_cli.knowledge.camera import static_transforms
-from sqrp_cli.knowledge.camera.bag_transforms import read_bag
+from sqrp_cli.knowledge.camera.static_transforms import StaticTransform, unit_quaternion
 from sqrp_cli.knowledge.text.entries import ForeignEntry, Length, Number, Text
 from sqrp_cli.knowledge.text.input_file import decoded, read_input
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.text.validation import validate
 from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, parse_yaml
-from sqrp_cli.ros.bag import is_bag
+from sqrp_cli.ros.bag import Bag, is_bag
+from sqrp_cli.ros.messages import Message
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,3 +182,32 @@ def _pose(document: SourceDocument, file: _Result) -> Array:
         message = f"the quaternion has length {length:.3g}, expected 1"
         raise InputError(document.problem("not-a-rotation", path, message))
     return read_only(pose(R, position))
+
+
+TOPIC = "/tf_static"
+
+MOST_MESSAGES = 10_000
+"""Most messages that are read; each node that publishes static transforms sends one."""
+
+_TYPE = "tf2_msgs/msg/TFMessage"
+
+
+def read_bag(path: Path) -> list[StaticTransform]:
+    """The static transforms of a recording, the last of each frame. Raises InputError where it cannot be read."""
+    with Bag(path) as bag:
+        packed = islice((one for one in bag.messages([TOPIC]) if one.type == _TYPE), MOST_MESSAGES)
+        found = {one.child: one for message in packed for one in _of_message(bag.read(message), path)}
+    if not found:
+        raise InputError(Problem("missing-key", f"the recording has no static transforms on `{TOPIC}`", Place(path)))
+    return list(found.values())
+
+
+def _of_message(message: Message, path: Path) -> Iterator[StaticTransform]:
+    for stamped in message.transforms:
+        t, r = stamped.transform.translation, stamped.transform.rotation
+        R = unit_quaternion((r.x, r.y, r.z, r.w))
+        if R is None:
+            why = f"the quaternion of `{stamped.child_frame_id}` is not of length 1"
+            raise InputError(Problem("not-a-rotation", why, Place(path)))
+        frames = (stamped.header.frame_id.lstrip("/"), stamped.child_frame_id.lstrip("/"))
+        yield StaticTransform(*frames, pose(R, (t.x, t.y, t.z)), Place(path))

@@ -18,8 +18,17 @@ from sqrp_cli.geometry import Array, check_poses
 from sqrp_cli.knowledge.markers import Marker as Marker
 from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfModel
 from sqrp_cli.knowledge.text import units
-from sqrp_cli.knowledge.text.described import DescriptionEntry
-from sqrp_cli.knowledge.text.entries import AnyQuantity, Entry, Extents, In, Pose, Size, Text, mapping_or_else
+from sqrp_cli.knowledge.text.entries import (
+    AnyQuantity,
+    DescriptionEntry,
+    Entry,
+    Extents,
+    In,
+    Pose,
+    Size,
+    Text,
+    mapping_or_else,
+)
 from sqrp_cli.knowledge.text.units import Dimension
 from sqrp_cli.shapes import Geometry, Part
 

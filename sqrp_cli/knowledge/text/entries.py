@@ -17,6 +17,7 @@ from pydantic import (
     GetJsonSchemaHandler,
     PlainSerializer,
     StringConstraints,
+    Tag,
     ValidatorFunctionWrapHandler,
     WithJsonSchema,
     model_validator,
@@ -331,3 +332,28 @@ class CameraPose(Pose):
     def matrix(self) -> Array:
         """The 4x4 pose."""
         return super().matrix() if self.look_at is None else look_at(self.position, self.look_at, self.up)
+
+
+def _argument(value: object) -> object:
+    """An argument as xacro takes it: text."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:.15g}" if isinstance(value, int | float) else value
+
+
+XacroArgument = Annotated[
+    str, BeforeValidator(_argument), WithJsonSchema({"type": ["string", "number", "boolean"]}),
+]  # fmt: skip
+
+
+class XacroEntry(Entry):
+    """A xacro file and the values of its arguments."""
+
+    xacro: Text = Field(description="The file; relative to this file, or package://.")
+    args: dict[str, XacroArgument] = Field(default={}, description="Values of its arguments, by name.")
+
+
+DescriptionEntry = Annotated[
+    Annotated[XacroEntry, Tag("<mapping>")] | Annotated[Text, Tag("<else>")], mapping_or_else()
+]
+"""A robot description: the path of a plain file or a xacro, or a xacro with arguments."""

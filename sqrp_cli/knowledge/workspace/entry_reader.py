@@ -12,7 +12,7 @@ from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.mesh.mesh_file import check_mesh
 from sqrp_cli.knowledge.robot.robot_source import RobotSource
 from sqrp_cli.knowledge.text import packages
-from sqrp_cli.knowledge.text.described import XacroEntry
+from sqrp_cli.knowledge.text.entries import XacroEntry
 from sqrp_cli.knowledge.text.input_file import ContentDigest
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument
 

@@ -3,24 +3,160 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-from sqrp_cli.errors import InputError, Place, Problem
+import numpy as np
+
+from sqrp_cli.errors import InputError, Place, Problem, counted, expected_names, no_such
+from sqrp_cli.knowledge.frames import TOOL, WORLD, WORLD_LINK, link_called
+from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.read_skill import read_skill, skill_folder, skill_name
-from sqrp_cli.knowledge.skill.skill import Skill
+from sqrp_cli.knowledge.skill.skill import FORMER_ENDING, Names, OffsetWaypoint, Skill, marked
+from sqrp_cli.knowledge.skill.target_box import BoxSpec
 from sqrp_cli.knowledge.text.input_file import NOT_THERE, YAML_ENDINGS, ContentDigest, nearest_entry
-from sqrp_cli.knowledge.text.source import SourceDocument
+from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.text.usual_values import WORKSPACE, unusual_values
 from sqrp_cli.knowledge.text.validation import validate
 from sqrp_cli.knowledge.text.yaml_file import parse_yaml, read_yaml
-from sqrp_cli.knowledge.workspace.check_names import check_size, check_skill, check_tasks, words_of_two_meanings
 from sqrp_cli.knowledge.workspace.held import with_held_by_facts
 from sqrp_cli.knowledge.workspace.read_cell import CellReader
 from sqrp_cli.knowledge.workspace.read_robot import RobotReader
-from sqrp_cli.knowledge.workspace.workspace import Workspace, WorkspaceFile
+from sqrp_cli.knowledge.workspace.workspace import ExpectedTask, Workspace, WorkspaceFile
+from sqrp_cli.logic.conditions import MAX_LITERALS, domain_sizes, largest_quantifier, literal_count
 from sqrp_cli.logic.domain import merge_domains
 from sqrp_cli.platform.files import real_path
 from sqrp_cli.shown import shown_name
+
+
+def check_tasks(
+    document: SourceDocument, tasks: Sequence[ExpectedTask], skills: Sequence[str], objects: Sequence[str]
+) -> Iterator[Problem]:
+    """Check the names in the expected tasks: the skill, and the object that the best candidate should use."""
+    for index, task in enumerate(tasks):
+        for number, text in enumerate(task.steps or (task.task,)):
+            skill = text.split()[0] if text.split() else ""
+            if skill not in skills and skill.removesuffix(FORMER_ENDING) not in skills:
+                message = no_such(skill, "skill of this workspace", skills)
+                at = ("steps", number) if task.steps else ("task",)
+                yield document.problem("unknown-skill", ("tasks", index, *at), message)
+        winner = task.winner
+        if winner is not None and winner not in objects:
+            yield document.problem("unknown-object", ("tasks", index, "winner"), no_such(winner, "object", objects))
+
+
+def check_size(skill: Skill, objects: Mapping[str, SceneObject]) -> Iterator[Problem]:
+    """Check the size of a precondition whose quantifiers are expanded, without expanding them."""
+    condition, domain = skill.action.precondition, skill.domain
+    types = {name: frozenset(obj.types) for name, obj in objects.items()}
+    count = literal_count(condition, types, domain)
+    if count > MAX_LITERALS and (quantifier := largest_quantifier(condition, types, domain)) is not None:
+        sizes = domain_sizes(quantifier.variables, types, domain)
+        variables = " x ".join(f"{size} (?{v.name})" for v, size in zip(quantifier.variables, sizes, strict=True))
+        message = (
+            f"the precondition of `{skill.action.name}` stands for {counted(count)} literals about the objects of this"
+            f" workspace, the limit is {MAX_LITERALS:,}; its largest quantifier goes over {variables}"
+        )
+        mend = "name fewer variables in one `forall` or `exists`, or give them types that fewer objects have"
+        yield Problem("pddl-too-large", message, skill.action.place, mend=mend)
+
+
+def check_skill(
+    skill: Skill, links: Sequence[str], objects: Sequence[str], detectors: Sequence[str]
+) -> Iterator[Problem]:
+    """Check the names in a skill that only the workspace defines: frames, enclosed parts, detectors, constants."""
+    for constant in skill.domain.constants:
+        if constant not in objects:
+            expected = expected_names(constant, objects)
+            message = f"skill `{skill.name}` has the constant `{constant}`, which is no object; {expected}"
+            yield Problem("unknown-object", message, Place(skill.domain.path))
+    for parameter in skill.action.parameters:
+        if parameter.name in (WORLD, TOOL, *links, *objects):
+            message = f"skill `{skill.name}` has a parameter `{parameter.name}`, which also names something of the cell"
+            yield Problem("ambiguous-name", message, Place(skill.domain.path), mend="rename the parameter")
+    yield from _check_frames(skill, objects)
+    for predicate, target in skill.targets.items():
+        for index, box in enumerate(target.boxes):
+            path = ("targets", predicate, "boxes", index)
+            yield from _check_box(skill, box, path, links, objects, detectors)
+
+
+def _check_frames(skill: Skill, objects: Sequence[str]) -> Iterator[Problem]:
+    """Check the frames of a skill's waypoints."""
+    named = [*(parameter.name for parameter in skill.action.parameters), *objects]
+    for name, waypoint in skill.waypoints.items():
+        words = [WORLD, TOOL] if isinstance(waypoint, OffsetWaypoint) else [WORLD]
+        for key, frame, mark in marked(waypoint, ("waypoints", name)):
+            if isinstance(mark, Names) and mark.what == "frame" and frame not in (*words, *named):
+                what = f"neither {' nor '.join(f'`{word}`' for word in words)}, a skill parameter or an object"
+                message = f"`{dotted(key)}`: found `{frame}`, which is {what}; "
+                message += expected_names(str(frame), [*words, *named])
+                yield Problem("unknown-frame", message, skill.place(*key))
+
+
+def _check_box(
+    skill: Skill, box: BoxSpec, path: KeyPath, links: Sequence[str], objects: Sequence[str], detectors: Sequence[str]
+) -> Iterator[Problem]:
+    parameters = [parameter.name for parameter in skill.action.parameters]
+    named = [*parameters, *objects]
+
+    def problem(code: str, message: str, *key: str | int) -> Problem:
+        at = (*path, *key)
+        return Problem(code, f"`{dotted(at)}`: {message}", skill.place(*at))
+
+    def unknown(kind: str, name: str, what: str, valid: Sequence[str], *key: str | int) -> Iterator[Problem]:
+        if name not in valid:
+            yield problem(f"unknown-{kind}", f"found `{name}`, which is {what}; {expected_names(name, valid)}", *key)
+
+    if box.frame.at_start:
+        what = "no skill parameter or object, as `@start` needs"
+        yield from unknown("frame", box.frame.owner, what, named, "frame")
+    else:
+        what = "neither `world` nor `tool`, a link, a skill parameter or an object"
+        yield from unknown("frame", box.frame, what, [WORLD, TOOL, *named, *links], "frame")
+    if box.at is not None and box.frame in links and box.frame != TOOL:
+        message = f"found the link `{box.frame}`, expected `tool`, `world` or an object beside `at`"
+        yield problem("wrong-value", message, "frame")
+    if box.fits is not None:
+        yield from unknown("object", box.fits, "no skill parameter or object", named, "fits")
+    for index, name in enumerate(box.encloses or ()):
+        what = "neither a link nor an object, a skill parameter or `tool`"
+        called = link_called(name, links)
+        yield from unknown("enclosed", called, what, [TOOL, *named, *links], "encloses", index)
+    yield from unknown("detector", box.detector, "no detector of the workspace", detectors, "detector")
+
+
+def words_of_two_meanings(
+    document: SourceDocument, file: WorkspaceFile, robot: RobotReader, skills: Iterable[Skill]
+) -> Iterator[Problem]:
+    """Warnings about frame names that are also links of the robot, at another pose; they say which one is used."""
+    meanings: dict[str, tuple[str, str | None]] = {}
+    if WORLD_LINK in robot.links and not np.allclose(file.robot.base.matrix(), np.eye(4), rtol=0.0, atol=1e-9):
+        meanings[WORLD] = ("the cell's world", WORLD_LINK)
+    if TOOL in robot.links and robot.tool_frame != TOOL:
+        meanings[TOOL] = (f"the tool frame, `{robot.tool_frame}`", None)
+    used = [
+        (entry.frame, f"camera `{name}`", document.value_place(("cameras", name, "frame")))
+        for name, entry in file.cameras.items()
+        if entry.frame == WORLD
+    ]
+    used += [
+        (
+            box.frame,
+            f"skill `{skill.name}`: box `{box.name}` of `{predicate}`",
+            skill.place("targets", predicate, "boxes", index, "name"),
+        )
+        for skill in skills
+        for predicate, target in skill.targets.items()
+        for index, box in enumerate(target.boxes)
+    ]
+    for word, what, place in used:
+        if word in meanings:
+            meaning, other = meanings[word]
+            message = f"{what}: `frame: {word}` means {meaning}; the robot has a link `{word}` too, which is elsewhere"
+            mend = f"for the link write `frame: {other}`" if other else "for the link rename it in the URDF"
+            yield Problem("ambiguous-word", message, place, severity="warning", mend=mend)
+
 
 WORKSPACE_FILE = "workspace.yaml"
 

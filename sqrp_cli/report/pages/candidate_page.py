@@ -24,8 +24,15 @@ from sqrp_cli.report.pages.assembly import packed
 from sqrp_cli.report.pages.libraries import simplified
 from sqrp_cli.report.pages.page import CellScene, PageContent, PageRow, write_page
 from sqrp_cli.report.pages.paint import Color, css, solid_colors
-from sqrp_cli.report.proven import proven
-from sqrp_cli.report.sentences import accuracy, differing_parameters, reasons_by_doing, summary, way_of, why_first
+from sqrp_cli.report.sentences import (
+    accuracy,
+    differing_parameters,
+    proven,
+    reasons_by_doing,
+    summary,
+    way_of,
+    why_first,
+)
 from sqrp_cli.shapes import Triangles
 from sqrp_cli.version import __version__
 

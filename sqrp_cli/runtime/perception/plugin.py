@@ -13,8 +13,7 @@ from typing import Protocol
 from sqrp_cli.errors import InputError, Problem, SqrpError
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.knowledge.camera.detector import BUILT_IN
-from sqrp_cli.knowledge.camera.installed import GROUP, installed_detectors, package_of
+from sqrp_cli.knowledge.camera.detector import BUILT_IN, GROUP, installed_detectors, package_of
 from sqrp_cli.knowledge.markers import Marker
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.runtime.image import ImageArray

@@ -17,9 +17,8 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Step
-from sqrp_cli.ros.action1 import TrajectoryActionServer
 from sqrp_cli.ros.messages import Message, MessageError, MessageTypes, nanoseconds, transform_message
-from sqrp_cli.ros.ros1 import Ros1Transport
+from sqrp_cli.ros.ros1 import Ros1Transport, TrajectoryActionServer
 from sqrp_cli.ros.transport import Inbox, Send, Topic, Transport
 from sqrp_cli.runtime.cell.robot_file import ImageTopicEntry, RobotFile, ToolEntry
 from sqrp_cli.runtime.cell.ros_cell import CLOCK

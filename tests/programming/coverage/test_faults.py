@@ -21,9 +21,8 @@ from sqrp_cli.logic.image_time import Onset, Window, Windows
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Study
+from sqrp_cli.programming.coverage.assessment import Study, fault_metrics, interval_metrics, why_late
 from sqrp_cli.programming.coverage.fault_sights import Clock, FaultWatch, after_loss, fault_windows, once_lost
-from sqrp_cli.programming.coverage.faults import fault_metrics, interval_metrics, why_late
 from sqrp_cli.programming.coverage.sampling import Adaptive, first_samples
 from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.motion.stop_and_return import Recovery, stop

@@ -12,8 +12,7 @@ import pytest
 
 from sqrp_cli.errors import InputError
 from sqrp_cli.geometry import Array, look_at, pose
-from sqrp_cli.knowledge.camera.detector import Detector
-from sqrp_cli.knowledge.camera.installed import installed_detectors
+from sqrp_cli.knowledge.camera.detector import Detector, installed_detectors
 from sqrp_cli.knowledge.frames import FrameName
 from sqrp_cli.knowledge.markers import ObjectMarker
 from sqrp_cli.knowledge.skill.target_box import TargetBox

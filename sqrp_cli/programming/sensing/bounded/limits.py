@@ -8,16 +8,52 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
-from sqrp_cli.programming.sensing.bounded.intervals import Enclosure, cosines
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.limits import LimitVerdicts, bend, entries_at, hull_areas, to_pixels
 from sqrp_cli.programming.sensing.sight_lines import WatchedBoxes
+
+_ROUND = 2 * np.pi
+
+
+class Enclosure(NamedTuple):
+    """Numbers between two, of equal shape."""
+
+    low: Array
+    high: Array
+
+    def plus(self, other: Enclosure) -> Enclosure:
+        """The sum."""
+        return Enclosure(self.low + other.low, self.high + other.high)
+
+    def scaled(self, factor: float) -> Enclosure:
+        """The product with a number; 0 if that is 0, however far the interval reaches."""
+        if factor == 0.0:
+            return Enclosure(np.zeros_like(self.low), np.zeros_like(self.high))
+        ends = factor * self.low, factor * self.high
+        return Enclosure(*ends) if factor > 0 else Enclosure(*ends[::-1])
+
+    def times(self, other: Enclosure) -> Enclosure:
+        """The product of two finite ones."""
+        ends = [a * b for a in self for b in other]
+        return Enclosure(np.minimum.reduce(ends), np.maximum.reduce(ends))
+
+
+def cosines(middle: Array, spread: Array) -> Enclosure:
+    """The cosines of the angles that differ from `middle` by up to `spread` [rad]."""
+    low, high = middle - spread, middle + spread
+    ends = np.cos(low), np.cos(high)
+    # The first multiple of a whole turn, and the first of those half a turn beyond, from `low` on.
+    top = np.ceil(low / _ROUND) * _ROUND <= high
+    bottom = (np.ceil(low / _ROUND - 0.5) + 0.5) * _ROUND <= high
+    return Enclosure(np.where(bottom, -1.0, np.minimum(*ends)), np.where(top, 1.0, np.maximum(*ends)))
+
 
 _RIGHT, _FAR = 0.5 * np.pi, 1e6
 """A right angle [rad], and how far from the axis, in the plane z = 1, nothing is in any image."""
