@@ -134,7 +134,7 @@ class OpenProgram:
         from sqrp_cli.programming.pipeline import Assignment
         from sqrp_cli.programming.program_update import candidate_of
         from sqrp_cli.programming.ranking import rank
-        from sqrp_cli.programming.whole_assessment import StepShown, worst_seen
+        from sqrp_cli.programming.whole_study import StepShown, worst_seen
 
         steps = self.program.steps
         if step is None:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.pipeline import Explained
     from sqrp_cli.programming.ranking import Criterion, Ranked
     from sqrp_cli.programming.suggestion import SuggestedStep
-    from sqrp_cli.programming.whole_assessment import StepShown
+    from sqrp_cli.programming.whole_study import StepShown
     from sqrp_cli.report.documents.candidates import CandidateFigures, RankDocument
     from sqrp_cli.report.documents.checks import CheckDocument, CheckedCandidate
     from sqrp_cli.report.documents.explanation import CandidateStudy, ExplainAllDocument, ExplainDocument

@@ -24,7 +24,7 @@ from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 from sqrp_cli.programming.task import Task, read_task
 from sqrp_cli.programming.ways.find import WantedWay
 from sqrp_cli.programming.ways.grips import first_grip
-from sqrp_cli.programming.whole_assessment import StepDone, StepShown, worst_seen
+from sqrp_cli.programming.whole_study import StepDone, StepShown, worst_seen
 
 if TYPE_CHECKING:
     from sqrp_cli.programming.suggestion import SuggestedStep

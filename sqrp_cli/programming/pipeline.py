@@ -21,7 +21,7 @@ from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.find import BestWay, Plans, WantedWay, find_ways
-from sqrp_cli.programming.whole_assessment import StepDone, assessment_of_all, steps_done
+from sqrp_cli.programming.whole_study import StepDone, assessment_of_all, steps_done
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

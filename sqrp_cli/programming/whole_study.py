@@ -2,16 +2,199 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import accumulate
+from typing import NamedTuple, Protocol
+from weakref import WeakKeyDictionary
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.workspace.workspace import World
+from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.programming.candidate import Candidate
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
+from sqrp_cli.programming.coverage.certificate import Certificate
+from sqrp_cli.programming.coverage.quality import Qualities
 from sqrp_cli.programming.coverage.sampling import Sampling
+from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.program_update import world_after
-from sqrp_cli.programming.whole_assessment import assessment_of_all, reasons_of_step
+from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.programming.whole_task import whole_candidate
+
+Assess = Callable[[World, Candidate], Assessment]
+"""Finds the figures of a candidate that starts in a world."""
+
+
+@dataclass(frozen=True, eq=False)
+class StepDone:
+    """A step in its best way, and what it leaves behind."""
+
+    assessment: Assessment
+    before: World
+    after: World | None
+    """None if it is infeasible."""
+
+
+class StepShown(NamedTuple):
+    """Which step of a task of several, or of a program, is looked at."""
+
+    number: int
+    """From 1."""
+    steps: int
+    """How many there are."""
+    task: str
+    """The skill and its objects."""
+    whole: Ranked | None
+    """The candidate of all steps in its ranking; None in a program, which has no ranking."""
+
+
+def steps_done(
+    cell: Cell, candidate: Candidate, world: World, assess: Assess, settings: tuple[object, ...]
+) -> list[StepDone]:
+    """The steps of a candidate one after the other, each in its wanted way in the world that those before it leave.
+
+    The last is the first infeasible one, if any is. settings: all that `assess` depends on besides cell and world;
+    steps that candidates share are assessed once for the same settings.
+    """
+    done: list[StepDone] = []
+    before: World | None = world
+    for step in candidate.steps:
+        if before is None:
+            break
+        key = (str(id(cell)), step.skill.name, repr(step.all_parameters), *map(repr, settings))
+        known = _known.setdefault(before, {})
+        if key not in known:
+            assessment = assess(before, step)
+            known[key] = StepDone(assessment, before, _after(cell, assessment, before))
+        done.append(known[key])
+        before = done[-1].after
+    return done
+
+
+def reasons_of_step(candidate: Candidate, number: int, reasons: Sequence[str]) -> tuple[str, ...]:
+    """Why a candidate cannot be done because one of its steps cannot; number: of the step, from 1."""
+    if not candidate.steps:
+        return tuple(reasons)
+    return tuple(f"step {number}, {candidate.steps[number - 1].task}: {reason}" for reason in reasons)
+
+
+def assessment_of_all(candidate: Candidate, done: Sequence[Assessment]) -> Assessment:
+    """The figures of a candidate over all its steps, or why the last of them is infeasible.
+
+    done: the steps in order, up to the first infeasible one.
+    """
+    last = done[-1]
+    if not last.feasible:
+        reasons = reasons_of_step(candidate, len(done), last.reasons)
+        return replace(Assessment.infeasible(candidate, reasons, reasons[0]), steps=tuple(done))
+    times = [one.time or 0.0 for one in done]
+    return Assessment(
+        candidate=candidate,
+        feasible=True,
+        time=sum(times),
+        q_avg=mean_quality([(one.q_avg, one.t_total) for one in done]),
+        q_eoi=mean_quality([(one.q_eoi, one.t_eoi) for one in done]),
+        q_expected=mean_quality([(one.q_expected, one.t_total) for one in done]),
+        t_total=sum(one.t_total or 0.0 for one in done),
+        t_eoi=sum(one.t_eoi or 0.0 for one in done),
+        faults={
+            f"{number}.{name}": replace(fault, expected_time=fault.expected_time + sum(times) - times[number - 1])
+            for number, one in enumerate(done, 1)
+            for name, fault in one.faults.items()
+        },
+        states=sum(one.states or 0 for one in done),
+        error=max((one.error for one in done if one.error is not None), default=None),
+        largest_gap=max((one.largest_gap for one in done if one.largest_gap is not None), default=None),
+        ways_around=tuple(f"{n}.{text}" for n, one in enumerate(done, 1) for text in one.ways_around),
+        verdict=_verdict(done),
+        why_late=max(done, key=lambda one: one.delay_worst or 0.0).why_late,
+        recalibrated=_recalibrated(done),
+        certificate=_certificate(done),
+        best_way=whole_candidate(candidate.skill, [one.way for one in done]),
+        steps=tuple(done),
+    )
+
+
+class SeenStep(Protocol):
+    """What tells how well a step is seen."""
+
+    @property
+    def q_eoi(self) -> float | None:
+        """In 0..1; None without an event of interest."""
+
+    @property
+    def q_avg(self) -> float | None:
+        """In 0..1; None where no formula applies."""
+
+
+def worst_seen(steps: Sequence[SeenStep]) -> int:
+    """The index of the step that is seen worst, by Q_eoi, then Q_avg; of several the first."""
+    return min(range(len(steps)), key=lambda index: (_worth(steps[index].q_eoi), _worth(steps[index].q_avg)))
+
+
+_known: WeakKeyDictionary[World, dict[tuple[str, ...], StepDone]] = WeakKeyDictionary()
+"""Steps that several candidates share, by the world that they start from."""
+
+
+def _after(cell: Cell, assessment: Assessment, world: World) -> World | None:
+    if not assessment.feasible:
+        return None
+    motion = feasible_motion(cell, assessment.way, world)
+    return None if isinstance(motion, Infeasible) else world_after(assessment.way, motion, world)
+
+
+def mean_quality(parts: Sequence[tuple[float | None, float | None]]) -> float | None:
+    """The mean of qualities, each weighted by the time that it is about; None where there is no such time."""
+    known = [(quality, time) for quality, time in parts if quality is not None and time]
+    total = sum(time for _, time in known)
+    return min(1.0, sum(quality * time for quality, time in known) / total) if known else None
+
+
+def _recalibrated(done: Sequence[Assessment]) -> tuple[Qualities, ...]:
+    """The qualities of the whole for each draw of camera poses, which all steps share."""
+
+    def of(draw: Sequence[Qualities], quality: Callable[[Qualities], float | None], total: str) -> float | None:
+        return mean_quality([(quality(one), getattr(step, total)) for one, step in zip(draw, done, strict=True)])
+
+    return tuple(
+        Qualities(of(draw, lambda one: one.q_avg, "t_total"), of(draw, lambda one: one.q_eoi, "t_eoi"))
+        for draw in zip(*(one.recalibrated for one in done), strict=True)
+    )
+
+
+def _certificate(done: Sequence[Assessment]) -> Certificate | None:
+    """What is proven of the whole: each step is undecided when it is done."""
+    proven = [one.certificate for one in done if one.certificate is not None]
+    if len(proven) < len(done):
+        return None
+
+    def of(qualities: Sequence[Qualities]) -> Qualities:
+        return Qualities(
+            mean_quality([(one.q_avg, step.t_total) for one, step in zip(qualities, done, strict=True)]),
+            mean_quality([(one.q_eoi, step.t_eoi) for one, step in zip(qualities, done, strict=True)]),
+        )
+
+    starts = accumulate((one.time or 0.0 for one in done), initial=0.0)
+    undecided = (
+        Stretch(start + stretch.start, start + stretch.end)
+        for one, start in zip(proven, starts, strict=False)
+        for stretch in one.undecided
+    )
+    return Certificate(of([one.least for one in proven]), of([one.most for one in proven]), tuple(undecided))
+
+
+def _verdict(done: Sequence[Assessment]) -> str:
+    """The verdicts of the steps, the worst seen first; of several that miss nothing one stands for all."""
+    numbered = sorted(enumerate(done, 1), key=lambda one: (_worth(one[1].q_eoi), _worth(one[1].q_avg), one[0]))
+    losing = [(n, one) for n, one in numbered if min(_worth(one.q_eoi), _worth(one.q_avg)) < 1.0]
+    if not losing:
+        return done[0].verdict
+    return " ".join(f"Step {n}, {one.candidate.task}: {one.verdict}" for n, one in losing)
+
+
+def _worth(quality: float | None) -> float:
+    return 1.0 if quality is None else quality
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ from sqrp_cli.programming.coverage.timeline import Timeline
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates
-from sqrp_cli.programming.whole_assessment import mean_quality
+from sqrp_cli.programming.whole_study import mean_quality
 from sqrp_cli.report.documents.document import Record
 from sqrp_cli.report.documents.explanation import Verdict
 

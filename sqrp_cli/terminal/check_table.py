@@ -13,8 +13,7 @@ from sqrp_cli.checks.registry import Rule
 from sqrp_cli.errors import Problem
 from sqrp_cli.programming.suggestion import SuggestedStep
 from sqrp_cli.terminal.console import SEVERITY_STYLES, Column, Share, plain, print_table, say, say_command, say_line
-from sqrp_cli.terminal.infeasible import print_infeasible
-from sqrp_cli.terminal.rank_table import MOST_ROWS
+from sqrp_cli.terminal.rank_table import MOST_ROWS, print_infeasible
 
 
 def print_valid(path: str, name: str, warnings: Sequence[Problem], example: str) -> None:

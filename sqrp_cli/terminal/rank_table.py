@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
 
+from sqrp_cli.programming.candidate import Candidate
 from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.certificate import Certificate
 from sqrp_cli.programming.coverage.robustness import DRAWS
@@ -28,7 +30,6 @@ from sqrp_cli.report.sentences import (
     within,
 )
 from sqrp_cli.terminal.console import Cell, Column, Share, Styled, fits, joined, plain, print_table, say
-from sqrp_cli.terminal.infeasible import print_infeasible
 from sqrp_cli.terminal.ways_table import blind_ends, faster_ways, print_ways
 
 MOST_ROWS = 20
@@ -271,3 +272,31 @@ def _worst(assessment: Assessment, delay: Literal["delay_mean", "delay_worst"]) 
     faults = assessment.faults.values()
     style = "red" if any(fault.unseen > 0 for fault in faults) else ""
     return plain(f"{max(getattr(fault, delay) for fault in faults):.2f}", style)
+
+
+NAMED = 3
+"""Most choices of objects that a line names."""
+
+
+def print_infeasible(found: Iterable[tuple[Candidate, str]]) -> None:
+    """A line for each reason; candidates share one if theirs differ in nothing but their own objects."""
+    groups: dict[str, list[tuple[Candidate, str]]] = {}
+    for candidate, reason in found:
+        groups.setdefault(_in_general(candidate, reason), []).append((candidate, reason))
+    for group in groups.values():
+        say(joined([("infeasible ", "red"), f"{_who([candidate for candidate, _ in group])}: {group[0][1]}"]), indent=2)
+
+
+def _in_general(candidate: Candidate, reason: str) -> str:
+    """A reason with a candidate's objects replaced by the parameters that they stand for."""
+    for parameter, name in candidate.binding.items():
+        reason = re.sub(rf"(?<![\w-]){re.escape(name)}(?![\w-])", f"<{parameter}>", reason)
+    return reason
+
+
+def _who(candidates: list[Candidate]) -> str:
+    if len(candidates) == 1:
+        return candidates[0].name
+    objects = list(dict.fromkeys(" ".join(candidate.binding.values()) for candidate in candidates))
+    named = ", ".join(objects[:NAMED]) + (f" and {len(objects) - NAMED} more" if len(objects) > NAMED else "")
+    return named if len(candidates) == len(objects) else f"{named}, {len(candidates)} candidates"

@@ -5,8 +5,11 @@ Numbers are in SI units and angles in radians, whatever the unit in a file.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from math import radians, tan
+from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
 from pydantic import BeforeValidator, Field, Tag
@@ -14,8 +17,20 @@ from pydantic_core import PydanticCustomError
 
 from sqrp_cli.geometry import Array, check_finite, check_poses, read_only
 from sqrp_cli.knowledge.text.bounds import LARGEST
-from sqrp_cli.knowledge.text.entries import CameraPose, In, Number, Size, Stored, Text, Time, mapping_or_else
+from sqrp_cli.knowledge.text.entries import (
+    CameraPose,
+    Entry,
+    In,
+    Name,
+    Number,
+    Size,
+    Stored,
+    Text,
+    Time,
+    mapping_or_else,
+)
 from sqrp_cli.knowledge.text.units import ANGLE, FREQUENCY, PIXELS
+from sqrp_cli.knowledge.text.yaml_file import read_yaml
 
 DistortionModel = Literal["none", "plumb_bob", "rational_polynomial", "equidistant"]
 
@@ -282,3 +297,30 @@ class CameraEntry(Sensing, CalibrationEntry):
                 "conflicting-keys",
                 "`look_at` gives the viewing direction; `convention: body` goes with rpy or quaternion",
             )
+
+
+CATALOGUE = Path(__file__).with_name("catalogue.yaml")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CatalogueEntry(Sensing):
+    """A camera with a lens, as their makers describe them."""
+
+    camera: Text
+    """Maker, model, sensor."""
+    lens: Text
+    """Maker, model, focal length."""
+    source: Text
+    """Where the figures are from."""
+    image: Annotated[ImageEntry, Field(description="Size and focal length of the image.")]
+
+
+class _CatalogueFile(Entry):
+    entries: dict[Name, CatalogueEntry]
+
+
+@cache
+def catalogue() -> Mapping[str, CatalogueEntry]:
+    """The entries by name."""
+    document = read_yaml(CATALOGUE)
+    return _CatalogueFile.model_validate({"entries": document.data}).entries

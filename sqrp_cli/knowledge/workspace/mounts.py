@@ -15,8 +15,7 @@ from pydantic_core import PydanticCustomError
 from sqrp_cli.errors import InputError, Place, Problem, expected_names, no_such
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.knowledge.camera.calibration import check_image
-from sqrp_cli.knowledge.camera.camera import ImageEntry, Intrinsics, Sensing
-from sqrp_cli.knowledge.camera.catalogue import catalogue
+from sqrp_cli.knowledge.camera.camera import ImageEntry, Intrinsics, Sensing, catalogue
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.text.entries import (
     Direction,

@@ -33,8 +33,7 @@ from sqrp_cli.programming.program_update import world_after
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.find import WantedWay, find_way
 from sqrp_cli.programming.ways.words import choice_in_words
-from sqrp_cli.programming.whole_assessment import worst_seen
-from sqrp_cli.programming.whole_study import WholeStudy, whole_study
+from sqrp_cli.programming.whole_study import WholeStudy, whole_study, worst_seen
 from sqrp_cli.programming.whole_task import whole_candidate
 
 MOST_TOGETHER = 12

@@ -27,8 +27,7 @@ from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.coverage.timeline import Timeline, observe
 from sqrp_cli.programming.sensing.observer import Observer
-from sqrp_cli.programming.whole_assessment import mean_quality
-from sqrp_cli.programming.whole_study import WholeStudy
+from sqrp_cli.programming.whole_study import WholeStudy, mean_quality
 
 _MARGIN_STEPS = 60
 """Steps in which margins of poses are searched."""

@@ -17,8 +17,7 @@ from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.verdict import HELP, NOTHING_MISSING, verdict
 from sqrp_cli.programming.task import Candidate
-from sqrp_cli.programming.whole_assessment import reasons_of_step, worst_seen
-from sqrp_cli.programming.whole_study import WholeStudy
+from sqrp_cli.programming.whole_study import WholeStudy, reasons_of_step, worst_seen
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

@@ -20,7 +20,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.knowledge.camera.judging import ALIKE, EMPTY, FULL, LEAST_SHARE, SHIFT_PIXELS, SHIFT_SHARE
+from sqrp_cli.knowledge.camera.detector import ALIKE, EMPTY, FULL, LEAST_SHARE, SHIFT_PIXELS, SHIFT_SHARE
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.skill.target_box import object_of
 from sqrp_cli.logic.formula_time import Stretch

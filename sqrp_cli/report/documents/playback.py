@@ -8,7 +8,7 @@ from itertools import accumulate
 from typing import Literal
 
 from sqrp_cli.programming.coverage.quality import Qualities, falls_short
-from sqrp_cli.programming.whole_assessment import mean_quality, worst_seen
+from sqrp_cli.programming.whole_study import mean_quality, worst_seen
 from sqrp_cli.report.documents.candidates import CandidateFigures
 from sqrp_cli.report.documents.document import Pose, Record
 from sqrp_cli.report.documents.explanation import CandidateStudy, Sample

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sqrp_cli.geometry import Array, Mask
-from sqrp_cli.knowledge.camera.judging import EMPTY, FULL, LEAST_SHARE, MOST_SHARE, SHIFT_PIXELS, SHIFT_SHARE
+from sqrp_cli.knowledge.camera.detector import EMPTY, FULL, LEAST_SHARE, MOST_SHARE, SHIFT_PIXELS, SHIFT_SHARE
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.truth import Truth
