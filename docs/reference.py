@@ -14,7 +14,7 @@ import typer.main
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
-from sqrp_cli.checks.registry import Rule, rules
+from sqrp_cli.checks.registry import RuleEntry, rules
 from sqrp_cli.cli.app import app
 from sqrp_cli.knowledge.text.usual_values import CALIBRATION, HAND_EYE, SKILL, WORKSPACE, Usual
 from sqrp_cli.report.documents.schemas import schema_of
@@ -82,10 +82,10 @@ def findings_page() -> str:
     return "\n".join(parts) + "\n"
 
 
-def _finding(rule: Rule) -> Iterator[str]:
+def _finding(rule: RuleEntry) -> Iterator[str]:
     yield f"### {rule.code}"
     yield ""
-    yield f"*{rule.severity.capitalize()}.* {_prose(rule.meaning)} {_prose(rule.why)}"
+    yield f"*{rule.severities.capitalize()}.* {_prose(rule.meaning)} {_prose(rule.why)}"
     yield ""
     of = f" in {rule.file}" if rule.file else ""
     yield f"```text\npasses{of}:\n{_indented(rule.passes)}\nfails{of}:\n{_indented(rule.fails)}\n```"

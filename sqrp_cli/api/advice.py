@@ -15,6 +15,7 @@ from sqrp_cli.api.answer import Answer
 from sqrp_cli.api.session import assess, check_choice, choose_candidate
 from sqrp_cli.errors import InputError, Problem, bad_option
 from sqrp_cli.geometry import inverse, read_only
+from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.knowledge.text.patches import patch
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.workspace.edits import stated_look_at, with_camera, with_further_camera, with_object, with_task
@@ -112,7 +113,7 @@ class TaskAdvice(Answer[AdviceDocument]):
         return AdviceDocument(
             workspace=self.session.workspace.name,
             task=self.session.task.text,
-            want=WishedFigures.of(self.wish),
+            want=completed(WishedFigures, self.wish),
             candidate=self.before.candidate.name,
             way=self.way.parameters,
             met=self.met,

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any, Literal
 
 from sqrp_cli.errors import InputError, Problem, expected_names
 
@@ -16,29 +17,34 @@ FINDINGS = Path(__file__).with_name("findings.yaml")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rule:
-    """The description of one kind of finding."""
+class RuleEntry:
+    """What is known about one kind of finding."""
 
     code: str
     """As in `problems[].code`."""
     subject: str
     """The group that it belongs to, such as `Formulas`."""
-    severity: str
-    """`error`, `warning`, or `error or warning`."""
+    severity: list[Literal["error", "warning"]]
+    """Both, where it depends on the case."""
     meaning: str
-    """What it means, in a sentence."""
+    """What the finding means, in a sentence."""
     why: str
     """Why it matters, in a sentence."""
+    file: str | None
+    """The file of the examples; null if they are command lines or descriptions."""
     passes: str
     """An example without the finding."""
     fails: str
     """An example with it."""
-    file: str | None
-    """Name of the file that the examples are from; None for a command line or a text."""
+
+    @property
+    def severities(self) -> str:
+        """In words: `error`, `warning`, or `error or warning`."""
+        return " or ".join(self.severity)
 
 
 @cache
-def rules() -> Mapping[str, Rule]:
+def rules() -> Mapping[str, RuleEntry]:
     """Every rule by its code, subject after subject."""
     import yaml
 
@@ -47,12 +53,13 @@ def rules() -> Mapping[str, Rule]:
     return {code: _rule(group["subject"], code, entry) for group in groups for code, entry in group["findings"].items()}
 
 
-def _rule(subject: str, code: str, entry: Mapping[str, str]) -> Rule:
+def _rule(subject: str, code: str, entry: Mapping[str, Any]) -> RuleEntry:
     texts = {key: entry[key] for key in ("meaning", "why", "passes", "fails")}
-    return Rule(code=code, subject=subject, severity=entry.get("severity", "error"), file=entry.get("in"), **texts)
+    severity = entry.get("severity", "error").split(" or ")
+    return RuleEntry(code=code, subject=subject, severity=severity, file=entry.get("in"), **texts)
 
 
-def rule_of(code: str) -> Rule:
+def rule_of(code: str) -> RuleEntry:
     """The rule of a code. Raises InputError, with the nearest code, if there is none."""
     if code not in rules():
         raise InputError(Problem("unknown-rule", f"there is no finding `{code}`; {expected_names(code, rules())}"))

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from sqrp_cli.errors import Infeasible, InputError
+from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.conditions import failing_literals
 from sqrp_cli.programming.cell import Cell
@@ -42,15 +43,7 @@ def unready_world(cell: Cell, candidate: Candidate, world: World) -> Infeasible 
 
 def skill_use(cell: Cell, candidate: Candidate, world: World) -> SkillUse:
     """The skill of a candidate with all that its motion depends on."""
-    return SkillUse(
-        skill=candidate.skill,
-        binding=candidate.binding,
-        values=candidate.values,
-        branch=candidate.branch,
-        objects=cell.workspace.objects,
-        world=world,
-        vias=candidate.vias,
-    )
+    return completed(SkillUse, candidate, objects=cell.workspace.objects, world=world)
 
 
 def unmet_preconditions(cell: Cell, candidate: Candidate, world: World) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from itertools import groupby
 from rich.text import Text
 
 from sqrp_cli.checks.dependency_check import Feasibility
-from sqrp_cli.checks.registry import Rule
+from sqrp_cli.checks.registry import RuleEntry
 from sqrp_cli.errors import Problem
 from sqrp_cli.programming.suggestion import SuggestedStep
 from sqrp_cli.terminal.console import SEVERITY_STYLES, Column, Share, plain, print_table, say, say_command, say_line
@@ -70,19 +70,19 @@ def print_suggested(suggested: Sequence[SuggestedStep]) -> None:
     print_table([*columns, Column("time [s]", right=True)], rows)
 
 
-def print_rules(rules: Iterable[Rule]) -> None:
+def print_rules(rules: Iterable[RuleEntry]) -> None:
     """A row for each finding, a table for each subject."""
     for number, (subject, group) in enumerate(groupby(rules, key=lambda rule: rule.subject)):
         if number:
             say()
-        rows = [(rule.code, _severity(rule.severity), rule.meaning) for rule in group]
+        rows = [(rule.code, _severity(rule), rule.meaning) for rule in group]
         print_table([Column(subject), Column("severity"), Column("looks for", shrink=True)], rows)
     say("\nOne of them in full, with examples: sqrp rules CODE")
 
 
-def print_rule(rule: Rule) -> None:
+def print_rule(rule: RuleEntry) -> None:
     """One finding in full."""
-    say_line(f"{rule.code} ({rule.severity}): {rule.subject}", "bold")
+    say_line(f"{rule.code} ({rule.severities}): {rule.subject}", "bold")
     say(rule.meaning)
     say(rule.why)
     of = f" in {rule.file}" if rule.file else ""
@@ -92,5 +92,6 @@ def print_rule(rule: Rule) -> None:
             say_line(f"  {line}")
 
 
-def _severity(severity: str) -> Text:
-    return plain("either" if " " in severity else severity, SEVERITY_STYLES[severity.split()[-1]])
+def _severity(rule: RuleEntry) -> Text:
+    last = rule.severity[-1]
+    return plain("either" if len(rule.severity) > 1 else last, SEVERITY_STYLES[last])

@@ -13,7 +13,7 @@ import pytest
 
 import sqrp_cli
 from sqrp_cli.checks.lint import lint
-from sqrp_cli.checks.registry import Rule, rules
+from sqrp_cli.checks.registry import RuleEntry, rules
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.knowledge.workspace.load import load_workspace
 
@@ -122,13 +122,13 @@ def test_severities_are_those_of_the_source():
     given: dict[str, set[str]] = {}
     for code, severity in literal_severities():
         given.setdefault(code, set()).add(severity)
-    both = {code for code, rule in rules().items() if rule.severity == "error or warning"}
+    both = {code for code, rule in rules().items() if rule.severities == "error or warning"}
     assert both >= {code for code, severities in given.items() if len(severities) == 2}
 
 
 @pytest.mark.parametrize("rule", rules().values(), ids=lambda rule: rule.code)
-def test_every_rule_says_in_sentences_what_and_why(rule: Rule):
-    assert rule.severity in ("error", "warning", "error or warning")
+def test_every_rule_says_in_sentences_what_and_why(rule: RuleEntry):
+    assert rule.severities in ("error", "warning", "error or warning")
     for sentence in (rule.meaning, rule.why):
         assert sentence[0].isupper() or sentence[0] in "`<"
         assert sentence.endswith(".")
@@ -153,7 +153,7 @@ def test_what_passes_does_not_give_the_finding():
 
 
 @pytest.mark.parametrize("rule", TRIED, ids=lambda rule: rule.code)
-def test_what_fails_gives_the_finding_with_its_severity(rule: Rule, tmp_path: Path):
+def test_what_fails_gives_the_finding_with_its_severity(rule: RuleEntry, tmp_path: Path):
     cell = shutil.copytree(CELL, tmp_path / "cell")
     (path,) = cell.rglob(str(rule.file))
     text = path.read_text(encoding="utf-8")

@@ -21,7 +21,7 @@ def test_every_finding_has_a_row_under_its_subject(sqrp):
 def test_one_finding_is_shown_in_full(sqrp):
     shown = sqrp("rules", "wrong-unit").out
     rule = rules()["wrong-unit"]
-    for text in (rule.code, rule.severity, rule.meaning, rule.why, rule.passes, rule.fails, str(rule.file)):
+    for text in (rule.code, rule.severities, rule.meaning, rule.why, rule.passes, rule.fails, str(rule.file)):
         assert text in shown
 
 

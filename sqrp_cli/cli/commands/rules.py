@@ -36,7 +36,7 @@ def command(code: Code = None, as_json: Json = False) -> ExitCode:
         from sqrp_cli.report.documents.document import as_text
         from sqrp_cli.terminal.console import say_raw
 
-        say_raw(as_text(RulesDocument.of(chosen)))
+        say_raw(as_text(RulesDocument(rules=chosen)))
         return ExitCode.OK
     from sqrp_cli.terminal.check_table import print_rule, print_rules
 

@@ -18,7 +18,7 @@ from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import Array, pose, read_only
 from sqrp_cli.knowledge.camera import static_transforms
 from sqrp_cli.knowledge.camera.static_transforms import StaticTransform, unit_quaternion
-from sqrp_cli.knowledge.text.entries import ForeignEntry, Length, Number, Text
+from sqrp_cli.knowledge.text.entries import ForeignEntry, Length, Number, Text, completed
 from sqrp_cli.knowledge.text.input_file import decoded, read_input
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.text.validation import validate
@@ -126,14 +126,7 @@ def _seated(
     """The pose of a camera among static transforms; content: None for a recording, which may be large."""
     seat = static_transforms.camera_seat(transforms, path, camera, carriers, asked)
     read = repr([(one.parent, one.child, one.X_PC.tolist()) for one in transforms]).encode()
-    return HandEye(
-        frame=seat.frame,
-        place=seat.place,
-        camera_frame=seat.camera_frame,
-        X_FC=seat.X_FC,
-        pose_file=pose_file,
-        content=read if content is None else content,
-    )
+    return completed(HandEye, seat, pose_file=pose_file, content=read if content is None else content)
 
 
 def _hand_eye(document: SourceDocument, result: _Result, parameters: _Parameters, owner: KeyPath) -> HandEye:

@@ -88,10 +88,10 @@ class Stored:
 
 
 def completed(record: Callable[..., Completed], *known: object, **found: object) -> Completed:
-    """A new record: each field from `found`, otherwise from the last of the known records that has it."""
-    names = {field.name for field in fields(cast("Any", record))}
-    given = {name: value for other in known for name, value in vars(other).items() if name in names}
-    return record(**{**given, **found})
+    """A new record: each field from `found`, otherwise from the last of the known records that has it or tells it."""
+    names = [field.name for field in fields(cast("Any", record)) if field.name not in found]
+    given = {name: getattr(other, name) for other in known for name in names if hasattr(other, name)}
+    return record(**given, **found)
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from math import inf
 import numpy as np
 
 from sqrp_cli.errors import Infeasible
+from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import (
@@ -317,13 +318,12 @@ def _optimal(ranked: Iterable[Ranked]) -> tuple[WayFigures, ...]:
             (compared_quality(one.q_eoi), compared_quality(one.q_avg), compared_time(one.time or 0.0)), one
         )
     return tuple(
-        WayFigures(
+        completed(
+            WayFigures,
+            way,
             parameters=way.candidate.parameters,
             vias={name: vias.tolist() for name, vias in way.candidate.vias.items()},
             time=float(way.time or 0.0),
-            q_avg=way.q_avg,
-            q_eoi=way.q_eoi,
-            delay_worst=way.delay_worst,
         )
         for way in found.values()
     )

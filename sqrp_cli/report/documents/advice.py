@@ -30,11 +30,6 @@ class WishedFigures(Record):
     delay: float | None
     """Longest time until a fault is noticed [s]."""
 
-    @classmethod
-    def of(cls, wish: Wish) -> WishedFigures:
-        """The wish as a record."""
-        return cls(q_eoi=wish.q_eoi, q_avg=wish.q_avg, time=wish.time, delay=wish.delay)
-
 
 @dataclass(frozen=True, kw_only=True)
 class AdvisedFigures(Record):
@@ -54,7 +49,7 @@ class AdvisedFigures(Record):
         """The figures of a candidate; None: there is none that can be done."""
         if found is None:
             return cls(q_eoi=None, q_avg=None, time=None, delay_worst=None)
-        return cls(q_eoi=found.q_eoi, q_avg=found.q_avg, time=found.time, delay_worst=found.delay_worst)
+        return completed(cls, found)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,15 +163,7 @@ class ChangeFound(AdvisedFigures):
     def of_change(cls, change: ProposedChange, found: Assessment) -> ChangeFound:
         """A change with what was found."""
         values = change.values if change.parameters is None else dict(change.parameters)
-        return cls(
-            kind=change.kind,
-            target=change.target,
-            change=values,
-            size=change.size,
-            unit=change.unit,
-            words=change_in_words(change),
-            **vars(AdvisedFigures.of(found)),
-        )
+        return completed(cls, found, change, change=values, words=change_in_words(change))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,9 +188,9 @@ class AdviceFound(ChangeFound):
         margin = advice.margin
         return completed(
             cls,
+            advice,
             ChangeFound.of_change(advice.change, advice.found),
-            margin=None if margin is None else ChangeMargin(less=margin.less, more=margin.more),
-            worse=advice.worse,
+            margin=None if margin is None else completed(ChangeMargin, margin),
             tasks=tuple(map(TaskEffect.of, advice.effects)),
             patch=patch,
             unwritten=unwritten,
@@ -246,7 +233,7 @@ def nearest_of(miss: Miss, wish: Wish) -> NearestChange | None:
     if miss.nearest is None or miss.found is None:
         return None
     found = ChangeFound.of_change(miss.nearest, miss.found)
-    return completed(NearestChange, found, missing=wish.missed(miss.found), limit=miss.limit, nearer=miss.nearer)
+    return completed(NearestChange, miss, found, missing=wish.missed(miss.found))
 
 
 def nearest_in_words(nearest: NearestChange) -> str:

@@ -166,10 +166,9 @@ class Recalibrated(_PoseErrors):
         if calibration is None:
             return None
         first = winners(assessments, by)
-        return cls(
-            position=calibration.position,
-            rotation=calibration.rotation,
-            seed=calibration.seed,
+        return completed(
+            cls,
+            calibration,
             draws=DRAWS,
             candidates=tuple(
                 RecalibratedCandidate(
@@ -235,9 +234,9 @@ class Certified(_PoseErrors):
         if bounds is None:
             return None
         open_ones = {id(found) for found in may_overtake(ranking, by)}
-        return cls(
-            position=bounds.position,
-            rotation=bounds.rotation,
+        return completed(
+            cls,
+            bounds,
             first_stays=not open_ones and any(one.rank == 1 for one in ranking),
             candidates=tuple(
                 CertifiedCandidate.of(

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from sqrp_cli.checks.registry import RuleEntry
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.report.documents.document import Document, Record, WorkspaceDocument
 
 if TYPE_CHECKING:
     from sqrp_cli.checks.dependency_check import Feasibility
-    from sqrp_cli.checks.registry import Rule
     from sqrp_cli.errors import Problem
     from sqrp_cli.programming.suggestion import SuggestedStep
 
@@ -37,13 +37,12 @@ class ReportedProblem(Record):
     def of(cls, problem: Problem) -> ReportedProblem:
         """A problem as a finding."""
         place = problem.place
-        return cls(
-            code=problem.code,
-            severity=problem.severity,
+        return completed(
+            cls,
+            problem,
             file=None if place is None else str(place.file),
             line=None if place is None else place.line,
             column=None if place is None else place.column,
-            message=problem.message,
         )
 
 
@@ -65,13 +64,8 @@ class PlannedStep(Record):
     @classmethod
     def of(cls, step: SuggestedStep) -> PlannedStep:
         """A step of a suggestion."""
-        return cls(
-            action=step.action,
-            feasible=step.feasible,
-            q_avg=None if step.assessment is None else step.assessment.q_avg,
-            q_eoi=None if step.assessment is None else step.assessment.q_eoi,
-            reasons=list(step.reasons),
-        )
+        figures = {name: getattr(step.assessment, name, None) for name in ("q_avg", "q_eoi")}
+        return completed(cls, step, reasons=list(step.reasons), **figures)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,9 +87,10 @@ class CheckedCandidate(Record):
     def of(cls, found: Feasibility) -> CheckedCandidate:
         """What was found about a candidate."""
         steps = found.suggestion.steps
-        return cls(
+        return completed(
+            cls,
+            found,
             parameters=found.candidate.parameters,
-            feasible=found.feasible,
             reasons=list(found.reasons),
             plan=None if steps is None else [PlannedStep.of(step) for step in steps],
             planning=found.suggestion.outcome,
@@ -127,40 +122,8 @@ class CheckDocument(WorkspaceDocument):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RuleEntry(Record):
-    """What is known about one kind of finding."""
-
-    code: str
-    """As in `problems[].code`."""
-    subject: str
-    """The group that it belongs to, such as `Formulas`."""
-    severity: list[Literal["error", "warning"]]
-    """Both, where it depends on the case."""
-    meaning: str
-    """What the finding means, in a sentence."""
-    why: str
-    """Why it matters, in a sentence."""
-    file: str | None
-    """The file of the examples; null if they are command lines or descriptions."""
-    passes: str
-    """An example without the finding."""
-    fails: str
-    """An example with it."""
-
-    @classmethod
-    def of(cls, rule: Rule) -> RuleEntry:
-        """A rule of the registry."""
-        return completed(cls, rule, severity=[name for name in ("error", "warning") if name in rule.severity])
-
-
-@dataclass(frozen=True, kw_only=True)
 class RulesDocument(Document):
     """What can be found, or one finding of it."""
 
     rules: list[RuleEntry]
     """All, subject by subject, or the requested one."""
-
-    @classmethod
-    def of(cls, rules: Iterable[Rule]) -> RulesDocument:
-        """Rules of the registry."""
-        return cls(rules=[RuleEntry.of(rule) for rule in rules])

@@ -216,11 +216,11 @@ class CandidateStudy(CandidateFigures):
             targets=targets_of(study),
             samples=_samples(cell, study, None if brief else views),
             hidden=[
-                HiddenTarget(
+                completed(
+                    HiddenTarget,
+                    one,
                     literal=str(one.atom),
-                    camera=one.camera,
                     seconds=one.duration,
-                    hidden=one.hidden,
                     parts=HidingPart.of(one.parts),
                 )
                 for one in (() if brief else in_the_way(cell, study, views))

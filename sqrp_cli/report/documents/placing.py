@@ -74,9 +74,8 @@ class PlacedCandidate(AdvisedFigures):
     @classmethod
     def of_candidate(cls, judged: JudgedCandidate) -> PlacedCandidate:
         """The figures of a candidate."""
-        figures = vars(AdvisedFigures.of(judged.found))
         ranked = None if judged.ranked is None else AdvisedFigures.of(judged.ranked)
-        return cls(task=judged.task, candidate=judged.candidate.name, ranked=ranked, **figures)
+        return completed(cls, judged.found, task=judged.task, candidate=judged.candidate.name, ranked=ranked)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,13 +186,11 @@ def placed(found: Placement, patch: str) -> PlaceDocument:
         workspace=question.cell.workspace.name,
         tasks=[task.text for task in question.tasks],
         mounts=found.places,
-        want=WishedFigures.of(demand.wish or Wish()),
+        want=completed(WishedFigures, demand.wish or Wish()),
         cameras=[CameraPlaced.of(camera) for camera in found.cameras],
         keep=list(question.keep),
         survive=demand.survive,
         by=demand.objective,
-        objective=found.objective,
-        gap=found.gap,
         proof=_proof_in_words(found),
         delay_worst=max(delays, default=None),
         price=sum(camera.price for camera in found.cameras),

@@ -131,10 +131,9 @@ class ProgramDocument(Document):
             workspace=workspace_name(workspace_path(program, file)),
             stale=stale,
             steps=list(_steps(program)),
-            total=ProgramTotal(
-                time=totals.time,
-                q_avg=totals.q_avg,
-                q_eoi=totals.q_eoi,
+            total=completed(
+                ProgramTotal,
+                totals,
                 delay_worst=None if worst is None else worst.seconds,
                 fault=None if worst is None else worst.fault,
                 step=None if worst is None else worst.step,

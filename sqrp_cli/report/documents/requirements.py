@@ -48,15 +48,8 @@ class Formula(Record):
     @classmethod
     def of(cls, formula: GroundFormula) -> Formula:
         """An operator of a formula about a candidate."""
-        operator = formula.operator
-        return cls(
-            text=operator.text,
-            operator=operator.operator,
-            start=operator.start,
-            end=operator.end,
-            literals=[str(literal) for literal in operator.literals],
-            fault=formula.fault,
-        )
+        literals = [str(literal) for literal in formula.operator.literals]
+        return completed(cls, formula, formula.operator, literals=literals)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.report.documents.document import Record, WorkspaceDocument
-from sqrp_cli.runtime.record.report import Confusion, Disagreement, FaultRecord, RunReport, StepRecord
+from sqrp_cli.runtime.record.report import Confusion, Disagreement, RunReport, StepRecord
 
 if TYPE_CHECKING:
     from sqrp_cli.runtime.audit.frame_audit import AuditReport
@@ -43,11 +43,6 @@ class Fault(Record):
     """The camera that failed; null for a fault of the step."""
     delay: float | None
     """From `happened` to `detected` [s]."""
-
-    @classmethod
-    def of(cls, record: FaultRecord) -> Fault:
-        """A fault of a run."""
-        return cls(**asdict(record), delay=record.delay)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +91,7 @@ class RunDocument(WorkspaceDocument):
             cls,
             report,
             workspace=workspace,
-            faults=[Fault.of(fault) for fault in report.faults],
+            faults=[completed(Fault, fault) for fault in report.faults],
             stop=StopTimes(told=report.stop_told, standing=report.stop_done),
         )
 
@@ -114,12 +109,6 @@ class _SweptBefore(Record):
 @dataclass(frozen=True, kw_only=True)
 class SweptRun(Fault, _SweptBefore):
     """A run of a sweep."""
-
-    @classmethod
-    def of_run(cls, run: SweepRun) -> SweptRun:
-        """A run of a sweep."""
-        fault = Fault.of(run.fault)
-        return cls(x=run.x, outcome=run.report.outcome, time=run.report.time, **asdict(fault))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,18 +137,8 @@ class SweepDocument(WorkspaceDocument):
     @classmethod
     def of(cls, workspace: str, text: str, step: int, runs: Sequence[SweepRun], summary: SweepSummary) -> SweepDocument:
         """The runs of a sweep. step: the number of the one that was swept."""
-        return cls(
-            workspace=workspace,
-            sweep=text,
-            step=step,
-            tolerance=summary.tolerance,
-            predictable=summary.predictable,
-            seen=summary.seen,
-            as_predicted=summary.as_predicted,
-            sooner=summary.sooner,
-            later=summary.later,
-            runs=[SweptRun.of_run(run) for run in runs],
-        )
+        swept = [completed(SweptRun, run, run.report, run.fault) for run in runs]
+        return completed(cls, summary, workspace=workspace, sweep=text, step=step, runs=swept)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,14 +198,13 @@ class AuditedCamera(Record):
         fit = survey.fit
         if fit is None:
             return cls(images=survey.images, clock=clock, pose=None)
-        pose = AuditedPose(
+        pose = completed(
+            AuditedPose,
+            fit,
             turn=fit.change[:3].tolist(),
             turn_error=fit.deviations[:3].tolist(),
             shift=fit.change[3:6].tolist(),
             shift_error=fit.deviations[3:6].tolist(),
-            pixels=fit.pixels,
-            residual=fit.residual,
-            points=fit.points,
             moved=survey.has_moved,
             pose=survey.X_FC.tolist(),
         )

@@ -103,21 +103,18 @@ class RobotScene(Record):
     def of(cls, cell: Cell) -> RobotScene:
         """The robot of a cell."""
         own, model = cell.workspace.robot, cell.model
-        return cls(
+        return completed(
+            cls,
+            own,
             urdf=str(own.urdf.path),
             expanded=own.urdf.expanded,
             srdf=None if own.srdf is None else str(own.srdf),
             package_roots=[str(root) for root in own.package_roots],
             base=own.X_WB.tolist(),
             tool=None if own.tool is None else ToolScene.of(own.tool),
-            tool_frame=own.tool_frame,
             joints={name: JointScene.of(limits) for name, limits in own.limits.items()},
             home=model.joint_values(model.home),
-            fingers=own.fingers,
             held=cell.initial_world.held,
-            markers=own.markers,
-            angle_tolerance=own.angle_tolerance,
-            geometry=own.geometry,
             unchecked_pairs=sorted(map(list, cell.unchecked_pairs)),
         )
 
@@ -349,13 +346,7 @@ class InitDocument(Document):
 def _objects(workspace: Workspace, cell: Cell) -> dict[str, ObjectScene]:
     X_WO = cell.initial_world.X_WO
     return {
-        name: ObjectScene(
-            type=one.type,
-            color=one.color,
-            size=list(one.size),
-            pose=X_WO[name].tolist() if name in X_WO else None,
-            fixed=one.fixed,
-        )
+        name: completed(ObjectScene, one, size=list(one.size), pose=X_WO[name].tolist() if name in X_WO else None)
         for name, one in workspace.objects.items()
     }
 

@@ -15,7 +15,6 @@ from sqrp_cli.scoring.baselines.comparison import Comparison, Shift, Verdict, Wa
 from sqrp_cli.scoring.score import Status
 
 if TYPE_CHECKING:
-    from sqrp_cli.scoring.baselines.comparison import Loss
     from sqrp_cli.scoring.scorecard import ComparedScore, Scorecard
     from sqrp_cli.scoring.sweep import Sweep
 
@@ -34,12 +33,6 @@ class LostView(Record):
     """From the start of the present motion [s]."""
     why: str
     """The commonest cause, in a few words."""
-
-    @classmethod
-    def of(cls, loss: Loss) -> LostView:
-        """A loss as a record."""
-        stretch = loss.stretch
-        return cls(literal=loss.literal, camera=loss.camera, start=stretch.start, end=stretch.end, why=loss.why)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,12 +53,13 @@ class ChangedWay(Record):
     @classmethod
     def of(cls, change: WayChange) -> ChangedWay:
         """A change as a record."""
-        return cls(
-            way=change.way,
+        return completed(
+            cls,
+            change,
             candidate_before=change.before,
             candidate=change.now,
             shifts=list(change.shifts),
-            lost=[LostView.of(loss) for loss in change.losses],
+            lost=[completed(LostView, loss.stretch, loss) for loss in change.losses],
         )
 
 
@@ -84,7 +78,7 @@ class ComparedTask(Record):
     def of(cls, comparison: Comparison) -> ComparedTask:
         """A comparison as a record."""
         ways = [ChangedWay.of(change) for change in comparison.ways]
-        return cls(verdict=comparison.verdict, ways=ways, gone=list(comparison.gone))
+        return completed(cls, comparison, ways=ways, gone=list(comparison.gone))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,14 +133,13 @@ class ScoreDocument(Document):
     @classmethod
     def of(cls, findings: Scorecard) -> ScoreDocument:
         """Every result."""
-        return cls(
+        return completed(
+            cls,
+            findings,
             results=[TaskResult.of(result) for result in findings.results],
             changes={name: list(changes) for name, changes in findings.changes.items() if changes},
-            vanished=findings.vanished,
-            renamed=findings.renamed,
             interrupted=findings.interrupted or None,
             unfinished=findings.unfinished if findings.interrupted else None,
-            passed=findings.passed,
         )
 
 
@@ -195,15 +188,11 @@ class VaryDocument(WorkspaceDocument):
         return cls(
             workspace=workspace,
             variants=[
-                VariantResult(
+                completed(
+                    VariantResult,
+                    scored,
                     rank=rank,
                     values=dict(scored.variant.values),
-                    choices=scored.choices,
-                    feasible=scored.feasible,
-                    q_eoi=scored.q_eoi,
-                    q_avg=scored.q_avg,
-                    time=scored.time,
-                    delay=scored.delay,
                     results=[replace(TaskResult.of(result), workspace=workspace) for result in scored.findings.results],
                 )
                 for rank, scored in enumerate(sweep.variants, 1)
