@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from sqrp_cli.knowledge.text.entries import completed
-from sqrp_cli.programming.advice.change import MOTION, Kind
+from sqrp_cli.programming.advice.change import MOTION, Advice, EffectOnTask, Kind, Miss, ProposedChange
+from sqrp_cli.programming.advice.wish import Wish
+from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.report.documents.document import LEFT_OUT, Record, TaskDocument
 from sqrp_cli.report.sentences import change_in_words
-
-if TYPE_CHECKING:
-    from sqrp_cli.programming.advice.change import Advice, EffectOnTask, Miss, ProposedChange
-    from sqrp_cli.programming.advice.wish import Wish
-    from sqrp_cli.programming.coverage.assessment import Assessment
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,23 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from sqrp_cli.knowledge.text.entries import completed
-from sqrp_cli.programming.coverage.assessment import WaysFound
+from sqrp_cli.programming.coverage.assessment import Assessment, WaysFound
+from sqrp_cli.programming.coverage.certificate import Certificate
 from sqrp_cli.programming.coverage.quality import Figures
 from sqrp_cli.programming.coverage.robustness import DRAWS
 from sqrp_cli.programming.coverage.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
-from sqrp_cli.programming.ranking import Criterion, may_overtake, winners
+from sqrp_cli.programming.pipeline import Assignment
+from sqrp_cli.programming.ranking import Criterion, Ranked, may_overtake, winners
 from sqrp_cli.report.documents.document import LEFT_OUT, Record, TaskDocument
-
-if TYPE_CHECKING:
-    from sqrp_cli.programming.coverage.assessment import Assessment
-    from sqrp_cli.programming.coverage.certificate import Certificate
-    from sqrp_cli.programming.pipeline import Assignment
-    from sqrp_cli.programming.ranking import Ranked
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from sqrp_cli.geometry import Array, box_corners, transform
 from sqrp_cli.knowledge.text.entries import completed
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import Study
 from sqrp_cli.programming.coverage.blind_spans import by_name
 from sqrp_cli.programming.coverage.expected import Expectation, expectation
 from sqrp_cli.programming.coverage.in_the_way import (
@@ -23,7 +25,10 @@ from sqrp_cli.programming.coverage.in_the_way import (
 from sqrp_cli.programming.coverage.quality import Qualities
 from sqrp_cli.programming.coverage.robustness import without_each_camera
 from sqrp_cli.programming.coverage.sampling import Sampling
+from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.observer import BoxVerdicts, Occluder
+from sqrp_cli.programming.targets import Target
 from sqrp_cli.report.documents.candidates import CandidateFigures, SamplingDone
 from sqrp_cli.report.documents.document import LEFT_OUT, Pose, Record, TaskDocument
 from sqrp_cli.report.documents.requirements import (
@@ -35,13 +40,6 @@ from sqrp_cli.report.documents.requirements import (
     TargetBoxes,
     targets_of,
 )
-
-if TYPE_CHECKING:
-    from sqrp_cli.programming.cell import Cell
-    from sqrp_cli.programming.coverage.assessment import Study
-    from sqrp_cli.programming.ranking import Ranked
-    from sqrp_cli.programming.sensing.observer import BoxVerdicts, Occluder
-    from sqrp_cli.programming.targets import Target
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.programming.advice.wish import Wish
-from sqrp_cli.programming.placing.placement import SpareCost, UnseenTarget, WithFewer
+from sqrp_cli.programming.placing.placement import (
+    JudgedCandidate,
+    PlacedCamera,
+    Placement,
+    SpareCost,
+    UnseenTarget,
+    WithFewer,
+)
 from sqrp_cli.programming.placing.problem import FewestPossible, Objective
 from sqrp_cli.report.documents.advice import AdvisedFigures, WishedFigures
 from sqrp_cli.report.documents.document import LEFT_OUT, Pose, Record, WorkspaceDocument
-
-if TYPE_CHECKING:
-    from sqrp_cli.programming.placing.placement import JudgedCandidate, PlacedCamera, Placement
 
 _COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
 

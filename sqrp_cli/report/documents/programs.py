@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.knowledge.workspace.load import workspace_name
 from sqrp_cli.program.file import workspace_path
 from sqrp_cli.program.joint_trajectory import ToolCommand, action_name, tool_commands
-from sqrp_cli.program.record import FaultMetrics, Totals
+from sqrp_cli.program.record import FaultMetrics, Program, Step, Totals
 from sqrp_cli.report.documents.document import Document, Record
-
-if TYPE_CHECKING:
-    from sqrp_cli.program.record import Program, Step
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from sqrp_cli.knowledge.text.entries import completed
+from sqrp_cli.programming.coverage.assessment import Study
+from sqrp_cli.programming.pieces import GroundFormula
+from sqrp_cli.programming.targets import SoughtBox
 from sqrp_cli.report.documents.document import LEFT_OUT, Pose, Record
-
-if TYPE_CHECKING:
-    from sqrp_cli.programming.coverage.assessment import Study
-    from sqrp_cli.programming.pieces import GroundFormula
-    from sqrp_cli.programming.targets import SoughtBox
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,26 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
+from sqrp_cli.knowledge.camera import camera, detector
 from sqrp_cli.knowledge.camera.camera import DistortionModel
 from sqrp_cli.knowledge.camera.curve import Curve
 from sqrp_cli.knowledge.camera.detector import DetectorKind
 from sqrp_cli.knowledge.camera.marker_range import marker_ranges
+from sqrp_cli.knowledge.light import Light
+from sqrp_cli.knowledge.robot import robot
 from sqrp_cli.knowledge.robot.robot import Fingers, Marker
 from sqrp_cli.knowledge.text.entries import completed
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.grounding import on_robot
 from sqrp_cli.report.documents.document import LEFT_OUT, Document, Pose, Record, WorkspaceDocument
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
-
-if TYPE_CHECKING:
-    from sqrp_cli.knowledge.camera import camera, detector
-    from sqrp_cli.knowledge.light import Light
-    from sqrp_cli.knowledge.robot import robot
-    from sqrp_cli.knowledge.workspace.workspace import Workspace
-    from sqrp_cli.programming.cell import Cell
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.report.documents.candidates import CandidateFigures
@@ -13,10 +12,8 @@ from sqrp_cli.scoring.baselines.baseline import VanishedTask
 from sqrp_cli.scoring.baselines.changes import Change
 from sqrp_cli.scoring.baselines.comparison import Comparison, Shift, Verdict, WayChange
 from sqrp_cli.scoring.score import Status
-
-if TYPE_CHECKING:
-    from sqrp_cli.scoring.scorecard import ComparedScore, Scorecard
-    from sqrp_cli.scoring.sweep import Sweep
+from sqrp_cli.scoring.scorecard import ComparedScore, Scorecard
+from sqrp_cli.scoring.sweep import Sweep
 
 
 @dataclass(frozen=True, kw_only=True)

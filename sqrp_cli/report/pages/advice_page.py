@@ -5,25 +5,22 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from sqrp_cli.platform.processes import in_processes
+from sqrp_cli.programming.advice.change import Advice
 from sqrp_cli.programming.advice.effects import is_fastest
+from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.ranking import Ranked
-from sqrp_cli.report.documents.advice import costs, held_ways, nearest_in_words
+from sqrp_cli.report.documents.advice import AdviceDocument, costs, held_ways, nearest_in_words
 from sqrp_cli.report.documents.candidates import CandidateFigures
 from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.candidate_page import cell_scene, origin, playback
 from sqrp_cli.report.pages.page import CellScene, PageContent, PageRow, write_page
 from sqrp_cli.report.sentences import KIND_WORDS, accuracy, way_of
-
-if TYPE_CHECKING:
-    from sqrp_cli.programming.advice.change import Advice
-    from sqrp_cli.programming.advice.wish import Wish
-    from sqrp_cli.report.documents.advice import AdviceDocument
-    from sqrp_cli.scoring.scorecard import Progress
+from sqrp_cli.scoring.scorecard import Progress
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.pipeline import Assignment
+from sqrp_cli.programming.placing.placement import JudgedCandidate, Placement
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.report.documents import placing
 from sqrp_cli.report.documents.candidates import CandidateFigures
@@ -15,10 +15,7 @@ from sqrp_cli.report.pages.advice_page import studied
 from sqrp_cli.report.pages.candidate_page import cell_scene, origin
 from sqrp_cli.report.pages.page import MountShown, PageContent, PageRow, PlacementShown, write_page
 from sqrp_cli.report.sentences import accuracy, reasons_by_doing, way_of
-
-if TYPE_CHECKING:
-    from sqrp_cli.programming.placing.placement import JudgedCandidate, Placement
-    from sqrp_cli.scoring.scorecard import Progress
+from sqrp_cli.scoring.scorecard import Progress
 
 
 def write_placement(

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.report.documents.playback import (
     EndOfImages,
@@ -39,9 +39,6 @@ from sqrp_cli.runtime.record.events import (
 )
 from sqrp_cli.runtime.record.report import FaultRecord, RunReport
 from sqrp_cli.runtime.run.ground_truth import Track
-
-if TYPE_CHECKING:
-    from sqrp_cli.knowledge.workspace.workspace import Workspace
 
 WITNESSED = (
     "The robot and the objects move here as they really did in the simulation. The monitors do not know that: they"
