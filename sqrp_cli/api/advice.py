@@ -16,8 +16,8 @@ from sqrp_cli.api.session import assess, check_choice, choose_candidate
 from sqrp_cli.errors import InputError, Problem, bad_option
 from sqrp_cli.geometry import inverse, read_only
 from sqrp_cli.knowledge.text.entries import completed
-from sqrp_cli.knowledge.text.patches import patch
 from sqrp_cli.knowledge.text.source import SourceDocument
+from sqrp_cli.knowledge.text.yaml_edit import patch
 from sqrp_cli.knowledge.workspace.edits import stated_look_at, with_camera, with_further_camera, with_object, with_task
 from sqrp_cli.knowledge.workspace.load import read_workspace_document
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask, Workspace
@@ -30,10 +30,9 @@ from sqrp_cli.programming.advice.question import Question
 from sqrp_cli.programming.advice.wish import Wish, read_wish, wish_of
 from sqrp_cli.programming.candidate import THEN
 from sqrp_cli.programming.coverage.assessment import Assessment
-from sqrp_cli.programming.first_steps import with_first_steps
 from sqrp_cli.programming.pipeline import assess_all
 from sqrp_cli.programming.ranking import rank
-from sqrp_cli.programming.suggestion import Suggester
+from sqrp_cli.programming.suggestion import Suggester, with_first_steps
 from sqrp_cli.programming.task import in_words, read_task
 from sqrp_cli.programming.ways.grips import first_grip
 from sqrp_cli.report.documents.advice import (

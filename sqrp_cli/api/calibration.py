@@ -120,7 +120,7 @@ class LearnedCurves(Answer["CalibrateDocument"]):
     @cached_property
     def patch(self) -> str:
         """A unified diff from the workspace file to the one with these curves."""
-        from sqrp_cli.knowledge.text.patches import patch
+        from sqrp_cli.knowledge.text.yaml_edit import patch
         from sqrp_cli.knowledge.workspace.edits import with_curve
         from sqrp_cli.knowledge.workspace.load import read_workspace_document
 

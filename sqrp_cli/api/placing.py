@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 from sqrp_cli.api.answer import Answer
 from sqrp_cli.errors import InputError, Problem, bad_option, expected_names
-from sqrp_cli.knowledge.text.patches import patch
 from sqrp_cli.knowledge.text.source import SourceDocument
+from sqrp_cli.knowledge.text.yaml_edit import patch
 from sqrp_cli.knowledge.workspace.edits import NewCamera, with_cameras
 from sqrp_cli.knowledge.workspace.load import read_workspace_document
 from sqrp_cli.knowledge.workspace.mounts import place_file, read_mounts

@@ -155,7 +155,7 @@ class Audit(Answer["AuditDocument"]):
 
         Raises InputError where the file does not say itself where such a camera is.
         """
-        from sqrp_cli.knowledge.text.patches import patch
+        from sqrp_cli.knowledge.text.yaml_edit import patch
         from sqrp_cli.knowledge.text.yaml_file import parse_yaml
         from sqrp_cli.knowledge.workspace.edits import with_camera
         from sqrp_cli.knowledge.workspace.load import read_workspace_document

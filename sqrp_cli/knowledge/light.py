@@ -17,9 +17,8 @@ from pydantic_core import PydanticCustomError
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.paint import COLORS, LEAST_VALUE, detected_as
-from sqrp_cli.knowledge.text.bounds import SHORTEST_DIRECTION
 from sqrp_cli.knowledge.text.entries import Direction, In, Position, Stored
-from sqrp_cli.knowledge.text.units import ANGLE
+from sqrp_cli.knowledge.text.units import ANGLE, SHORTEST_DIRECTION
 
 MOST_LIGHTS = 8
 """Lights of a cell, of which one may come from everywhere: as many as the simulated cell can draw."""

@@ -15,7 +15,6 @@ from pydantic_core import PydanticCustomError
 
 from sqrp_cli.geometry import Array, axis_rotation, check_finite, check_poses, inverse, pose, read_only, side_pose
 from sqrp_cli.knowledge.markers import Marker, ObjectMarker, StatedMarker, object_marker
-from sqrp_cli.knowledge.text.bounds import SMALLEST_SIZE
 from sqrp_cli.knowledge.text.entries import (
     Angle,
     DescriptionEntry,
@@ -32,6 +31,7 @@ from sqrp_cli.knowledge.text.entries import (
     refused,
 )
 from sqrp_cli.knowledge.text.source import describe
+from sqrp_cli.knowledge.text.units import SMALLEST_SIZE
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Shape, Sphere
 
 NO_SIZE = (0.0, 0.0, 0.0)

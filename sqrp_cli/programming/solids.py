@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import BOX_SIGNS, Array, inverse, read_only, transform
-from sqrp_cli.knowledge.text.bounds import LARGEST_LENGTH
+from sqrp_cli.knowledge.text.units import LARGEST_LENGTH
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere, Triangles
 
 SIDES = 48

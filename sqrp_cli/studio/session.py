@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING, Any
 from sqrp_cli.api.cell import OpenCell
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.text.input_file import YAML_ENDINGS, read_input
-from sqrp_cli.knowledge.text.patches import from_here, patch
 from sqrp_cli.knowledge.text.source import SourceDocument
-from sqrp_cli.knowledge.text.yaml_edit import changed_values, with_values
+from sqrp_cli.knowledge.text.yaml_edit import changed_values, from_here, patch, with_values
 from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES
 from sqrp_cli.knowledge.workspace.load import read_workspace_document, workspace_file
 from sqrp_cli.knowledge.workspace.workspace import Workspace

@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-from sqrp_cli.knowledge.text.patches import from_here
+from sqrp_cli.knowledge.text.yaml_edit import from_here
 from sqrp_cli.scoring.scorecard import ComparedScore, Scorecard, listed
 from sqrp_cli.scoring.sweep import ScoredVariant, Sweep
 from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table, say, say_line

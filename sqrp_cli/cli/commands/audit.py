@@ -48,7 +48,7 @@ def command(
     Shows which cameras have moved, which clocks are wrong, and how often each camera showed each literal when it was
     predicted to.
     """
-    from sqrp_cli.knowledge.text.patches import to_apply
+    from sqrp_cli.knowledge.text.yaml_edit import to_apply
     from sqrp_cli.platform.files import check_not_read
     from sqrp_cli.ros.bag import is_bag
     from sqrp_cli.runtime.cell.requirements import check_packages

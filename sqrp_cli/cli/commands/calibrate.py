@@ -39,7 +39,7 @@ def command(
     Prints how well its curve, and its limits, agree with frames that the curve was not learned from.
     """
     from sqrp_cli.api.calibration import calibrate
-    from sqrp_cli.knowledge.text.patches import to_apply
+    from sqrp_cli.knowledge.text.yaml_edit import to_apply
     from sqrp_cli.terminal.console import note, progress
 
     if patch is not None:

@@ -16,7 +16,6 @@ from pydantic import BeforeValidator, Field, Tag
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.geometry import Array, check_finite, check_poses, read_only
-from sqrp_cli.knowledge.text.bounds import LARGEST
 from sqrp_cli.knowledge.text.entries import (
     CameraPose,
     Entry,
@@ -29,7 +28,7 @@ from sqrp_cli.knowledge.text.entries import (
     Time,
     mapping_or_else,
 )
-from sqrp_cli.knowledge.text.units import ANGLE, FREQUENCY, PIXELS
+from sqrp_cli.knowledge.text.units import ANGLE, FREQUENCY, LARGEST, PIXELS
 from sqrp_cli.knowledge.text.yaml_file import read_yaml
 
 DistortionModel = Literal["none", "plumb_bob", "rational_polynomial", "equidistant"]

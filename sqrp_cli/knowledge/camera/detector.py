@@ -20,10 +20,9 @@ from sqrp_cli.knowledge.camera.camera import Intrinsics
 from sqrp_cli.knowledge.camera.curve import Curve
 from sqrp_cli.knowledge.camera.marker_range import STEEPEST, least_pixels, marker_ranges, widest
 from sqrp_cli.knowledge.markers import Marker
-from sqrp_cli.knowledge.text.bounds import LARGEST_LENGTH
 from sqrp_cli.knowledge.text.entries import In, Pixels, Range, Stored, completed, refused
 from sqrp_cli.knowledge.text.source import describe
-from sqrp_cli.knowledge.text.units import ANGLE, SHARE
+from sqrp_cli.knowledge.text.units import ANGLE, LARGEST_LENGTH, SHARE
 
 GROUP = "sqrp.detectors"
 """The group of entry points: the name of each is a kind of detector, its object makes one for a camera."""

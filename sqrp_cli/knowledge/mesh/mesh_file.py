@@ -24,8 +24,8 @@ from sqrp_cli.knowledge.mesh.collada import check_dae
 from sqrp_cli.knowledge.mesh.limits import MAX_BYTES, MAX_TEXT_BYTES, check_bytes, check_triangles
 from sqrp_cli.knowledge.mesh.obj import check_obj
 from sqrp_cli.knowledge.mesh.stl import check_stl
-from sqrp_cli.knowledge.text.bounds import LARGEST, SMALLEST_SIZE
 from sqrp_cli.knowledge.text.input_file import open_input
+from sqrp_cli.knowledge.text.units import LARGEST, SMALLEST_SIZE
 from sqrp_cli.shapes import Mesh, Part, Shape
 
 _EXACT = frozenset({".step", ".stp", ".iges", ".igs", ".brep"})

@@ -11,9 +11,9 @@ from typing import Any
 
 from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.knowledge.robot.urdf import UrdfModel
-from sqrp_cli.knowledge.text.bounds import NO_LIMIT, SMALLEST_LIMIT
 from sqrp_cli.knowledge.text.input_file import read_input
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, describe
+from sqrp_cli.knowledge.text.units import NO_LIMIT, SMALLEST_LIMIT
 from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, parse_yaml
 
 TOP = "joint_limits"

@@ -15,10 +15,10 @@ from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, pose, read_only, rpy_to_matrix
 from sqrp_cli.knowledge.frames import WORLD, WORLD_LINK
 from sqrp_cli.knowledge.robot import urdf
-from sqrp_cli.knowledge.robot.doubtful_urdf import LEAST_MOMENT, as_meant
 from sqrp_cli.knowledge.robot.robot_source import RobotSource
 from sqrp_cli.knowledge.robot.robot_xml import read_robot_xml
-from sqrp_cli.knowledge.text.bounds import LARGEST_LENGTH, NO_LIMIT, SMALLEST_LIMIT, SMALLEST_SIZE
+from sqrp_cli.knowledge.robot.urdf import LEAST_MOMENT, as_meant
+from sqrp_cli.knowledge.text.units import LARGEST_LENGTH, NO_LIMIT, SMALLEST_LIMIT, SMALLEST_SIZE
 from sqrp_cli.knowledge.text.xml_file import Element
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Sphere
 

@@ -12,10 +12,19 @@ from pydantic_core.core_schema import no_info_after_validator_function
 
 from sqrp_cli.errors import nearest
 from sqrp_cli.knowledge.text import units
-from sqrp_cli.knowledge.text.bounds import LARGEST, LONGEST, SMALLEST_LIMIT
 from sqrp_cli.knowledge.text.entries import Entry, mapping_or_else, one_of, refused
 from sqrp_cli.knowledge.text.source import describe
-from sqrp_cli.knowledge.text.units import Dimension, Quantity, expected_quantity, in_unit, meant_instead, read_quantity
+from sqrp_cli.knowledge.text.units import (
+    LARGEST,
+    LONGEST,
+    SMALLEST_LIMIT,
+    Dimension,
+    Quantity,
+    expected_quantity,
+    in_unit,
+    meant_instead,
+    read_quantity,
+)
 
 MotionValue = float | str
 """Value of a motion parameter: a number in SI units, or a word such as `+z` or `up`."""

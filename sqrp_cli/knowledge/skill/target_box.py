@@ -12,7 +12,6 @@ from pydantic_core import PydanticCustomError
 
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.knowledge.frames import TOOL, FrameName, StoredFrame
-from sqrp_cli.knowledge.text.bounds import SHORTEST_DIRECTION
 from sqrp_cli.knowledge.text.entries import (
     Direction,
     Entry,
@@ -25,6 +24,7 @@ from sqrp_cli.knowledge.text.entries import (
     Stored,
     Text,
 )
+from sqrp_cli.knowledge.text.units import SHORTEST_DIRECTION
 from sqrp_cli.logic.literal import Atom
 
 

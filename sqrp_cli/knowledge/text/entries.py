@@ -32,16 +32,19 @@ from pydantic_core.core_schema import (
 from sqrp_cli.errors import expected_names
 from sqrp_cli.geometry import Array, look_at, pose, quaternion_to_matrix, read_only, rpy_to_matrix
 from sqrp_cli.knowledge.text import units
-from sqrp_cli.knowledge.text.bounds import (
+from sqrp_cli.knowledge.text.source import describe
+from sqrp_cli.knowledge.text.units import (
     LARGEST,
     LARGEST_ANGLE,
     LARGEST_LENGTH,
     LONGEST,
     SHORTEST_DIRECTION,
     SMALLEST_SIZE,
+    Dimension,
+    Quantity,
+    expected_quantity,
+    read_quantity,
 )
-from sqrp_cli.knowledge.text.source import describe
-from sqrp_cli.knowledge.text.units import Dimension, Quantity, expected_quantity, read_quantity
 
 Completed = TypeVar("Completed")
 

@@ -10,9 +10,9 @@ from pathlib import Path
 from xml.parsers import expat
 
 from sqrp_cli.errors import InputError, Place, Problem, nearest
-from sqrp_cli.knowledge.text.bounds import LARGEST
 from sqrp_cli.knowledge.text.input_file import read_input
 from sqrp_cli.knowledge.text.source import excerpt, too_deep
+from sqrp_cli.knowledge.text.units import LARGEST
 
 LONGEST_TAG = 60
 """Most letters of a tag in messages."""

@@ -17,10 +17,9 @@ from sqrp_cli.knowledge.robot.read_urdf import read_urdf
 from sqrp_cli.knowledge.robot.srdf import SrdfModel, read_srdf
 from sqrp_cli.knowledge.robot.urdf import TOOL_TIP, UrdfJoint, UrdfModel, tool_of_boxes
 from sqrp_cli.knowledge.text import packages, units
-from sqrp_cli.knowledge.text.bounds import SMALLEST_LIMIT
 from sqrp_cli.knowledge.text.entries import Pose, XacroEntry
 from sqrp_cli.knowledge.text.source import KeyPath, dotted
-from sqrp_cli.knowledge.text.units import Dimension, Quantity, expected_quantity
+from sqrp_cli.knowledge.text.units import SMALLEST_LIMIT, Dimension, Quantity, expected_quantity
 from sqrp_cli.knowledge.workspace.entry_reader import EntryReader
 from sqrp_cli.shapes import Mesh, Part
 

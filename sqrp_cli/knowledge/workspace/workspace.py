@@ -21,11 +21,10 @@ from sqrp_cli.knowledge.markers import Marker
 from sqrp_cli.knowledge.robot.robot import Robot, RobotEntry
 from sqrp_cli.knowledge.scene import ObjectEntry, SceneObject
 from sqrp_cli.knowledge.skill.skill import Skill
-from sqrp_cli.knowledge.text.bounds import LARGEST
 from sqrp_cli.knowledge.text.entries import Entry, Finite, In, Name, PoseMatrix, Share, Stored, Text, Written, refused
 from sqrp_cli.knowledge.text.input_file import SourceFile, digest_of
 from sqrp_cli.knowledge.text.source import LeafValue
-from sqrp_cli.knowledge.text.units import LENGTH, TIME
+from sqrp_cli.knowledge.text.units import LARGEST, LENGTH, TIME
 from sqrp_cli.knowledge.workspace.understood import Understood, digest_of_understood, understood
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.shapes import Mesh, Part

@@ -11,8 +11,8 @@ import pytest
 
 from sqrp_cli.errors import InputError
 from sqrp_cli.geometry import displacement, look_at, read_only
-from sqrp_cli.knowledge.text.patches import patch
 from sqrp_cli.knowledge.text.source import SourceDocument
+from sqrp_cli.knowledge.text.yaml_edit import patch
 from sqrp_cli.knowledge.workspace.edits import (
     stated_look_at,
     with_camera,
