@@ -15,6 +15,8 @@ from collections import ChainMap
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+import yaml
+
 from sqrp_cli.errors import expected_names
 
 MAX_STEPS = 200_000
@@ -318,3 +320,23 @@ def _bound(target: ast.expr, item: Any) -> Iterator[tuple[str, Any]]:  # noqa: A
                 yield from _bound(part, value)
         case _:
             raise RefusedExpressionError(f"`for {ast.unparse(target)[:60]}` is not evaluated here")
+
+
+UNITS = {"radians": 1.0, "degrees": 3.141592653589793 / 180, "meters": 1.0, "millimeters": 1e-3, "foot": 0.3048,
+          "inches": 0.0254}  # fmt: skip
+"""Tags of numbers in the YAML files of xacro."""
+
+
+def unit_loader(evaluator: Evaluator) -> type[yaml.SafeLoader]:
+    """A loader that knows the tags of units."""
+
+    class Loader(yaml.SafeLoader):
+        pass
+
+    for unit, factor in UNITS.items():
+
+        def convert(loader: yaml.SafeLoader, node: yaml.ScalarNode, factor: float = factor) -> float:
+            return float(evaluator.value(str(loader.construct_scalar(node)), GLOBALS)) * factor
+
+        Loader.add_constructor(f"!{unit}", convert)
+    return Loader

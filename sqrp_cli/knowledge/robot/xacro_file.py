@@ -22,7 +22,15 @@ import yaml
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.knowledge.robot.robot_source import ROOT, RobotSource, RobotXml, as_text
-from sqrp_cli.knowledge.robot.xacro_expression import GLOBALS, Evaluator, Functions, RefusedExpressionError, bounded
+from sqrp_cli.knowledge.robot.xacro_expression import (
+    GLOBALS,
+    UNITS,
+    Evaluator,
+    Functions,
+    RefusedExpressionError,
+    bounded,
+    unit_loader,
+)
 from sqrp_cli.knowledge.text import packages
 from sqrp_cli.knowledge.text.input_file import decoded, read_input
 from sqrp_cli.knowledge.text.xml_file import MAX_BYTES, MAX_DEPTH, Element, parse_xml
@@ -42,10 +50,6 @@ MAX_INCLUDES = 30
 
 _ENGINE = threading.Lock()
 """The library keeps its state in its module."""
-
-_UNITS = {"radians": 1.0, "degrees": 3.141592653589793 / 180, "meters": 1.0, "millimeters": 1e-3, "foot": 0.3048,
-          "inches": 0.0254}  # fmt: skip
-"""Tags of numbers in the YAML files of xacro."""
 
 _ACCEPTED = frozenset({"duplicate-key", "not-finite", "not-a-mapping"})
 """What xacro accepts in a YAML file and a workspace does not; vendors ship files with keys given twice."""
@@ -305,11 +309,11 @@ class _Expansion:
         path = self._allowed(self._absolute(name))
         self._count_file()
         try:
-            read_yaml(path, frozenset(f"!{unit}" for unit in _UNITS))  # which has bounds and good messages
+            read_yaml(path, frozenset(f"!{unit}" for unit in UNITS))  # which has bounds and good messages
         except InputError as error:
             if not {problem.code for problem in error.problems} <= _ACCEPTED:
                 raise InputError(*(self._with_arguments(problem) for problem in error.problems)) from error
-        return bounded(yaml.load(read_input(path, MAX_BYTES), _unit_loader(self._evaluator)))  # noqa: S506
+        return bounded(yaml.load(read_input(path, MAX_BYTES), unit_loader(self._evaluator)))  # noqa: S506
 
     def _absolute(self, name: str) -> str:
         if name.startswith("package://"):
@@ -453,18 +457,3 @@ def _own_folders(path: Path) -> tuple[Path, ...]:
     """The folder of a file, and the package that it is in."""
     package = packages.package_around(path)
     return (path.parent, *([package] if package else ()))
-
-
-def _unit_loader(evaluator: Evaluator) -> type[yaml.SafeLoader]:
-    """A loader that knows the tags of units."""
-
-    class Loader(yaml.SafeLoader):
-        pass
-
-    for unit, factor in _UNITS.items():
-
-        def convert(loader: yaml.SafeLoader, node: yaml.ScalarNode, factor: float = factor) -> float:
-            return float(evaluator.value(str(loader.construct_scalar(node)), GLOBALS)) * factor
-
-        Loader.add_constructor(f"!{unit}", convert)
-    return Loader

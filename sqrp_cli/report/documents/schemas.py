@@ -43,7 +43,9 @@ FILES: Mapping[str, type[Entry]] = {
 }
 """The model of each file: a workspace, a skill, the `place.yaml` beside a workspace, and how to reach a real cell."""
 
-_RECORD_NAMES: Mapping[str, str] = {"ExpectedTask": "TaskEntry", "Held": "HeldEntry", "Marker": "MarkerEntry"}
+_RECORD_NAMES: Mapping[str, str] = {
+    "ExpectedTask": "TaskEntry", "Held": "HeldEntry", "Marker": "MarkerEntry", "ToolTopicEntry": "ToolEntry",
+}  # fmt: skip
 """Names of renamed records in the schemas, kept so that references to their definitions stay valid."""
 
 DOCUMENTS: Mapping[str, Any] = {

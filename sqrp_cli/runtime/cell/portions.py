@@ -3,16 +3,20 @@
 Every `EVERY` seconds, and at once when the wanted motion changes, a new trajectory replaces the one before. It follows
 the motion for `AHEAD` seconds and ends in a protective stop along the same path. Whoever sends it may be killed, cut
 off or hang: the controller then plays what it has, which brakes within its last part and holds where it ends.
+
+Where the joints then were is in a log.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections import deque
+from collections.abc import Callable, Collection, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from sqrp_cli.geometry import Array
+from sqrp_cli.ros.messages import Message, MessageError
 from sqrp_cli.runtime.cell.interface import JointStates, StoppableReference
 
 AHEAD = 0.4
@@ -120,3 +124,61 @@ def _portion(reference: StoppableReference, now: float) -> Portion:
     positions, velocities, accelerations = reference.states(times)
     velocities[-1] = accelerations[-1] = 0.0
     return Portion(times - now, JointStates(positions, velocities, accelerations))
+
+
+_REMEMBERED = 2000
+"""How many joint states are kept, to know where the robot was when an image was taken."""
+
+
+class JointLog:
+    """Where the joints were lately."""
+
+    def __init__(self, names: Mapping[str, str]) -> None:
+        """names: of joints in the workspace, by those in messages."""
+        self._names = names
+        self._log: deque[tuple[float, Mapping[str, float]]] = deque(maxlen=_REMEMBERED)
+        self.changed = 0.0
+        """Stamp of the first message that said what the last one says [s]."""
+        self.came = 0.0
+        """When the last one came [s]."""
+
+    def add(self, t: float, message: Message, now: float) -> None:
+        """Joint states of a time [s] have come. Raises MessageError for positions that are none."""
+        if len(message.name) != len(message.position):
+            what = f"{len(message.name)} names of joints with {len(message.position)} positions"
+            raise MessageError(what)
+        if not np.isfinite(message.position).all():
+            raise MessageError("positions of joints that are no numbers")
+        named = zip(message.name, message.position.tolist(), strict=True)
+        found = {self._names.get(name, name): q for name, q in named}
+        self.came = now
+        if self._log and t <= self._log[-1][0]:
+            return
+        if not self._log or any(self._log[-1][1].get(name) != q for name, q in found.items()):
+            self.changed = t
+        # A gripper may report apart from the arm.
+        self._log.append((t, {**self._log[-1][1], **found} if self._log else found))
+
+    @property
+    def newest(self) -> float:
+        """Time of the last one [s]; 0 before any."""
+        return self._log[-1][0] if self._log else 0.0
+
+    @property
+    def known(self) -> bool:
+        """Whether any has come."""
+        return bool(self._log)
+
+    def at(self, t: float | None = None) -> Mapping[str, float]:
+        """Positions at a time [s], in between two messages on the line between them; the newest by default."""
+        if not self._log:
+            return {}
+        if t is None or t >= self.newest:
+            return self._log[-1][1]
+        later = self._log[-1]
+        for earlier in reversed(self._log):
+            if earlier[0] <= t:
+                share = (t - earlier[0]) / max(later[0] - earlier[0], 1e-9)
+                return {name: q + share * (later[1][name] - q) for name, q in earlier[1].items()}
+            later = earlier
+        return later[1]

@@ -78,7 +78,7 @@ class ImageTopicEntry(Stored):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ToolEntry(Stored):
+class ToolTopicEntry(Stored):
     """The topic that has the tool hold and let go."""
 
     topic: TopicName
@@ -134,7 +134,7 @@ class RobotFile(Entry):
         "by default, all of the program by their own names.",
     )
     cameras: dict[Name, ImageTopicEntry] = Field(min_length=1, description="Topics of each camera of the workspace.")
-    tool: ToolEntry | None = Field(default=None, description="What has the tool hold and let go.")
+    tool: ToolTopicEntry | None = Field(default=None, description="What has the tool hold and let go.")
     force: TopicName | None = Field(
         default=None, description="Topic of a force sensor (WrenchStamped), for guarded moves."
     )

@@ -19,7 +19,7 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.ros.messages import Message, MessageError, nanoseconds
 from sqrp_cli.ros.transport import ActingTransport, Inbox, Send, Topic, Transport
 from sqrp_cli.runtime.cell.interface import StoppableReference
-from sqrp_cli.runtime.cell.portions import AHEAD, Portion, Portions
+from sqrp_cli.runtime.cell.portions import AHEAD, JointLog, Portion, Portions
 from sqrp_cli.runtime.cell.robot_file import RobotFile
 from sqrp_cli.runtime.image import CameraImage
 from sqrp_cli.runtime.pauses import Pauses
@@ -48,9 +48,6 @@ LONGEST_JUMP = 300.0
 """A `/clock` that goes on by so much more than the time of this computer [s] has jumped, even where the arm stands."""
 
 _NO_TIME = "`/clock` stands still"
-
-_REMEMBERED = 2000
-"""How many joint states are kept, to know where the robot was when an image was taken."""
 
 CLOCK = Topic(name="/clock", type="rosgraph_msgs/msg/Clock", depth=1)
 _JOINT_STATE, _TRAJECTORY = "sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory"
@@ -111,60 +108,6 @@ class RosClock:
 def _steady_ns() -> int:
     """A time that goes on while this computer sleeps, and that nobody sets [ns]."""
     return time.clock_gettime_ns(getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
-
-
-class JointLog:
-    """Where the joints were lately."""
-
-    def __init__(self, names: Mapping[str, str]) -> None:
-        """names: of joints in the workspace, by those in messages."""
-        self._names = names
-        self._log: deque[tuple[float, Mapping[str, float]]] = deque(maxlen=_REMEMBERED)
-        self.changed = 0.0
-        """Stamp of the first message that said what the last one says [s]."""
-        self.came = 0.0
-        """When the last one came [s]."""
-
-    def add(self, t: float, message: Message, now: float) -> None:
-        """Joint states of a time [s] have come. Raises MessageError for positions that are none."""
-        if len(message.name) != len(message.position):
-            what = f"{len(message.name)} names of joints with {len(message.position)} positions"
-            raise MessageError(what)
-        if not np.isfinite(message.position).all():
-            raise MessageError("positions of joints that are no numbers")
-        named = zip(message.name, message.position.tolist(), strict=True)
-        found = {self._names.get(name, name): q for name, q in named}
-        self.came = now
-        if self._log and t <= self._log[-1][0]:
-            return
-        if not self._log or any(self._log[-1][1].get(name) != q for name, q in found.items()):
-            self.changed = t
-        # A gripper may report apart from the arm.
-        self._log.append((t, {**self._log[-1][1], **found} if self._log else found))
-
-    @property
-    def newest(self) -> float:
-        """Time of the last one [s]; 0 before any."""
-        return self._log[-1][0] if self._log else 0.0
-
-    @property
-    def known(self) -> bool:
-        """Whether any has come."""
-        return bool(self._log)
-
-    def at(self, t: float | None = None) -> Mapping[str, float]:
-        """Positions at a time [s], in between two messages on the line between them; the newest by default."""
-        if not self._log:
-            return {}
-        if t is None or t >= self.newest:
-            return self._log[-1][1]
-        later = self._log[-1]
-        for earlier in reversed(self._log):
-            if earlier[0] <= t:
-                share = (t - earlier[0]) / max(later[0] - earlier[0], 1e-9)
-                return {name: q + share * (later[1][name] - q) for name, q in earlier[1].items()}
-            later = earlier
-        return later[1]
 
 
 class ImageTimes(NamedTuple):

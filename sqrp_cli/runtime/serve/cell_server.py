@@ -20,7 +20,7 @@ from sqrp_cli.program.record import Step
 from sqrp_cli.ros.messages import Message, MessageError, MessageTypes, nanoseconds, transform_message
 from sqrp_cli.ros.ros1 import Ros1Transport, TrajectoryActionServer
 from sqrp_cli.ros.transport import Inbox, Send, Topic, Transport
-from sqrp_cli.runtime.cell.robot_file import ImageTopicEntry, RobotFile, ToolEntry
+from sqrp_cli.runtime.cell.robot_file import ImageTopicEntry, RobotFile, ToolTopicEntry
 from sqrp_cli.runtime.cell.ros_cell import CLOCK
 from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 from sqrp_cli.runtime.image import ImageArray
@@ -56,7 +56,7 @@ def served_file(workspace: Workspace, joints: Sequence[str], reached: Mapping[st
         cameras={
             name: ImageTopicEntry(image=f"/{name}/image_raw", info=f"/{name}/camera_info") for name in workspace.cameras
         },
-        tool=ToolEntry(topic="/tool"),
+        tool=ToolTopicEntry(topic="/tool"),
         force="/wrench",
     )
 
