@@ -147,7 +147,6 @@ class OpenCell:
         from sqrp_cli.api.session import assess
         from sqrp_cli.programming.ranking import rank
 
-        by = arguments.check_by(by)
         arguments.check_means(jobs, progress)
         session = self.begin(
             task,

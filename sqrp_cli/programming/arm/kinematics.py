@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import combinations
 from typing import NamedTuple
@@ -163,15 +163,10 @@ class RobotModel:
             message = f"no joint moves the tool frame `{robot.tool_frame}`"
             raise InputError(Problem("no-arm", message, Place(robot.urdf.path)))
         fingers = _fingers(robot, tree)
-        limits = [_limits(robot, tree.joints[index]) for index in arm]
         return RobotModel(
             arm=tuple(tree.joints[index].name for index in arm),
             turns=tree.turns[arm],
-            lower=read_only([limit.lower for limit in limits]),
-            upper=read_only([limit.upper for limit in limits]),
-            velocity=read_only([limit.velocity for limit in limits]),
-            acceleration=read_only([limit.acceleration for limit in limits]),
-            jerk=read_only([limit.jerk for limit in limits]),
+            **_limit_arrays([tree.joints[index] for index in arm], robot),
             home=read_only([robot.home.get(tree.joints[index].name, tree.joints[index].rest) for index in arm]),
             fingers=fingers,
             tool_links=frozenset(robot.tool.urdf.links if robot.tool else ()),
@@ -364,26 +359,24 @@ def _fingers(robot: Robot, tree: JointTree) -> FingerModel:
         for index, joint in enumerate(tree.joints)
         if joint.name in leading or (joint.mimic is not None and joint.mimic.joint in leading)
     }
-    limits = [_limits(robot, tree.joints[tree.index(name)]) for name in names]
     opened, closed = (robot.fingers.open, robot.fingers.closed) if robot.fingers else ({}, {})
     return FingerModel(
         joints=names,
         open=read_only([opened[name] for name in names]),
         closed=read_only([closed[name] for name in names]),
-        lower=read_only([limit.lower for limit in limits]),
-        upper=read_only([limit.upper for limit in limits]),
-        velocity=read_only([limit.velocity for limit in limits]),
-        acceleration=read_only([limit.acceleration for limit in limits]),
-        jerk=read_only([limit.jerk for limit in limits]),
+        **_limit_arrays([tree.joints[tree.index(name)] for name in names], robot),
         links=frozenset(link for link in tree.mounts if driving.intersection(tree.chain(link))),
         width=None if robot.fingers is None else robot.fingers.width,
     )
 
 
-def _limits(robot: Robot, joint: UrdfJoint) -> JointLimits:
-    if joint.name not in robot.limits:
-        raise InputError(Problem("missing-limit", f"no limits are given for joint `{joint.name}`", joint.place))
-    return robot.limits[joint.name]
+def _limit_arrays(joints: Sequence[UrdfJoint], robot: Robot) -> dict[str, Array]:
+    """Each of the limits of some joints."""
+    for joint in joints:
+        if joint.name not in robot.limits:
+            raise InputError(Problem("missing-limit", f"no limits are given for joint `{joint.name}`", joint.place))
+    limits = [robot.limits[joint.name] for joint in joints]
+    return {part.name: read_only([getattr(one, part.name) for one in limits]) for part in fields(JointLimits)}
 
 
 def _adjacent_pairs(parts: Sequence[Part], tree: JointTree) -> frozenset[tuple[str, str]]:

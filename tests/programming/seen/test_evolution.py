@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.programming.seen.evolution import Evolution
+from sqrp_cli.programming.seen.move_search import Evolution
 
 TURN = np.linalg.qr(np.random.default_rng(3).normal(size=(6, 6)))[0]
 
