@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sqrp_cli.api.answer import Answer
+from sqrp_cli.api.results import Answer
 from sqrp_cli.api.session import assess, check_choice, choose_candidate
 from sqrp_cli.errors import InputError, Problem, bad_option
 from sqrp_cli.geometry import inverse, read_only

@@ -8,9 +8,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sqrp_cli.api.answer import Answer, how_many
 from sqrp_cli.api.arguments import check_progress, checked_path, optional_path
 from sqrp_cli.api.cell import OpenCell, silent
+from sqrp_cli.api.results import Answer, how_many
 from sqrp_cli.errors import InputError, Place, Problem, bad_option
 
 if TYPE_CHECKING:

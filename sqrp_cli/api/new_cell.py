@@ -4,21 +4,67 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from sqrp_cli.api.arguments import check_crowd, check_text, checked_path, optional_path
 from sqrp_cli.api.cell import open_cell, silent
-from sqrp_cli.errors import InputError
+from sqrp_cli.api.results import Answer
+from sqrp_cli.errors import InputError, Problem
 
 if TYPE_CHECKING:
-    from sqrp_cli.api.results import NewCell
-    from sqrp_cli.report.documents.scene import FirstRun
+    from sqrp_cli.report.documents.scene import FirstRun, InitDocument
+    from sqrp_cli.starter.make import Starter
     from sqrp_cli.starter.random_cell import Crowd
 
 Progress = Callable[[str, None], AbstractContextManager[object]]
 """Shows what is being done, while it is."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class NewCell(Answer["InitDocument"]):
+    """A new workspace."""
+
+    starter: Starter
+    path: Path
+    """Of its folder, as it was given."""
+    own_arm: bool
+    """Whether the arm is the user's, so that some values were guessed."""
+    run: FirstRun | None = None
+    """Of the best candidate in the simulated cell; None if it was not run."""
+
+    @property
+    def problems(self) -> Sequence[Problem]:
+        """Warnings about the arm."""
+        return self.starter.warnings
+
+    @property
+    def works(self) -> bool:
+        """Whether there is a task to rank and, if it was run, it was done."""
+        return self.starter.task is not None and (self.run is None or self.run.outcome == "done")
+
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        return f"{self.path}: {self.starter.task or 'nothing within reach'}"
+
+    @cached_property
+    def document(self) -> InitDocument:
+        """The document of `sqrp init`."""
+        from sqrp_cli.report.documents.scene import InitDocument
+
+        made = self.starter
+        cubes = list(made.cubes)
+        return InitDocument(workspace=str(made.folder), tool_link=made.tip, objects=cubes, task=made.task, run=self.run)
+
+    def show(self) -> None:
+        """Print what `sqrp init` prints."""
+        from sqrp_cli.terminal.scene_table import print_new_cell
+
+        print_new_cell(self.path, self.starter, self.run, own_arm=self.own_arm)
 
 
 def new_cell(
@@ -41,7 +87,6 @@ def new_cell(
     in. run: whether to run its task once in the simulated cell, where there is one. progress: told each step.
     Raises InputError for an arm that cannot be used; nothing is ever overwritten.
     """
-    from sqrp_cli.api.results import NewCell
     from sqrp_cli.starter.description import OwnRobot
     from sqrp_cli.starter.make import make_starter
 

@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sqrp_cli.api.answer import Answer
+from sqrp_cli.api.results import Answer
 from sqrp_cli.errors import InputError, Problem, bad_option, expected_names
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.yaml_edit import patch

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Sequence, Sized
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
-from sqrp_cli.api.answer import Answer, how_many
 from sqrp_cli.api.arguments import check_text, checked_path
 from sqrp_cli.errors import Problem, bad_option
+from sqrp_cli.report.documents.document import as_text
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -24,11 +25,54 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.whole_study import StepShown
     from sqrp_cli.report.documents.candidates import CandidateFigures, RankDocument
     from sqrp_cli.report.documents.checks import CheckDocument, CheckedCandidate
+    from sqrp_cli.report.documents.document import Document
     from sqrp_cli.report.documents.explanation import CandidateStudy, ExplainAllDocument, ExplainDocument
-    from sqrp_cli.report.documents.scene import FirstRun, InitDocument, ShowDocument
+    from sqrp_cli.report.documents.scene import ShowDocument
     from sqrp_cli.report.documents.scores import ScoreDocument, TaskResult
     from sqrp_cli.scoring.scorecard import Scorecard
-    from sqrp_cli.starter.make import Starter
+
+
+AnyDocument = TypeVar("AnyDocument", bound="Document", covariant=True)
+
+
+class Answer(ABC, Generic[AnyDocument]):
+    """A result. `print` and a notebook show it like the command of the same name."""
+
+    @property
+    @abstractmethod
+    def document(self) -> AnyDocument:
+        """The whole result, with the fields of `--json`."""
+
+    @property
+    @abstractmethod
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+
+    @abstractmethod
+    def show(self) -> None:
+        """Print it to the terminal."""
+
+    def to_json(self) -> str:
+        """The document as one line of JSON, as `--json` prints it."""
+        return as_text(self.document)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.brief})"
+
+    def __str__(self) -> str:
+        from sqrp_cli.terminal.console import as_plain_text
+
+        return as_plain_text(self.show)
+
+    def _repr_html_(self) -> str:
+        from sqrp_cli.terminal.console import as_html
+
+        return as_html(self.show)
+
+
+def how_many(several: Sized, noun: str) -> str:
+    """How many there are, such as `1 candidate` or `6 candidates`."""
+    return f"{len(several)} {noun}{'' if len(several) == 1 else 's'}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -312,49 +356,6 @@ class Difference(Scores):
         from sqrp_cli.terminal.score_table import print_difference
 
         print_difference(self.findings)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class NewCell(Answer["InitDocument"]):
-    """A new workspace."""
-
-    starter: Starter
-    path: Path
-    """Of its folder, as it was given."""
-    own_arm: bool
-    """Whether the arm is the user's, so that some values were guessed."""
-    run: FirstRun | None = None
-    """Of the best candidate in the simulated cell; None if it was not run."""
-
-    @property
-    def problems(self) -> Sequence[Problem]:
-        """Warnings about the arm."""
-        return self.starter.warnings
-
-    @property
-    def works(self) -> bool:
-        """Whether there is a task to rank and, if it was run, it was done."""
-        return self.starter.task is not None and (self.run is None or self.run.outcome == "done")
-
-    @property
-    def brief(self) -> str:
-        """Its main figures, in a line."""
-        return f"{self.path}: {self.starter.task or 'nothing within reach'}"
-
-    @cached_property
-    def document(self) -> InitDocument:
-        """The document of `sqrp init`."""
-        from sqrp_cli.report.documents.scene import InitDocument
-
-        made = self.starter
-        cubes = list(made.cubes)
-        return InitDocument(workspace=str(made.folder), tool_link=made.tip, objects=cubes, task=made.task, run=self.run)
-
-    def show(self) -> None:
-        """Print what `sqrp init` prints."""
-        from sqrp_cli.terminal.scene_table import print_new_cell
-
-        print_new_cell(self.path, self.starter, self.run, own_arm=self.own_arm)
 
 
 def _figures(assessment: Assessment) -> str:

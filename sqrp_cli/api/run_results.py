@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from sqrp_cli.api.answer import Answer, how_many
 from sqrp_cli.api.arguments import RunOutputs, check_texts, checked_path
+from sqrp_cli.api.results import Answer, how_many
 from sqrp_cli.errors import InputError
 
 if TYPE_CHECKING:

@@ -18,10 +18,10 @@ from sqrp_cli.platform.memory import keep_all_so_far
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
-    from sqrp_cli.api.answer import Answer, AnyDocument
     from sqrp_cli.api.arguments import WaysOption
     from sqrp_cli.api.cell import OpenCell
     from sqrp_cli.api.program import OpenProgram
+    from sqrp_cli.api.results import Answer, AnyDocument
     from sqrp_cli.knowledge.text.units import Dimension, Quantity
     from sqrp_cli.programming.coverage.robustness import Calibration
     from sqrp_cli.programming.coverage.sampling import Sampling

@@ -16,7 +16,7 @@ from sqrp_cli.api.results import Check, Explanation, Ranking, Scores
 from sqrp_cli.errors import ExitCode, bad_option
 
 if TYPE_CHECKING:
-    from sqrp_cli.api.answer import Answer, AnyDocument
+    from sqrp_cli.api.results import Answer, AnyDocument
     from sqrp_cli.programming.coverage.quality import Figures
     from sqrp_cli.report.documents.candidates import CandidateFigures
     from sqrp_cli.report.documents.explanation import CandidateStudy, Sample
