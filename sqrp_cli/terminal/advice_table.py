@@ -7,7 +7,18 @@ from itertools import groupby
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.report.documents import advice
 from sqrp_cli.report.sentences import KIND_WORDS, shown_size
-from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table, say, say_command
+from sqrp_cli.terminal.console import (
+    Column,
+    Styled,
+    joined,
+    numbers,
+    percent,
+    plain,
+    print_table,
+    say,
+    say_command,
+    seconds,
+)
 
 _FIGURES = ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nafter", "up to")
 
@@ -26,8 +37,7 @@ def print_advice(found: advice.AdviceDocument, wish: Wish, *, fastest: bool, fix
         return
     if found.advice:
         say()
-        columns = [Column("#", right=True), Column("change", shrink=True)]
-        columns += [Column(title, right=True) for title in _FIGURES]
+        columns = [*numbers("#"), Column("change", shrink=True), *numbers(*_FIGURES)]
         print_table(columns, [_row(number, one) for number, one in enumerate(found.advice, 1)])
     for number, one in enumerate(found.advice, 1):
         for cost in advice.costs(one.tasks):
@@ -76,14 +86,9 @@ def _conclude_without(found: advice.AdviceDocument) -> None:
 
 
 def _row(number: int, one: advice.AdviceFound) -> list[Styled]:
-    delay = "-" if one.delay_worst is None else f"{one.delay_worst:.2f}"
-    time = "-" if one.time is None else f"{one.time:.2f}"
     room = "-" if one.margin is None else shown_size(one.size + one.margin.more, one.unit)
-    return [str(number), one.words, _percent(one.q_eoi), _percent(one.q_avg), time, delay, room]
-
-
-def _percent(quality: float | None) -> str:
-    return "-" if quality is None else f"{100 * quality:.1f}"
+    figures = [percent(one.q_eoi), percent(one.q_avg), seconds(one.time), seconds(one.delay_worst)]
+    return [str(number), one.words, *figures, room]
 
 
 def _print_nearest(outcome: advice.KindOutcome) -> None:

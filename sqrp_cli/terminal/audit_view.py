@@ -10,7 +10,7 @@ import numpy as np
 from sqrp_cli.errors import first_names
 from sqrp_cli.program.record import Program
 from sqrp_cli.runtime.record.events import listed
-from sqrp_cli.terminal.console import Column, plain, print_table, say
+from sqrp_cli.terminal.console import Column, numbers, plain, print_table, say
 from sqrp_cli.terminal.run_view import print_disagreements, print_prediction
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def _without(cameras: Sequence[str], topics: Sequence[str]) -> str:
 
 def _print_cameras(cameras: Mapping[str, CameraSurvey]) -> None:
     titles = ("images", "clock [ms]", "turned [deg]", "shifted [mm]", "off by [px]")
-    columns = [Column("camera"), *(Column(title, right=True) for title in titles)]
+    columns = [Column("camera"), *numbers(*titles)]
     print_table(columns, [[name, str(one.images), *_cells(one)] for name, one in cameras.items()])
     for name, one in cameras.items():
         if one.has_wrong_clock and one.offset is not None:

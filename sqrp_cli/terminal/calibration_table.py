@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sqrp_cli.calibrating.fit import Judged
 from sqrp_cli.report.documents.calibration import CalibrateDocument
-from sqrp_cli.terminal.console import Column, print_table, say
+from sqrp_cli.terminal.console import Column, numbers, print_table, say
 
 
 def print_calibration(document: CalibrateDocument) -> None:
@@ -25,10 +25,10 @@ def print_calibration(document: CalibrateDocument) -> None:
 def _print_detector(limits: Judged, held_out: Judged) -> None:
     rows = [("limits", *_figures(limits)), ("curve, poses held out", *_figures(held_out))]
     titles = ("calibration error [points]", "Brier score")
-    print_table([Column(""), *(Column(title, right=True) for title in titles)], rows)
+    print_table([Column(""), *numbers(*titles)], rows)
     say()
     bins = [(f"{100 * one.told:.1f}", f"{100 * one.seen:.1f}", str(one.looks)) for one in held_out.bins]
-    print_table([Column(title, right=True) for title in ("told [%]", "seen [%]", "looks")], bins)
+    print_table(numbers("told [%]", "seen [%]", "looks"), bins)
 
 
 def _figures(judged: Judged) -> tuple[str, str]:

@@ -66,6 +66,21 @@ class Column:
     shrink: bool = False
 
 
+def numbers(*titles: str) -> list[Column]:
+    """Columns of numbers."""
+    return [Column(title, right=True) for title in titles]
+
+
+def percent(share: float | None) -> str:
+    """A share in 0..1 as it stands in a column of per cent."""
+    return "-" if share is None else f"{100 * share:.1f}"
+
+
+def seconds(t: float | None, sign: str = "") -> str:
+    """A time [s] as it stands in a column; sign: before it."""
+    return "-" if t is None else f"{sign}{t:.2f}"
+
+
 @dataclass(frozen=True)
 class Share:
     """A cell with a share in 0..1: a bar and a number, or only the number if space is short."""

@@ -6,7 +6,7 @@ from time import monotonic
 
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.report.documents import placing
-from sqrp_cli.terminal.console import Column, joined, note, print_table, say, say_command
+from sqrp_cli.terminal.console import Column, joined, note, numbers, percent, print_table, say, say_command, seconds
 from sqrp_cli.terminal.progress_lines import PERIOD, wanted
 
 MOST_UNSEEN = 8
@@ -83,7 +83,7 @@ def _print_unmet(found: placing.PlaceDocument, wish: Wish | None) -> None:
 
 def _print_cameras(found: placing.PlaceDocument) -> None:
     columns = [Column("camera"), Column("mount"), Column("lens", shrink=True), Column("where [m]")]
-    columns += [Column(title, right=True) for title in ("alone\n[%]", "its loss\n[points]")]
+    columns += numbers("alone\n[%]", "its loss\n[points]")
     if any(one.price for one in found.cameras):
         columns.append(Column("price", right=True))
     rows = []
@@ -97,10 +97,9 @@ def _print_cameras(found: placing.PlaceDocument) -> None:
 def _print_candidates(found: placing.PlaceDocument) -> None:
     several = len(found.tasks) > 1
     columns = [*([Column("task")] if several else []), Column("candidate")]
-    columns += [Column(title, right=True) for title in ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nafter")]
+    columns += numbers("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nafter")
     rows = []
     for one in found.candidates:
-        qualities = ["-" if q is None else f"{100 * q:.1f}" for q in (one.q_eoi, one.q_avg)]
-        times = ["-" if t is None else f"{t:.2f}" for t in (one.time, one.delay_worst)]
-        rows.append([*([one.task] if several else []), one.candidate, *qualities, *times])
+        figures = [percent(one.q_eoi), percent(one.q_avg), seconds(one.time), seconds(one.delay_worst)]
+        rows.append([*([one.task] if several else []), one.candidate, *figures])
     print_table(columns, rows)

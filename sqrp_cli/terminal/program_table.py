@@ -11,7 +11,7 @@ from sqrp_cli.knowledge.workspace.load import shortest_path, workspace_name
 from sqrp_cli.program.file import workspace_path
 from sqrp_cli.program.joint_trajectory import tool_commands
 from sqrp_cli.program.record import FaultMetrics, Program, Totals
-from sqrp_cli.terminal.console import Cell, Column, Share, Styled, joined, plain, print_table, say, say_command
+from sqrp_cli.terminal.console import Cell, Column, Share, Styled, joined, numbers, plain, print_table, say, say_command
 
 _NEVER = 1e-6
 """Shares of times up to this are rounded from none."""
@@ -37,10 +37,8 @@ def print_program(program: Program, file: Path) -> None:
 
 
 def _print_steps(program: Program, totals: Totals) -> None:
-    columns = [Column("#"), Column("step", shrink=True)]
-    columns += [Column(title, right=True) for title in ("start\n[s]", "time\n[s]")]
-    columns += [Column("Q_eoi [%]", right=True), Column("Q_avg [%]", right=True)]
-    columns += [Column("slowest\nalarm [s]", right=True)]
+    titles = ("start\n[s]", "time\n[s]", "Q_eoi [%]", "Q_avg [%]", "slowest\nalarm [s]")
+    columns = [Column("#"), Column("step", shrink=True), *numbers(*titles)]
     rows: list[list[Cell]] = []
     start = 0.0
     for number, step in enumerate(program.steps, 1):
@@ -77,6 +75,6 @@ def _print_tool(program: Program) -> None:
     commands = tool_commands(program)
     if commands:
         say("\nWhat the tool has to do:\n")
-        columns = [Column("step"), Column("tool"), *(Column(title, right=True) for title in ("from [s]", "to [s]"))]
+        columns = [Column("step"), Column("tool"), *numbers("from [s]", "to [s]")]
         print_table(columns, [(str(c.step), str(c), f"{c.start:.2f}", f"{c.end:.2f}") for c in commands])
         say()

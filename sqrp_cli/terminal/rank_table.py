@@ -29,7 +29,19 @@ from sqrp_cli.report.sentences import (
     why_first,
     within,
 )
-from sqrp_cli.terminal.console import Cell, Column, Share, Styled, fits, joined, plain, print_table, say
+from sqrp_cli.terminal.console import (
+    Cell,
+    Column,
+    Share,
+    Styled,
+    fits,
+    joined,
+    numbers,
+    plain,
+    print_table,
+    say,
+    seconds,
+)
 from sqrp_cli.terminal.ways_table import blind_ends, faster_ways, print_ways
 
 MOST_ROWS = 20
@@ -108,7 +120,7 @@ def _print_calibration(assignment: Assignment, feasible: Sequence[Ranked], by: C
         for assessment in assessments
     ]
     titles = ("Q_eoi [%]", "Q_avg [%]", "first in")
-    print_table([Column(""), *(Column(title, right=True) for title in titles)], rows)
+    print_table([Column(""), *numbers(*titles)], rows)
 
 
 def _span(values: Sequence[float | None]) -> str:
@@ -137,7 +149,7 @@ def _print_certificate(
         for one, found in proven
     ]
     titles = ("Q_eoi [%]", "Q_avg [%]", "undecided [s]")
-    print_table([Column(""), *(Column(title, right=True) for title in titles)], rows)
+    print_table([Column(""), *numbers(*titles)], rows)
     error = bisection_error(assignment.sampling)
     if error and any(_is_open(one) for _, one in proven):
         say(f"Both ends allow for {100 * error:g} points that bisection may leave.")
@@ -159,14 +171,10 @@ class _Figure(NamedTuple):
     cell: Callable[[Assessment], Cell]
 
 
-def _seconds(value: float | None, digits: int = 2) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
-
-
 _FIGURES = (
     _Figure("Q_eoi [%]", lambda found: Share(found.q_eoi)),
     _Figure("Q_avg [%]", lambda found: Share(found.q_avg)),
-    _Figure("time\n[s]", lambda found: _seconds(found.time)),
+    _Figure("time\n[s]", lambda found: seconds(found.time)),
 )
 """The columns that every ranking has, after place and parameters."""
 

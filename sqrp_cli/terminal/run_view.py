@@ -12,7 +12,7 @@ from sqrp_cli.program.record import Program
 from sqrp_cli.report.sentences import short_times
 from sqrp_cli.runtime.record import events
 from sqrp_cli.runtime.record.report import Confusion, Disagreement, FaultRecord, Prediction, RunReport, excess
-from sqrp_cli.terminal.console import Column, Show, joined, live, plain, print_table, say
+from sqrp_cli.terminal.console import Column, Show, joined, live, numbers, plain, print_table, say, seconds
 
 if TYPE_CHECKING:
     from sqrp_cli.runtime.run.simulation import SweepRun, SweepSummary
@@ -129,7 +129,7 @@ def print_run(workspace: str, report: RunReport) -> None:
         say(f"The robot stopped because {short_times(report.reason or '')}.")
     missed = [fault for fault in report.faults if fault.happened is not None and fault.detected is None]
     for fault in missed:
-        say(f"No image showed {fault.name}, which happened at {_seconds(fault.happened)} s.", "yellow")
+        say(f"No image showed {fault.name}, which happened at {seconds(fault.happened)} s.", "yellow")
     _print_unseen(report, told=bool(missed))
     if report.faults:
         say()
@@ -169,13 +169,13 @@ def _print_faults(report: RunReport) -> None:
     rows = [
         [
             report.label_of(fault),
-            *(_seconds(t) for t in (fault.injected, fault.happened, fault.detected, fault.delay)),
-            _seconds(fault.predicted_delay, "<="),
-            *(_seconds(t) for t in (fault.acted, fault.recovered)),
+            *(seconds(t) for t in (fault.injected, fault.happened, fault.detected, fault.delay)),
+            seconds(fault.predicted_delay, "<="),
+            *(seconds(t) for t in (fault.acted, fault.recovered)),
         ]
         for fault in report.faults
     ]
-    print_table([Column("fault [s]"), *(Column(title, right=True) for title in columns)], rows)
+    print_table([Column("fault [s]"), *numbers(*columns)], rows)
     say("t_f happened, t_r seen, t_redo the robot responded, t_e the step was done", "dim")
     for fault in report.faults:
         if fault.moved_on is not None:
@@ -194,13 +194,8 @@ def _print_late(faults: Sequence[FaultRecord]) -> None:
 
 def print_prediction(prediction: Sequence[Prediction], total: Confusion) -> None:
     """How often images showed what they were promised to show."""
-    columns = [
-        Column("literal"),
-        Column("camera"),
-        Column("images that were\npromised to show it", right=True),
-        Column("came true", right=True),
-        Column("others that\nshowed it", right=True),
-    ]
+    titles = ("images that were\npromised to show it", "came true", "others that\nshowed it")
+    columns = [Column("literal"), Column("camera"), *numbers(*titles)]
     rows = []
     for number, step in enumerate(prediction, 1):
         for atom, cameras in step.items():
@@ -233,17 +228,8 @@ def print_disagreements(found: Sequence[Disagreement], steps: int) -> None:
         if rows:
             say()
             say(title)
-            print_table(
-                [
-                    Column("literal"),
-                    Column("camera"),
-                    Column("shown", shrink=True),
-                    Column("images", right=True),
-                    Column("from - to [s]", right=True),
-                    Column("judged [%]", right=True),
-                ],
-                rows,
-            )
+            columns = [Column("literal"), Column("camera"), Column("shown", shrink=True)]
+            print_table([*columns, *numbers("images", "from - to [s]", "judged [%]")], rows)
     if len(groups) > MOST_DISAGREEMENTS:
         say(f"and {len(groups) - MOST_DISAGREEMENTS} more; --json lists every image", "dim")
 
@@ -271,13 +257,13 @@ def print_sweep(
     say()
     columns = ("slip at", "t_f", "t_r", "t_r - t_f", "predicted", "t_e")
     print_table(
-        [*(Column(title, right=True) for title in columns), Column("outcome")],
+        [*numbers(*columns), Column("outcome")],
         [
             [
                 f"{run.x:.2f}",
-                *(_seconds(t) for t in (run.fault.happened, run.fault.detected, run.fault.delay)),
-                _seconds(run.fault.predicted_delay, "<="),
-                _seconds(run.fault.recovered),
+                *(seconds(t) for t in (run.fault.happened, run.fault.detected, run.fault.delay)),
+                seconds(run.fault.predicted_delay, "<="),
+                seconds(run.fault.recovered),
                 run.report.outcome,
             ]
             for run in runs
@@ -325,7 +311,3 @@ def wall_time(report: RunReport) -> str:
         f"{total:.1f} s of wall time for {report.time:.1f} s and {report.images} images: "
         f"{', '.join(parts)}, the rest {rest:.1f} s; perception {apart:.1f} s of CPU in its own processes"
     )
-
-
-def _seconds(t: float | None, sign: str = "") -> str:
-    return "-" if t is None else f"{sign}{t:.2f}"

@@ -15,7 +15,7 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.motion.collision.collision import SAMPLES
 from sqrp_cli.report.documents.scene import FirstRun
 from sqrp_cli.starter.make import Starter
-from sqrp_cli.terminal.console import Column, print_table, say, say_command
+from sqrp_cli.terminal.console import Column, numbers, print_table, say, say_command
 
 
 def print_scene(cell: Cell) -> None:
@@ -51,7 +51,7 @@ def _print_joints(model: RobotModel) -> None:
         )
     ]  # fmt: skip
     print_table(
-        [Column("joint [deg, s]"), *(Column(title, right=True) for title in ("min", "max", "v", "a", "j", "home"))],
+        [Column("joint [deg, s]"), *numbers("min", "max", "v", "a", "j", "home")],
         joints,
     )
 
@@ -77,7 +77,7 @@ def _print_ranges(workspace: Workspace) -> None:
             for name, ranges in marker_ranges(workspace.cameras, workspace.markers).items()
         ]
         say()
-        print_table([Column("reads [m]"), *(Column(name, right=True) for name in workspace.markers)], rows)
+        print_table([Column("reads [m]"), *numbers(*workspace.markers)], rows)
 
 
 def _print_objects(cell: Cell) -> None:

@@ -9,7 +9,18 @@ from pathlib import Path
 from sqrp_cli.knowledge.text.yaml_edit import from_here
 from sqrp_cli.scoring.scorecard import ComparedScore, Scorecard, listed
 from sqrp_cli.scoring.sweep import ScoredVariant, Sweep
-from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table, say, say_line
+from sqrp_cli.terminal.console import (
+    Column,
+    Styled,
+    joined,
+    numbers,
+    percent,
+    plain,
+    print_table,
+    say,
+    say_line,
+    seconds,
+)
 
 _STYLES = {"passed": "green", "failed": "red", "error": "bold red"}
 
@@ -39,7 +50,7 @@ def print_report(findings: Scorecard) -> None:
 def print_results(results: Sequence[ComparedScore]) -> None:
     """The table with a row per task."""
     columns = [Column("workspace", shrink=True), Column("task", shrink=True), Column("best", shrink=True)]
-    columns += [Column(title, right=True) for title in ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nafter")]
+    columns += numbers("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nafter")
     print_table([*columns, Column("")], [_row(result) for result in results])
 
 
@@ -113,7 +124,7 @@ def print_sweep(sweep: Sweep, patch: Path) -> None:
     """The table of variants, the best first, and how to apply it. patch: the file with the best variant."""
     paths = [path for path, _ in max((scored.variant.values for scored in sweep.variants), key=len)]
     columns = [Column("#", right=True), *(Column(name, right=True, shrink=True) for name in column_titles(paths))]
-    columns += [Column(title, right=True) for title in _FIGURES]
+    columns += numbers(*_FIGURES)
     shown = list(enumerate(sweep.variants[:ROWS], 1))
     shown += [
         (rank, scored) for rank, scored in enumerate(sweep.variants, 1) if rank > ROWS and not scored.variant.values
@@ -145,13 +156,8 @@ def _row(result: ComparedScore) -> list[Styled]:
     if score.best is None:
         return [score.workspace, score.task or "", "", "", "", "", "", status]
     best = score.best.assessment
-    delay = best.delay_worst
-    figures = [_percent(best.q_eoi), _percent(best.q_avg), f"{best.time:.2f}", "-" if delay is None else f"{delay:.2f}"]
+    figures = [percent(best.q_eoi), percent(best.q_avg), seconds(best.time), seconds(best.delay_worst)]
     return [score.workspace, score.task or "", best.candidate.name, *figures, status]
-
-
-def _percent(quality: float | None) -> str:
-    return "-" if quality is None else f"{100 * quality:.1f}"
 
 
 def _conclude(found: Sweep, patch: Path) -> None:
@@ -168,8 +174,8 @@ def _conclude(found: Sweep, patch: Path) -> None:
 def _variant_row(rank: int, scored: ScoredVariant, paths: list[str]) -> list[Styled]:
     values = dict(scored.variant.values)
     cells: list[Styled] = [str(rank), *(values.get(path, "as it is") for path in paths)]
-    figures = [_figure(scored.q_eoi, 100, 1), _figure(scored.q_avg, 100, 1), _figure(scored.time, 1, 2)]
-    figures += [_figure(scored.delay, 1, 2), f"{scored.feasible} of {scored.choices}"]
+    figures = [percent(scored.q_eoi), percent(scored.q_avg), seconds(scored.time), seconds(scored.delay)]
+    figures.append(f"{scored.feasible} of {scored.choices}")
     errors = scored.findings.count("error")
     passed = f"{scored.passed} of {len(scored.findings.results)}"
     return [*cells, *figures, plain("error", "bold red") if errors else passed]
@@ -183,10 +189,6 @@ def _reasons(shown: list[tuple[int, ScoredVariant]]) -> dict[str, list[int]]:
         if errors:
             found.setdefault(errors[0].reasons[0], []).append(rank)
     return found
-
-
-def _figure(value: float | None, scale: float, digits: int) -> str:
-    return "-" if value is None else f"{scale * value:.{digits}f}"
 
 
 def _owner_and_end(words: list[str]) -> list[str]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from sqrp_cli.programming.coverage.assessment import Assessment, WayFigures
 from sqrp_cli.programming.ranking import Ranked, compared_quality
 from sqrp_cli.programming.ways.words import way_in_words
-from sqrp_cli.terminal.console import Column, Share, print_table, say
+from sqrp_cli.terminal.console import Column, Share, numbers, print_table, say, seconds
 
 MOST_NAMED = 3
 """Most candidates that a line about ways names."""
@@ -47,11 +47,17 @@ def print_ways(assessments: Sequence[Assessment]) -> None:
             found, name = assessment.ways, assessment.candidate.name
             say(f"\n{name}: {found.feasible} of {found.tried} ways can be done; Pareto-optimal are")
             rows = [
-                (_words(assessment, way), Share(way.q_eoi), Share(way.q_avg), f"{way.time:.2f}", _seconds(way))
+                (
+                    _words(assessment, way),
+                    Share(way.q_eoi),
+                    Share(way.q_avg),
+                    seconds(way.time),
+                    seconds(way.delay_worst),
+                )
                 for way in found.pareto
             ]
             titles = ("Q_eoi [%]", "Q_avg [%]", "time\n[s]", "at\nworst")
-            print_table([Column("way"), *(Column(title, right=True) for title in titles)], rows)
+            print_table([Column("way"), *numbers(*titles)], rows)
 
 
 def _fastest(assessment: Assessment) -> WayFigures | None:
@@ -77,7 +83,3 @@ def _words(assessment: Assessment, way: WayFigures) -> str:
 def _qualities(way: WayFigures) -> str:
     named = (("Q_eoi", way.q_eoi), ("Q_avg", way.q_avg))
     return ", ".join(f"{name} {100 * quality:.1f} %" for name, quality in named if quality is not None)
-
-
-def _seconds(way: WayFigures) -> str:
-    return "-" if way.delay_worst is None else f"{way.delay_worst:.2f}"

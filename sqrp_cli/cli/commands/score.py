@@ -48,9 +48,7 @@ class Outputs:
         for path in self.paths:
             check_writable(path)
         if self.report is not None:
-            from sqrp_cli.report.pages.libraries import check_libraries
-
-            check_libraries()
+            option.check_report(self.report)
 
 
 @dataclass(frozen=True)

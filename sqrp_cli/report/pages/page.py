@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.report.documents.candidates import CandidateFigures
-from sqrp_cli.report.documents.document import Record
+from sqrp_cli.report.documents.document import Record, plain
 from sqrp_cli.report.documents.placing import CameraPlaced
 from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.assembly import assembled, asset, packed
@@ -123,30 +123,11 @@ def page(content: PageContent) -> str:
 
 def overview(content: PageContent) -> dict[str, Any]:
     """What a page shows before any motion is decoded."""
-    return {
-        "title": content.title,
-        "summary": content.summary,
-        "heading": content.heading,
-        "about": content.about,
-        "entries": [row(entry) for entry in content.entries],
-        "scenes": [scene.scene for scene in content.scenes],
-        "of_images": content.of_images,
-        "placement": content.placement,
-        "compared": content.compared,
-        "opens_at": content.opens_at,
-    }
+    entries, scenes = [row(entry) for entry in content.entries], [scene.scene for scene in content.scenes]
+    return {**plain(content), "entries": entries, "scenes": scenes}
 
 
 def row(entry: PageRow) -> dict[str, Any]:
     """A row as the scripts of a page read it."""
-    return {
-        "name": entry.name,
-        "mark": entry.mark,
-        "labels": dict(entry.labels),
-        "candidate": entry.candidate,
-        "reasons": list(entry.reasons),
-        "scene": entry.scene,
-        "moves": entry.detail is not None,
-        "figures": [list(pair) for pair in entry.figures],
-        "retried": sorted(entry.retried),
-    }
+    shown = {"moves" if name == "detail" else name: value for name, value in plain(entry).items()}
+    return {**shown, "moves": entry.detail is not None, "retried": sorted(entry.retried)}
