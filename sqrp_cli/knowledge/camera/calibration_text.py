@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.text.input_file import decoded, read_input
 from sqrp_cli.knowledge.text.json_file import json_document, parse_json
-from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, not_finite
+from sqrp_cli.knowledge.text.source import Data, KeyPath, SourceDocument, not_finite
 from sqrp_cli.knowledge.text.xml_file import Element, parse_xml
 from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, parse_yaml, top_key
 
@@ -97,10 +97,10 @@ class _Builder:
 
     def __init__(self, path: Path, content: bytes) -> None:
         self.path, self.content = path, content
-        self.data: dict[str, Any] = {}
+        self.data: Data = {}
         self.places: dict[KeyPath, Place] = {}
 
-    def put(self, owner: dict[str, Any], at: KeyPath, value: object, place: Place) -> None:
+    def put(self, owner: Data, at: KeyPath, value: object, place: Place) -> None:
         """A value of a mapping at a path. Raises InputError for a second one of its name."""
         key = str(at[-1])
         if key in owner:
@@ -151,7 +151,7 @@ def _xml_value(builder: _Builder, element: Element, at: KeyPath) -> object:
         return _numbers(text, element.place) if in_matrix else _scalars(text)
     if all(child.tag == "_" for child in element.children):
         return [_xml_value(builder, child, (*at, index)) for index, child in enumerate(element.children)]
-    found: dict[str, Any] = {}
+    found: Data = {}
     for child in element.children:
         builder.put(found, (*at, child.tag), _xml_value(builder, child, (*at, child.tag)), child.place)
     return found
@@ -188,9 +188,9 @@ def _ini(path: Path, content: bytes, text: str) -> SourceDocument:
     return builder.document()
 
 
-def _ini_camera(builder: _Builder, name: str, size: dict[str, tuple[str, Place]], place: Place) -> dict[str, Any]:
+def _ini_camera(builder: _Builder, name: str, size: dict[str, tuple[str, Place]], place: Place) -> Data:
     """A new camera, with the image size that was stated before it."""
-    camera: dict[str, Any] = {}
+    camera: Data = {}
     builder.put(builder.data, (name,), camera, place)
     for key, (words, at) in size.items():
         builder.put(camera, (name, f"image_{key}"), _scalars(words), at)
@@ -207,7 +207,7 @@ def _colmap(path: Path, content: bytes, text: str) -> SourceDocument:
         if len(words) < 5:
             message = "expected a camera in a line: its number, model, width, height and parameters"
             raise InputError(Problem("wrong-length", message, place))
-        camera: dict[str, Any] = {}
+        camera: Data = {}
         builder.put(builder.data, (words[0],), camera, place)
         values = zip(("model", "width", "height"), (words[1], *map(_scalars, words[2:4])), strict=True)
         for key, value in (*values, ("params", _numbers(" ".join(words[4:]), place))):

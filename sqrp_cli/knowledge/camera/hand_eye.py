@@ -28,17 +28,9 @@ from sqrp_cli.ros.messages import Message
 
 
 @dataclass(frozen=True, eq=False)
-class HandEye:
-    """The pose of a camera."""
+class HandEye(static_transforms.Seat):
+    """Where a camera is, and the file that says it."""
 
-    frame: str
-    """The link that carries it."""
-    place: Place
-    """Where the file names the link."""
-    camera_frame: str
-    """The frame at pose `X_FC` in the link."""
-    X_FC: Array
-    """Shape (4, 4)."""
     pose_file: str
     """The format of the file."""
     content: bytes

@@ -10,6 +10,7 @@ import ast
 import re
 import shlex
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise, takewhile
 from pathlib import Path
 from typing import NamedTuple
@@ -50,14 +51,16 @@ class StaticTransform(NamedTuple):
     place: Place
 
 
-class Seat(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Seat:
     """Where a camera is."""
 
     frame: str
     """The frame that carries it."""
     camera_frame: str
+    """The frame at pose `X_FC` in that frame."""
     X_FC: Array
-    """Pose of the camera's frame in that frame, shape (4, 4)."""
+    """Shape (4, 4)."""
     place: Place
     """Where the file names the frame."""
 

@@ -12,7 +12,7 @@ from typing import Any
 from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.knowledge.robot.urdf import UrdfModel
 from sqrp_cli.knowledge.text.input_file import read_input
-from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, describe
+from sqrp_cli.knowledge.text.source import Data, KeyPath, SourceDocument, describe
 from sqrp_cli.knowledge.text.units import NO_LIMIT, SMALLEST_LIMIT
 from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, parse_yaml
 
@@ -113,7 +113,7 @@ def _find_top(document: SourceDocument) -> tuple[KeyPath, KeyPath]:
     raise InputError(Problem("missing-key", message, document.key_place((TOP,))))
 
 
-def _at(data: Any, path: KeyPath) -> dict[str, Any]:  # noqa: ANN401
+def _at(data: Any, path: KeyPath) -> Data:  # noqa: ANN401
     for key in path:
         data = data[key]
     return dict(data)

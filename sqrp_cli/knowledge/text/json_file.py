@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, not_finite, too_deep
+from sqrp_cli.knowledge.text.source import Data, KeyPath, SourceDocument, not_finite, too_deep
 
 MAX_DEPTH = 32
 """Deepest nesting of objects and lists."""
@@ -70,7 +70,7 @@ def parse_json(path: Path, text: str, line: int = 1) -> Any:  # noqa: ANN401 - J
     return data
 
 
-def json_document(path: Path, text: str, data: dict[str, Any]) -> JsonDocument:
+def json_document(path: Path, text: str, data: Data) -> JsonDocument:
     """A parsed JSON text with the place of every key and value, to report problems in it."""
     keys: dict[KeyPath, Place] = {}
     values: dict[KeyPath, Place] = {}
@@ -96,7 +96,7 @@ def _check_depth(text: str) -> None:
             raise _Unfit
 
 
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _unique(pairs: list[tuple[str, Any]]) -> Data:
     data = dict(pairs)
     if len(data) < len(pairs):
         raise _Unfit

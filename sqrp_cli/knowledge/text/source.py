@@ -16,6 +16,9 @@ KeyPath = tuple[str | int, ...]
 
 LeafValue = str | float | int | bool | None
 
+Data = dict[str, Any]
+"""A mapping of a file: nested dicts, lists, text, numbers, booleans and None."""
+
 
 @dataclass(frozen=True, eq=False)
 class SourceDocument:
@@ -24,8 +27,7 @@ class SourceDocument:
     path: Path
     content: bytes
     """The file's bytes."""
-    data: dict[str, Any]
-    """Nested dicts, lists, text, numbers, booleans and None."""
+    data: Data
     keys: Mapping[KeyPath, Place]
     """Place of each key; for items of a list, of the item."""
     values: Mapping[KeyPath, Place]

@@ -241,8 +241,8 @@ class _Values:
         self.keys[path] = self._place(node)
         return self.build(node, path)
 
-    def _mapping(self, node: yaml.MappingNode, path: source.KeyPath) -> dict[str, Any]:
-        data: dict[str, Any] = {}
+    def _mapping(self, node: yaml.MappingNode, path: source.KeyPath) -> source.Data:
+        data: source.Data = {}
         for key_node, value_node in self._pairs(node):
             key, place = str(key_node.value), self._place(key_node)
             if key in data:

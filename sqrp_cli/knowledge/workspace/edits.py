@@ -14,7 +14,7 @@ from sqrp_cli.knowledge.camera.camera import Camera, ImageEntry, Sensing
 from sqrp_cli.knowledge.camera.curve import Curve
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.text.entries import In
-from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
+from sqrp_cli.knowledge.text.source import Data, KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.text.units import ANGLE, FREQUENCY, LENGTH, PIXELS, SHARE, TIME, Dimension, read_quantity
 from sqrp_cli.knowledge.text.yaml_edit import appended, edited, respelled, with_entries
 from sqrp_cli.knowledge.text.yaml_file import parse_yaml
@@ -112,9 +112,9 @@ def with_cameras(document: SourceDocument, kept: Collection[str], cameras: Seque
     return with_entries(document, ("cameras",), kept, [f"{new.camera.name}: {_flow(_entry(new))}" for new in cameras])
 
 
-def _entry(new: NewCamera) -> dict[str, Any]:
+def _entry(new: NewCamera) -> Data:
     camera = new.camera
-    pose_entry: dict[str, Any] = {"position": _places(camera.X_FC[:3, 3])}
+    pose_entry: Data = {"position": _places(camera.X_FC[:3, 3])}
     if new.look_at is None:
         pose_entry["quaternion"] = _rounded(matrix_to_quaternion(camera.X_FC[:3, :3]), 9)
     else:

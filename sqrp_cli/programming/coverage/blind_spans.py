@@ -277,10 +277,7 @@ def _blind_spans(cell: Cell, study: Study, rows: Sequence[int], failures: Sequen
     """The stretches around the samples at which a camera fails, up to the neighbours at which it does not."""
     t, piece = study.timeline.samples.t, study.timeline.samples.piece
 
-    def kind(index: int) -> tuple[Cause, int]:
-        return failures[index].cause, failures[index].by
-
-    for (cause, by), group in groupby(range(len(rows)), key=kind):
+    for (cause, by), group in groupby(range(len(rows)), key=lambda index: (failures[index].cause, failures[index].by)):
         if cause is Cause.NONE:
             continue
         indices = list(group)
