@@ -225,7 +225,7 @@ class TaskAdvice(Answer[AdviceDocument]):
 
     def _outcome(self, answer: tuple[Advice, ...] | Miss) -> KindOutcome:
         if isinstance(answer, Miss):
-            return KindOutcome.of_miss(answer, self.wish)
+            return completed(KindOutcome, answer, found=0, nearest=nearest_of(answer, self.wish))
         return KindOutcome(kind=answer[0].change.kind, found=len(answer), why=None, nearest=None)
 
 

@@ -247,7 +247,8 @@ class OpenProgram:
         place, primitive = parse_sweep(slip, self.program.steps, "slip")
         with progress(f"Sweeping {slip}", count) as advance:
             runs = list(sweep(simulation, place.number, primitive, count, lambda: advance(1)))
-        summary = SweepSummary.of(runs, _period(self.workspace))
+        slowest = max(1.0 / camera.rate for camera in self.workspace.cameras.values())
+        summary = SweepSummary.of(runs, slowest)
         return SlipSweep(self.program, self.workspace.name, slip, place.number, runs, summary)
 
     def audit(
@@ -333,11 +334,6 @@ class LazyReplanner:
         if self._planner is None:
             self._planner = StepReplanner(Cell.load(self._workspace))
         return self._planner.replan(step, world)
-
-
-def _period(workspace: Workspace) -> float:
-    """Between images of the slowest camera [s]."""
-    return max(1.0 / camera.rate for camera in workspace.cameras.values())
 
 
 def _never_happened(faults: Sequence[InjectedFault], events: Sequence[Event]) -> list[InjectedFault]:

@@ -140,7 +140,8 @@ def fit(looks: DetectorLooks, detector: Detector) -> Curve:
         del used[int(weights[1:].argmin())]
         if not used:
             return _constant(looks)
-    terms = dict.fromkeys(_needless(looks, detector), 0.0)
+    # The curve replaces the limits that some frame fails, if only by nothing.
+    terms = {name: 0.0 for name, fails in _failed(detector, looks.sights).items() if fails.any()}
     terms |= {COEFFICIENTS[index]: _rounded(w / spread[index]) for index, w in zip(used, weights[1:], strict=True)}
     slopes = np.array([terms.get(name, 0.0) for name in COEFFICIENTS])
     return Curve(bias=_rounded(weights[0] - float(slopes @ middle)), most=most, **terms)
@@ -151,11 +152,6 @@ def _constant(looks: DetectorLooks) -> Curve:
     within = looks.seen[looks.covered]
     share = (within.sum() + 1.0) / (len(within) + 2.0)
     return Curve(bias=_rounded(float(np.log(share / (1.0 - share)))))
-
-
-def _needless(looks: DetectorLooks, detector: Detector) -> list[str]:
-    """The limits that some frame fails: the curve replaces them, if only by nothing."""
-    return [name for name, fails in _failed(detector, looks.sights).items() if fails.any()]
 
 
 def _within(gates: Detector, sights: BoxSights) -> Mask:

@@ -76,7 +76,8 @@ def parts_outside_size(workspace: Workspace) -> Iterator[Problem]:
     Objects with a mesh of doubtful scale are left out.
     """
     for item in workspace.objects.values():
-        if not any(_is_doubted(part, item) for part in item.parts):
+        meshes = (load_solid(part) for part in item.parts if isinstance(part.shape, Mesh))
+        if not any(_scale_is_doubtful(mesh, item) for mesh in meshes):
             reached = np.array([_reach(part) for part in item.parts])
             outside = reached - 0.5 * np.asarray(item.size)
             if outside.max() > ALLOWED + 1e-9:
@@ -157,10 +158,6 @@ def fastest_tool(model: RobotModel) -> float:
     lengths = _lengths(model) + np.where(model.turns, 0.0, model.upper - model.lower)
     reaches = np.cumsum(lengths[::-1])[::-1]
     return float(model.velocity @ np.where(model.turns, reaches, 1.0))
-
-
-def _is_doubted(part: Part, item: SceneObject) -> bool:
-    return isinstance(part.shape, Mesh) and _scale_is_doubtful(load_solid(part), item)
 
 
 def _scale_is_doubtful(solid: Solid, item: SceneObject) -> bool:

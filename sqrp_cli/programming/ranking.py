@@ -91,7 +91,7 @@ def _stays_behind(other: Assessment, first: Assessment, columns: Sequence[_Figur
 
 def _columns(feasible: Sequence[Assessment], by: Criterion) -> list[_Figure]:
     """What is compared, in order: all that no candidate lacks."""
-    columns = [_CRITERIA[by], _CRITERIA["q_avg"], _CRITERIA["time"], _worst_delay]
+    columns = [_CRITERIA[by], _CRITERIA["q_avg"], _CRITERIA["time"], lambda one: one.delay_worst]
     return [column for column in columns if all(column(assessment) is not None for assessment in feasible)]
 
 
@@ -119,10 +119,6 @@ def compared_time(seconds: float) -> float:
 def _rounded(quality: float | None) -> float | None:
     """A quality as it is compared, negated because less is better in every column."""
     return None if quality is None else -round(quality / _QUALITY_STEP) * _QUALITY_STEP
-
-
-def _worst_delay(assessment: Assessment) -> float | None:
-    return assessment.delay_worst
 
 
 def _mean_delay(assessment: Assessment) -> float | None:

@@ -123,7 +123,7 @@ class DdsTransport:
     def _topic(self, topic: Topic) -> Any:  # noqa: ANN401 # of a library whose types depend on what was made
         from cyclonedds.topic import Topic as DdsTopic
 
-        return DdsTopic(self._participant, _wire_name(topic.name), _carrier(topic.type, self.types))
+        return DdsTopic(self._participant, f"rt/{topic.name.lstrip('/')}", _carrier(topic.type, self.types))
 
     def _receive(self) -> None:
         """Bring what comes to the inboxes, until the end."""
@@ -163,11 +163,6 @@ def _configuration(network: str) -> str:
         f"<CycloneDDS><Domain><General>{general}</General><Discovery>{discovery}</Discovery>"
         "<Internal><SocketReceiveBufferSize min='default'/></Internal></Domain></CycloneDDS>"
     )
-
-
-def _wire_name(topic: str) -> str:
-    """The name that ROS 2 gives a topic in DDS."""
-    return "rt/" + topic.lstrip("/")
 
 
 def _qos(topic: Topic) -> Any:  # noqa: ANN401 # of a library that is imported late

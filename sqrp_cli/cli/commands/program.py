@@ -322,7 +322,8 @@ class _Dialog:
         if not suggested:
             return []
         print_suggested(suggested)
-        return chosen_steps(suggested) if _is_yes(ask("\nTake these steps [yes]: ")) else []
+        taken = ask("\nTake these steps [yes]: ").lower() in ("", "y", "yes")
+        return chosen_steps(suggested) if taken else []
 
     def _add(self, steps: list[ChosenStep]) -> None:
         """Save steps at once; the first ones in a file that is asked for only now."""
@@ -340,7 +341,3 @@ def _chosen(feasible: Sequence[Ranked]) -> Ranked | None:
         if answer.isdecimal() and int(answer) <= len(feasible):
             return feasible[int(answer) - 1] if int(answer) else None
         say(f"There is no number {answer}; expected 0 to {len(feasible)}.")
-
-
-def _is_yes(answer: str) -> bool:
-    return answer.lower() in ("", "y", "yes")

@@ -247,17 +247,10 @@ def _why_another(P: Array, intrinsics: Intrinsics) -> str | None:
     return None
 
 
-def check_distortion(
-    document: SourceDocument, path: KeyPath, model: DistortionModel, coefficients: Sequence[float]
-) -> None:
-    """Raises InputError unless the number of distortion coefficients at `path` fits the model."""
-    _check_count(document, path, model, len(coefficients), (DISTORTION_LENGTHS[model],))
-
-
 def check_image(document: SourceDocument, path: KeyPath, image: Intrinsics) -> None:
     """Raises InputError where the image that a workspace states at `path` is of no camera."""
-    coefficients = (*path, "distortion", "coefficients")
-    check_distortion(document, coefficients, image.distortion_model, image.distortion.tolist())
+    coefficients, model = (*path, "distortion", "coefficients"), image.distortion_model
+    _check_count(document, coefficients, model, len(image.distortion), (DISTORTION_LENGTHS[model],))
     _check_principal_point(document, path, image)
 
 

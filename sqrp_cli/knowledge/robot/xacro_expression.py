@@ -82,10 +82,6 @@ def _range(*bounds: int) -> list[int]:
     return list(numbers)
 
 
-def _isinstance(value: object, kind: type) -> bool:
-    return isinstance(value, kind)
-
-
 _MATH = Functions({name: value for name, value in vars(math).items() if not name.startswith("_")})
 for _costly in ("factorial", "comb", "perm", "prod", "pow", "ldexp", "lcm", "isqrt"):
     _MATH.pop(_costly, None)
@@ -93,7 +89,7 @@ _MATH["pow"] = lambda base, exponent: float(base) ** float(exponent)
 
 _PYTHON = Functions(
     list=list, dict=dict, len=len, str=str, float=float, int=int, bool=bool, min=min, max=max, round=round, abs=abs,
-    all=all, any=any, sum=sum, tuple=tuple, range=_range, isinstance=_isinstance, divmod=divmod, ord=ord, repr=repr,
+    all=all, any=any, sum=sum, tuple=tuple, range=_range, isinstance=isinstance, divmod=divmod, ord=ord, repr=repr,
     sorted=sorted, reversed=lambda items: [*reversed(items)],
     enumerate=lambda items, start=0: [*enumerate(items, start)],
     zip=lambda *items: [*zip(*items, strict=False)],

@@ -129,7 +129,7 @@ class _Expansion:
         self._files = self._elements = self._called = 0
         self.warnings: list[Problem] = []
         tools = Functions(
-            load_yaml=self._load_yaml, abs_filename=self._absolute, dotify=_same, tokenize=xacro.tokenize,
+            load_yaml=self._load_yaml, abs_filename=self._absolute, dotify=lambda value: value, tokenize=xacro.tokenize,
             arg=self._argument, message=self._ignore, warning=self._warn, error=self._warn, fatal=self._fatal,
             print_location=self._ignore,
         )  # fmt: skip
@@ -140,11 +140,11 @@ class _Expansion:
     @contextmanager
     def engine(self) -> Iterator[None]:
         """The library with these parts in place."""
-        xacro = self._xacro
+        xacro, eval_text = self._xacro, self._xacro.eval_text
         parts: dict[str, Any] = {
             "safe_eval": lambda expression, names, _locals=None: self._evaluator.value(expression, names),
             "eval_extension": self._extension,
-            "eval_text": self._bounded_text(xacro.eval_text),
+            "eval_text": lambda text, symbols: bounded(eval_text(text, symbols)),
             "eval_all": self._counting(xacro.eval_all),
             "handle_macro_call": self._tracing(xacro.handle_macro_call),
             "check_attrs": self._noting(xacro.check_attrs),
@@ -220,9 +220,6 @@ class _Expansion:
             return done
 
         return traced
-
-    def _bounded_text(self, evaluate: Callable[..., Any]) -> Callable[..., Any]:
-        return lambda text, symbols: bounded(evaluate(text, symbols))
 
     # What `$(...)` and functions of expressions stand for.
 
@@ -443,10 +440,6 @@ class _Expansion:
             if name not in self._asked:
                 message = f"the file takes no argument `{name}`; {expected_names(name, self._asked)}"
                 raise InputError(Problem("xacro-argument", message, Place(self._path)))
-
-
-def _same(value: object) -> object:
-    return value
 
 
 def _how_to_give(name: str) -> str:

@@ -190,6 +190,9 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     if problems:
         raise InputError(*problems)
     objects, taken_as_held = with_held_by_facts(objects, facts, skills.values(), document)
+    warnings = [*unusual_values(document, WORKSPACE), *robot_reader.warnings, *cell.warnings]
+    warnings += [*words_of_two_meanings(document, file, robot_reader, skills.values()), *taken_as_held]
+    warnings += [warning for skill in skills.values() for warning in skill.warnings]
     return Workspace(
         name=workspace_name(file_path),
         path=file_path,
@@ -204,21 +207,9 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
         padding=file.padding,
         files=digest.files,
         values=document.leaves,
-        warnings=_each_once(
-            *unusual_values(document, WORKSPACE),
-            *robot_reader.warnings,
-            *cell.warnings,
-            *words_of_two_meanings(document, file, robot_reader, skills.values()),
-            *taken_as_held,
-            *(warning for skill in skills.values() for warning in skill.warnings),
-        ),
+        warnings=tuple(dict.fromkeys(warnings)),  # cameras may share a calibration file
         places=document.places,
     )
-
-
-def _each_once(*warnings: Problem) -> tuple[Problem, ...]:
-    """Cameras may share a calibration file."""
-    return tuple(dict.fromkeys(warnings))
 
 
 def read_workspace_document(path: Path, content: bytes | None = None) -> SourceDocument:

@@ -22,7 +22,6 @@ from pydantic import BaseModel
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.geometry import Array, matrix_to_quaternion, quaternion_to_matrix
 from sqrp_cli.knowledge.robot.robot import Robot
-from sqrp_cli.knowledge.robot.urdf import UrdfModel
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.settings import MotionParameter
 from sqrp_cli.knowledge.text.entries import Pose
@@ -122,7 +121,7 @@ def _of_robot(robot: Robot) -> Iterator[tuple[str, str, object]]:
     for urdf in robot.urdfs:
         for joint in urdf.joints.values():
             yield f"joint {joint.name}", "", joint
-        yield from _of_links(urdf)
+        yield from ((f"link {link.name}", "", link) for link in urdf.links.values() if link.inertial is not None)
     joints = {"": robot.limits, "stop": robot.stop_limits, "home": robot.home}
     joints |= {} if robot.fingers is None else {"open": robot.fingers.open, "closed": robot.fingers.closed}
     for name, values in joints.items():
@@ -131,10 +130,6 @@ def _of_robot(robot: Robot) -> Iterator[tuple[str, str, object]]:
     for link, marker in robot.markers.items():
         yield f"link {link}", "marker", marker
     yield from _of_parts(robot.parts)
-
-
-def _of_links(urdf: UrdfModel) -> Iterator[tuple[str, str, object]]:
-    yield from ((f"link {link.name}", "", link) for link in urdf.links.values() if link.inertial is not None)
 
 
 def _of_parts(parts: Sequence[Part], owner: object = None) -> Iterator[tuple[str, str, object]]:

@@ -134,7 +134,8 @@ def all_solutions(
     if not len(inside) and held.any():
         inside = _within_limits(model, _any_solutions(model, X_WT))
     if len(inside):
-        return IkResult(read_only(_sorted(inside)), None)
+        # In lexicographic order, in which values that differ only by rounding count as equal.
+        return IkResult(read_only(inside[np.lexsort(np.round(inside, 6).T[::-1])]), None)
     return IkResult(read_only(inside), why_unreachable(model, X_WT, branches))
 
 
@@ -295,11 +296,6 @@ def _within_limits(model: RobotModel, q: Array) -> Array:
     turned = turned[limit_excess(model, turned).max(axis=1, initial=0.0) <= SOLVED]
     inside: Array = np.clip(turned, model.lower, model.upper)
     return inside
-
-
-def _sorted(q: Array) -> Array:
-    """Rows in lexicographic order; values that differ only by rounding count as equal."""
-    return q[np.lexsort(np.round(q, 6).T[::-1])]
 
 
 def approximate_solutions(model: RobotModel, X_WT: Array) -> Array:

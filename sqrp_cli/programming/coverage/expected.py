@@ -29,14 +29,9 @@ class Expectation:
     """That they see all that a state requires, NaN where it requires nothing, shape (m,)."""
 
 
-def has_curves(cell: Cell) -> bool:
-    """Whether any detector of the cell says how likely it sees."""
-    return any(detector.curve is not None for detector in cell.workspace.detectors.values())
-
-
 def expectation(cell: Cell, study: Study) -> Expectation | None:
     """How likely images show the targets at the samples of a study; None in a cell without curves."""
-    if not has_curves(cell):
+    if all(detector.curve is None for detector in cell.workspace.detectors.values()):
         return None
     samples, stage = study.timeline.samples, study.stage
     exposures = {camera.exposure for camera in cell.observer.cameras} - {0.0}

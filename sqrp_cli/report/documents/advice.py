@@ -218,11 +218,6 @@ class KindOutcome(Record):
     nearest: NearestChange | None
     """What comes nearest, where something was tried."""
 
-    @classmethod
-    def of_miss(cls, miss: Miss, wish: Wish) -> KindOutcome:
-        """A kind without an answer."""
-        return cls(kind=miss.kind, found=0, why=miss.why, nearest=nearest_of(miss, wish))
-
 
 def nearest_of(miss: Miss, wish: Wish) -> NearestChange | None:
     """What came nearest of a kind, as a record."""

@@ -61,7 +61,8 @@ class BagFootage:
         self.path, self._program, self._workspace = path, program, workspace
         self.damaged: dict[int, str] = {}
         with Bag(path) as bag:
-            there = [topic for topic in bag.topics if topic.type in IMAGES and topic.count and not _is_depth(topic)]
+            there = [topic for topic in bag.topics if topic.type in IMAGES and topic.count]
+            there = [topic for topic in there if not topic.name.endswith("/compressedDepth")]
             self._topics = _cameras_of(there, workspace, topics, path)
             index = _indexed(bag, self._topics)
         self.recorded: Collection[str] = set(self._topics.values())
@@ -170,10 +171,6 @@ def _cameras_of(
 def _stream(topic: str) -> str:
     """The name of a stream of images, packed or not."""
     return topic.removesuffix("/compressed")
-
-
-def _is_depth(topic: RecordedTopic) -> bool:
-    return topic.name.endswith("/compressedDepth")
 
 
 def _check_one_stream(topics: Sequence[str], camera: str, path: Path) -> None:

@@ -69,7 +69,8 @@ class Portions:
         """Send what is due at a time [s], if anything is; where that would be a jump, it is `over`."""
         if self.over or (reference.revision == self._revision and now < self._next):
             return
-        if self._late(now) or self._is_jump(reference, now):
+        brakes_already = now > self._brakes_at  # because nothing was sent
+        if brakes_already or self._is_jump(reference, now):
             self.stop(now)
             return
         self._revision, self._next = reference.revision, now + EVERY
@@ -101,10 +102,6 @@ class Portions:
             self._send(_portion(self._told, now))
         self.over = True
         return max(now, self._told.rests_at)
-
-    def _late(self, now: float) -> bool:
-        """Whether the robot brakes already, because nothing was sent."""
-        return now > self._brakes_at
 
     def _is_jump(self, reference: StoppableReference, now: float) -> bool:
         """Whether a motion is elsewhere, where a portion would begin, than the robot will be."""

@@ -160,7 +160,7 @@ class StepMonitor:
             return _fault_alarm(entry)
         settled = self._settled(watch, t, values)
         if watch.violated is None and watch.monitor.observe(t, settled).truth == Truth.FALSE:
-            wrong = self._contradicted(watch, t, values)
+            wrong = [one for one in _active(watch.operators, t) if _value(one, values) == Truth.FALSE]
             what = " and ".join(f"`{literal.negated()}`" for literal in wrong) or "something else"
             text = f"the cameras see {what} against `{entry.formula}`"
             watch.violated = Alarm("violation", entry.formula, text, entry.response)
@@ -176,12 +176,10 @@ class StepMonitor:
                 unseen = [literal for literal in operator.literals if _value(literal, values) == Truth.UNKNOWN]
                 refuted = any(_value(literal, values) == Truth.FALSE for literal in operator.literals)
                 begun = t >= operator.start and len(unseen) < len(operator.literals)
-                if begun and not refuted and not any(self._is_predicted(literal, t) for literal in unseen):
+                predicted = (self._nominal.is_covered(str(literal.atom), t, self._margin) for literal in unseen)
+                if begun and not refuted and not any(predicted):
                     return True
         return False
-
-    def _is_predicted(self, literal: Literal, t: float) -> bool:
-        return self._nominal.is_covered(str(literal.atom), t, self._margin)
 
     def _seen_late(self, watch: _FormulaMonitor, t: float, values: Mapping[str, Truth]) -> bool:
         """Whether what a fault leaves behind is seen after its interval, and would not be if all had gone well."""
@@ -211,9 +209,6 @@ class StepMonitor:
                 if t - since < settle or not self._holds_nominally(literal, t - settle, t):
                     known[literal.atom] = Truth.UNKNOWN
         return known
-
-    def _contradicted(self, watch: _FormulaMonitor, t: float, values: Mapping[str, Truth]) -> list[Literal]:
-        return [literal for literal in _active(watch.operators, t) if _value(literal, values) == Truth.FALSE]
 
     def _holds_nominally(self, literal: Literal, start: float, end: float) -> bool:
         return self._nominal.held_throughout(str(literal.atom), literal.positive, start, end)
