@@ -91,7 +91,7 @@ def _stays_behind(other: Assessment, first: Assessment, columns: Sequence[_Figur
 
 def _columns(feasible: Sequence[Assessment], by: Criterion) -> list[_Figure]:
     """What is compared, in order: all that no candidate lacks."""
-    columns = [_CRITERIA[by], _CRITERIA["q_avg"], _CRITERIA["time"], lambda one: one.delay_worst]
+    columns: list[_Figure] = [_CRITERIA[by], _CRITERIA["q_avg"], _CRITERIA["time"], lambda one: one.delay_worst]
     return [column for column in columns if all(column(assessment) is not None for assessment in feasible)]
 
 
