@@ -40,7 +40,7 @@ MOST_TOGETHER = 12
 """Ways of the first steps that are followed further: a third of them the fastest, the others those seen best."""
 
 
-class _Begun(NamedTuple):
+class _FirstSteps(NamedTuple):
     """The first steps, each in a way."""
 
     steps: tuple[Study, ...]
@@ -95,13 +95,13 @@ class MotionsOfSteps:
     def _wholes(self) -> Iterator[WholeStudy]:
         """Combinations of the steps' ways, each in the world that those before it leave."""
         candidate = self.question.best.candidate
-        begun = [_Begun((), self.question.world)]
+        begun = [_FirstSteps((), self.question.world)]
         for step in candidate.steps:
             begun = _promising([longer for one in begun for longer in self._longer(one, step)])
         for one in begun:
             yield WholeStudy(whole_candidate(candidate.skill, [step.candidate for step in one.steps]), one.steps)
 
-    def _longer(self, begun: _Begun, step: Candidate) -> Iterator[_Begun]:
+    def _longer(self, begun: _FirstSteps, step: Candidate) -> Iterator[_FirstSteps]:
         """With one more step in each of its Pareto-optimal ways."""
         cell, sampling = self.question.cell, self.question.sampling
         found = find_way(cell, step, begun.after, sampling, WantedWay())
@@ -111,7 +111,7 @@ class MotionsOfSteps:
         for way in (found.study.candidate, *others):
             done = study(cell, way, begun.after, sampling, full=False)
             if isinstance(done, Study):
-                yield _Begun((*begun.steps, done), world_after(way, done.motion, begun.after))
+                yield _FirstSteps((*begun.steps, done), world_after(way, done.motion, begun.after))
 
     def _with_seen_paths(self) -> Iterator[Candidate]:
         """The candidate with seen paths in one step, in one more, and so on; the steps that are seen worst first."""
@@ -149,7 +149,7 @@ def _open_paths(step: Candidate) -> list[str]:
     return [] if step.open_paths else names
 
 
-def _promising(begun: Sequence[_Begun]) -> list[_Begun]:
+def _promising(begun: Sequence[_FirstSteps]) -> list[_FirstSteps]:
     """At most `MOST_TOGETHER` of several beginnings, in their order: the best seen ones, and the fastest."""
     if len(begun) <= MOST_TOGETHER:
         return list(begun)
@@ -160,7 +160,7 @@ def _promising(begun: Sequence[_Begun]) -> list[_Begun]:
     return [begun[index] for index in sorted(list(chosen)[:MOST_TOGETHER])]
 
 
-def _covered(begun: _Begun) -> float:
+def _covered(begun: _FirstSteps) -> float:
     """How well the first steps are seen: their covered time, that of events of interest twice [s]."""
     figures = [step.assessment("") for step in begun.steps]
     return sum((one.q_avg or 0.0) * (one.t_total or 0.0) + (one.q_eoi or 0.0) * (one.t_eoi or 0.0) for one in figures)
