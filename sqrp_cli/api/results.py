@@ -1,4 +1,7 @@
-"""Results of questions about a cell: a ranking, an explanation, a check, scores, a scene."""
+"""Results of questions about a cell: a ranking, an explanation, a check, scores, a scene.
+
+Each is a typed document that shows itself as the terminal does.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""A way of doing a task with all data behind its figures, step by step; most tasks have one step."""
+"""A way of doing a task with all data behind its figures, step by step; most tasks have one step.
+
+How the figures of the whole follow from those of its steps is on the page of numbers.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sentences that terminal and pages share: what was ranked, how exactly, and why a run stopped."""
+"""Sentences that terminal and pages share: what was ranked, how exactly, what is proven, and why a run stopped."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The ranked table of `sqrp rank`, and the sentences under it."""
+"""The ranked table of `sqrp rank`, and the sentences under it; also those about what cannot be done."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`sqrp run`: a program in the simulated cell or on a robot, watched by its cameras."""
+"""`sqrp run`: a program in the simulated cell or, after checks and a question, on a robot; watched by its cameras."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A camera: its entry in a workspace file, and the calibrated camera that results from all its files.
+"""A camera: its entry in a workspace file, and the calibrated camera that results from all its files; the catalogue.
 
 Numbers are in SI units and angles in radians, whatever the unit in a file.
 """

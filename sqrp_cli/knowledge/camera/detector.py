@@ -1,4 +1,8 @@
-"""The limits of a detection algorithm. Numbers are in SI units, angles in radians."""
+"""The limits of a detection algorithm. Numbers are in SI units, angles in radians.
+
+Also the kinds of detectors that installed packages bring: only their names are read here, and nothing of a package runs
+before it is to look at an image. And when one of colours calls a part held, gone or in a place, for what predicts it.
+"""
 
 from __future__ import annotations
 

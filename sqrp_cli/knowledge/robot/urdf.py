@@ -1,4 +1,4 @@
-"""Robot descriptions from URDF: links with their solid geometry, and the joints between them.
+"""Robot descriptions from URDF: links with their solid geometry, the joints between them, and what is doubtful in them.
 
 The format: http://wiki.ros.org/urdf/XML. Transmissions, sensors, materials and simulator extensions are not read. A
 `<capsule>` (radius and length of its straight part) is accepted besides the standard shapes.

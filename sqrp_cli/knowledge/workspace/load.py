@@ -1,4 +1,7 @@
-"""Phase 1 in one call: a workspace folder becomes a validated `Workspace`."""
+"""Phase 1 in one call: a workspace folder becomes a validated `Workspace`.
+
+Names and sizes that need both the workspace and its skills are checked here.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""One candidate from check to quality: preconditions, motion, skill states, coverage and the final figures."""
+"""One candidate from check to quality: preconditions, motion, skill states, coverage and the final figures.
+
+The delay of faults is by images, over all phases of the cameras, on the nominal motion.
+"""
 
 from __future__ import annotations
 

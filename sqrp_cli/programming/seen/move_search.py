@@ -1,4 +1,9 @@
-"""The search for a path of one joint move along which the cameras lose sight of little."""
+"""The search for a path of one joint move along which the cameras lose sight of little.
+
+It goes by evolution: N. Hansen, The CMA Evolution Strategy: A Tutorial, 2016. That is in here because it is short, asks
+for whole populations at once, and gives the same numbers wherever it runs: the library imports SciPy where that is
+installed, which takes longer than a search may.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The moving part of the simulated cell: bodies, controller and tool, without images."""
+"""The moving part of the simulated cell: bodies, controller and tool, without images.
+
+A suction cup holds by a weld that contact makes, fingers by friction alone.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""A cell in MuJoCo: motion, camera images and injected faults."""
+"""A cell in MuJoCo: motion, camera images and injected faults.
+
+Images are drawn by several processes, each with a model and an OpenGL context of its own.
+"""
 
 from __future__ import annotations
 

@@ -34,7 +34,11 @@ _PARTS = np.vstack([np.zeros(2), 0.5 * np.sqrt(3.0) * np.stack([np.cos(_ROUND), 
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Upright cylinders that hold the possible centres of cameras, one for each of n sight lines."""
+    """Upright cylinders that hold the possible centres of cameras, one for each of n sight lines.
+
+    They stand along the direction to a box: across it the parallax of what hides the box changes much faster than along
+    it, so only that is cut.
+    """
 
     line: Indices
     """Index of the sight line, not decreasing, shape (n,)."""
