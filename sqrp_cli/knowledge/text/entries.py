@@ -1,4 +1,4 @@
-"""Values that several YAML files share, as Pydantic types: names, quantities, vectors, poses, descriptions of robots."""
+"""Values that several YAML files share, as Pydantic types: names, quantities, vectors, poses, files of robots."""
 
 from __future__ import annotations
 

@@ -250,7 +250,7 @@ class Observer:
         view = boxes.asked
         views = BoxViews(boxes.box, camera[view], questions.state[asked][view])
         lines = watched.sight_lines(views)
-        near = near_pairs(lines, watched.solid_poses, watched.opaque)  # along a line without any, the box is seen
+        near = self._near(watched, lines)
         needed = self._needed(watched, lines, watched.gains[views.camera])
         pending = np.bincount(view[near.line], minlength=len(asked))
         possible = np.ones(len(asked), dtype=bool)
@@ -269,6 +269,10 @@ class Observer:
             found[tested] = sees[tested]
             np.add.at(count, asked[sees], 1)
         return found
+
+    def _near(self, watched: WatchedBoxes, lines: SightLines) -> Pairs:
+        """The solids that may be in the way of sight lines; along a line without any, the box is seen."""
+        return near_pairs(lines, watched.solid_poses, watched.opaque)
 
     def _needed(self, watched: WatchedBoxes, lines: SightLines, gain: Array) -> Array:
         """The share of the box of each of v sight lines that must be visible to be seen; above 1 if none is enough.
