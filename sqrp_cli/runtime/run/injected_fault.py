@@ -40,29 +40,8 @@ SWEPT = ("slip",)
 
 _STEP = re.compile(r"(?P<number>[0-9]{1,9}):(?P<bare>.*)", re.DOTALL)
 _SLIP = re.compile(r"(?P<primitive>[A-Za-z_]\w*)(?:\+(?P<offset>.+)|(?P<random>:random))?|(?P<time>[.\d].*)")
-
-
-class _Form(NamedTuple):
-    """What follows the kind of a fault."""
-
-    pattern: re.Pattern[str]
-    expected: str
-    """The same in words."""
-
-
-_JOINTS_AT = _Form(re.compile(r"@(?P<time>.*)", re.DOTALL), "when it happens")
-_CAMERA_AT = _Form(re.compile(r":(?P<camera>[^@=]+)@(?P<time>.+)"), "the camera and when it happens")
-_AFTER_KIND: Mapping[FaultKind, _Form] = {
-    "miss-pick": _Form(re.compile(""), "just `miss-pick`"),
-    "camera-loss": _CAMERA_AT,
-    "frozen": _CAMERA_AT,
-    "perception-crash": _CAMERA_AT,
-    "latency": _Form(re.compile(r":(?P<camera>[^@=]+)=(?P<delay>.+)"), "the camera and by how much it is late"),
-    "joints-loss": _JOINTS_AT,
-    "joints-frozen": _JOINTS_AT,
-    "joints-latency": _Form(re.compile(r"=(?P<delay>.*)", re.DOTALL), "by how much joint states are late"),
-}
-"""Of all kinds but slips."""
+_CAMERA_AT = re.compile(r"(?P<camera>[^@=]+)@(?P<time>.+)")
+_CAMERA_BY = re.compile(r"(?P<camera>[^@=]+)=(?P<delay>.+)")
 
 
 @dataclass(frozen=True)
@@ -163,20 +142,35 @@ def parse_fault(
         if any(head == entry.fault for step in steps for entry in step.formulas):
             raise written.refused(f"`{head}` is what monitors look for, and cannot be made to happen as such")
         raise written.refused(f"there is no fault `{head}`; {expected_names(head, written.forms)}")
-    rest = written.bare[len(head) :]
-    if head == "slip":
-        return _slip(written, rest, places, rng)
-    kind, form = next((kind, form) for kind, form in _AFTER_KIND.items() if kind == head)
-    found = form.pattern.fullmatch(rest)
+    rest, number = written.bare[len(head) :], places[0].number
+    match head:
+        case "slip":
+            return _slip(written, rest, places, rng)
+        case "miss-pick":
+            if rest:
+                raise written.refused(f"expected just `{head}`")
+            return InjectedFault("miss-pick", text, step=_grasping(written, places).number)
+        case "latency":
+            found = _CAMERA_BY.fullmatch(rest.removeprefix(":")) if rest.startswith(":") else None
+            if found is None:
+                raise written.refused("expected the camera and by how much it is late")
+            camera = _camera(written, found["camera"], cameras)
+            return InjectedFault("latency", text, 0.0, camera, _time(written, found["delay"]), number)
+        case "joints-latency":
+            if not rest.startswith("="):
+                raise written.refused("expected by how much joint states are late")
+            return InjectedFault("joints-latency", text, 0.0, None, _time(written, rest[1:]), number)
+        case "joints-loss" | "joints-frozen":
+            if not rest.startswith("@"):
+                raise written.refused("expected when it happens")
+            joints: FaultKind = "joints-loss" if head == "joints-loss" else "joints-frozen"
+            return InjectedFault(joints, text, _time(written, rest[1:]), step=number)
+    found = _CAMERA_AT.fullmatch(rest.removeprefix(":")) if rest.startswith(":") else None
     if found is None:
-        raise written.refused(f"expected {form.expected}")
-    if kind == "miss-pick":
-        return InjectedFault(kind, text, step=_grasping(written, places).number)
-    given, number = found.groupdict(), places[0].number
-    camera = _camera(written, given["camera"], cameras) if "camera" in given else None
-    if "delay" in given:
-        return InjectedFault(kind, text, 0.0, camera, _time(written, given["delay"]), number)
-    return InjectedFault(kind, text, _time(written, given["time"]), camera, step=number)
+        raise written.refused("expected the camera and when it happens")
+    kind: FaultKind = "camera-loss" if head == "camera-loss" else "frozen" if head == "frozen" else "perception-crash"
+    camera = _camera(written, found["camera"], cameras)
+    return InjectedFault(kind, text, _time(written, found["time"]), camera, step=number)
 
 
 class MeantPrimitive(NamedTuple):
