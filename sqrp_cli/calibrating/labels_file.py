@@ -20,8 +20,8 @@ import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, pose, quaternion_to_matrix
-from sqrp_cli.knowledge.text.bounds import LARGEST
 from sqrp_cli.knowledge.text.source import describe
+from sqrp_cli.knowledge.text.units import LARGEST
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.runtime.record.frame_folder import LONGEST_NAME, file_in, table_text
 

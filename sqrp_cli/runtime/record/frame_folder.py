@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
-from sqrp_cli.knowledge.text.bounds import LONGEST
 from sqrp_cli.knowledge.text.input_file import NOT_THERE, missing_file, read_text
 from sqrp_cli.knowledge.text.source import describe
+from sqrp_cli.knowledge.text.units import LONGEST
 from sqrp_cli.platform.files import make_folder, naming
 from sqrp_cli.runtime.image import CameraImage
 from sqrp_cli.runtime.record.png import png_of

@@ -11,10 +11,10 @@ from pathlib import Path
 from pydantic import TypeAdapter, ValidationError
 
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.knowledge.text.bounds import LARGEST
 from sqrp_cli.knowledge.text.input_file import open_input
 from sqrp_cli.knowledge.text.json_file import json_name, parse_json
 from sqrp_cli.knowledge.text.source import describe
+from sqrp_cli.knowledge.text.units import LARGEST
 from sqrp_cli.platform.files import naming
 from sqrp_cli.runtime.record.events import KINDS, VERSION, Event, RunBegan, RunReported, State, StateChanged, WholeState
 from sqrp_cli.runtime.record.report import RunReport
