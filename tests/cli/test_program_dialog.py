@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from sqrp_cli.cli.commands import program as program_command
+from sqrp_cli.cli.commands import program_new
 from sqrp_cli.program.file import load_program
 
 
@@ -90,7 +90,7 @@ def test_a_file_that_is_there_already_is_never_overwritten(answer, laying, file)
 
 
 def test_what_was_chosen_is_saved_before_the_next_question(answer, file, monkeypatch):
-    ask = program_command.ask
+    ask = program_new.ask
 
     def interrupted(question: str) -> str:
         if question.startswith("Step 2"):
@@ -99,7 +99,7 @@ def test_what_was_chosen_is_saved_before_the_next_question(answer, file, monkeyp
         return ask(question)
 
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    monkeypatch.setattr(program_command, "ask", interrupted)
+    monkeypatch.setattr(program_new, "ask", interrupted)
     outcome = answer("2", "1", str(file))
     signal.signal(signal.SIGINT, before)
     assert outcome.code == 130

@@ -1,0 +1,174 @@
+"""`sqrp program new`: makes a program step by step in questions and answers; every step is saved at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from sqrp_cli.api.session import ChosenStep, Session, add_steps, assess, chosen_steps
+from sqrp_cli.checks.dependency_check import best_suggestion, check_candidate
+from sqrp_cli.cli.options import job_count, open_with_warnings
+from sqrp_cli.errors import ExitCode, InputError, Place, Problem
+from sqrp_cli.knowledge.workspace.workspace import World
+from sqrp_cli.platform.files import check_writable
+from sqrp_cli.program.file import new_program
+from sqrp_cli.program.record import Program
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.sampling import Adaptive
+from sqrp_cli.programming.feasibility import Possibility, possibilities
+from sqrp_cli.programming.pipeline import Assignment
+from sqrp_cli.programming.ranking import Ranked, rank
+from sqrp_cli.programming.suggestion import Suggester
+from sqrp_cli.programming.task import Task, read_task
+from sqrp_cli.terminal.check_table import print_suggested
+from sqrp_cli.terminal.console import Column, ask, note, print_problems, print_table, progress, say
+from sqrp_cli.terminal.program_table import print_program
+from sqrp_cli.terminal.rank_table import print_ranking
+
+
+def make_program(path: Path) -> ExitCode:
+    """Ask for one task after the other until there is no answer, and after the first for the file.
+
+    Raises InputError for a workspace that cannot be used. Wrong answers are explained and asked for again.
+    """
+    opened = open_with_warnings(path)
+    workspace, cell = opened.workspace, opened.cell
+    dialog = _Dialog(cell, None, new_program(workspace, cell.model.joints, Path()))
+    say(f"A program for {workspace.name}. Enter without an answer takes what is in brackets.\n")
+    try:
+        while dialog.add_step():
+            pass
+    except EOFError:
+        say()
+    except KeyboardInterrupt:
+        say()
+        note(dialog.kept)
+        return ExitCode.INTERRUPTED
+    if dialog.file is not None and dialog.program.steps:
+        print_program(dialog.program, dialog.file)
+    note(dialog.kept)
+    return ExitCode.OK
+
+
+@dataclass
+class _Dialog:
+    """The program so far; its file has all of it."""
+
+    cell: Cell
+    file: Path | None
+    program: Program
+
+    @property
+    def kept(self) -> str:
+        """What has been saved."""
+        count = len(self.program.steps)
+        if self.file is None or not count:
+            return "no step was chosen, so nothing was written"
+        return f"{self.file} holds the program: {count} step{'s' * (count != 1)}"
+
+    def _asked_file(self) -> Path:
+        """A new file that can be written, asked for until there is one."""
+        proposal = f"{self.cell.workspace.name}-program.yaml"
+        while True:
+            file = Path(ask(f"File for the program [{proposal}]: ") or proposal)
+            try:
+                check_writable(file)
+                if not file.exists():
+                    return file
+                mend = "choose another name; `sqrp rank WORKSPACE TASK --program FILE` goes on with a program"
+                print_problems([Problem("would-overwrite", "this file is there already", Place(file), mend=mend)])
+            except InputError as error:
+                print_problems(error.problems)
+
+    @property
+    def world(self) -> World:
+        """The world after the steps so far."""
+        steps = self.program.steps
+        return steps[-1].after if steps else self.cell.initial_world
+
+    def add_step(self) -> bool:
+        """Show what can be done, and ask for a task and one of its ways; returns whether there was an answer."""
+        doable = self._show_possibilities()
+        example = self.cell.workspace.tasks[0].task if self.cell.workspace.tasks else "pickup red screw"
+        say()
+        while answer := ask(f'Step {len(self.program.steps) + 1}: a number, or a task like "{example}" [finish]: '):
+            if answer.isdecimal() and not 1 <= int(answer) <= len(doable):
+                say(f"There is no number {answer}; the numbers are those of the table above.")
+                continue
+            text = doable[int(answer) - 1].task if answer.isdecimal() else answer
+            try:
+                task = read_task(text, self.cell.workspace)
+            except InputError as error:
+                print_problems(error.problems)
+                continue
+            if task.candidates[0].steps:
+                say("One step at a time, please: name the first one alone.")
+                continue
+            self._add(self._choose(task))
+            return True
+        return False
+
+    def _show_possibilities(self) -> list[Possibility]:
+        """Print what can be done now, and why the rest cannot; returns the former."""
+        with progress("Looking for what can be done", None) as advance:
+            found = []
+            for possibility in possibilities(self.cell, self.world):
+                found.append(possibility)
+                advance()
+        doable = [possibility for possibility in found if possibility.time is not None]
+        if doable:
+            rows = [(str(number), p.task, f"{p.time:.1f}") for number, p in enumerate(doable, 1)]
+            print_table([Column("#", right=True), Column("can be done now"), Column("time [s]", right=True)], rows)
+        else:
+            say("Nothing can be done now.")
+        for possibility in found:
+            if possibility.allowed and possibility.time is None:
+                say(f"not {possibility.task}: {possibility.reason}")
+        for skill in self.cell.workspace.skills:
+            barred = [p for p in found if p.skill == skill and not p.allowed]
+            if barred:
+                more = f" (and {len(barred) - 1} more like it)" if len(barred) > 1 else ""
+                say(f"not {barred[0].task}: {barred[0].reason}{more}")
+        return doable
+
+    def _choose(self, task: Task) -> list[ChosenStep]:
+        """Rank the ways of a task and ask for one; if there is none, propose what to do first."""
+        session = Session(task, Assignment(self.cell, self.world, Adaptive()))
+        ranking = rank(list(assess(session, job_count(None), progress)), "q_eoi")
+        say()
+        print_ranking(task.text, session.assignment, ranking, "q_eoi", all_rows=True)
+        say()
+        if ranking[0].rank is None:
+            return self._propose(task)
+        chosen = _chosen([ranked for ranked in ranking if ranked.rank is not None])
+        return [] if chosen is None else [ChosenStep(task.text, chosen.assessment, self.world)]
+
+    def _propose(self, task: Task) -> list[ChosenStep]:
+        suggester = Suggester(self.cell, self.world, jobs=job_count(None))
+        suggested = best_suggestion([check_candidate(c, suggester) for c in task.candidates], suggester)
+        if not suggested:
+            return []
+        print_suggested(suggested)
+        return chosen_steps(suggested) if _is_yes(ask("\nTake these steps [yes]: ")) else []
+
+    def _add(self, steps: list[ChosenStep]) -> None:
+        """Save steps at once; the first ones in a file that is asked for only now."""
+        if steps:
+            self.file = self.file or self._asked_file()
+            self.program = add_steps(self.cell, steps, Adaptive(), self.file)
+            added = ", ".join(step.short_task for step in self.program.steps[-len(steps) :])
+            say(f"Added and saved in {self.file}: {added}.\n")
+
+
+def _chosen(feasible: Sequence[Ranked]) -> Ranked | None:
+    """The way that the user chooses; None: none of them."""
+    while True:
+        answer = ask("Which one becomes the step, by its #; 0 for none [1]: ") or "1"
+        if answer.isdecimal() and int(answer) <= len(feasible):
+            return feasible[int(answer) - 1] if int(answer) else None
+        say(f"There is no number {answer}; expected 0 to {len(feasible)}.")
+
+
+def _is_yes(answer: str) -> bool:
+    return answer.lower() in ("", "y", "yes")
