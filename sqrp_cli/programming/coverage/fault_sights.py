@@ -145,6 +145,11 @@ class Refuting(NamedTuple):
     more: bool
     """Whether these are other targets than those of the formulas."""
 
+    @property
+    def usual(self) -> Refuting:
+        """The same by what detectors usually see."""
+        return self._replace(targets=tuple(target.usual for target in self.targets))
+
 
 def refuting(scene: WatchedFaults) -> Refuting:
     """What shows the faults of a candidate.
@@ -222,61 +227,64 @@ _WindowsOf = Mapping[str, tuple[Window, ...]]
 """By the names of faults."""
 
 
+class _Viewer(NamedTuple):
+    """Cameras that are asked what their images show of motions, by number."""
+
+    observer: Observer
+    sampling: Sampling
+
+    def windows(self, timeline: Timeline, faults: Sequence[FaultWatch]) -> _WindowsOf:
+        """Those of a timeline."""
+        clocks = clocks_of(self.observer.cameras)
+        return {fault.name: fault_windows(timeline, fault, clocks) for fault in faults}
+
+    def surely(self, looks: Mapping[int, _Look]) -> dict[int, _WindowsOf]:
+        """When images surely show the faults of looks."""
+        timelines = observe_all([_watch(*look) for look in looks.values()], self.observer, self.sampling, full=False)
+        seen = zip(looks.items(), timelines, strict=True)
+        return {number: self.windows(timeline, look.asked.faults) for (number, look), timeline in seen}
+
+    def usually(self, looks: Mapping[int, _Look], sure: Mapping[int, _WindowsOf]) -> dict[int, dict[str, Windows]]:
+        """When they usually do, besides: asked again where that may differ."""
+        more = {**sure, **self.surely(_usual(looks))}
+        return {
+            number: {name: Windows(one, joined(one, more[number][name])) for name, one in sure[number].items()}
+            for number in looks
+        }
+
+
 def all_fault_windows(
     scenes: Sequence[WatchedFaults], timelines: Sequence[Timeline], observer: Observer, sampling: Sampling
 ) -> list[dict[str, Windows]]:
     """The windows of every fault of several motions in one cell, by its name.
 
-    Where images do not show a fault all the time, they are asked again for what detectors usually see, and, where
-    fingers may have lost a part, as they are then.
+    What images do not show all the time, they are asked again: for what detectors usually see, and, where fingers may
+    have lost a part, as they are then.
     """
-    clocks = clocks_of(observer.cameras)
-
-    def shown(looks: Mapping[int, _Look]) -> dict[int, _WindowsOf]:
-        watches = [_watch(*look) for look in looks.values()]
-        timelines = observe_all(watches, observer, sampling, full=False)
-        return {
-            index: _windows_of_all(timeline, looks[index].asked.faults, clocks)
-            for index, timeline in zip(looks, timelines, strict=True)
-        }
-
-    def usually(looks: Mapping[int, _Look], sure: Mapping[int, _WindowsOf]) -> dict[int, dict[str, Windows]]:
-        more = shown(_usual(looks))
-        return {
-            index: {
-                name: Windows(one, joined(one, more.get(index, sure[index])[name])) for name, one in sure[index].items()
-            }
-            for index in looks
-        }
-
-    asked = [_enough(refuting(scene), scene, found, clocks) for scene, found in zip(scenes, timelines, strict=True)]
-    looks = {index: _Look(scenes[index], scenes[index].stage, one) for index, one in enumerate(asked)}
-    planned = {i: _windows_of_all(timelines[i], one.faults, clocks) for i, one in enumerate(asked) if not one.more}
-    planned |= shown({index: look for index, look in looks.items() if look.asked.more})
-    late = {index: look for index, look in looks.items() if look.missed(planned[index])}
-    losing = {index: look for index, look in late.items() if any(map(look.loses, look.missed(planned[index])))}
-    closed = {index: look._replace(stage=look.stage.once_lost) for index, look in losing.items()}
-    held, lost = usually(late, planned), usually(closed, shown(closed))
-    found = [{name: Windows.always(one) for name, one in planned[index].items()} for index in looks]
-    for index, look in late.items():
-        found[index] = held[index]
-        for fault in filter(look.loses, look.missed(planned[index])):
-            found[index][fault.name] = once_lost(held[index][fault.name], lost[index][fault.name], fault.intervals)
+    viewer = _Viewer(observer, sampling)
+    asked = [_enough(refuting(scene), scene, viewer, seen) for scene, seen in zip(scenes, timelines, strict=True)]
+    looks = {number: _Look(scene, scene.stage, asked[number]) for number, scene in enumerate(scenes)}
+    planned = {i: viewer.windows(timelines[i], look.asked.faults) for i, look in looks.items() if not look.asked.more}
+    planned |= viewer.surely({number: look for number, look in looks.items() if look.asked.more})
+    late = {number: look for number, look in looks.items() if look.missed(planned[number])}
+    closed = {
+        number: look._replace(stage=look.stage.once_lost)
+        for number, look in late.items()
+        if any(map(look.loses, look.missed(planned[number])))
+    }
+    held, lost = viewer.usually(late, planned), viewer.usually(closed, viewer.surely(closed))
+    found = [{name: Windows.always(one) for name, one in planned[number].items()} for number in looks]
+    for number, look in late.items():
+        found[number] = held[number]
+        for fault in filter(look.loses, look.missed(planned[number])):
+            found[number][fault.name] = once_lost(held[number][fault.name], lost[number][fault.name], fault.intervals)
     return found
 
 
-def _windows_of_all(timeline: Timeline, faults: Sequence[FaultWatch], clocks: Mapping[float, Clock]) -> _WindowsOf:
-    return {fault.name: fault_windows(timeline, fault, clocks) for fault in faults}
-
-
 def _usual(looks: Mapping[int, _Look]) -> dict[int, _Look]:
-    """The looks with what detectors usually see, where that differs from what they surely do."""
-    found = {index: tuple(target.usual for target in look.asked.targets) for index, look in looks.items()}
-    return {
-        index: look._replace(asked=look.asked._replace(targets=found[index]))
-        for index, look in looks.items()
-        if any(one is not other for one, other in zip(found[index], look.asked.targets, strict=True))
-    }
+    """The looks for what detectors usually see, where that differs from what they surely do."""
+    found = {number: look._replace(asked=look.asked.usual) for number, look in looks.items()}
+    return {number: look for number, look in found.items() if look.asked.targets != looks[number].asked.targets}
 
 
 def once_lost(planned: Windows, lost: Windows, intervals: Sequence[Stretch]) -> Windows:
@@ -306,13 +314,13 @@ def after_loss(planned: Sequence[Window], lost: Sequence[Window], intervals: Seq
     return joined([*found, *within(lost, since, np.inf)])
 
 
-def _enough(asked: Refuting, scene: WatchedFaults, timeline: Timeline, clocks: Mapping[float, Clock]) -> Refuting:
+def _enough(asked: Refuting, scene: WatchedFaults, viewer: _Viewer, timeline: Timeline) -> Refuting:
     """What shows the faults: the targets of formulas, if images show all faults by them all the time."""
     column = {target.atom: (number,) for number, target in enumerate(scene.targets)}
     whole = [replace(fault, columns=tuple(column[lit.atom] for lit in fault.literals)) for fault in asked.faults]
-    if not asked.more or not all(_always_shown(fault, fault_windows(timeline, fault, clocks)) for fault in whole):
-        return asked
-    return Refuting(scene.targets, tuple(whole), more=False)
+    shown = Refuting(scene.targets, tuple(whole), more=False)
+    is_enough = asked.more and not _Look(scene, scene.stage, shown).missed(viewer.windows(timeline, whole))
+    return shown if is_enough else asked
 
 
 def _always_shown(fault: FaultWatch, windows: Sequence[Window]) -> bool:
