@@ -24,10 +24,6 @@ LEAST_SIDE = 0.011
 """Least side of a marker in the image that is looked at, as a share of the longer side of the image. OpenCV passes over
 outlines whose perimeter is less than 0.03 of that: sides of 0.0075 and, as outlines are rough, some 0.011."""
 
-STEEPNESS = 8.0
-"""How fast reading gets worse with fewer pixels along a module: as their power of -8, by images of markers that face
-the camera, of which half show it 1.27 times as far away as nine of ten do."""
-
 STEEPEST = radians(80.0)
 """The largest angle at which markers are read [rad]."""
 
@@ -60,12 +56,14 @@ def least_pixels(camera: Intrinsics, dictionary: str, incidence: ArrayLike = 0.0
 def _least_side(camera: Intrinsics, dictionary: str, incidence: ArrayLike) -> Array:
     """The longer side in the image of the smallest marker that is read [pixels].
 
-    A bit is lost across or along its module. With sides of a and b pixels that happens in proportion to a^-n + b^-n,
-    n = `STEEPNESS`, where the marker is turned about an axis along a side. Outlines are passed over by their perimeter.
+    A bit is lost across or along its module in proportion to h^-4, where h is how far apart the module's edges are. Of
+    a marker turned by an angle of cosine k about an axis at phi to these edges, h^2 is in proportion to
+    k^2 / (cos(phi)^2 + k^2 sin(phi)^2); over all axes, the mean of h^-4 is (3 + 2 k^-2 + 3 k^-4) / 8. The power is by
+    images of markers that are turned. Outlines are passed over by their perimeter.
     """
     code, shorter = DICTIONARIES[dictionary], _shorter(incidence)
     module = MODULE_PIXELS - LESS_PER_BIT * min(code.corrected, MOST_BITS)
-    read = code.modules * module * ((1.0 + shorter**-STEEPNESS) / 2.0) ** (1.0 / STEEPNESS)
+    read = code.modules * module * ((3.0 + 2.0 * shorter**-2 + 3.0 * shorter**-4) / 8.0) ** 0.25
     return np.maximum(read, LEAST_SIDE * max(camera.width, camera.height) * 2.0 / (1.0 + shorter))
 
 
