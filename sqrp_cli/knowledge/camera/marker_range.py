@@ -56,14 +56,15 @@ def least_pixels(camera: Intrinsics, dictionary: str, incidence: ArrayLike = 0.0
 def _least_side(camera: Intrinsics, dictionary: str, incidence: ArrayLike) -> Array:
     """The longer side in the image of the smallest marker that is read [pixels].
 
-    A bit is lost across or along its module in proportion to h^-4, where h is how far apart the module's edges are. Of
+    A bit is lost across or along its module in proportion to h^-6, where h is how far apart the module's edges are. Of
     a marker turned by an angle of cosine k about an axis at phi to these edges, h^2 is in proportion to
-    k^2 / (cos(phi)^2 + k^2 sin(phi)^2); over all axes, the mean of h^-4 is (3 + 2 k^-2 + 3 k^-4) / 8. The power is by
-    images of markers that are turned. Outlines are passed over by their perimeter.
+    k^2 / (cos(phi)^2 + k^2 sin(phi)^2); over all axes, the mean of h^-6 is (5 + 3 k^2 + 3 k^4 + 5 k^6) / 16 k^6. The
+    power is by images of markers that are turned. Outlines are passed over by their perimeter.
     """
     code, shorter = DICTIONARIES[dictionary], _shorter(incidence)
     module = MODULE_PIXELS - LESS_PER_BIT * min(code.corrected, MOST_BITS)
-    read = code.modules * module * ((3.0 + 2.0 * shorter**-2 + 3.0 * shorter**-4) / 8.0) ** 0.25
+    lost = (5.0 + 3.0 * shorter**2 + 3.0 * shorter**4 + 5.0 * shorter**6) / 16.0
+    read = code.modules * module * lost ** (1.0 / 6.0) / shorter
     return np.maximum(read, LEAST_SIDE * max(camera.width, camera.height) * 2.0 / (1.0 + shorter))
 
 

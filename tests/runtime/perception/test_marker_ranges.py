@@ -62,7 +62,7 @@ def test_a_detector_that_states_no_limits_has_those_of_its_markers_and_cameras()
     # modules; at 70 degrees, where modules are narrower one way or another, the modules do.
     axis, k = np.linspace(0.0, np.pi, 1000, endpoint=False), np.cos(np.radians(70.0))
     narrower = np.hypot(np.cos(axis), k * np.sin(axis)) / k
-    assert found.min_pixels == pytest.approx(7 * 1.9 * np.mean(narrower**4) ** 0.25 * np.sqrt(k))
+    assert found.min_pixels == pytest.approx(7 * 1.9 * np.mean(narrower**6) ** (1 / 6) * np.sqrt(k))
     longest = max(float(one.matrix[0, 0]) for one in workspace.cameras.values())
     assert found.distance[1] == pytest.approx(longest * 0.03 / (0.011 * 1536))
     shortest = min(float(one.matrix[1, 1]) for one in workspace.cameras.values())
