@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import os
 import select
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -122,6 +123,7 @@ class Running:
 
 def _work(pipe: Connection, theirs: Connection, job: Job) -> Callable[[None], None]:
     theirs.close()
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # a process of a run that is ended while it starts complains there
     say = _Teller(pipe)
     try:
         match job:
