@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sqrp_cli.api.arguments import check_progress, checked_path, optional_path
-from sqrp_cli.api.cell import OpenCell, silent
+from sqrp_cli.api.cell import OpenCell, open_cell, silent
+from sqrp_cli.api.program import PROGRAM, open_program
 from sqrp_cli.api.results import Answer, how_many
 from sqrp_cli.errors import InputError, Place, Problem, bad_option
 
@@ -54,7 +55,6 @@ def calibrate(
 
 
 def _labelled(folder: Path, workspace: Path | None, program: Path | None) -> tuple[OpenCell, list[LabelledImages]]:
-    from sqrp_cli.api.program import PROGRAM, open_program
     from sqrp_cli.calibrating.labelled import of_labels, of_program
     from sqrp_cli.calibrating.labels_file import LABELS
     from sqrp_cli.knowledge.text.input_file import missing_file
@@ -67,7 +67,7 @@ def _labelled(folder: Path, workspace: Path | None, program: Path | None) -> tup
         if workspace is None:
             message = f"{LABELS} does not say which cell it is about"
             raise bad_option(message, Place(folder / LABELS), mend=f"sqrp calibrate {folder} --workspace WORKSPACE")
-        cell = _opened(workspace)
+        cell = open_cell(workspace)
         return cell, list(of_labels(cell.workspace, folder))
     if workspace is not None:
         raise bad_option(f"--workspace goes with frames that have a {LABELS}, and there is none", Place(folder))
@@ -79,12 +79,6 @@ def _labelled(folder: Path, workspace: Path | None, program: Path | None) -> tup
         raise InputError(Problem("no-labels", message, Place(folder), mend=mend))
     opened = open_program(file)
     return opened.cell, list(of_program(opened.program, opened.workspace, opened.footage(folder, {})))
-
-
-def _opened(workspace: Path) -> OpenCell:
-    from sqrp_cli.api.cell import open_cell
-
-    return open_cell(workspace)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

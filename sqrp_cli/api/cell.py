@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sqrp_cli.api import arguments
+from sqrp_cli.api.results import Check, Explanation, Ranking, Scene, Scores
 from sqrp_cli.errors import InputError, Problem, bad_option
 
 if TYPE_CHECKING:
     from sqrp_cli.api.advice import TaskAdvice
     from sqrp_cli.api.placing import CellPlacement
-    from sqrp_cli.api.results import Check, Explanation, Ranking, Scene, Scores
     from sqrp_cli.api.session import Session
     from sqrp_cli.knowledge.workspace.workspace import Workspace
     from sqrp_cli.logic.planner import Planner
@@ -143,7 +143,6 @@ class OpenCell:
         candidate with its fastest branch, untouched by what cameras see. max_time: of a way, such as `20 s`, or `1.25x`
         the time of the candidate's fastest way.
         """
-        from sqrp_cli.api.results import Ranking
         from sqrp_cli.api.session import assess
         from sqrp_cli.programming.ranking import rank
 
@@ -178,7 +177,6 @@ class OpenCell:
         choose: the candidate's name, `best` for the first in the ranking, or None to compare all of them. step: of a
         task of several, from 1; by default the one that is seen worst. ways, max_time: see `rank`.
         """
-        from sqrp_cli.api.results import Explanation
         from sqrp_cli.api.session import assess, at_step, check_choice, check_one_step, choose_candidate
         from sqrp_cli.programming.ranking import rank
 
@@ -311,7 +309,6 @@ class OpenCell:
         plan: whether to plan the steps to do first, each in its best way; by default if no candidate can be done at
         once. planner: that of this package by default.
         """
-        from sqrp_cli.api.results import Check
         from sqrp_cli.checks.cell_warnings import cell_warnings
         from sqrp_cli.checks.dependency_check import best_suggestion, check_candidate
         from sqrp_cli.checks.formulas import intervals_outside
@@ -361,8 +358,6 @@ class OpenCell:
 
     def scene(self) -> Scene:
         """The workspace as understood."""
-        from sqrp_cli.api.results import Scene
-
         return Scene(self.cell)
 
     def score(
@@ -374,7 +369,6 @@ class OpenCell:
         progress: Progress = silent,
     ) -> Scores:
         """Score all tasks of the workspace. out: a folder that keeps results for a later call."""
-        from sqrp_cli.api.results import Scores
         from sqrp_cli.programming.coverage.sampling import Adaptive
         from sqrp_cli.scoring.cells import read_cells
         from sqrp_cli.scoring.scorecard import score_cells

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from sqrp_cli.api.arguments import check_crowd, check_text, checked_path, optional_path
 from sqrp_cli.api.cell import open_cell, silent
+from sqrp_cli.api.program import open_program
 from sqrp_cli.api.results import Answer
 from sqrp_cli.errors import InputError, Problem
 
@@ -107,7 +108,6 @@ def first_run(folder: Path, task: str, progress: Progress = silent) -> FirstRun 
 
     None where there is no simulator, or no candidate is feasible.
     """
-    from sqrp_cli.api.program import open_program
     from sqrp_cli.report.documents.scene import FirstRun
     from sqrp_cli.runtime.cell.requirements import check_simulator
 

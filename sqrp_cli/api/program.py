@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 from sqrp_cli.api import arguments
 from sqrp_cli.api.cell import OpenCell, silent
+from sqrp_cli.api.results import Explanation
 from sqrp_cli.errors import InputError, Place, Problem, bad_option, expected_names
 
 if TYPE_CHECKING:
-    from sqrp_cli.api.results import Explanation
     from sqrp_cli.api.run_results import Audit, SimulatedRun, SlipSweep
     from sqrp_cli.knowledge.workspace.workspace import Workspace, World
     from sqrp_cli.program.record import Program, Step
@@ -126,7 +126,6 @@ class OpenProgram:
 
     def explain(self, step: int | None = None) -> Explanation:
         """Explain a step, from 1; by default the one that is seen worst. See `OpenCell.explain`."""
-        from sqrp_cli.api.results import Explanation
         from sqrp_cli.api.session import Session
         from sqrp_cli.programming.candidate import Task
         from sqrp_cli.programming.cell import Cell

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 from sqrp_cli.api.arguments import LEAST_STEP, LEAST_TOLERANCE, MOST_SAMPLES, WAYS
+from sqrp_cli.api.cell import OpenCell
+from sqrp_cli.api.program import OpenProgram
 from sqrp_cli.cli import completion
 from sqrp_cli.errors import InputError, Place, Problem, bad_option, expected_names
 from sqrp_cli.platform.memory import keep_all_so_far
@@ -19,8 +21,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
     from sqrp_cli.api.arguments import WaysOption
-    from sqrp_cli.api.cell import OpenCell
-    from sqrp_cli.api.program import OpenProgram
     from sqrp_cli.api.results import Answer, AnyDocument
     from sqrp_cli.knowledge.text.units import Dimension, Quantity
     from sqrp_cli.programming.coverage.robustness import Calibration
@@ -179,8 +179,6 @@ def check_own(path: Path, mark: str, what: str, mend: str = "choose another name
 
 def open_with_warnings(path: Path, seed: int = 0) -> OpenCell:
     """Open a workspace and print its warnings. Raises InputError where `sqrp check` finds errors in it."""
-    from sqrp_cli.api.cell import OpenCell
-
     cell = OpenCell.read(path, seed)
     keep_all_so_far()
     _print_warnings(cell)
@@ -214,8 +212,6 @@ def open_to_write(
 
 def read_program(path: Path, seed: int = 0) -> OpenProgram:
     """Read a program that may no longer fit its workspace, and print the warnings about that."""
-    from sqrp_cli.api.program import OpenProgram
-
     program = OpenProgram.read(path, seed)
     keep_all_so_far()
     _print_warnings(program.cell)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sqrp_cli.api.arguments import WAYS
 from sqrp_cli.cli import options as option
 from sqrp_cli.cli.options import answer, job_count, open_to_write, page_is_written, read_sampling, read_ways
 from sqrp_cli.cli.start import Start
@@ -75,7 +76,6 @@ def command(
 
     The motion comes first, then what it handles, cameras last: their aim, position, lens, and another camera.
     """
-    from sqrp_cli.api.arguments import WAYS
     from sqrp_cli.checks.cell_warnings import cell_warnings
     from sqrp_cli.terminal.console import note, print_problems, progress
 

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from sqrp_cli.api.calibration import calibrate
 from sqrp_cli.cli.options import Json, Patches, answer
 from sqrp_cli.errors import ExitCode
 from sqrp_cli.platform.files import check_not_read
@@ -38,7 +39,6 @@ def command(
 
     Prints how well its curve, and its limits, agree with frames that the curve was not learned from.
     """
-    from sqrp_cli.api.calibration import calibrate
     from sqrp_cli.knowledge.text.yaml_edit import to_apply
     from sqrp_cli.terminal.console import note, progress
 

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sqrp_cli.api.cell import OpenCell
 from sqrp_cli.cli import completion
 from sqrp_cli.cli.options import After, Jobs, Json, Seed, StartPath, answer, check_needed, job_count
 from sqrp_cli.cli.start import Start
 from sqrp_cli.cli.watch import Watch, watched
 from sqrp_cli.errors import ExitCode, InputError
+from sqrp_cli.report.documents.document import as_text
 
 if TYPE_CHECKING:
     from sqrp_cli.api.results import Check
@@ -49,7 +51,6 @@ def command(
     are those of the fastest branch; rank takes the best of all ways.
     """
     from sqrp_cli.report.documents.checks import CheckDocument
-    from sqrp_cli.report.documents.document import as_text
     from sqrp_cli.terminal.console import note, print_problems, say_command, say_raw
 
     if watch:
@@ -86,7 +87,6 @@ def _check(
     path: Path, task: str | None, after: Path | None, program: Path | None, planner: str | None, jobs: int, seed: int
 ) -> Check:
     """Check everything; write the program if one is requested and there is something to do."""
-    from sqrp_cli.api.cell import OpenCell
     from sqrp_cli.api.session import add_steps, chosen_steps, world_before
     from sqrp_cli.programming.coverage.sampling import Adaptive
     from sqrp_cli.terminal.console import progress

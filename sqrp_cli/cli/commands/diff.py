@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from sqrp_cli.api.results import Difference
 from sqrp_cli.cli import options as option
 from sqrp_cli.cli.options import job_count, note_late, read_sampling
 from sqrp_cli.errors import ExitCode, InputError
@@ -34,7 +35,6 @@ def command(
     from sqrp_cli.scoring.work.cluster import connected
 
     with connected(cluster, note_late) as workers:
-        from sqrp_cli.api.results import Difference
         from sqrp_cli.api.scores import why_not_scored
         from sqrp_cli.cli.commands.score import show
         from sqrp_cli.scoring.scorecard import difference, read_versions

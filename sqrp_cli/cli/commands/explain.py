@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from sqrp_cli.api.program import open_program
 from sqrp_cli.cli import completion
 from sqrp_cli.cli import options as option
 from sqrp_cli.cli.command import Command
@@ -130,7 +131,6 @@ def command(
 
 def _explain_program(file: Path, step: int | None, seed: int, *, as_json: bool) -> ExitCode:
     """Explain a step of a program, which stands where a workspace would."""
-    from sqrp_cli.api.program import open_program
     from sqrp_cli.knowledge.text.input_file import missing_file
     from sqrp_cli.knowledge.workspace.load import load_workspace
     from sqrp_cli.program.file import is_program

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from sqrp_cli.api.new_cell import new_cell
 from sqrp_cli.cli.options import Json, answer, check_needed
 from sqrp_cli.errors import ExitCode, InputError, Problem, bad_option
 
@@ -60,7 +61,6 @@ def command(
     Guesses about your arm are marked `check:` in the file. Nothing is ever overwritten. Exit code 1 if the arm can pick
     up nothing anywhere, or the first run stops.
     """
-    from sqrp_cli.api.new_cell import new_cell
     from sqrp_cli.starter.random_cell import Crowd
     from sqrp_cli.terminal.console import print_problems, progress
 

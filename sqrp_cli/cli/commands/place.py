@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sqrp_cli.api.arguments import WAYS
 from sqrp_cli.cli import completion
 from sqrp_cli.cli import options as option
 from sqrp_cli.cli.options import answer, job_count, open_to_write, page_is_written, read_sampling, read_ways
@@ -89,7 +90,6 @@ def command(
 
     The mounts and lenses to choose from are in the file place.yaml beside the workspace.
     """
-    from sqrp_cli.api.arguments import WAYS
     from sqrp_cli.api.placing import PlaceRequest, find_placement
     from sqrp_cli.scoring.work.cluster import connected
     from sqrp_cli.scoring.work.compute import Means

@@ -11,6 +11,7 @@ import typer
 
 from sqrp_cli.cli.options import Json, check_excluded, check_needed, check_own
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem, bad_option, nearest
+from sqrp_cli.report.documents.document import as_text
 
 if TYPE_CHECKING:
     from sqrp_cli.knowledge.workspace.workspace import Workspace
@@ -73,7 +74,6 @@ def command(
 
 def _list(file: Path, drop_last: bool, export: Path | None, rate: str | None, as_json: bool) -> None:
     from sqrp_cli.program.file import load_program
-    from sqrp_cli.report.documents.document import as_text
     from sqrp_cli.report.documents.programs import ProgramDocument
     from sqrp_cli.terminal.console import note, print_problems, say_raw
     from sqrp_cli.terminal.program_table import print_program

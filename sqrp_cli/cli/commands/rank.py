@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sqrp_cli.api.results import Ranking
 from sqrp_cli.cli import options as option
 from sqrp_cli.cli.options import answer, job_count, open_to_write, page_is_written
 from sqrp_cli.cli.start import Start
@@ -65,7 +66,6 @@ def command(
 
     The best are those in which the cameras see what matters. The chosen one can be written as a program.
     """
-    from sqrp_cli.api.results import Ranking
     from sqrp_cli.api.session import check_choice, world_before
     from sqrp_cli.checks.cell_warnings import cell_warnings
     from sqrp_cli.checks.formulas import intervals_outside

@@ -9,6 +9,7 @@ import typer
 from sqrp_cli.cli import completion
 from sqrp_cli.cli.options import Json
 from sqrp_cli.errors import ExitCode
+from sqrp_cli.report.documents.document import as_text
 
 NAME = "rules"
 
@@ -33,7 +34,6 @@ def command(code: Code = None, as_json: Json = False) -> ExitCode:
     chosen = list(rules().values()) if code is None else [rule_of(code)]
     if as_json:
         from sqrp_cli.report.documents.checks import RulesDocument
-        from sqrp_cli.report.documents.document import as_text
         from sqrp_cli.terminal.console import say_raw
 
         say_raw(as_text(RulesDocument(rules=chosen)))

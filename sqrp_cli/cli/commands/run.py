@@ -10,6 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sqrp_cli.api.arguments import RunOutputs
+from sqrp_cli.api.logged_run import LoggedRun
+from sqrp_cli.api.program import DEFAULT_RUNS
 from sqrp_cli.cli import options as option
 from sqrp_cli.cli.options import answer, check_excluded, check_needed, program_with_warnings, read_share
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem, bad_option
@@ -17,7 +20,6 @@ from sqrp_cli.errors import ExitCode, InputError, Place, Problem, bad_option
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sqrp_cli.api.arguments import RunOutputs
     from sqrp_cli.api.program import OpenProgram
     from sqrp_cli.api.robot import RobotSession
     from sqrp_cli.api.run_results import SimulatedRun
@@ -89,8 +91,6 @@ def command(
 
     The robot stops, tries again or goes on as the skill says when a fault is seen.
     """
-    from sqrp_cli.api.arguments import RunOutputs
-
     outputs = RunOutputs(film=record, log=log, frames=frames, page=report, options=_OPTIONS)
     _check_options(replay, sweep, n, fault, outputs)
     check_needed("--robot", robot, {"--dry-run": dry_run, "--yes": yes, "--speed": speed})
@@ -176,7 +176,6 @@ def _run(opened: OpenProgram, faults: Sequence[str], outputs: RunOutputs, *, as_
 
 def _replay(log: Path, program: Path | None, page: Path | None, *, as_json: bool) -> SimulatedRun:
     """Show a run again. program: leads to the workspace, for a page with 3D playback."""
-    from sqrp_cli.api.logged_run import LoggedRun
     from sqrp_cli.platform.files import check_not_read
     from sqrp_cli.terminal.run_view import LiveView
 
@@ -190,7 +189,6 @@ def _replay(log: Path, program: Path | None, page: Path | None, *, as_json: bool
 
 def _sweep(opened: OpenProgram, slip: str, count: int | None, *, as_json: bool) -> ExitCode:
     """Many runs of a program, each with a slip at another instant."""
-    from sqrp_cli.api.program import DEFAULT_RUNS
     from sqrp_cli.runtime.run.injected_fault import parse_sweep
     from sqrp_cli.terminal.console import progress
 

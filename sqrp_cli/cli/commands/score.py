@@ -8,16 +8,17 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from sqrp_cli.api.results import Scores
 from sqrp_cli.cli import options as option
 from sqrp_cli.cli.options import Patches, answer, job_count, note_late, read_sampling
 from sqrp_cli.cli.watch import Watch, watched
 from sqrp_cli.errors import ExitCode, InputError, bad_option
-from sqrp_cli.platform.files import check_distinct, check_writable
+from sqrp_cli.platform.files import check_distinct, check_not_read, check_writable
+from sqrp_cli.report.documents.document import as_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sqrp_cli.api.results import Scores
     from sqrp_cli.api.scores import ScoreRun
     from sqrp_cli.scoring.scorecard import Scorecard
     from sqrp_cli.scoring.work.compute import Means
@@ -121,9 +122,7 @@ def _score(
     Raises InputError for unusable paths, folders and files, and if nothing at all can be scored. Otherwise prints what
     could be scored, and the rest as errors.
     """
-    from sqrp_cli.api.results import Scores
     from sqrp_cli.api.scores import ScoreRun, nothing_scored, why_not_scored
-    from sqrp_cli.platform.files import check_not_read
     from sqrp_cli.scoring.baselines.baseline import load_baseline
     from sqrp_cli.terminal.console import note, progress
 
@@ -193,7 +192,6 @@ def _vary(
     """Score variants, print them and write the best as a patch. wanted: its file; None: NAME-best.patch."""
     from sqrp_cli.api.scores import nothing_scored, why_not_scored
     from sqrp_cli.checks.formulas import intervals_outside
-    from sqrp_cli.report.documents.document import as_text
     from sqrp_cli.report.documents.scores import VaryDocument
     from sqrp_cli.scoring.cells import find_workspaces, short_names
     from sqrp_cli.scoring.score import wanted_of

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from sqrp_cli.api.cell import OpenCell
 from sqrp_cli.cli.options import WorkspacePath
 from sqrp_cli.errors import ExitCode, InputError, bad_option
 
@@ -21,7 +22,6 @@ def command(workspace: WorkspacePath, values: Values) -> ExitCode:
 
     Nothing is written where the result would be no workspace.
     """
-    from sqrp_cli.api.cell import OpenCell
     from sqrp_cli.knowledge.text.yaml_edit import with_values
     from sqrp_cli.knowledge.workspace.load import read_workspace_document, workspace_file
     from sqrp_cli.platform.files import write_atomically

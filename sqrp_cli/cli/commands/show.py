@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from sqrp_cli.api.cell import OpenCell
 from sqrp_cli.cli.options import Json, WorkspacePath, answer
 from sqrp_cli.errors import ExitCode
 
@@ -13,7 +14,6 @@ def command(workspace: WorkspacePath, as_json: Json = False) -> ExitCode:
 
     Robot, cameras, objects, skills and state, with every path and pose resolved.
     """
-    from sqrp_cli.api.cell import OpenCell
     from sqrp_cli.checks.cell_warnings import cell_warnings
     from sqrp_cli.terminal.console import print_problems
 
