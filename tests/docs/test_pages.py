@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -63,6 +64,18 @@ def test_the_readme_shows_every_command() -> None:
     text = (ROOT / "README.md").read_text()
     for command in typer.main.get_command(app).commands:  # type: ignore[attr-defined] # it is a group
         assert f"`sqrp {command}" in text, command
+
+
+def test_what_make_run_installs_is_enough_for_every_command_of_the_readme() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    (installed,) = re.findall(
+        r"^\.venv/run:.*\n\t\$\(INSTALL\) '\.\[(.*)\]'", (ROOT / "Makefile").read_text(), re.MULTILINE
+    )
+    readme = (ROOT / "README.md").read_text()
+    assert "--planner" not in readme
+    assert "--cluster" not in readme
+    assert {*installed.split(",")} == extras.keys() - {"planners", "cluster", "dev"}
+    assert f"`pip install '.[{installed}]'` for all" in readme
 
 
 def test_the_changes_begin_with_the_version() -> None:
