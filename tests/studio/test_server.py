@@ -169,7 +169,9 @@ def test_a_studio_ends_with_the_process_that_started_it(cell):
     shell = subprocess.Popen(
         ["/bin/sh", "-c", f"{command} & wait"], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
-    assert shell.stdout.readline().startswith(b"http://127.0.0.1:")
+    host, _, token = shell.stdout.readline().decode().strip().strip("/").removeprefix("http://").partition("/")
+    with connect(f"ws://{host}/{token}/live", origin=f"http://{host}", max_size=None) as own:
+        own.recv(timeout=120)  # it is looking after itself by now
     shell.kill()
     shell.communicate(timeout=120)  # its output ends once the studio and all that it started have ended
 
