@@ -29,7 +29,6 @@ from sqrp_cli.knowledge.text.entries import (
     mapping_or_else,
 )
 from sqrp_cli.knowledge.text.units import ANGLE, FREQUENCY, LARGEST, PIXELS
-from sqrp_cli.knowledge.text.yaml_file import read_yaml
 
 DistortionModel = Literal["none", "plumb_bob", "rational_polynomial", "equidistant"]
 
@@ -321,5 +320,7 @@ class _CatalogueFile(Entry):
 @cache
 def catalogue() -> Mapping[str, CatalogueEntry]:
     """The entries by name."""
+    from sqrp_cli.knowledge.text.yaml_file import read_yaml
+
     document = read_yaml(CATALOGUE)
     return _CatalogueFile.model_validate({"entries": document.data}).entries
