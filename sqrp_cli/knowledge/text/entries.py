@@ -93,7 +93,8 @@ class Stored:
 def completed(record: Callable[..., Completed], *known: object, **found: object) -> Completed:
     """A new record: each field from `found`, otherwise from the last of the known records that has it or tells it."""
     names = [field.name for field in fields(cast("Any", record)) if field.name not in found]
-    given = {name: getattr(other, name) for other in known for name in names if hasattr(other, name)}
+    told = ((name, getattr(other, name)) for other in known for name in names if hasattr(other, name))
+    given = {name: value for name, value in told if not callable(value)}  # a method tells nothing
     return record(**given, **found)
 
 
