@@ -62,6 +62,20 @@ def rank(assessments: Sequence[Assessment], by: Criterion) -> tuple[Ranked, ...]
     return (*ranked, *(Ranked(assessment, None, False) for assessment in assessments if not assessment.feasible))
 
 
+def contenders(assessments: Sequence[Assessment], by: Criterion) -> list[bool]:
+    """Which of some feasible ones without delays may be first or Pareto-optimal, whatever their delays are.
+
+    by: no criterion of delays.
+    """
+    columns = _columns(assessments, by)
+
+    def values(assessment: Assessment) -> list[float]:
+        return [compared_time(value) for column in columns if (value := column(assessment)) is not None]
+
+    first = min(map(values, assessments))
+    return [values(one) == first or _undominated(one, assessments) for one in assessments]
+
+
 def may_overtake(ranking: Sequence[Ranked], by: Criterion) -> list[Assessment]:
     """The candidates that are not proven to stay behind the first, whatever the camera poses within the bounds.
 

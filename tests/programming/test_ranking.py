@@ -2,14 +2,14 @@ from __future__ import annotations
 
 import dataclasses
 
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.quality import Qualities
-from sqrp_cli.programming.ranking import CRITERIA, criterion_figure, rank, winners
+from sqrp_cli.programming.ranking import CRITERIA, Criterion, contenders, criterion_figure, rank, winners
 from sqrp_cli.programming.task import Candidate, read_task
 from tests.conftest import TABLETOP
 
@@ -96,6 +96,21 @@ def test_the_order_does_not_depend_on_the_order_of_the_input(
 ) -> None:
     assessments = [assessed(i, eoi / 10, avg / 10, float(time)) for i, (eoi, avg, time) in enumerate(rows)]
     assert names([assessments[i] for i in order], by) == names(assessments, by)
+
+
+@given(
+    st.lists(st.tuples(*[st.integers(0, 2)] * 4), min_size=1, max_size=6), st.sampled_from(("q_eoi", "q_avg", "time"))
+)
+@example([(2, 1, 0, 1), (1, 1, 0, 0)], "time")
+def test_whatever_its_delays_no_other_than_a_contender_is_first_or_pareto_optimal(
+    rows: list[tuple[int, int, int, int]], by: Criterion
+) -> None:
+    found = [assessed(i, e / 2, a / 2, 5.0 + t, 1.0 + late) for i, (e, a, t, late) in enumerate(rows)]
+    kept = contenders([dataclasses.replace(one, faults={}) for one in found], by)
+    whole, less = rank(found, by), rank([one for one, named in zip(found, kept, strict=True) if named], by)
+    assert less[0].assessment is whole[0].assessment
+    optimal = [[one.assessment for one in ranking if one.pareto] for ranking in (whole, less)]
+    assert optimal[0] == optimal[1]
 
 
 def test_winners_counts_who_is_first_in_each_draw() -> None:

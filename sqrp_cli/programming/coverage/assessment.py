@@ -258,10 +258,21 @@ class Rehearsal:
 
 
 @dataclass(frozen=True, eq=False)
-class Study(Rehearsal):
-    """A feasible candidate with all data behind its figures."""
+class Watched(Rehearsal):
+    """A feasible candidate with what the cameras see of it, but not yet how late faults are noticed."""
 
     timeline: Timeline
+
+    @property
+    def without_delays(self) -> Assessment:
+        """Its figures, without faults."""
+        return Assessment(self.candidate, feasible=True, **vars(figures_of(self.timeline, self.motion.time, {})))
+
+
+@dataclass(frozen=True, eq=False)
+class Study(Watched):
+    """A feasible candidate with all data behind its figures."""
+
     recovery: Recovery
     windows: Mapping[str, Windows]
     """In which images show each fault, by its name."""
@@ -331,6 +342,11 @@ def observed(cell: Cell, scene: Rehearsal, sampling: Sampling, *, full: bool) ->
 
 def all_observed(cell: Cell, scenes: Sequence[Rehearsal], sampling: Sampling, *, full: bool) -> list[Study]:
     """As `observed` of each of several motions, which is faster together."""
+    return with_delays(cell, all_watched(cell, scenes, sampling, full=full), sampling)
+
+
+def all_watched(cell: Cell, scenes: Sequence[Rehearsal], sampling: Sampling, *, full: bool) -> list[Watched]:
+    """As `all_observed`, without delays."""
     for scene in scenes:
         if (count := sample_count(sampling, scene.motion)) > MAX_SAMPLES:
             name = scene.candidate.name
@@ -339,8 +355,14 @@ def all_observed(cell: Cell, scenes: Sequence[Rehearsal], sampling: Sampling, *,
                 Problem("too-many-samples", message, mend="leave it out: the default places samples where they matter")
             )
     timelines = observe_all([scene.watch for scene in scenes], cell.observer, sampling, full=full)
-    windows = all_fault_windows(scenes, timelines, cell.observer, sampling)
-    return [_study(cell, *found) for found in zip(scenes, timelines, windows, strict=True)]
+    return [Watched(**vars(scene), timeline=timeline) for scene, timeline in zip(scenes, timelines, strict=True)]
+
+
+def with_delays(cell: Cell, watched: Sequence[Watched], sampling: Sampling) -> list[Study]:
+    """Motions with how late faults are noticed; as they are where that is known."""
+    asked = [one for one in watched if not isinstance(one, Study)]
+    windows = iter(all_fault_windows(asked, [one.timeline for one in asked], cell.observer, sampling))
+    return [one if isinstance(one, Study) else _study(cell, one, next(windows)) for one in watched]
 
 
 def observed_again(cell: Cell, study: Study, sampling: Sampling, *, full: bool) -> Study:
@@ -350,9 +372,7 @@ def observed_again(cell: Cell, study: Study, sampling: Sampling, *, full: bool) 
     return replace(study, timeline=timeline, windows=windows, onsets=fault_onsets(study, cell.observer))
 
 
-def _study(cell: Cell, scene: Rehearsal, timeline: Timeline, windows: Mapping[str, Windows]) -> Study:
-    starts = (fault_intervals(scene.formulas, fault)[0].start for fault in timeline.faults)
+def _study(cell: Cell, scene: Watched, windows: Mapping[str, Windows]) -> Study:
+    starts = (fault_intervals(scene.formulas, fault)[0].start for fault in scene.timeline.faults)
     recovery = recovery_over(scene.motion, cell.model, min(starts, default=scene.motion.time))
-    return Study(
-        **vars(scene), timeline=timeline, recovery=recovery, windows=windows, onsets=fault_onsets(scene, cell.observer)
-    )
+    return Study(**vars(scene), recovery=recovery, windows=windows, onsets=fault_onsets(scene, cell.observer))

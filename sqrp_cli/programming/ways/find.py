@@ -17,16 +17,19 @@ from sqrp_cli.programming.coverage.assessment import (
     BlindEnd,
     Rehearsal,
     Study,
+    Watched,
     WayFigures,
     WaysFound,
     all_observed,
+    all_watched,
     observed,
     rehearsal,
+    with_delays,
 )
 from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling
 from sqrp_cli.programming.feasibility import feasible_motion, impossible_start, skill_use
 from sqrp_cli.programming.motion.plan_motion import Motion, no_such_branch, plan_branches, plan_motion
-from sqrp_cli.programming.ranking import Criterion, Ranked, compared_quality, compared_time, rank
+from sqrp_cli.programming.ranking import Criterion, Ranked, compared_quality, compared_time, contenders, rank
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.grips import first_grip, grips
 from sqrp_cli.programming.ways.prospect import Prospect, prospects
@@ -128,14 +131,20 @@ def _allowed(cell: Cell, candidate: Candidate, world: World, wanted: WantedWay, 
 
 def _best_way(cell: Cell, ways: _Allowed, sampling: Sampling, wanted: WantedWay, known: Study | None) -> BestWay:
     """The best of the ways; known: the study of the only one."""
-    bounded = isinstance(sampling, Adaptive) and wanted.by in ("q_eoi", "q_avg", "time")
+    by_quality = wanted.by in ("q_eoi", "q_avg", "time")
     if known is not None:
-        studies = [known]
+        watched: list[Watched] = [known]
     else:
+        bounded = isinstance(sampling, Adaptive) and by_quality
         hopeful = prospects(cell.observer, ways.scenes) if bounded else list(map(Prospect, ways.scenes))
-        studies = list(_studied(cell, hopeful, sampling, wanted, prune=bounded))
+        watched = list(_watched(cell, hopeful, sampling, wanted, prune=bounded))
     if ways.candidate.open_paths:
-        studies = _with_seen_paths(cell, studies, ways.scenes, sampling, ways.longest, wanted.by)
+        direct = (replace(one, candidate=one.candidate.with_paths({})) for one in watched)
+        watched = [*direct, *_seen(cell, ways.scenes, sampling, ways.longest, wanted.by)]
+    if by_quality:
+        may_be_named = contenders([one.without_delays for one in watched], wanted.by)
+        watched = [one for one, named in zip(watched, may_be_named, strict=True) if named]
+    studies = with_delays(cell, watched, sampling)
     ranked = rank([study.assessment("") for study in studies], wanted.by)
     best = ranked[0].assessment
     chosen = next(study for study in studies if study.candidate is best.candidate)
@@ -173,7 +182,7 @@ def studied_ways(
     found: Iterator[Study] = (observed(cell, one.scene, sampling, full=False) for one in ordered if worth(one))
     if candidate.open_paths:
         longest = limit.longest(allowed)
-        known = [one for by in ("q_eoi", "q_avg") for one in _with_seen_paths(cell, [], allowed, sampling, longest, by)]
+        known = [one for by in ("q_eoi", "q_avg") for one in _seen(cell, allowed, sampling, longest, by)]
         direct = (replace(one, candidate=one.candidate.with_paths({})) for one in found)
         found = iter(sorted([*direct, *known], key=lambda one: compared_time(one.motion.time)))
     yield from found
@@ -264,23 +273,23 @@ def _planned(cell: Cell, candidate: Candidate, world: World) -> _Planned:
     return _Planned(tried, scenes or none)
 
 
-def _studied(
+def _watched(
     cell: Cell, hopeful: Sequence[Prospect], sampling: Sampling, wanted: WantedWay, *, prune: bool
-) -> Iterator[Study]:
-    """The exact studies of the ways that may be best, the most promising first; then of the others worth naming."""
+) -> Iterator[Watched]:
+    """What the cameras see of the ways that may be best, the most promising first; then of the others worth naming."""
     by, found = wanted.by, list[Assessment]()
 
-    def studied(prospect: Prospect) -> Study:
-        study = observed(cell, prospect.scene, sampling, full=False)
-        found.append(study.assessment(""))
-        return study
+    def watched(prospect: Prospect) -> Watched:
+        (one,) = all_watched(cell, [prospect.scene], sampling, full=False)
+        found.append(one.without_delays)
+        return one
 
     waiting = sorted(hopeful, key=lambda prospect: _place(prospect, by))
     while waiting and not (prune and found and min(_place(one, by) for one in found) <= _place(waiting[0], by)):
-        yield studied(waiting.pop(0))
+        yield watched(waiting.pop(0))
     for prospect in () if wanted.alone else sorted(waiting, key=lambda prospect: compared_time(prospect.time)):
         if all(map(prospect.is_worth_naming_beside, found)):
-            yield studied(prospect)
+            yield watched(prospect)
 
 
 def _place(way: Prospect | Assessment, by: Criterion) -> tuple[float, ...]:
@@ -290,14 +299,13 @@ def _place(way: Prospect | Assessment, by: Criterion) -> tuple[float, ...]:
     return first, -q_avg, time
 
 
-def _with_seen_paths(
-    cell: Cell, studies: Sequence[Study], scenes: Sequence[Rehearsal], sampling: Sampling, longest: float, by: Criterion
-) -> list[Study]:
-    """Studies of direct ways, and of the ways with better paths than those of the scenes; a path is `any` in none."""
+def _seen(
+    cell: Cell, scenes: Sequence[Rehearsal], sampling: Sampling, longest: float, by: Criterion
+) -> Sequence[Study]:
+    """The ways with better paths than those of the scenes; a path is `any` in none."""
     from sqrp_cli.programming.seen.seen_ways import seen_ways
 
-    seen = seen_ways(cell, scenes, sampling, longest=longest, interest_first=by == "q_eoi")
-    return [*(replace(study, candidate=study.candidate.with_paths({})) for study in studies), *seen]
+    return seen_ways(cell, scenes, sampling, longest=longest, interest_first=by == "q_eoi")
 
 
 def _blind_ends(candidate: Candidate, study: Study) -> tuple[BlindEnd, ...]:
