@@ -6,7 +6,11 @@ import re
 from pathlib import Path
 from typing import Any
 
+import pytest
 import yaml
+
+from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.knowledge.workspace.load import load_workspace
 
 ROOT = Path(__file__).parents[1]
 
@@ -31,3 +35,10 @@ def write_cell(cell: dict[str, Any], folder: Path) -> Path:
     path = folder / "workspace.yaml"
     path.write_text(yaml.safe_dump(cell, sort_keys=False), encoding="utf-8")
     return path
+
+
+def refusal(folder: Path) -> Problem:
+    """The first of the problems for which the workspace in a folder is refused."""
+    with pytest.raises(InputError) as caught:
+        load_workspace(folder)
+    return caught.value.problems[0]

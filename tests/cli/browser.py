@@ -57,21 +57,17 @@ def walk(page: Any) -> None:
     raise AssertionError("the tab key does not come to an end")
 
 
-class Opened:
-    """A page in the browser, with everything that it complained about or asked for."""
+class Listened:
+    """A page in the browser, with everything that it complained about."""
 
-    def __init__(self, browser: Any, path: Path) -> None:
-        self.context = browser.new_context(viewport={"width": 1000, "height": 700}, offline=True)
+    def __init__(self, browser: Any, width: int, height: int, **settings: object) -> None:
+        self.context = browser.new_context(viewport={"width": width, "height": height}, **settings)
         self.context.set_default_timeout(PATIENCE)
         self.page = self.context.new_page()
         self.complaints: list[str] = []
-        self.requests: list[str] = []
         self.page.on("console", self._listen)
-        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("pageerror", lambda error: self.complaints.append(error.stack or str(error)))
         self.page.on("dialog", lambda dialog: self.complaints.append(f"dialog {dialog.message}"))
-        self.page.on("request", lambda request: self.requests.append(request.url))
-        self.page.goto(path.as_uri())
-        self.page.wait_for_selector("html[data-ready=true]")
 
     def _listen(self, message: Any) -> None:
         if message.type in ("error", "warning") and "GPU stall" not in message.text:
@@ -80,6 +76,17 @@ class Opened:
     def js(self, expression: str, argument: Any = None) -> Any:
         """The value of an expression in the page."""
         return self.page.evaluate(expression, argument)
+
+
+class Opened(Listened):
+    """A page that `--report` wrote, with everything that it asked for, too."""
+
+    def __init__(self, browser: Any, path: Path) -> None:
+        super().__init__(browser, 1000, 700, offline=True)
+        self.requests: list[str] = []
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.goto(path.as_uri())
+        self.page.wait_for_selector("html[data-ready=true]")
 
     def texts(self, selector: str) -> list[str]:
         """What the elements of a selector say."""

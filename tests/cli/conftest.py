@@ -9,10 +9,9 @@ import io
 import json
 import os
 import shutil
-import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,7 +22,6 @@ import yaml
 
 from sqrp_cli.cli.main import run
 from tests.cells import shipped_cell, write_cell
-from tests.cli.browser import chromium
 
 if TYPE_CHECKING:
     from tests.cli.slip_run import Cell, SlipRun
@@ -276,12 +274,6 @@ def slip_run(quick_cell: Cell) -> SlipRun:
     return run_with_slip(_call, quick_cell)
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as opened:
-        yield opened
-
-
 @pytest.fixture(scope="session")
 def scenes(
     explained: Outcome,
@@ -304,11 +296,3 @@ def scenes(
         name: (show.document, [c for c in explain.document["candidates"] if c["feasible"]])
         for name, (show, explain) in pairs.items()
     }
-
-
-@pytest.fixture
-def heeded_ctrl_c() -> Iterator[None]:
-    """Ctrl-C raises KeyboardInterrupt, as in a shell's foreground; background jobs may be started to ignore it."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)

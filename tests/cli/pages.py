@@ -12,15 +12,16 @@ from typing import Any
 
 def detail_in(page: Path, number: int = 0) -> dict[str, Any]:
     """The document of one of the candidates of a page."""
-    return _document(page, f"detail-{number}")
+    return carried(page, f"detail-{number}")
 
 
 def overview_of(page: Path) -> dict[str, Any]:
     """What a page shows first."""
-    return _document(page, "overview")
+    return carried(page, "overview")
 
 
-def _document(page: Path, name: str) -> dict[str, Any]:
+def carried(page: Path, name: str) -> dict[str, Any]:
+    """A document that a page carries."""
     (data,) = re.findall(rf'id="{name}">([^<]*)<', page.read_text(encoding="utf-8"))
     document = json.loads(zlib.decompress(base64.b64decode(data)))
     assert isinstance(document, dict)

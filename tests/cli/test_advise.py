@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import base64
 import json
-import re
 import shutil
 import signal
 import subprocess
-import zlib
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -33,6 +30,8 @@ from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.programming.ways.grips import grips
 from tests.cli.browser import Opened
+from tests.cli.ctrl_c import press_ctrl_c
+from tests.cli.pages import carried
 from tests.cli.test_document_schemas import assert_no_other_key_fits, validate
 
 ROOT = Path(__file__).parents[2]
@@ -561,12 +560,6 @@ def test_every_row_of_the_page_plays_in_the_cell_that_the_patch_makes(sqrp, othe
     assert carried(page, f"model-{overview['entries'][row]['scene']}") == carried(page, "model-0")
 
 
-def carried(page: Path, name: str) -> dict:
-    """A document that a page carries."""
-    (data,) = re.findall(rf'id="{name}">([^<]*)<', page.read_text(encoding="utf-8"))
-    return json.loads(zlib.decompress(base64.b64decode(data)))
-
-
 def test_the_page_shows_the_changed_camera_and_the_moved_part(browser, others, page):
     opened = Opened(browser, page)
     assert opened.texts("#name") == ["as it is"]
@@ -684,10 +677,7 @@ def test_a_folder_that_cannot_be_used_is_refused(sqrp, tmp_path):
 
 @pytest.mark.usefixtures("heeded_ctrl_c")
 def test_ctrl_c_while_the_page_is_written_keeps_the_advice_and_writes_nothing(sqrp, own, tmp_path, monkeypatch):
-    def interrupted(*_, **__):
-        signal.raise_signal(signal.SIGINT)
-
-    monkeypatch.setattr("sqrp_cli.report.pages.advice_page.write_advice", interrupted)
+    monkeypatch.setattr("sqrp_cli.report.pages.advice_page.write_advice", press_ctrl_c)
     page, before = tmp_path / "page.html", (own / "workspace.yaml").read_bytes()
     outcome = sqrp("advise", own, TASK, "--kinds", "way", "--report", page, "--apply", 1)
     assert outcome.code == 130

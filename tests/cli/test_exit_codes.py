@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.programming import pipeline
+from tests.cli.ctrl_c import press_ctrl_c
 
 COMMANDS = ("check", "rank", "explain", "show", "schema")
 
@@ -316,10 +317,7 @@ def test_ctrl_c_exits_130_and_keeps_what_is_finished(sqrp, watch, monkeypatch):
 
 @pytest.mark.usefixtures("heeded_ctrl_c")
 def test_ctrl_c_before_anything_is_finished_exits_130(sqrp, watch, monkeypatch):
-    def interrupted(*_, **__):
-        signal.raise_signal(signal.SIGINT)
-
-    monkeypatch.setattr(pipeline.Assignment, "assess", interrupted)
+    monkeypatch.setattr(pipeline.Assignment, "assess", press_ctrl_c)
     for command in ("rank", "explain"):
         outcome = sqrp(command, watch, "watch cube", "--jobs", 1)
         assert outcome.code == 130
@@ -328,10 +326,7 @@ def test_ctrl_c_before_anything_is_finished_exits_130(sqrp, watch, monkeypatch):
 
 @pytest.mark.usefixtures("heeded_ctrl_c")
 def test_ctrl_c_while_the_page_is_written_keeps_the_ranking(sqrp, watch, tmp_path, monkeypatch):
-    def interrupted(*_, **__):
-        signal.raise_signal(signal.SIGINT)
-
-    monkeypatch.setattr("sqrp_cli.report.pages.candidate_page.write_ranking", interrupted)
+    monkeypatch.setattr("sqrp_cli.report.pages.candidate_page.write_ranking", press_ctrl_c)
     page = tmp_path / "page.html"
     outcome = sqrp("rank", watch, "watch cube", "--report", page)
     assert outcome.code == 130
@@ -343,10 +338,7 @@ def test_ctrl_c_while_the_page_is_written_keeps_the_ranking(sqrp, watch, tmp_pat
 @pytest.mark.usefixtures("heeded_ctrl_c")
 @pytest.mark.parametrize("command", ["check", "rank", "explain", "show", "score", "diff"])
 def test_ctrl_c_while_files_are_read_is_told_in_one_line(sqrp, watch, monkeypatch, command):
-    def interrupted(*_, **__):
-        signal.raise_signal(signal.SIGINT)
-
-    monkeypatch.setattr("sqrp_cli.knowledge.workspace.load.read_yaml", interrupted)
+    monkeypatch.setattr("sqrp_cli.knowledge.workspace.load.read_yaml", press_ctrl_c)
     more = {"rank": ["watch seen"], "explain": ["watch seen"], "diff": [watch]}.get(command, [])
     outcome = sqrp(command, watch, *more)
     assert (outcome.code, outcome.out, outcome.err) == (130, "", "interrupted\n")

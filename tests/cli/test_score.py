@@ -20,6 +20,7 @@ from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.platform.files import os as files_os
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.terminal.score_table import column_titles
+from tests.cli.ctrl_c import press_ctrl_c
 
 ROOT = Path(__file__).parents[2]
 
@@ -232,7 +233,7 @@ def ctrl_c_at(monkeypatch):
                 signal.raise_signal(signal.SIGINT)
             return assess(assignment, candidate)
 
-        monkeypatch.setattr(Assignment, "assess", interrupted)
+        monkeypatch.setattr(Assignment, "assess", press_ctrl_c)
 
     yield at
     signal.signal(signal.SIGINT, before)
@@ -268,11 +269,8 @@ def test_ctrl_c_after_scoring_loses_no_score(sqrp, own_watch, tmp_path, monkeypa
     baseline = tmp_path / "baseline.json"
     assert sqrp("score", own_watch, "--save-baseline", baseline).code == 0
 
-    def interrupted(*_, **__):
-        signal.raise_signal(signal.SIGINT)
-
     module = "report.pages.candidate_page" if where == "write_scores" else "api.scores"
-    monkeypatch.setattr(f"sqrp_cli.{module}.{where}", interrupted)
+    monkeypatch.setattr(f"sqrp_cli.{module}.{where}", press_ctrl_c)
     outputs = ("--junit", tmp_path / "junit.xml", "--report", tmp_path / "page.html")
     outcome = sqrp("score", own_watch, "--baseline", baseline, *outputs)
     assert outcome.code == 130

@@ -137,7 +137,7 @@ FRAMES = (
 )  # fmt: skip
 
 
-def _chunk(kind: bytes, data: bytes) -> bytes:
+def chunk(kind: bytes, data: bytes) -> bytes:
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
 
@@ -147,9 +147,7 @@ def png(width: int, height: int, depth: int = 8, color: int = 2, rows: bytes | N
     row = b"\0" + bytes(width * samples * max(depth, 8) // 8)
     header = struct.pack(">IIBBBBB", width, height, depth, color, 0, 0, 0)
     data = zlib.compress(row * height if rows is None else rows)
-    return (
-        b"\x89PNG\r\n\x1a\n" + _chunk(b"IHDR", header) + b"".join(more) + _chunk(b"IDAT", data) + _chunk(b"IEND", b"")
-    )
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + b"".join(more) + chunk(b"IDAT", data) + chunk(b"IEND", b"")
 
 
 PNG = (
@@ -165,10 +163,10 @@ PNG = (
     whole("wrong-depth", lambda: png(96, 72, 7, 2)),
     whole("wrong-color", lambda: png(96, 72, 8, 9)),
     whole("wrong-sum", lambda: png(96, 72)[:-40] + b"\0" * 40),
-    whole("text-chunk", lambda: png(96, 72, 8, 2, None, _chunk(b"zTXt", b"a\0\0"
+    whole("text-chunk", lambda: png(96, 72, 8, 2, None, chunk(b"zTXt", b"a\0\0"
         + zlib.compress(bytes(200_000_000))))),
-    whole("profile", lambda: png(96, 72, 8, 2, None, _chunk(b"iCCP", b"a\0\0" + zlib.compress(bytes(10_000_000))))),
-    whole("chunks", lambda: png(96, 72, 8, 2, None, _chunk(b"tEXt", b"a\0b") * 100_000)),
+    whole("profile", lambda: png(96, 72, 8, 2, None, chunk(b"iCCP", b"a\0\0" + zlib.compress(bytes(10_000_000))))),
+    whole("chunks", lambda: png(96, 72, 8, 2, None, chunk(b"tEXt", b"a\0b") * 100_000)),
     whole("chunk-of-2^31", lambda: png(96, 72, 8, 2, None, struct.pack(">I", 2**31 - 1) + b"tEXt")),
     whole("jpeg", b"\xff\xd8\xff\xe0" + bytes(1000)),
     whole("gif", b"GIF89a" + b"\xff\xff\xff\xff" + bytes(1000)),

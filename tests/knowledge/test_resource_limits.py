@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.mesh.mesh_file import check_mesh
 from sqrp_cli.knowledge.robot.read_urdf import read_urdf
-from sqrp_cli.knowledge.workspace.load import load_workspace
+from tests.cells import refusal
 from tests.knowledge.mesh.mesh_bombs import dae
 
 
@@ -24,12 +24,6 @@ def at_once() -> Iterator[None]:
     before = time.process_time()
     yield
     assert time.process_time() - before < 60.0
-
-
-def refusal(folder: Path) -> Problem:
-    with pytest.raises(InputError) as caught:
-        load_workspace(folder)
-    return caught.value.problems[0]
 
 
 def prepend(path: Path, text: str) -> None:

@@ -24,6 +24,7 @@ from sqrp_cli.logic.domain import (
     merge_domains,
 )
 from sqrp_cli.logic.pddl_parser import parse_domain
+from tests.logic.planning import read
 
 CASES = yaml.safe_load((Path(__file__).parent.parent / "cases" / "pddl_errors.yaml").read_text())
 
@@ -42,10 +43,6 @@ TRAYS = """; Several actions, and all that is supported.
     :effect (and (on ?x ?y) (hand_empty) (not (hold ?x))))
   (:action wait :parameters () :effect (and)))
 """
-
-
-def read(text: str) -> Domain:
-    return parse_domain(text, Path("domain.pddl"))
 
 
 def test_a_domain_with_everything_that_is_supported() -> None:

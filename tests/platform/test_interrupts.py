@@ -2,19 +2,12 @@ from __future__ import annotations
 
 import contextlib
 import signal
-from collections.abc import Iterator
 
 import pytest
 
 from sqrp_cli.platform.interrupts import interrupts_later
 
-
-@pytest.fixture(autouse=True)
-def heeded() -> Iterator[None]:
-    """Ctrl-C raises KeyboardInterrupt, also where these tests run in the background of a shell."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
+pytestmark = pytest.mark.usefixtures("heeded_ctrl_c")
 
 
 def test_ctrl_c_waits_for_code_that_would_swallow_it() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from tests.cli.browser import chromium
 from tests.studio.started import Started, copied
 
 TASK = "pickup object=g2,g6"
@@ -26,9 +25,3 @@ def studio(cell):
     assert code == 0
     assert "Traceback" not in err
     assert "internal error" not in err
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as opened:
-        yield opened

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from tests.cli.browser import PATIENCE
+from tests.cli.browser import Listened
 
 WHERE = """(role) => {
   const { gizmo, scene } = sqrp;
@@ -18,27 +18,13 @@ WHERE = """(role) => {
 }"""
 
 
-class Hand:
+class Hand(Listened):
     """A page of the studio, with everything that it complained about."""
 
     def __init__(self, browser: Any, address: str, width: int = 1400, height: int = 900) -> None:
-        self.context = browser.new_context(viewport={"width": width, "height": height})
-        self.context.set_default_timeout(PATIENCE)
-        self.page = self.context.new_page()
-        self.complaints: list[str] = []
-        self.page.on("pageerror", lambda error: self.complaints.append(error.stack or str(error)))
-        self.page.on("console", self._listen)
-        self.page.on("dialog", lambda dialog: self.complaints.append(f"dialog {dialog.message}"))
+        super().__init__(browser, width, height)
         self.page.goto(address)
         self.ready()
-
-    def _listen(self, message: Any) -> None:
-        if message.type in ("error", "warning") and "GPU stall" not in message.text:
-            self.complaints.append(message.text)
-
-    def js(self, expression: str, argument: Any = None) -> Any:
-        """The value of an expression in the page."""
-        return self.page.evaluate(expression, argument)
 
     def wait(self, condition: str, argument: Any = None) -> None:
         """Wait until a condition holds; condition: the body of a function of `x`."""

@@ -14,14 +14,14 @@ from random import Random
 import numpy as np
 import pytest
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import InputError
 from sqrp_cli.geometry import pose
 from sqrp_cli.knowledge.mesh.mesh_file import check_mesh
 from sqrp_cli.knowledge.text.packages import package_roots
-from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.solids import load_solid
 from sqrp_cli.runtime.surface import load_triangles
 from sqrp_cli.shapes import Mesh, Part
+from tests.cells import refusal
 from tests.knowledge.mesh.mesh_bombs import binary_stl, bombs, dae, mutated, obj, sound_meshes, text_stl
 
 BOMBS = bombs()
@@ -33,12 +33,6 @@ TRIANGLES = {"polygon.obj": 15, "continued.obj": 13, "doubled.dae": 24}
 def write(path: Path, content: bytes) -> Path:
     path.write_bytes(content)
     return path
-
-
-def refusal(folder: Path) -> Problem:
-    with pytest.raises(InputError) as caught:
-        load_workspace(folder)
-    return caught.value.problems[0]
 
 
 @pytest.mark.parametrize("name", BOMBS)

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import json
-import re
-import zlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,7 +17,8 @@ from sqrp_cli.programming.coverage.assessment import study
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.report.pages.place_page import write_placement
-from tests.cli.browser import Opened, chromium
+from tests.cli.browser import Opened
+from tests.cli.pages import carried
 
 TABLETOP = Path(__file__).parents[3] / "workspaces" / "tabletop"
 
@@ -62,17 +59,6 @@ def written(placed, folder) -> Path:
 @pytest.fixture(scope="module")
 def overview(written) -> dict:
     return carried(written, "overview")
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as opened:
-        yield opened
-
-
-def carried(page: Path, name: str) -> dict:
-    (data,) = re.findall(rf'id="{name}">([^<]*)<', page.read_text(encoding="utf-8"))
-    return json.loads(zlib.decompress(base64.b64decode(data)))
 
 
 def test_every_mount_is_as_good_as_a_cell_with_one_camera_there(placed, overview):

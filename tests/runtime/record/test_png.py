@@ -10,12 +10,9 @@ import numpy as np
 import pytest
 
 from sqrp_cli.runtime.record.png import bare_png, decoded, png_damage, png_of
+from tests.damage.record_bombs import chunk
 
 PNG = png_of(np.arange(5 * 7 * 3, dtype=np.uint8).reshape(5, 7, 3))
-
-
-def chunk(kind: bytes, data: bytes) -> bytes:
-    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
 
 def packed(width: int, height: int, rows: bytes) -> bytes:

@@ -21,14 +21,10 @@ from sqrp_cli.programming.motion.collision.placed_scene import RESOLUTION, Place
 from sqrp_cli.programming.solids import load_solid
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Shape, Sphere
 from sqrp_cli.trajectory import JointPath
+from tests.programming.motion.cells import thing
 from tests.programming.robots import joint, robot
 
 READY = np.array([0.3, -1.6, 1.9, -1.9, -1.6, 0.2])
-
-
-def thing(name: str, size: tuple[float, float, float], X_WO: Array | None, fixed: bool = True) -> SceneObject:
-    part = Part(name, name, Box(size), np.eye(4))
-    return SceneObject(name=name, type="thing", size=size, pose=X_WO, fixed=fixed, parts=(part,))
 
 
 TABLE = thing("table", (1.4, 1.8, 0.04), pose(position=(0.35, 0, -0.02)))
