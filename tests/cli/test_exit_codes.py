@@ -70,7 +70,7 @@ def test_version_is_printed_alone(sqrp):
         (["rnak"], "rnak"),
         (["rank"], "WORKSPACE"),
         (["rank", "{watch}"], "TASK"),
-        (["explain", "{watch}"], "TASK"),
+        (["explain", "{watch}"], "a task is missing"),
         (["show"], "WORKSPACE"),
         (["check"], "WORKSPACE"),
         (["show", "{watch}", "surplus"], "surplus"),
