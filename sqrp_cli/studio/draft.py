@@ -15,7 +15,7 @@ MOST_CHANGES, MOST_KEPT = 500, 50_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
-class Change:
+class DraftChange:
     """One step of editing."""
 
     label: str
@@ -38,9 +38,9 @@ class Draft:
     """The file on the disk."""
     first: bytes
     """The text before the changes that can be taken back."""
-    past: tuple[Change, ...] = ()
+    past: tuple[DraftChange, ...] = ()
     """The changes that hold, in order."""
-    future: tuple[Change, ...] = ()
+    future: tuple[DraftChange, ...] = ()
     """Those that were undone, the next to redo first."""
 
     @property
@@ -53,7 +53,7 @@ class Draft:
         """Whether the text is not as it is saved."""
         return self.content != self.saved
 
-    def changed(self, change: Change) -> Draft:
+    def changed(self, change: DraftChange) -> Draft:
         """With one more change."""
         past, first = (*self.past, change), self.first
         while len(past) > MOST_CHANGES or (len(past) > 1 and sum(len(one.content) for one in past) > MOST_KEPT):
@@ -68,10 +68,10 @@ class Draft:
         """With the change that was undone last, if there is one."""
         return replace(self, past=(*self.past, *self.future[:1]), future=self.future[1:])
 
-    def on(self, saved: bytes) -> tuple[Draft, tuple[Change, ...]]:
+    def on(self, saved: bytes) -> tuple[Draft, tuple[DraftChange, ...]]:
         """The draft on a file that was changed elsewhere, and the changes that do not fit it any more."""
         unsaved = self.past if self.dirty else ()
-        draft, lost = Draft(path=self.path, saved=saved, first=saved), list[Change]()
+        draft, lost = Draft(path=self.path, saved=saved, first=saved), list[DraftChange]()
         for change in unsaved:
             try:
                 document = read_workspace_document(self.path, draft.content)

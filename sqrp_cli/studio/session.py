@@ -22,7 +22,7 @@ from sqrp_cli.knowledge.workspace.load import read_workspace_document, workspace
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.studio.bench_process import Bench
-from sqrp_cli.studio.draft import Change, Draft
+from sqrp_cli.studio.draft import Draft, DraftChange
 from sqrp_cli.studio.errands import Errands
 from sqrp_cli.studio.jobs import Play, Search, Write
 from sqrp_cli.studio.messages import findings, message
@@ -198,7 +198,7 @@ class Studio:
         workspace = self._read(content)
         values = changed_values(document, content)
         settings = [f"{path}={text}" for path, text in (values or {}).items()]
-        change = Change(label=label, line=self._command("set", *settings), values=values, content=content)
+        change = DraftChange(label=label, line=self._command("set", *settings), values=values, content=content)
         self._go_on(self._draft.changed(change), workspace)
         self._note(label, change.line)
         self._tell_state()
@@ -317,7 +317,8 @@ class Studio:
         values = changed_values(self._document(), offer.content)
         line = self._command(*offer.line)
         self._go_on(
-            self._draft.changed(Change(label=offer.words, line=line, values=values, content=offer.content)), workspace
+            self._draft.changed(DraftChange(label=offer.words, line=line, values=values, content=offer.content)),
+            workspace,
         )
         self._errands.forget_offers()
         self._note(offer.words, line)

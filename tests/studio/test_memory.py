@@ -14,7 +14,7 @@ from sqrp_cli.api.cell import open_cell
 from sqrp_cli.knowledge.workspace.load import read_workspace_document
 from sqrp_cli.studio import bench
 from sqrp_cli.studio.bench import _Bench
-from sqrp_cli.studio.draft import MOST_CHANGES, MOST_KEPT, Change, Draft
+from sqrp_cli.studio.draft import MOST_CHANGES, MOST_KEPT, Draft, DraftChange
 from sqrp_cli.studio.moves import Move, written
 from sqrp_cli.studio.questions import Rank
 from tests.studio.conftest import TASK
@@ -72,7 +72,7 @@ def test_changes_are_kept_up_to_a_number_and_a_size(tmp_path):
         draft = Draft(path=tmp_path, saved=b"", first=b"")
         for number in range(count):
             content = b"%d" % number + b" " * size
-            draft = draft.changed(Change(label="", line="", values=None, content=content))
+            draft = draft.changed(DraftChange(label="", line="", values=None, content=content))
         return draft
 
     assert len(after(MOST_CHANGES + 3, 10).past) == MOST_CHANGES

@@ -34,7 +34,7 @@ FIRST = 3.0
 """How much longer the first image may take, for which the robot waits [s]."""
 
 
-class _Look(NamedTuple):
+class _Received(NamedTuple):
     """An image to look at, with what was believed when it was taken."""
 
     image: CameraImage
@@ -54,7 +54,7 @@ class _ReceivedStream:
     """Exposure of the newest one that was looked at."""
     begun: bool = False
     """Whether any image was looked at since `resume`."""
-    waiting: deque[_Look] = field(default_factory=deque)
+    waiting: deque[_Received] = field(default_factory=deque)
     """Those that nobody looks at yet."""
     looked_at: int = 0
     """How many are being looked at."""
@@ -137,7 +137,7 @@ class ReceivedStreams(Streams):
             stream.newest = image.t
             if len(stream.waiting) >= MOST_WAITING:
                 continue
-            stream.waiting.append(_Look(image, believed(image.t)))
+            stream.waiting.append(_Received(image, believed(image.t)))
             found.append(image)
         self.images += len(found)
         return sorted(found, key=lambda image: (image.t, image.camera))
