@@ -10,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from sqrp_cli.api.arguments import check_crowd, check_text, checked_path, optional_path
+from sqrp_cli.api.arguments import check_crowd, check_progress, check_text, checked_path, optional_path
 from sqrp_cli.api.cell import open_cell, silent
 from sqrp_cli.api.program import open_program
 from sqrp_cli.api.results import Answer
@@ -92,6 +92,7 @@ def new_cell(
     from sqrp_cli.starter.make import make_starter
 
     check_crowd(crowd)
+    check_progress(progress)
     if tip is not None:
         check_text(tip, "tip", "the name of a link")
     folder, arm, config = checked_path(folder, "folder"), optional_path(urdf, "urdf"), optional_path(moveit, "moveit")

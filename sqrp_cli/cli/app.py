@@ -159,7 +159,7 @@ def _value_expected(error: Exception, message: str, context: Any) -> str:  # noq
     asked: Any = getattr(error, "param", None)
     if message.startswith("Missing ") and asked is not None:
         found = f"{asked.metavar} is missing"
-        if asked.metavar == "TASK" and (example := example_task(context)):
+        if asked.metavar == "TASK" and (example := example_task(context.params.get("workspace"))):
             return f'{found}, such as "{example}"'
     elif message.endswith("requires an argument."):
         name = getattr(error, "option_name", "")

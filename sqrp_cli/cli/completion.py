@@ -13,6 +13,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import redirect_stdout, suppress
 from io import StringIO
 from itertools import islice
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
@@ -97,11 +98,11 @@ def tasks(ctx: typer.Context, incomplete: str) -> list[str]:
     return _proposed((*(one.task for one in workspace.tasks), *longer_tasks(incomplete, workspace)), incomplete)
 
 
-def example_task(ctx: typer.Context) -> str:
-    """A task of the command's workspace; empty without one."""
+def example_task(path: Path | None) -> str:
+    """A task of the workspace at a path; empty without one that can be read."""
     from sqrp_cli.programming.task import example_task
 
-    workspace = _workspace(ctx)
+    workspace = _readable(path)
     return example_task(workspace) if workspace else ""
 
 
@@ -138,10 +139,13 @@ def schemas(incomplete: str) -> list[str]:
 
 
 def _workspace(ctx: typer.Context) -> Workspace | None:
+    return _readable(ctx.params.get("workspace"))
+
+
+def _readable(path: Path | None) -> Workspace | None:
     from sqrp_cli.cli.start import Start
     from sqrp_cli.knowledge.workspace.load import load_workspace
 
-    path = ctx.params.get("workspace")
     with suppress(InputError, OSError):
         return load_workspace(Start.of(path, None).workspace) if path is not None else None
     return None

@@ -12,6 +12,7 @@ from sqrp_cli.api.program import open_program
 from sqrp_cli.cli import completion
 from sqrp_cli.cli import options as option
 from sqrp_cli.cli.command import Command
+from sqrp_cli.cli.completion import example_task
 from sqrp_cli.cli.options import answer, job_count
 from sqrp_cli.cli.start import Start
 from sqrp_cli.cli.watch import Watch, watched
@@ -132,16 +133,13 @@ def command(
 def _explain_program(file: Path, step: int | None, seed: int, *, as_json: bool) -> ExitCode:
     """Explain a step of a program, which stands where a workspace would."""
     from sqrp_cli.knowledge.text.input_file import missing_file
-    from sqrp_cli.knowledge.workspace.load import load_workspace
     from sqrp_cli.program.file import is_program
-    from sqrp_cli.programming.task import example_task
 
     if not file.exists():
         raise InputError(missing_file(file))
     if not is_program(file):
         message = f"{file} is no program, so a task is missing"
-        example = example_task(load_workspace(file))
-        mend = shlex.join(["sqrp", "explain", str(file), example])
+        mend = shlex.join(["sqrp", "explain", str(file), example_task(file) or "TASK"])
         raise InputError(Problem("no-program", message, mend=mend))
     explanation = open_program(file, seed=seed).explain(step)
     answer(explanation, as_json=as_json)

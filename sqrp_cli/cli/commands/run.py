@@ -18,8 +18,6 @@ from sqrp_cli.cli.options import answer, check_excluded, check_needed, program_w
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem, bad_option
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from sqrp_cli.api.program import OpenProgram
     from sqrp_cli.api.robot import RobotSession
     from sqrp_cli.api.run_results import SimulatedRun

@@ -52,6 +52,7 @@ _LEFT_OUT = {
     "UrdfJoint": {"name", "lower", "upper", "velocity"},  # `Robot.limits` has them
     "UrdfLink": {"name", "collision", "visual"},  # `Robot.parts` has what is used
     "Camera": {"name", "lens_file", "pose_file"},
+    "Detector": {"dictionaries", "is_usual"},  # of markers, which are there
     "SceneObject": {"name", "parts", "X_FO"},
     "Part": {"name"},
     "Skill": {"name", "folder", "places", "warnings"},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from sqrp_cli.knowledge.text.source import dotted
 from sqrp_cli.knowledge.text.yaml_edit import edited
 from sqrp_cli.knowledge.text.yaml_file import read_yaml
 from sqrp_cli.knowledge.workspace.load import load_workspace, read_workspace_document
-from sqrp_cli.knowledge.workspace.understood import what_changed
+from sqrp_cli.knowledge.workspace.understood import digest_of_understood, understood, what_changed
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 
 CELL = Path(__file__).parents[2] / "cases" / "cell"
@@ -45,6 +46,19 @@ def sentences(before: Workspace, now: Workspace) -> tuple[str, ...]:
     found = what_changed(before.understood, now.understood, now.skills)
     assert bool(found) == (before.digest != now.digest)
     return found
+
+
+@pytest.mark.parametrize(
+    ("name", "digest"),
+    [
+        ("tabletop", "76ac3b3880dcc73e73d4c86917981a2e9584669bf28246ee7ceab5e5c057e3d5"),
+        ("screws", "2808d596a841901ddba999aff719021b98c46ae686e032cd507c8decd7a9213c"),
+        ("tower", "dd38a187a72c1bdff6de5689e17c8ce84c50b266ca083e2b2098a016aa91674a"),
+    ],
+)
+def test_programs_and_baselines_of_before_stay_valid_while_their_cells_do_not_change(name: str, digest: str) -> None:
+    workspace = load_workspace(Path(__file__).parents[3] / "workspaces" / name)
+    assert digest_of_understood(understood(workspace, defaultdict(str))) == digest  # whatever its meshes
 
 
 AT = "position: [50 cm, 1.2, 0.3]"
