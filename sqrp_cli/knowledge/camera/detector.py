@@ -47,6 +47,9 @@ def package_of(entry: EntryPoint) -> str:
 LEAST_VISIBLE = 0.001
 """A box of which less than this share is visible is never seen."""
 
+BESIDE = 0.95
+"""Share of a marker's box from which on images usually show it, though a part of the robot covers some of its edge."""
+
 BUILT_IN = ("aruco", "color")
 """The kinds of detectors that need no other package."""
 
@@ -139,13 +142,14 @@ class Detector(DetectorTraits):
 
     @property
     def usual(self) -> Detector:
-        """With the limits within which it usually sees: markers as images show them, see `smallest`.
+        """With the limits within which it usually sees: markers as images show them, see `smallest` and `BESIDE`.
 
         Of other detectors, and of those with a curve, no more is known than what is stated.
         """
         if self.curve is not None or not self.dictionaries:
             return self
-        return replace(self, distance=(0.0, LARGEST_LENGTH), max_incidence=STEEPEST, is_usual=True)
+        visible = min(self.min_visible, BESIDE)
+        return replace(self, distance=(0.0, LARGEST_LENGTH), max_incidence=STEEPEST, min_visible=visible, is_usual=True)
 
     def smallest(self, camera: Intrinsics, incidence: Array) -> Array:
         """The least size of boxes in the image that are seen at angles [rad], the same shape [pixels]."""

@@ -227,6 +227,10 @@ _WindowsOf = Mapping[str, tuple[Window, ...]]
 """By the names of faults."""
 
 
+HALF = 0.5
+"""By which share of their way fingers have closed behind what they lost when an image usually shows it first."""
+
+
 class _Viewer(NamedTuple):
     """Cameras that are asked what their images show of motions, by number."""
 
@@ -238,19 +242,11 @@ class _Viewer(NamedTuple):
         clocks = clocks_of(self.observer.cameras)
         return {fault.name: fault_windows(timeline, fault, clocks) for fault in faults}
 
-    def surely(self, looks: Mapping[int, _Look]) -> dict[int, _WindowsOf]:
-        """When images surely show the faults of looks."""
+    def shown(self, looks: Mapping[int, _Look]) -> dict[int, _WindowsOf]:
+        """When images show the faults of looks, with the limits of their targets."""
         timelines = observe_all([_watch(*look) for look in looks.values()], self.observer, self.sampling, full=False)
         seen = zip(looks.items(), timelines, strict=True)
         return {number: self.windows(timeline, look.asked.faults) for (number, look), timeline in seen}
-
-    def usually(self, looks: Mapping[int, _Look], sure: Mapping[int, _WindowsOf]) -> dict[int, dict[str, Windows]]:
-        """When they usually do, besides: asked again where that may differ."""
-        more = {**sure, **self.surely(_usual(looks))}
-        return {
-            number: {name: Windows(one, joined(one, more[number][name])) for name, one in sure[number].items()}
-            for number in looks
-        }
 
 
 def all_fault_windows(
@@ -258,27 +254,49 @@ def all_fault_windows(
 ) -> list[dict[str, Windows]]:
     """The windows of every fault of several motions in one cell, by its name.
 
-    What images do not show all the time, they are asked again: for what detectors usually see, and, where fingers may
-    have lost a part, as they are then.
+    Where fingers may lose a part, images are asked again with the fingers closed on nothing. What they then do not show
+    all the time, they are asked for what detectors usually see, and with the fingers half closed.
     """
     viewer = _Viewer(observer, sampling)
     asked = [_enough(refuting(scene), scene, viewer, seen) for scene, seen in zip(scenes, timelines, strict=True)]
     looks = {number: _Look(scene, scene.stage, asked[number]) for number, scene in enumerate(scenes)}
     planned = {i: viewer.windows(timelines[i], look.asked.faults) for i, look in looks.items() if not look.asked.more}
-    planned |= viewer.surely({number: look for number, look in looks.items() if look.asked.more})
-    late = {number: look for number, look in looks.items() if look.missed(planned[number])}
+    planned |= viewer.shown({number: look for number, look in looks.items() if look.asked.more})
     closed = {
-        number: look._replace(stage=look.stage.once_lost)
-        for number, look in late.items()
-        if any(map(look.loses, look.missed(planned[number])))
+        number: look._replace(stage=look.stage.once_lost())
+        for number, look in looks.items()
+        if any(map(look.loses, look.asked.faults))
     }
-    held, lost = viewer.usually(late, planned), viewer.usually(closed, viewer.surely(closed))
-    found = [{name: Windows.always(one) for name, one in planned[number].items()} for number in looks]
-    for number, look in late.items():
-        found[number] = held[number]
-        for fault in filter(look.loses, look.missed(planned[number])):
-            found[number][fault.name] = once_lost(held[number][fault.name], lost[number][fault.name], fault.intervals)
-    return found
+    lost = viewer.shown(closed)
+    sure = {
+        number: {
+            fault.name: after_loss(planned[number][fault.name], lost[number][fault.name], fault.intervals)
+            if look.loses(fault)
+            else planned[number][fault.name]
+            for fault in look.asked.faults
+        }
+        for number, look in looks.items()
+    }
+    late = {number: look for number, look in looks.items() if look.missed(sure[number])}
+    usual = planned | viewer.shown(_usual(late))
+    usual_lost = lost | viewer.shown(_usual({number: closed[number] for number in late if number in closed}))
+    half = {
+        number: look._replace(stage=look.stage.once_lost(HALF), asked=look.asked.usual)
+        for number, look in late.items()
+        if number in closed
+    }
+    closing = viewer.shown(half)
+
+    def windows(number: int, fault: FaultWatch) -> Windows:
+        name, known = fault.name, sure[number][fault.name]
+        if number not in late:
+            return Windows.always(known)
+        if not looks[number].loses(fault):
+            return Windows(known, joined(known, usual[number][name]))
+        soon = [within(closing[number][name], interval.start, interval.end) for interval in fault.intervals]
+        return Windows(known, joined(known, *soon, usual_lost[number][name]))
+
+    return [{fault.name: windows(number, fault) for fault in look.asked.faults} for number, look in looks.items()]
 
 
 def _usual(looks: Mapping[int, _Look]) -> dict[int, _Look]:
@@ -287,29 +305,19 @@ def _usual(looks: Mapping[int, _Look]) -> dict[int, _Look]:
     return {number: look for number, look in found.items() if look.asked.targets != looks[number].asked.targets}
 
 
-def once_lost(planned: Windows, lost: Windows, intervals: Sequence[Stretch]) -> Windows:
-    """The windows of what fingers lose in some intervals, by those of the motion as planned and as it is after a loss.
-
-    Fingers that have just lost it are still closing: in the intervals images usually show it as planned, too.
-    """
-    sure = after_loss(planned.sure, lost.sure, intervals)
-    closing = [within(some, interval.start, interval.end) for interval in intervals for some in planned]
-    return Windows(sure, joined(sure, *closing, lost.usual))
-
-
 def after_loss(planned: Sequence[Window], lost: Sequence[Window], intervals: Sequence[Stretch]) -> tuple[Window, ...]:
     """The windows of what fingers lose in some intervals.
 
-    From the start of an interval on, as long as images show it, those of the motion as planned, where the fingers are
-    still around the part; in later intervals only where it is shown after a loss as well, as it may have been lost in
-    one before. From then on, as it may have been lost long ago, those with the fingers closed.
+    From the start of the first on, as it may have been lost long ago, those with the fingers closed; from the start of
+    each interval on, as long as images show it as planned, with the slower cameras of both, as the fingers may as well
+    still be around the part.
     """
     found: list[Window] = []
     since = intervals[0].start
-    for number, interval in enumerate(intervals):
+    for interval in intervals:
         until = min(shown_until(planned, interval.start), interval.end)
-        held = within(planned, interval.start, until)
-        found += [*within(lost, since, interval.start), *(overlaps(held, lost) if number else held)]
+        held = overlaps(within(planned, interval.start, until), lost)
+        found += [*within(lost, since, interval.start), *held]
         since = until
     return joined([*found, *within(lost, since, np.inf)])
 

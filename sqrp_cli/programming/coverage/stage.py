@@ -63,11 +63,11 @@ class Stage:
         """The same motion, cut into other pieces."""
         return Stage(self.model, self.motion, pieces, self.X_WO, self._carried)
 
-    @property
-    def once_lost(self) -> Stage:
+    def once_lost(self, closed: float = 1.0) -> Stage:
         """The motion of a tool that has lost what it should hold.
 
-        The fingers are closed, and the part lies where it stood or, if the tool held it from the start, is to stand.
+        The part lies where it stood or, if the tool held it from the start, is to stand. closed: by which share of the
+        way that they have left the fingers have closed.
         """
         motion = self.motion
         from_start = motion.primitives[0].held
@@ -77,7 +77,7 @@ class Stage:
             there = replace(primitive, held=None, X_TO=None, X_WO={**primitive.X_WO, **lies})
             if primitive.held is None:
                 return there
-            return replace(there, trajectory=closed_behind(self.model, primitive.trajectory))
+            return replace(there, trajectory=closed_behind(self.model, primitive.trajectory, closed))
 
         lost = replace(motion, primitives=tuple(map(empty, motion.primitives)))
         return Stage(self.model, lost, self.pieces, self.X_WO, self._carried)

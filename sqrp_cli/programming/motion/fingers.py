@@ -101,8 +101,10 @@ def with_fingers(model: RobotModel, arm: Trajectory, fingers: Trajectory | None,
     return Trajectory(type(still.path)(still.path.breaks, np.concatenate(both, axis=2)), still.law)
 
 
-def closed_behind(model: RobotModel, trajectory: Trajectory) -> Trajectory:
-    """A trajectory of all driven joints with the fingers closed throughout."""
-    path = trajectory.path
-    arm = type(path)(path.breaks, path.coefficients[:, :, : len(model.arm)])
-    return with_fingers(model, Trajectory(arm, trajectory.law), None, model.fingers.closed)
+def closed_behind(model: RobotModel, trajectory: Trajectory, share: float) -> Trajectory:
+    """A trajectory of all driven joints with the fingers closed throughout by a share of the way they have left."""
+    path, first = trajectory.path, len(model.arm)
+    coefficients = path.coefficients.copy()
+    coefficients[:, :, first:] *= 1.0 - share
+    coefficients[:, 0, first:] += share * model.fingers.closed
+    return Trajectory(type(path)(path.breaks, coefficients), trajectory.law)
