@@ -123,7 +123,9 @@ class Running:
 
 def _work(pipe: Connection, theirs: Connection, job: Job) -> Callable[[None], None]:
     theirs.close()
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # a process of a run that is ended while it starts complains there
+    if isinstance(job, Play):  # where a run is ended while its processes start, these complain
+        with Path(os.devnull).open("wb") as nowhere:
+            os.dup2(nowhere.fileno(), 2)
     say = _Teller(pipe)
     try:
         match job:

@@ -72,6 +72,7 @@ class Studio:
         self._searched = b""
         """The text for which changes are offered."""
         self._jobs = jobs
+        self._parent = os.getppid()
         self._lines = deque[tuple[str, str]](maxlen=LINES_SHOWN)
         self._stamps: Mapping[Path, object] = {}
         self.live = Live(self._heard)
@@ -365,8 +366,7 @@ class Studio:
 
     async def _watch(self) -> None:
         """Look at the files, until the process that started this one is gone: nobody could close the studio then."""
-        parent = os.getppid()
-        while os.getppid() == parent:
+        while os.getppid() == self._parent:
             await asyncio.sleep(LOOK_EVERY)
             stamps = self._stamped()
             if stamps != self._stamps:

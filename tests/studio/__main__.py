@@ -1,12 +1,12 @@
 """A hand that does anything, for minutes: `python -m tests.studio [MINUTES]`; part of `make trials`.
 
 Nothing may be complained about in the browser or by the server, and memory stays flat. It is measured at rest, after
-every tenth action: nothing is ranked, searched or run, so that the server and the process that computes are all that is
-left. Their own memory counts (`Pss_Anon` of the system): which share of the libraries is theirs depends on what else
-runs on the machine. The first fifth of the measures is for what is loaded once. After that the last fifth may be above
-the second one by `MOST_GROWTH` at most (medians), which is about what sights are kept for (see `sight_memory`); and no
-measure may be above the first fifth by more than `MOST_PEAK`. The same holds for the page, after its garbage
-collection.
+every tenth action: nothing is ranked, searched or run, so that the server and the process that computes are all that
+is left. Their own memory counts (`Pss_Anon` and `Pss_Shmem` of the system): which share of the libraries is theirs
+depends on what else runs on the machine. The first fifth of the measures is for what is loaded once. After that the
+last fifth may be above the second one by `MOST_GROWTH` at most (medians), which is about what sights are kept for
+(see `sight_memory`); and no measure may be above the first fifth by more than `MOST_PEAK`. The same holds for the
+page, after its garbage collection.
 """
 
 from __future__ import annotations
@@ -77,7 +77,8 @@ def memory(pid: int) -> float:
         assert time.monotonic() < end, "the studio does not come to rest"
         time.sleep(0.2)
     rollups = (Path(f"/proc/{one.pid}/smaps_rollup").read_text(encoding="utf-8") for one in (main, *main.children()))
-    return sum(int(part.partition("Pss_Anon:")[2].split()[0]) for part in rollups) * 1024 / 1e6
+    kinds = ("Pss_Anon:", "Pss_Shmem:")
+    return sum(int(part.partition(kind)[2].split()[0]) for part in rollups for kind in kinds) * 1024 / 1e6
 
 
 def fifths(sizes: list[float]) -> list[list[float]]:
