@@ -5,11 +5,13 @@ from __future__ import annotations
 import resource
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sqrp_cli.logic import planning_task
 from sqrp_cli.logic.conditions import All, GroundCondition, Some, ground_condition, literal_count
 from sqrp_cli.logic.domain import (
     Condition,
@@ -63,7 +65,14 @@ def read(actions: str) -> Domain:
         ),
     ],
 )
-def test_planning_gives_up_at_once_and_says_which_action_is_too_large(actions: str, within: str, why: str) -> None:
+def test_planning_gives_up_before_it_grounds_and_says_which_action_is_too_large(
+    actions: str, within: str, why: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def of_goal_only(condition: Condition, *rest: Any) -> GroundCondition:
+        assert condition is GOAL, "an action was grounded"
+        return ground_condition(condition, *rest)
+
+    monkeypatch.setattr(planning_task, "ground_condition", of_goal_only)
     objects = {f"o{number}": frozenset({"thing"}) for number in range(5)}
     began, memory = time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     result = find_plan(read(actions), objects, frozenset({Atom("at", ("o0",))}), GOAL, {})

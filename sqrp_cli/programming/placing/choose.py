@@ -219,9 +219,10 @@ class ChoiceSearch:
         self._values = None if best is None else self._parts.values_of(best)
 
     def _known_choices(self, most: int) -> Iterator[Choice]:
-        """Choices of so many cameras that are found at once."""
+        """Choices of so many cameras that are found at once, and may be chosen."""
         some = [improved(self._problem, self._demand, most), *([] if self._known is None else [self._known])]
-        yield from (choice for choice in some if self._at_least <= len(choice.options) <= most)
+        allowed = (choice for choice in some if choice.options not in self._problem.missing)
+        yield from (choice for choice in allowed if self._at_least <= len(choice.options) <= most)
 
     def _candidates(self) -> Iterator[Choice]:
         """Choices that may meet the wish."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from math import inf
+from math import comb, inf
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +14,9 @@ from sqrp_cli.programming.placing.problem import Placing
 
 _TOGETHER = 4e6
 """Sets times rows that are looked at at once, to bound the memory."""
+
+_SETS_A_ROW = 4
+"""If there are so many sets for each row, the rows that are needed are looked for; a row takes as long as a set."""
 
 Worth = Callable[[Indices, Array, list[Array]], Array]
 """What counts first, (sets,), of sets of cameras, (sets, n), that see each row so often, (rows, sets), and have these
@@ -45,13 +48,14 @@ class SetsInBounds:
         self._problem, self._gain, self._worth, self._budget = problem, gain, worth, budget
         self._free: Mask = np.isin(np.arange(problem.count), free)
         self._sees = gain.sees.astype(np.float32)  # products of whole numbers are slow
-        self._clash = np.eye(1 + max(problem.spot.tolist(), default=0), dtype=bool)
+        places = {*problem.spot.tolist(), *(place for pair in problem.apart for place in pair)}
+        self._clash = np.eye(1 + max(places, default=0), dtype=bool)
         for first, second in problem.apart:
             self._clash[first, second] = self._clash[second, first] = True
 
     def of(self, count: int) -> Iterator[Indices]:
         """Those of a number, some at a time, shape (sets, count), the options of each in order."""
-        waiting, needed = [_Begun(np.zeros((1, 0), dtype=np.int64), self._free[None])], self._needed()
+        waiting, needed = [_Begun(np.zeros((1, 0), dtype=np.int64), self._free[None])], self._needed(count)
         while waiting:
             begun = waiting.pop()
             more = count - begun.cameras.shape[1]
@@ -80,14 +84,17 @@ class SetsInBounds:
         good = self._worth(begun.cameras, most, self._gain.figures_at_most(seen, most, more, begun.open)) >= self.enough
         return _Begun(begun.cameras[good], begun.open[good])
 
-    def _needed(self) -> Indices:
-        """The rows without which nothing is worth enough, whatever else is covered."""
-        rows, nobody = len(self._sees), np.zeros((1, 0), dtype=np.int64)
-        seen = np.full((rows, rows), np.iinfo(np.int16).max)
-        np.fill_diagonal(seen, -1)
-        return np.flatnonzero(
-            self._worth(np.repeat(nobody, rows, axis=0), seen, self._gain.figures(seen)) < self.enough
-        )
+    def _needed(self, count: int) -> Indices:
+        """The rows without which nothing is worth enough, whatever else is covered; none where sets are few."""
+        every = np.arange(len(self._sees))
+        found = np.zeros(len(every), dtype=bool)
+        if _SETS_A_ROW * len(every) <= comb(np.count_nonzero(self._free), count):
+            for start in range(0, len(every), step := sets_at_once(len(every))):
+                some = every[start : start + step]
+                seen = np.where(every[:, None] == some, np.int16(-1), np.int16(np.iinfo(np.int16).max))
+                nobody = np.zeros((len(some), 0), dtype=np.int64)
+                found[some] = self._worth(nobody, seen, self._gain.figures(seen)) < self.enough
+        return np.flatnonzero(found)
 
     def _grown(self, begun: _Begun, needed: Indices, *, last: bool) -> _Begun:
         """Every set with one camera more: one that sees the rarest of what is needed and not covered, if any is.

@@ -170,10 +170,11 @@ def entries_at(values: Sequence[Array], corners: Sequence[NDArray[np.intp]]) -> 
 
 
 def hull_areas(u: Array, v: Array, extremes: Array, enough: Array, asked: Mask | None = None) -> Array:
-    """Areas of the convex hulls of points (8, c, n), exact where `asked` (c, n; None: all) and below `enough` (n,).
+    """Areas of the convex hulls of points (8, c, n), exact where `asked` (c, n; None: all) and below `enough`.
 
-    Elsewhere it is a bound from below. The four extreme points along the axes (left, right, top, bottom; shape (2, 4,
-    c, n)) span a quadrilateral inside the hull, which decides nearly every box far from the limit.
+    enough: shape (c, n), or one that is broadcast to it. Elsewhere it is a bound from below. The four extreme points
+    along the axes (left, right, top, bottom; shape (2, 4, c, n)) span a quadrilateral inside the hull, which decides
+    nearly every box far from the limit.
     """
     across, down = extremes[:, 1] - extremes[:, 0], extremes[:, 3] - extremes[:, 2]
     areas: Array = 0.5 * np.abs(across[0] * down[1] - across[1] * down[0])

@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 
 from sqrp_cli.programming.advice.wish import Wish
+from sqrp_cli.programming.placing import grow
+from sqrp_cli.programming.placing.choose import ChoiceSearch
 from sqrp_cli.programming.placing.cover import Cover, CoveredWay, FaultSamples, Group, RowTable
 from sqrp_cli.programming.placing.every import EverySet
-from sqrp_cli.programming.placing.gain import Gain
+from sqrp_cli.programming.placing.gain import Gain, improved
 from sqrp_cli.programming.placing.problem import OBJECTIVES, Choice, Demand, Placing, Worth, worth_of
 
 OPTIONS, PLACES, ROWS = 8, 6, 7
@@ -55,7 +57,7 @@ def random_problem(rng: np.random.Generator) -> Placing:
         spot=rng.integers(PLACES, size=OPTIONS),
         price=rng.integers(1, 4, size=OPTIONS).astype(float),
         kept=frozenset(rng.integers(OPTIONS, size=rng.integers(2)).tolist()),
-        apart=frozenset({(0, 1)}),
+        apart=frozenset({(0, 1), (0, PLACES)}),  # at the last place there is no option
         blocked=frozenset({(int(rng.integers(PLACES)), int(rng.integers(4)))}),
         late=rng.random((4, OPTIONS)),
         missing=frozenset({tuple(sorted(rng.choice(OPTIONS, 3, replace=False).tolist()))}),
@@ -120,3 +122,38 @@ def test_no_more_is_covered_than_a_bound_says(seed):
     for added in combinations(np.flatnonzero(open_ & ~np.isin(np.arange(OPTIONS), begun)).tolist(), more):
         for bound, pair in zip(bounds, gain.figures(gain.seen(np.array([[*begun, *added]]))), strict=True):
             assert np.all(~(pair > bound + 1e-12))
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_another_set_is_found_if_the_one_that_is_found_at_once_is_not_to_be_chosen(seed):
+    problem, demand = random_problem(np.random.default_rng(seed)), Demand(most=2)
+    known = improved(problem, demand, 2)
+    problem = replace(problem, missing=frozenset({known.options}))
+    counts = range(problem.at_least(demand), 3)
+    best = max((one.least for count in counts for one in each_choice(problem, demand, count)), default=None)
+    for search in (ChoiceSearch(problem, demand, lambda *_: None, start) for start in (None, known)):
+        for found in (search.first(), search.best()):
+            assert found.proven
+            if best is None:
+                assert found.choice is None
+            else:
+                assert found.choice is not None
+                assert found.choice.options != known.options
+                assert worth_of(problem, found.choice).least == pytest.approx(best, abs=1e-9)
+
+
+@pytest.mark.parametrize(("count", "looks"), [(1, [1]), (4, [2, 2, 2, 1, 1])])
+def test_the_rows_that_are_needed_are_looked_for_a_few_at_a_time_where_sets_are_many(count, looks, monkeypatch):
+    problem, demand = replace(random_problem(np.random.default_rng(3)), kept=frozenset()), Demand()
+    expected, sizes = EverySet(problem, demand).best([count]), list[int]()
+    at_most = EverySet._at_most
+
+    def watched(every, cameras, seen, figures):
+        sizes.extend([seen.shape[1]] * (cameras.shape[1] == 0))
+        return at_most(every, cameras, seen, figures)
+
+    monkeypatch.setattr(grow, "_TOGETHER", 32)
+    monkeypatch.setattr(EverySet, "_at_most", watched)
+    found = EverySet(problem, demand).best([count])
+    assert (found.options, found.ways) == (expected.options, expected.ways)
+    assert sizes == looks
