@@ -174,7 +174,7 @@ def workspace_path(program: Program, path: Path) -> Path:
 def find_workspace(program: Program, path: Path) -> Path:
     """The workspace file of a program at `path`, also where one folder on the way to it has been renamed.
 
-    Then it is the only one beside the old place that the program holds in; if there is none, the old path.
+    Then it is the only one beside the old place that the program holds in. Raises InputError if there is none.
     """
     where = workspace_path(program, path)
     if where.exists():
@@ -183,7 +183,11 @@ def find_workspace(program: Program, path: Path) -> Path:
     below = where.relative_to(there).parts[1:]
     beside = (folder.joinpath(*below) for folder in sorted(there.iterdir()) if folder.is_dir() and below)
     found = [file for file in islice(filter(Path.is_file, beside), _MOST_PLACES) if _holds_in(program, path, file)]
-    return found[0] if len(found) == 1 else where
+    if len(found) == 1:
+        return found[0]
+    message = f"there is no workspace {shortest_path(where)}, where this program looks for it from its own folder"
+    mend = "move the program back, or enter under `workspace` where its workspace is now"
+    raise InputError(read_yaml(path, keys=_KEYS).problem("missing-file", ("workspace",), message, mend))
 
 
 def _holds_in(program: Program, path: Path, file: Path) -> bool:

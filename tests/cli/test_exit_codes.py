@@ -455,3 +455,15 @@ def test_the_installed_script_runs_from_any_folder(tmp_path, watch):
     assert finished.returncode == 0, finished.stderr
     assert json.loads(finished.stdout)["workspace"] == "watch"
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_new_cell_whose_first_run_is_interrupted_stays_and_is_told(sqrp, monkeypatch, tmp_path):
+    def interrupted(*_arguments, **_options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("sqrp_cli.api.new_cell.first_run", interrupted)
+    outcome = sqrp("init", tmp_path / "cell")
+    told = f"{tmp_path / 'cell'} is made, but its task was not run: sqrp check {tmp_path / 'cell'}\ninterrupted\n"
+    assert (outcome.code, outcome.out) == (130, "")
+    assert outcome.err.endswith(told)
+    assert sqrp("check", tmp_path / "cell").code == 0

@@ -64,6 +64,15 @@ def test_a_program_can_be_continued_in_a_renamed_folder_which_it_then_names(sqrp
     assert (program.workspace, len(program.steps)) == ("renamed/workspace.yaml", 2)
 
 
+def test_a_program_that_was_moved_alone_says_where_it_looks_for_its_workspace(sqrp, folder):
+    (folder / "else").mkdir()
+    moved = (folder / "program.yaml").rename(folder / "else" / "program.yaml")
+    outcome = sqrp("run", moved, "--sim", columns=500)
+    assert outcome.code == 2
+    assert f"{moved}:4:12: `workspace`: there is no workspace {folder / 'else' / 'watch'}" in outcome.err
+    assert "enter under `workspace` where its workspace is now" in outcome.err
+
+
 def test_of_two_places_where_a_program_would_hold_none_is_guessed(sqrp, folder):
     shutil.copytree(folder / "watch", folder / "copy")
     (folder / "watch").rename(folder / "renamed")

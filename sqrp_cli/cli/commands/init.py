@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +11,7 @@ import typer
 from sqrp_cli.api.new_cell import new_cell
 from sqrp_cli.cli.options import Json, answer, check_needed
 from sqrp_cli.errors import ExitCode, InputError, Problem, bad_option
+from sqrp_cli.knowledge.workspace.load import WORKSPACE_FILE
 
 NAME = "init"
 
@@ -62,7 +64,7 @@ def command(
     up nothing anywhere, or the first run stops.
     """
     from sqrp_cli.starter.random_cell import Crowd
-    from sqrp_cli.terminal.console import print_problems, progress
+    from sqrp_cli.terminal.console import note, print_problems, progress
 
     check_needed("--random", random, {"--objects": objects, "--cameras": cameras, "--seed": seed})
     folder, given = _split([str(folder), *(arguments or [])])
@@ -72,17 +74,22 @@ def command(
         if not root.is_dir():
             raise InputError(Problem("missing-folder", f"--package-root: there is no folder {root}"))
     crowd = Crowd(seed or 0, objects or DEFAULT_OBJECTS, cameras or DEFAULT_CAMERAS) if random else None
-    made = new_cell(
-        folder,
-        urdf=urdf,
-        arguments=given,
-        package_roots=package_root or (),
-        moveit=moveit,
-        tip=tip,
-        crowd=crowd,
-        run=run and crowd is None,
-        progress=progress,
-    )
+    try:
+        made = new_cell(
+            folder,
+            urdf=urdf,
+            arguments=given,
+            package_roots=package_root or (),
+            moveit=moveit,
+            tip=tip,
+            crowd=crowd,
+            run=run and crowd is None,
+            progress=progress,
+        )
+    except KeyboardInterrupt:
+        if (folder / WORKSPACE_FILE).exists():
+            note(f"{folder} is made, but its task was not run: sqrp check {shlex.quote(str(folder))}")
+        raise
     print_problems(made.problems)
     answer(made, as_json=as_json)
     return ExitCode.OK if made.works else ExitCode.NONE_FEASIBLE

@@ -48,7 +48,8 @@ def command(
     ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="With --robot: do not ask before it moves.")] = False,
     speed: Annotated[
-        str | None, typer.Option("--speed", metavar="PERCENT", help="With --robot: at 10% of the program's speed.")
+        str | None,
+        typer.Option("--speed", metavar="PERCENT", help="With --robot: share of the program's speed, such as 10%."),
     ] = None,
     fault: Annotated[
         list[str] | None, typer.Option("--fault", metavar="FAULT", help=f"Let this happen: {_FORMS}; repeatable.")

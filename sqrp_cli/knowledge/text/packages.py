@@ -106,12 +106,21 @@ def resolve(reference: str, folder: Path, roots: Sequence[Path], place: Place | 
         return _resolve_package(reference, roots, place)
     path = Path(unquote(reference.removeprefix("file://")) if reference.startswith("file://") else reference)
     # Not by `Path`, which raises its own errors for unknown users and impossible file names.
-    path = Path(os.path.normpath(folder / os.path.expanduser(path)))  # noqa: PTH111
+    path = from_folder(folder, os.path.expanduser(path))  # noqa: PTH111
     if not os.path.isfile(path):  # noqa: PTH113
         problem = missing_file(path)
         where = f" ({path})" if len(str(path)) < LONGEST_PATH else ""
         raise InputError(Problem("missing-file", f"`{reference}`: {problem.message}{where}", place))
     return path
+
+
+def from_folder(folder: Path, name: str | Path) -> Path:
+    """The path that a file in a folder means by a name, as short as it can be: links before a `..` are followed."""
+    there = folder / name
+    short = Path(os.path.normpath(there))
+    if ".." not in there.parts or "\0" in str(there) or os.path.realpath(short) == os.path.realpath(there):
+        return short
+    return Path(os.path.realpath(there))
 
 
 def resolve_mesh(roots: Sequence[Path], reference: str, urdf: Path) -> Path:
@@ -141,16 +150,16 @@ def _resolve_package(reference: str, roots: Sequence[Path], place: Place | None)
 
 
 def _no_package(what: str, name: str, roots: Sequence[Path], place: Place | None) -> Problem:
-    tried = "".join(f"\n  {root}" for root in roots) or " none"
+    tried = ", ".join(str(root) for root in dict.fromkeys(roots)) or "none"
     folders = (entry.name for root in roots for entry in root.iterdir() if entry.is_dir())
     close = nearest(name, dict.fromkeys([*folders, *(found for root in roots for found in _packages_below(root))]))
     hint = f"; did you mean `{close}`?" if close else ""
     mend = (
         f"pip install {_PIP_PACKAGES[name]}"
         if name in _PIP_PACKAGES
-        else f"add the folder that contains `{name}` to `robot.package_roots` or to ROS_PACKAGE_PATH"
+        else f"add the folder with `{name}` to `robot.package_roots` (`init --package-root`) or ROS_PACKAGE_PATH"
     )
-    return Problem("missing-package", f"{what} not found{hint}; roots tried:{tried}", place, mend=mend)
+    return Problem("missing-package", f"{what} not found{hint}; roots tried: {tried}", place, mend=mend)
 
 
 def _folders_called(name: str, roots: Sequence[Path]) -> Iterator[Path]:

@@ -18,6 +18,7 @@ from sqrp_cli.knowledge.skill.read_skill import read_skill, skill_folder, skill_
 from sqrp_cli.knowledge.skill.skill import FORMER_ENDING, Names, OffsetWaypoint, Skill, marked
 from sqrp_cli.knowledge.skill.target_box import BoxSpec
 from sqrp_cli.knowledge.text.input_file import NOT_THERE, YAML_ENDINGS, ContentDigest, nearest_entry
+from sqrp_cli.knowledge.text.packages import from_folder
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.text.usual_values import WORKSPACE, unusual_values
 from sqrp_cli.knowledge.text.validation import validate
@@ -229,7 +230,7 @@ def _is_program(document: SourceDocument) -> Problem:
     place, named = Place(document.path), document.data.get("workspace")
     if not isinstance(named, str):
         return Problem("no-workspace", "this is a program; expected a workspace", place)
-    workspace = os.path.normpath(document.path.parent / named)
+    workspace = from_folder(document.path.parent, named)
     return Problem("no-workspace", f"this is a program; its workspace is {workspace}", place)
 
 
@@ -288,7 +289,7 @@ def _skills(
     problems: list[Problem] = []
     for index, name in enumerate(file.skills):
         place = document.value_place(("skills", index))
-        folder = Path(os.path.normpath(document.path.parent / name))
+        folder = from_folder(document.path.parent, name)
         folder = skill_folder(folder, fingers=file.robot.fingers is not None)
         called = skill_name(folder)
         if called in skills:

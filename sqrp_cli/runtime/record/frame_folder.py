@@ -86,7 +86,7 @@ def read_frames(folder: Path, cameras: Sequence[str], steps: int) -> Iterator[Fr
     if not folder.exists():
         raise InputError(missing_file(folder))
     if not path.is_file():
-        message = f"there is no {INDEX} in this folder; expected one with the columns {', '.join(_COLUMNS)}"
+        message = f"there is no {INDEX} in this folder, and no metadata.yaml of a rosbag2; expected one of them"
         raise InputError(Problem("no-frames", message, Place(folder)))
     rows = csv.reader(io.StringIO(table_text(path), newline=""))
     try:

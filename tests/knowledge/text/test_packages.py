@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.errors import InputError, Place
-from sqrp_cli.knowledge.text.packages import package_roots, resolve
+from sqrp_cli.knowledge.text.packages import from_folder, package_roots, resolve
 
 PLACE = Place(Path("workspace.yaml"), 3, 9)
 
@@ -55,7 +55,7 @@ def test_a_missing_package_lists_the_roots_and_the_command_that_installs_it(tmp_
         resolve("package://example-robot-data/robots/ur5.urdf", tmp_path, [tmp_path], PLACE)
     (problem,) = caught.value.problems
     assert problem.code == "missing-package"
-    assert f"roots tried:\n  {tmp_path}" in problem.message
+    assert f"roots tried: {tmp_path}" in problem.message
     assert problem.mend == "pip install example-robot-data"
     assert problem.place == PLACE
 
@@ -111,3 +111,12 @@ def test_a_folder_of_that_name_that_is_another_package_comes_last(tmp_path: Path
     assert resolve("package://arm/arm.urdf", tmp_path, [tmp_path / "a"], PLACE) == file
     file.unlink()
     assert resolve("package://arm/arm.urdf", tmp_path, [tmp_path / "a"], PLACE) == other
+
+
+def test_a_path_through_a_link_is_what_the_file_system_makes_of_it(tmp_path: Path) -> None:
+    (tmp_path / "far" / "cell").mkdir(parents=True)
+    (tmp_path / "far" / "skills").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "far" / "cell")
+    assert from_folder(tmp_path / "link", "../skills") == tmp_path / "far" / "skills"
+    assert from_folder(tmp_path / "far" / "cell", "../skills") == tmp_path / "far" / "skills"
+    assert from_folder(Path("far/cell"), "../skills") == Path("far/skills")
