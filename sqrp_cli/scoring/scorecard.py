@@ -123,7 +123,7 @@ def compare_with(
     }
     tasks = {name: baseline.workspaces[before].tasks for name, before in known.items()}
     pairs = [(one.score, tasks.get(one.score.workspace, {}).get(one.score.task or "")) for one in scorecard.results]
-    lookup.prepare(list(_worse_ways(pairs, allowance)), progress)
+    lookup.prepare(list(_ways_to_explain(pairs, allowance)), progress)
     results = [
         _compared(one, record, allowance, lookup, changes.get(one.workspace, ()), may_vanish=may_vanish)
         for one, record in pairs
@@ -140,13 +140,14 @@ def compare_with(
     )
 
 
-def _worse_ways(
+def _ways_to_explain(
     pairs: Sequence[tuple[TaskScore, TaskRecord | None]], allowance: float
 ) -> Iterator[tuple[TaskScore, Ranked]]:
-    """The ways that got worse, each with its task; pairs: every task, and what the baseline says of it."""
+    """The ways whose losses are looked up, each with its task; pairs: every task, and what the baseline says of it."""
     for one, record in pairs:
         if record is not None:
-            yield from ((one, one.ways[change.way]) for change in changed_ways(record, one, allowance) if change.worse)
+            changes = changed_ways(record, one, allowance)
+            yield from ((one, one.ways[change.way]) for change in changes if change.losses_matter)
 
 
 def listed(changes: Sequence[Change]) -> str:

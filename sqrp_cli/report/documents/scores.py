@@ -42,10 +42,14 @@ class ChangedWay(Record):
     """Name of the best candidate in the baseline."""
     candidate: str
     """Name of the best candidate now."""
+    choice_before: str | None
+    """The way behind the figures of the baseline, such as `left, flipped`; null if it does not say it."""
+    choice: str | None
+    """The way behind the figures now; null if it is infeasible."""
     shifts: list[Shift]
     """The figures that got better or worse."""
     lost: list[LostView]
-    """What cameras no longer see, the longest first; empty unless something got worse."""
+    """What cameras no longer see, the longest first; empty unless something got worse on the same way as before."""
 
     @classmethod
     def of(cls, change: WayChange) -> ChangedWay:

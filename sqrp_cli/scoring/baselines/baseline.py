@@ -22,6 +22,7 @@ from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.programming.coverage.blind_spans import Coverage
 from sqrp_cli.programming.coverage.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.programming.ways.words import choice_in_words
 from sqrp_cli.scoring.baselines.changes import WORKSPACE, fields_of
 from sqrp_cli.scoring.cells import ScoredCell
 from sqrp_cli.scoring.score import TaskScore
@@ -77,6 +78,8 @@ class WayRecord(Entry):
     """The best candidate for a choice of objects."""
 
     candidate: str
+    choice: str | None = None
+    """The way behind the figures, such as `left, flipped`; None if infeasible, or from an earlier version."""
     feasible: bool
     reasons: tuple[str, ...] = ()
     time: Seconds | None = None
@@ -97,6 +100,7 @@ class WayRecord(Entry):
         assessment = ranked.assessment
         return WayRecord(
             candidate=assessment.candidate.name,
+            choice=choice_in_words(assessment.candidate, assessment.way) if assessment.feasible else None,
             feasible=assessment.feasible,
             reasons=assessment.reasons,
             time=assessment.time,

@@ -11,6 +11,7 @@ import numpy as np
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.programming.coverage.blind_spans import BlindSpan, Coverage, TargetCoverage, difference, intersection
 from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.programming.ways.words import NOTHING_SPECIAL
 from sqrp_cli.scoring.baselines.baseline import TaskRecord, WayRecord
 from sqrp_cli.scoring.score import TaskScore
 
@@ -33,7 +34,9 @@ class Loss:
 
     def __str__(self) -> str:
         start, end = self.stretch.start, self.stretch.end
-        return f"{self.camera} no longer sees {self.literal} from {start:.1f} s to {end:.1f} s: {self.why}"
+        digits = 1 if f"{start:.1f}" != f"{end:.1f}" else 3
+        span = f"from {start:.{digits}f} s to {end:.{digits}f} s"
+        return f"{self.camera} no longer sees {self.literal} {span}: {self.why}"
 
 
 @dataclass(frozen=True)
@@ -81,14 +84,29 @@ class WayChange:
     """Name of the candidate, now."""
     shifts: tuple[Shift, ...]
     losses: tuple[Loss, ...] = ()
-    """The longest first."""
+    """The longest first; none where it goes another way, as times of different motions do not correspond."""
     reason: str = ""
     """Why it can no longer be done."""
+    choice_before: str | None = None
+    """The way behind the figures of the baseline, in a few words; None if it is not known."""
+    choice: str | None = None
+    """The way behind the figures now; None if it is infeasible."""
+
+    @property
+    def another_way(self) -> bool:
+        """Whether the robot moves in another way than before, as far as the baseline says how it did."""
+        known = self.choice is not None and self.choice_before is not None
+        return self.now != self.before or (known and self.choice != self.choice_before)
 
     @property
     def worse(self) -> bool:
         """Whether anything got worse."""
         return any(shift.worse for shift in self.shifts)
+
+    @property
+    def losses_matter(self) -> bool:
+        """Whether what cameras no longer see tells why it got worse."""
+        return self.worse and not self.another_way
 
     @property
     def severity(self) -> float:
@@ -97,8 +115,12 @@ class WayChange:
 
     def __str__(self) -> str:
         shown = [shift for shift in self.shifts if shift.worse] or list(self.shifts)
-        figures = ", ".join(str(shift) for shift in shown)
-        parts = [f"{figures}{f' ({self.now}, before {self.before})' if self.now != self.before else ''}"]
+        parts = [", ".join(str(shift) for shift in shown)]
+        if len(shown) < len(self.shifts):
+            parts[0] += ", but " + ", ".join(str(shift) for shift in self.shifts if not shift.worse)
+        if self.another_way:
+            now, before = self._said(self.now, self.choice), self._said(self.before, self.choice_before)
+            parts.append(f"{self.way} now goes another way: {now} instead of {before}")
         if self.reason:
             parts.append(self.reason)
         if self.losses:
@@ -107,6 +129,12 @@ class WayChange:
                 f"{self.losses[0]}" + (f" ({more} more such stretch{'es' if more > 1 else ''})" if more else "")
             )
         return f"{self.way}: {'; '.join(parts)}"
+
+    def _said(self, candidate: str, choice: str | None) -> str:
+        """A way in words, with the name of its candidate where that differs, too."""
+        if self.now == self.before:
+            return str(choice)
+        return candidate if choice in (None, NOTHING_SPECIAL) else f"{candidate}, {choice}"
 
 
 @dataclass(frozen=True)
@@ -134,7 +162,8 @@ def changed_ways(before: TaskRecord, now: TaskScore, allowance: float) -> tuple[
         shifts = tuple(_shifts(old, new, allowance))
         if shifts:
             reason = new.reasons[0] if old.feasible and not new.feasible else ""
-            found.append(WayChange(name, old.candidate, new.candidate, shifts, reason=reason))
+            change = WayChange(name, old.candidate, new.candidate, shifts, reason=reason)
+            found.append(replace(change, choice_before=old.choice, choice=new.choice))
     return tuple(found)
 
 
@@ -149,7 +178,8 @@ def compare(
         return Comparison("new")
     changes = []
     for change in changed_ways(before, now, allowance):
-        seen, sees = before.ways[change.way].seen, coverage(now, now.ways[change.way]) if change.worse else None
+        seen = before.ways[change.way].seen
+        sees = coverage(now, now.ways[change.way]) if change.losses_matter else None
         changes.append(change if seen is None or sees is None else replace(change, losses=lost(seen, sees)))
     verdict: Verdict = "unchanged"
     if changes:
