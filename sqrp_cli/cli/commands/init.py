@@ -11,7 +11,6 @@ import typer
 from sqrp_cli.api.new_cell import new_cell
 from sqrp_cli.cli.options import Json, answer, check_needed
 from sqrp_cli.errors import ExitCode, InputError, Problem, bad_option
-from sqrp_cli.knowledge.workspace.load import WORKSPACE_FILE
 
 NAME = "init"
 
@@ -63,6 +62,7 @@ def command(
     Guesses about your arm are marked `check:` in the file. Nothing is ever overwritten. Exit code 1 if the arm can pick
     up nothing anywhere, or the first run stops.
     """
+    from sqrp_cli.knowledge.workspace.load import WORKSPACE_FILE
     from sqrp_cli.starter.random_cell import Crowd
     from sqrp_cli.terminal.console import note, print_problems, progress
 
