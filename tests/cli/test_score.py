@@ -233,7 +233,7 @@ def ctrl_c_at(monkeypatch):
                 signal.raise_signal(signal.SIGINT)
             return assess(assignment, candidate)
 
-        monkeypatch.setattr(Assignment, "assess", press_ctrl_c)
+        monkeypatch.setattr(Assignment, "assess", interrupted)
 
     yield at
     signal.signal(signal.SIGINT, before)
