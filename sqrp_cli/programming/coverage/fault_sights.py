@@ -217,6 +217,10 @@ class _Look(NamedTuple):
         """The faults that images may miss, with windows by name."""
         return [fault for fault in self.asked.faults if not _always_shown(fault, windows[fault.name])]
 
+    def once_lost(self, closed: float = 1.0) -> _Look:
+        """The same after a loss; closed: as `Stage.once_lost` has it."""
+        return self._replace(stage=self.stage.once_lost(closed))
+
     def loses(self, fault: FaultWatch) -> bool:
         """Whether fingers may lose what they hold in a fault's intervals."""
         held = {held_in(self.stage, interval) for interval in fault.intervals}
@@ -262,41 +266,49 @@ def all_fault_windows(
     looks = {number: _Look(scene, scene.stage, asked[number]) for number, scene in enumerate(scenes)}
     planned = {i: viewer.windows(timelines[i], look.asked.faults) for i, look in looks.items() if not look.asked.more}
     planned |= viewer.shown({number: look for number, look in looks.items() if look.asked.more})
-    closed = {
-        number: look._replace(stage=look.stage.once_lost())
-        for number, look in looks.items()
-        if any(map(look.loses, look.asked.faults))
-    }
+    closed = {i: look.once_lost() for i, look in looks.items() if any(map(look.loses, look.asked.faults))}
     lost = viewer.shown(closed)
-    sure = {
-        number: {
-            fault.name: after_loss(planned[number][fault.name], lost[number][fault.name], fault.intervals)
-            if look.loses(fault)
-            else planned[number][fault.name]
-            for fault in look.asked.faults
-        }
-        for number, look in looks.items()
-    }
+    sure = {number: _sure(look, planned[number], lost.get(number, {})) for number, look in looks.items()}
     late = {number: look for number, look in looks.items() if look.missed(sure[number])}
-    usual = planned | viewer.shown(_usual(late))
-    usual_lost = lost | viewer.shown(_usual({number: closed[number] for number in late if number in closed}))
-    half = {
-        number: look._replace(stage=look.stage.once_lost(HALF), asked=look.asked.usual)
-        for number, look in late.items()
-        if number in closed
+    more = _usually(viewer, late, planned, lost)
+    return [
+        {name: Windows(known, joined(known, *more[number][name])) for name, known in of.items()}
+        if number in late
+        else {name: Windows.always(known) for name, known in of.items()}
+        for number, of in sure.items()
+    ]
+
+
+def _sure(look: _Look, planned: _WindowsOf, lost: _WindowsOf) -> _WindowsOf:
+    """When images surely show the faults of a look: as planned, and after a loss where fingers may lose a part."""
+    return {
+        fault.name: after_loss(planned[fault.name], lost[fault.name], fault.intervals)
+        if look.loses(fault)
+        else planned[fault.name]
+        for fault in look.asked.faults
     }
+
+
+def _usually(
+    viewer: _Viewer, looks: Mapping[int, _Look], planned: Mapping[int, _WindowsOf], lost: Mapping[int, _WindowsOf]
+) -> dict[int, dict[str, list[Sequence[Window]]]]:
+    """When images usually show the faults of looks besides, what comes first counting most.
+
+    planned, lost: when they surely do, as planned and with the fingers closed on nothing.
+    """
+    emptied = {number: look for number, look in looks.items() if number in lost}
+    closed = {number: look.once_lost() for number, look in emptied.items()}
+    half = {number: look.once_lost(HALF)._replace(asked=look.asked.usual) for number, look in emptied.items()}
+    planned, lost = {**planned, **viewer.shown(_usual(looks))}, {**lost, **viewer.shown(_usual(closed))}
     closing = viewer.shown(half)
 
-    def windows(number: int, fault: FaultWatch) -> Windows:
-        name, known = fault.name, sure[number][fault.name]
-        if number not in late:
-            return Windows.always(known)
+    def windows(number: int, fault: FaultWatch) -> list[Sequence[Window]]:
         if not looks[number].loses(fault):
-            return Windows(known, joined(known, usual[number][name]))
-        soon = [within(closing[number][name], interval.start, interval.end) for interval in fault.intervals]
-        return Windows(known, joined(known, *soon, usual_lost[number][name]))
+            return [planned[number][fault.name]]
+        soon = [within(closing[number][fault.name], interval.start, interval.end) for interval in fault.intervals]
+        return [*soon, lost[number][fault.name]]
 
-    return [{fault.name: windows(number, fault) for fault in look.asked.faults} for number, look in looks.items()]
+    return {number: {one.name: windows(number, one) for one in look.asked.faults} for number, look in looks.items()}
 
 
 def _usual(looks: Mapping[int, _Look]) -> dict[int, _Look]:
