@@ -23,6 +23,7 @@ _EXPECTED = {
     "string_pattern_mismatch": "a name of letters, digits, `_` and `-` that starts with a letter",
     "int_type": "a whole number",
     "int_parsing": "a whole number",
+    "int_parsing_size": "a whole number of fewer digits",
     "int_from_float": "a whole number",
     "float_type": "a number",
     "float_parsing": "a number",
