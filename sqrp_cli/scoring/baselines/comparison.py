@@ -162,8 +162,16 @@ def changed_ways(before: TaskRecord, now: TaskScore, allowance: float) -> tuple[
         shifts = tuple(_shifts(old, new, allowance))
         if shifts:
             reason = new.reasons[0] if old.feasible and not new.feasible else ""
-            change = WayChange(name, old.candidate, new.candidate, shifts, reason=reason)
-            found.append(replace(change, choice_before=old.choice, choice=new.choice))
+            change = WayChange(
+                way=name,
+                before=old.candidate,
+                now=new.candidate,
+                shifts=shifts,
+                reason=reason,
+                choice_before=old.choice,
+                choice=new.choice,
+            )
+            found.append(change)
     return tuple(found)
 
 
