@@ -21,7 +21,7 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.runtime.perception.background import Background
 from sqrp_cli.runtime.perception.detections import NO_OUTLINE, BoxDetection, MissReason
 from sqrp_cli.runtime.perception.expected_view import Crop, ExpectedView, extent
-from sqrp_cli.runtime.perception.projected import ProjectedObject
+from sqrp_cli.runtime.perception.projected import ProjectedBox, ProjectedObject
 from sqrp_cli.runtime.perception.vision import blobs, color_mask, dilated, direction, displacement
 
 BORDER = 1.8
@@ -129,15 +129,15 @@ class ColorDetector:
         shape, origin = extent(crop)
         colored, robot = self._colored[crop], self._view.robot
         inside, silhouette = projected.outline(shape, origin), projected.mask(shape, origin)
-        before = self._in_front(X_WO, box_outline.depth, crop, without=box.encloses)
+        before = self._in_front(X_WO, box_outline, crop, without=box.encloses)
         hiding = dilated(before, 1)
-        enclosed = dilated(robot.mask(shape, origin, box_outline.depth, links=box.encloses), 1)
+        enclosed = dilated(robot.mask(shape, origin, box_outline, links=box.encloses), 1)
         front = hiding | enclosed
         background = self._background.matches(self._view.image, crop)
         # Where the background has the object's own colour, the image cannot distinguish the two: a shade is no object.
         same = self._background.has_hue(self._view.image, crop, self._object.color or "")
         own = colored & ~background & ~same
-        behind = robot.mask(shape, origin, box_outline.depth, behind=True)
+        behind = robot.mask(shape, origin, box_outline, behind=True)
         background |= behind & self._background.robot_colored(self._view.image, crop)
         telling = ~front & ~same
         decided = silhouette & telling
@@ -162,21 +162,18 @@ class ColorDetector:
         filled = min(float((inside & telling & own).sum() / decided.sum()), 1.0)
         return _Place(projected, share, hidden, edge, alike, filled, shift)
 
-    def _in_front(self, X_WO: Array, depth: float, crop: Crop, without: Collection[str]) -> Mask:
-        """What of the robot, without some links, and of other objects is before the object at a pose, in a crop.
-
-        depth: of the object [m].
-        """
+    def _in_front(self, X_WO: Array, outline: ProjectedBox, crop: Crop, without: Collection[str]) -> Mask:
+        """What of the robot, without some links, and of other objects is before the object at a pose, in a crop."""
         shape, origin = extent(crop)
         view = self._view
-        mask = view.robot.mask(shape, origin, depth, without=without)
+        mask = view.robot.mask(shape, origin, outline, without=without)
         steps = np.linspace(-0.45, 0.45, 3)
         grid = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3) * self._object.size
         points = grid @ X_WO[:3, :3].T + X_WO[:3, 3]
         for name in view.cell.objects:
             if name != self._object.name and name in view.believed.X_WO:
                 blocking = view.blocking(name, points)
-                mask |= True if blocking is None else blocking.mask(shape, origin, np.inf)
+                mask |= True if blocking is None else blocking.mask(shape, origin)
         return mask
 
     def _on_support(self, place: _Place, X_WO: Array) -> Array:

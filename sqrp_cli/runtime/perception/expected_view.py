@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import numpy as np
-
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.frames import frame_poses
@@ -108,7 +106,7 @@ class ExpectedView:
 
     def robot_mask(self) -> Mask:
         """The pixels that the robot covers."""
-        return self.robot.mask(self.posed_camera.shape, (0, 0), np.inf)
+        return self.robot.mask(self.posed_camera.shape, (0, 0))
 
     def sought_mask(self) -> Mask:
         """The pixels that the objects which are looked for may cover, wherever they may be.

@@ -96,7 +96,7 @@ class MarkerDetector:
             return None
         shape, origin = extent(crop)
         others = {surface.parent for surface in self._view.cell.robot.surfaces} - {box.frame, *box.encloses}
-        mask = dilated(self._view.robot.mask(shape, origin, outline.depth, links=others), 1)
+        mask = dilated(self._view.robot.mask(shape, origin, outline, links=others), 1)
         return _Hiding(crop, mask) if (mask & filled(shape, origin, [outline.corners])).any() else None
 
     def _finger_way(self, box: TargetBox, outline: ProjectedBox) -> _FingerWay:
@@ -130,7 +130,7 @@ class MarkerDetector:
             return 0.0
         shape, origin = extent(crop)
         background = filled(shape, origin, [outline.corners]) & self._background.matches(self._view.image, crop)
-        background &= ~dilated(self._view.robot.mask(shape, origin, outline.depth), 1)
+        background &= ~dilated(self._view.robot.mask(shape, origin, outline), 1)
         return min(1.0, float(background.sum()) / max(outline.area, 1.0))
 
 

@@ -65,7 +65,7 @@ def question_about(view: ExpectedView, atom: str, box: TargetBox) -> BoxQuestion
         return None
     obj = view.object_of(atom, box)
     shape = view.posed_camera.shape
-    robot = view.robot.mask(shape, (0, 0), outline.depth, without=box.encloses)
+    robot = view.robot.mask(shape, (0, 0), outline, without=box.encloses)
     return BoxQuestion(
         atom=atom,
         box=box.name,

@@ -16,6 +16,9 @@ from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.runtime.perception.vision import Corners, area_of, convex_outline, corners_of, filled, middle
 from sqrp_cli.runtime.surface import Surface
 
+TOUCH = 1e-3
+"""A piece that touches a far face of a box may reach this deep into it and still is behind it [m]."""
+
 LEAST_DEPTH = 0.02
 """Points nearer to the lens than this [m] are not projected."""
 
@@ -32,6 +35,19 @@ class ProjectedBox:
     """Image of its centre, (2,) [pixels]."""
     depth: float
     """Of its centre [m]."""
+    far_faces: Array
+    """Planes of the faces that the camera does not see: outward normals in the optical frame and how far they are
+    from the lens, (k, 4) [1, m]."""
+
+    def is_hidden_by(self, part: _ProjectedPart) -> Mask:
+        """Which pieces of a part are taken to be before it, (p,): with a nearer middle, and not behind a far face.
+
+        What lies behind the plane of a face that the camera does not see hides nothing of the box: a ray that has
+        passed the plane does not come back.
+        """
+        heights = part.points @ self.far_faces[:, :3].T - self.far_faces[:, 3]
+        before: Mask = (part.depths < self.depth) & ~np.any(np.all(heights >= -TOUCH, axis=1), axis=1)
+        return before
 
     @property
     def corners(self) -> Corners:
@@ -49,13 +65,13 @@ class ProjectedParts:
         self,
         shape: tuple[int, int],
         origin: tuple[int, int],
-        nearer: float,
+        box: ProjectedBox | None = None,
         *,
         behind: bool = False,
         links: Collection[str] | None = None,
         without: Collection[str] = (),
     ) -> Mask:
-        """The pixels of a crop that pieces nearer than a depth [m] cover; behind: those that are not nearer.
+        """The pixels of a crop that the pieces cover, or only those before a box; behind: those that are not before it.
 
         links: of these only. without: not of these.
         """
@@ -66,8 +82,8 @@ class ProjectedParts:
                 continue
             if (part.low.min(axis=0) > last).any() or (part.high.max(axis=0) < origin).any():
                 continue
-            near = (part.depths < nearer) != behind
-            touching = near & (part.high >= origin).all(axis=1) & (part.low <= last).all(axis=1)
+            taken = True if box is None else box.is_hidden_by(part) != behind
+            touching = taken & (part.high >= origin).all(axis=1) & (part.low <= last).all(axis=1)
             chosen.append(part.corners[touching])
         return filled(shape, origin, chosen)
 
@@ -85,6 +101,8 @@ class _ProjectedPart:
     """Of the pieces, (p, n, 2)."""
     depths: Array
     """Of their middles [m], (p,)."""
+    points: Array
+    """Their corners in the optical frame, (p, k, 3) [m]."""
     low: Array
     """Upper left corners of the rectangles around them [pixels], (p, 2)."""
     high: Array
@@ -93,9 +111,10 @@ class _ProjectedPart:
     """Around all of them."""
 
     @classmethod
-    def of(cls, parent: str, polygons: Array, depths: Array) -> _ProjectedPart:
+    def of(cls, parent: str, polygons: Array, points: Array) -> _ProjectedPart:
         hull = corners_of(convex_outline(polygons.reshape(-1, 2)))
-        return cls(parent, corners_of(polygons), depths, polygons.min(axis=1), polygons.max(axis=1), hull)
+        depths = points[:, :, 2].mean(axis=1)
+        return cls(parent, corners_of(polygons), depths, points, polygons.min(axis=1), polygons.max(axis=1), hull)
 
 
 class PosedCamera:
@@ -117,7 +136,15 @@ class PosedCamera:
             return None
         center = corners.mean(axis=0)
         polygon = convex_outline(pixels)
-        return ProjectedBox(polygon, area_of(polygon), self.projection.pixels(center[None])[0][0], float(center[2]))
+        normals = np.concatenate([np.eye(3), -np.eye(3)]) @ (self._X_CW[:3, :3] @ X_WB[:3, :3]).T
+        faces = np.column_stack([normals, normals @ center + 0.5 * np.tile(size, 2)])
+        return ProjectedBox(
+            polygon=polygon,
+            area=area_of(polygon),
+            center=self.projection.pixels(center[None])[0][0],
+            depth=float(center[2]),
+            far_faces=faces[faces[:, 3] >= 0.0],
+        )
 
     def silhouette(
         self, surfaces: Iterable[Surface], X_WP: Mapping[str, Array], *, beyond: bool = False
@@ -137,12 +164,12 @@ class PosedCamera:
             if surface.triangles is None:
                 if not visible.all():
                     continue
-                polygons, depths = convex_outline(pixels)[None], points[:, 2].mean(keepdims=True)
+                polygons, corners = convex_outline(pixels)[None], points[None]
             else:
                 whole = surface.triangles[visible[surface.triangles].all(axis=1)]
-                polygons, depths = pixels[whole], points[whole, 2].mean(axis=1)
+                polygons, corners = pixels[whole], points[whole]
             if len(polygons):
-                parts.append(_ProjectedPart.of(surface.parent, polygons, depths))
+                parts.append(_ProjectedPart.of(surface.parent, polygons, corners))
         return ProjectedParts(tuple(parts))
 
     def _reaches_image(self, pixels: Array) -> bool:
@@ -200,7 +227,7 @@ class ProjectedObject:
 
     def mask(self, shape: tuple[int, int], origin: tuple[int, int]) -> Mask:
         """The pixels of a crop, `origin` (x, y) its first one, that the parts cover."""
-        return self.outline(shape, origin) & self.parts.mask(shape, origin, np.inf)
+        return self.outline(shape, origin) & self.parts.mask(shape, origin)
 
     def outline(self, shape: tuple[int, int], origin: tuple[int, int]) -> Mask:
         """The pixels of a crop that the box covers."""

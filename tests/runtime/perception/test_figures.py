@@ -184,7 +184,7 @@ def test_a_fine_mesh_has_the_same_silhouette_when_it_is_coarse(wire: float) -> N
     assert len(coarse.triangles) < 30_000 < len(bent.faces)
     view = PosedCamera(Projection.of(EYES[0]), EYES[0].X_FC)
     masks = [
-        view.silhouette([surface], {"part": pose(position=PLACE)}).mask((480, 640), (0, 0), np.inf)
+        view.silhouette([surface], {"part": pose(position=PLACE)}).mask((480, 640), (0, 0))
         for surface in (fine, coarse)
     ]
     assert masks[0].sum() > 300
