@@ -57,7 +57,7 @@ class Painted:
         plain = np.full((*self.posed.shape, 3), 128, dtype=np.uint8)
         image = plain.copy()
         image[filled(self.posed.shape, (0, 0), [self.projected(X_WO).box.corners])] = (0, 200, 0)
-        image[self._tool.mask(self.posed.shape, (0, 0), np.inf)] = 20
+        image[self._tool.mask(self.posed.shape, (0, 0))] = 20
         nothing = np.zeros(self.posed.shape, dtype=bool)
         view: Any = SimpleNamespace(
             image=image, camera=self.eye, posed_camera=self.posed, robot=self._tool,
