@@ -170,11 +170,35 @@ class Detector(DetectorTraits):
             min_visible=LEAST_VISIBLE if "visible" in terms else self.min_visible,
         )
 
+    @property
+    def judging(self) -> Detector:
+        """With the limits within which it judges images, though nobody relies on it: one of colours takes what it gets.
+
+        See `BORDER`, too. Of other detectors no more is known than what is stated.
+        """
+        if self.kind != "color":
+            return self
+        return replace(
+            self,
+            distance=(0.0, LARGEST_LENGTH),
+            max_incidence=pi,
+            min_pixels=LEAST_PIXELS,
+            min_visible=float(np.clip(self.min_visible, LEAST_SHARE, MOST_SHARE)),
+            curve=None,
+        )
+
+
+LEAST_PIXELS = 4.0
+"""Least square root of the area of a silhouette that can be judged by colour [pixels]."""
 
 LEAST_SHARE, MOST_SHARE = 0.35, 0.5
 """Share of the silhouette of a coloured object that must be judged, at least and at most; in between, what its
 detector requires to be visible. Of an object that nothing hides, a good part may still look like neither it nor the
 background: at its edges, and where it meets the robot."""
+
+BORDER = 1.8
+"""Pixels along the edge of what hides an object that are not judged though they are visible: the robot's silhouette is
+taken to be a pixel wider than it is, and pixels at its edge show both."""
 
 FULL, EMPTY = 0.6, 0.1
 """A box is filled if it shows at least this share of the colour that its object would show, empty if at most this.

@@ -17,17 +17,20 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.knowledge.camera.detector import ALIKE, EMPTY, FULL, LEAST_SHARE, SHIFT_PIXELS, SHIFT_SHARE
+from sqrp_cli.knowledge.camera.detector import ALIKE, BORDER, EMPTY, FULL, LEAST_SHARE, SHIFT_PIXELS, SHIFT_SHARE
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.skill.target_box import object_of
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.logic.image_time import Onset
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.programming.coverage.stage import Samples, Stage
-from sqrp_cli.programming.sensing.observer import Observer, sees_all
+from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer
+from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.targets import SoughtBox, Target
 
 
@@ -105,8 +108,8 @@ class HeldPart:
 
     @property
     def spread(self) -> float:
-        """Square root of the mean area of its silhouette [m]."""
-        return float(np.sqrt(0.5 * (self.size * np.roll(self.size, 1)).sum()))
+        """See `_spread` [m]."""
+        return _spread(self.size)
 
 
 def onset(
@@ -247,15 +250,31 @@ def _between(x: Array, shown: Array, interval: Stretch, *, earlier: bool = False
 def _watching(
     stage: Stage, observer: Observer, boxes: Sequence[Sequence[SoughtBox]], interval: Stretch
 ) -> list[Indices]:
-    """For each of some groups of boxes the fixed cameras that see any of them, early in an interval, by number."""
+    """For each of some groups of boxes the fixed cameras that judge any of them, early in an interval, by number.
+
+    These are more than the cameras that see them: what they say counts, though nobody relies on it.
+    """
     t = interval.start + _LOOK * interval.length
     piece = next(i for i, piece in enumerate(stage.pieces) if piece.start <= t <= piece.end)
     states = stage.states(Samples(np.array([piece]), np.array([t])))
-    targets = [Target(Atom(box.name), 1, (box,)) for group in boxes for box in group]
-    sees = iter([sees_all(found)[0] for found in observer.verdicts(targets, states, shares=False)])
-    of_groups = [np.any([next(sees) for _ in group], axis=0) for group in boxes]
+    judged = {box: replace(box, limits=box.limits.judging) for group in boxes for box in group}
+    targets = [Target(Atom(box.name), 1, (box,)) for box in judged.values()]
+    found = zip(judged, observer.verdicts(targets, states), strict=True)
+    judges = {box: _judges(judged[box], verdicts[0], observer.cameras, states) for box, verdicts in found}
     fixed = np.array([camera.frame == WORLD for camera in observer.cameras], dtype=bool)
-    return [np.flatnonzero(seen & fixed) for seen in of_groups]
+    return [np.flatnonzero(np.any([judges[box] for box in group], axis=0) & fixed) for group in boxes]
+
+
+def _judges(box: SoughtBox, found: BoxVerdicts, cameras: Sequence[Camera], states: SceneStates) -> Mask:
+    """Whether each of c cameras judges a box in a state, though something may hide a little more than allowed, (c,)."""
+    least: ArrayLike = box.limits.min_visible
+    if box.limits.kind == "color":
+        ray = states.box_poses(box)[0, :3, 3] - np.array([states.camera_poses(camera)[0, :3, 3] for camera in cameras])
+        pixels = _eyes(cameras)[1] * _spread(np.array(box.size)) / np.linalg.norm(ray, axis=1)
+        least = np.maximum(least - BORDER / pixels, LEAST_SHARE)
+    hidden = (found.cause[0] == Cause.HIDDEN) & (found.visible[0] >= least)
+    judges: Mask = (found.cause[0] == Cause.NONE) | hidden
+    return judges
 
 
 def held_in(stage: Stage, interval: Stretch) -> str | None:
@@ -332,6 +351,11 @@ def _floor(stage: Stage, name: str, start: Array) -> Array:
             floor = np.where(above, np.maximum(floor, X_WO[2, 3]), floor)
     lowest: Array = np.minimum(floor, start[:, 2])
     return lowest
+
+
+def _spread(size: Array) -> float:
+    """Square root of the mean area of the silhouette of a box of full extents (3,) [m]."""
+    return float(np.sqrt(0.5 * (size * np.roll(size, 1)).sum()))
 
 
 def _eyes(cameras: Sequence[Camera]) -> tuple[Array, Array]:

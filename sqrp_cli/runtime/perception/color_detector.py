@@ -14,7 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from sqrp_cli.geometry import Array, Mask
-from sqrp_cli.knowledge.camera.detector import EMPTY, FULL, LEAST_SHARE, MOST_SHARE, SHIFT_PIXELS, SHIFT_SHARE
+from sqrp_cli.knowledge.camera.detector import (
+    BORDER,
+    EMPTY,
+    FULL,
+    LEAST_PIXELS,
+    LEAST_SHARE,
+    MOST_SHARE,
+    SHIFT_PIXELS,
+    SHIFT_SHARE,
+)
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.truth import Truth
@@ -23,13 +32,6 @@ from sqrp_cli.runtime.perception.detections import NO_OUTLINE, BoxDetection, Mis
 from sqrp_cli.runtime.perception.expected_view import Crop, ExpectedView, extent
 from sqrp_cli.runtime.perception.projected import ProjectedBox, ProjectedObject
 from sqrp_cli.runtime.perception.vision import blobs, color_mask, dilated, direction, displacement
-
-BORDER = 1.8
-"""Pixels along the edge of what hides an object that are not judged though they are visible: the robot's silhouette is
-taken to be a pixel wider than it is, and pixels at its edge show both."""
-
-LEAST_PIXELS = 4.0
-"""Least square root of the area of a silhouette that can be judged [pixels]."""
 
 
 @dataclass(frozen=True, eq=False)

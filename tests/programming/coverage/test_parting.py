@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,11 +10,16 @@ import numpy as np
 import pytest
 
 from sqrp_cli.geometry import Array, pose, rpy_to_matrix
+from sqrp_cli.knowledge.camera.detector import Detector
 from sqrp_cli.knowledge.camera.projection import Projection
-from sqrp_cli.knowledge.frames import FrameName
+from sqrp_cli.knowledge.frames import WORLD, FrameName
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.programming.coverage import parting
+from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.observer import BoxVerdicts
+from sqrp_cli.programming.sensing.scene_states import SceneStates
+from sqrp_cli.programming.targets import SoughtBox
 from sqrp_cli.runtime.perception.background import Background
 from sqrp_cli.runtime.perception.color_detector import ColorDetector
 from sqrp_cli.runtime.perception.expected_view import ExpectedView
@@ -27,6 +33,7 @@ Size = tuple[float, float, float]
 EYES = [camera("low", (4.9, 0.1, 0.45), (4.0, 0.0, 0.2)), camera("high", (4.2, 0.4, 0.9), (4.0, 0.0, 0.2))]
 NEAR = camera("near", (4.4, 0.0, 0.2), (4.0, 0.0, 0.2))
 SIZES = [(0.02, 0.02, 0.06), (0.05, 0.03, 0.04)]
+LIMITS = Detector(kind="color", distance=(0.1, 3.0), max_incidence=1.5, min_pixels=12.0)
 HELD = np.array([4.0, 0.0, 0.2])
 STEPS = 24
 """Displacements along each way."""
@@ -52,8 +59,8 @@ class Painted:
         assert box is not None
         return ProjectedObject.of(box, self.posed.silhouette(self._surface, {p.parent: X_WO for p in self._surface}))
 
-    def shows_not_held(self, boxes: list[TargetBox], X_WO: Array) -> bool:
-        """Whether the detector says that the part is not in the first of some boxes, when it is at a pose."""
+    def says_of_held(self, boxes: list[TargetBox], X_WO: Array, min_visible: float = 0.5) -> Truth:
+        """What the detector says of the first of some boxes, that the part is in it, when it is at a pose."""
         plain = np.full((*self.posed.shape, 3), 128, dtype=np.uint8)
         image = plain.copy()
         image[filled(self.posed.shape, (0, 0), [self.projected(X_WO).box.corners])] = (0, 200, 0)
@@ -62,13 +69,21 @@ class Painted:
         view: Any = SimpleNamespace(
             image=image, camera=self.eye, posed_camera=self.posed, robot=self._tool,
             believed=SimpleNamespace(holding=True, X_WO={}), pose=lambda box: box.X_FB,
-            cell=SimpleNamespace(objects={}, detectors={"color": SimpleNamespace(min_visible=0.5)}),
+            cell=SimpleNamespace(objects={}, detectors={"color": SimpleNamespace(min_visible=min_visible)}),
             is_at_tool=lambda box: box.name == "tool", projected=lambda _, X: self.projected(X),
         )  # fmt: skip
         view.crop = lambda polygon, margin: ExpectedView.crop(view, polygon, margin)
         background = Background(plain, nothing, nothing, nothing, moving=False)
         found, _ = ColorDetector(view, background, self.object).detect(boxes)
-        return found[0].evidence is Truth.FALSE
+        return found[0].evidence
+
+    def shows_not_held(self, boxes: list[TargetBox], X_WO: Array) -> bool:
+        return self.says_of_held(boxes, X_WO) is Truth.FALSE
+
+    def visible(self, X_WO: Array) -> float:
+        """The share of the part's silhouette that the tool does not hide."""
+        part = filled(self.posed.shape, (0, 0), [self.projected(X_WO).box.corners])
+        return 1.0 - float((part & self._tool.mask(self.posed.shape, (0, 0))).sum() / part.sum())
 
 
 def turned(at: Array) -> Array:
@@ -127,6 +142,31 @@ def test_a_part_must_fall_as_far_whatever_its_tool_hides_of_it(size: Size, hidde
     seen = first * along
     assert least - 0.5 <= seen <= sure
     assert seen == pytest.approx(usual, abs=1.0)  # the detector measures by whole pixels
+
+
+@pytest.mark.parametrize("min_visible", [0.45, 0.5, 0.9])
+@pytest.mark.parametrize("size", SIZES)
+def test_cameras_count_that_judge_a_part_though_too_much_is_hidden(size: Size, min_visible: float) -> None:
+    depth, width, height = size
+    X_WH, limits = pose(np.eye(3), HELD), replace(LIMITS, min_visible=min_visible)
+    box = SoughtBox(
+        name="tool", detector="color", frame=WORLD, size=size, X_FB=X_WH, normal=None, encloses=(),
+        limits=limits.judging,
+    )  # fmt: skip
+    states = SceneStates(1, {WORLD: np.eye(4)[None]})
+    uncovered = 0
+    for hidden in np.linspace(0.0, 0.9, 91):
+        before_it = HELD + np.array([0.6 * depth, 0.0, 0.5 * (1.0 - hidden) * height])
+        painted = Painted(NEAR, size, (before_it, (0.1 * depth, 2.0 * width, hidden * height)))
+        if painted.says_of_held([box_at("tool", X_WH, size)], X_WH, min_visible) is Truth.UNKNOWN:
+            continue
+        visible = painted.visible(X_WH)
+        cause = Cause.HIDDEN if visible < box.limits.min_visible else Cause.NONE
+        one = np.ones((1, 1))
+        verdicts = BoxVerdicts((cause * one).astype(np.int8), one.astype(int), one, visible * one)
+        assert parting._judges(box, verdicts, [NEAR], states).all()
+        uncovered += visible < min_visible
+    assert uncovered
 
 
 def test_cameras_show_what_more_of_them_say_than_deny() -> None:
