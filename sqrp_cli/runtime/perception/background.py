@@ -42,6 +42,7 @@ class Background:
         self._surroundings = _palette(image[~(robot | objects)]) if moving else None
         self._unknown = dilated(robot | sought, 3)
         self._picture = image if moving else inpainted(image, self._unknown)
+        self._news = np.zeros_like(self._unknown)
 
     def learn(self, image: ImageArray, covered: Mask) -> None:
         """Take from an image what was still unknown and is not covered in it."""
@@ -51,6 +52,13 @@ class Background:
         if fresh.any():
             self._picture[fresh] = image[fresh]
             self._unknown &= covered
+            self._news |= fresh
+
+    def guess_again(self, crop: tuple[slice, slice]) -> None:
+        """Guess what is still unknown in a crop by what was learned there since it was guessed last."""
+        if self._news[crop].any() and self._unknown[crop].any():
+            self._picture[crop] = inpainted(self._picture[crop], self._unknown[crop])
+            self._news[crop] = False
 
     @property
     def is_complete(self) -> bool:

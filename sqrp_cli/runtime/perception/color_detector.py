@@ -135,6 +135,7 @@ class ColorDetector:
         hiding = dilated(before, 1)
         enclosed = dilated(robot.mask(shape, origin, box_outline, links=box.encloses), 1)
         front = hiding | enclosed
+        self._background.guess_again(crop)
         background = self._background.matches(self._view.image, crop)
         # Where the background has the object's own colour, the image cannot distinguish the two: a shade is no object.
         same = self._background.has_hue(self._view.image, crop, self._object.color or "")

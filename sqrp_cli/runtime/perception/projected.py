@@ -149,21 +149,21 @@ class PosedCamera:
     def silhouette(
         self, surfaces: Iterable[Surface], X_WP: Mapping[str, Array], *, beyond: bool = False
     ) -> ProjectedParts:
-        """Parts whose links or objects have given poses; pieces that reach behind the camera are left out.
+        """Parts whose links or objects have given poses; of what reaches behind the camera, what is before it.
 
-        beyond: with the parts that lie beyond the image's edges.
+        Triangles that do are left out. beyond: with the parts that lie beyond the image's edges.
         """
         parts = []
         for surface in surfaces:
             points = transform(self._X_CW @ X_WP[surface.parent], surface.vertices)
-            ahead = points[:, 2] > LEAST_DEPTH
+            if surface.triangles is None:
+                points = _before_lens(points)
+            ahead = points[:, 2] >= LEAST_DEPTH
             pixels, inside = self.projection.pixels(np.where(ahead[:, None], points, (0.0, 0.0, 1.0)))
             visible = ahead & inside
-            if not beyond and not self._reaches_image(pixels[visible]):
+            if not visible.any() or not (beyond or self._reaches_image(pixels[visible])):
                 continue
             if surface.triangles is None:
-                if not visible.all():
-                    continue
                 polygons, corners = convex_outline(pixels)[None], points[None]
             else:
                 whole = surface.triangles[visible[surface.triangles].all(axis=1)]
@@ -174,8 +174,6 @@ class PosedCamera:
 
     def _reaches_image(self, pixels: Array) -> bool:
         """Whether the rectangle around pixels (n, 2) meets the image."""
-        if not len(pixels):
-            return False
         size = (self.shape[1], self.shape[0])
         return bool((pixels.max(axis=0) >= -1.0).all() and (pixels.min(axis=0) <= size).all())
 
@@ -188,6 +186,18 @@ class PosedCamera:
             bounds = (np.array([-0.5, 0.5])[:, None, None] * np.asarray(size) - start) / steps
         enter, leave = bounds.min(axis=0).max(axis=1), bounds.max(axis=0).min(axis=1)
         return bool(((enter < leave) & (leave > 0) & (enter < 1.0 - 1e-3)).any())
+
+
+def _before_lens(points: Array) -> Array:
+    """Points whose hull is what of that of points (n, 3) in the optical frame is far enough before the lens [m]."""
+    depth = points[:, 2] - LEAST_DEPTH
+    near, far = points[depth < 0.0], points[depth >= 0.0]
+    if not len(near) or not len(far):
+        return far
+    share = depth[depth >= 0.0, None] / (far[:, None, 2] - near[:, 2])
+    met = far[:, None] + share[..., None] * (near - far[:, None])
+    met[..., 2] = LEAST_DEPTH
+    return np.concatenate([far, met.reshape(-1, 3)])
 
 
 FINEST = 512.0

@@ -69,3 +69,16 @@ def test_a_shade_on_a_background_of_its_colour_has_its_hue(*, moving: bool) -> N
     assert told[50:60, 5:10].all()
     assert told[50:60, 0:5].all() != moving  # of a moving camera only the colours themselves are known
     assert not background.has_hue(shaded, EVERYWHERE, "blue")[~OTHER].any()
+
+
+def test_what_a_watched_thing_covers_is_guessed_again_once_the_robot_has_left_its_surroundings() -> None:
+    background = Background(painted(), ROBOT, WATCHED, OTHER, moving=False)
+    wall, crop = np.full((60, 80, 3), WHITE, dtype=np.uint8), (slice(5, 25), slice(25, 45))
+    wall[:, 20:60] = BLUE
+    gone = wall.copy()
+    gone[WATCHED] = RED
+    background.learn(gone, WATCHED)
+    assert not background.matches(wall, crop)[5:15, 5:15].any()
+    background.guess_again(crop)
+    assert background.matches(wall, crop).all()
+    assert not background.matches(gone, crop)[5:15, 5:15].any()
