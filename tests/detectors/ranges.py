@@ -12,7 +12,7 @@ from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.curve import BoxSights
 from sqrp_cli.knowledge.camera.detector import Detector
 from sqrp_cli.knowledge.camera.marker_range import MarkerRange
-from sqrp_cli.knowledge.markers import ObjectMarker
+from sqrp_cli.knowledge.markers import DICTIONARIES, ObjectMarker
 from sqrp_cli.runtime.perception.vision import find_markers
 from tests.runtime.cell.scenes import camera, thing
 from tests.runtime.perception.detector_limits import staged, tilted
@@ -33,6 +33,18 @@ class Case(NamedTuple):
     """[pixels]"""
     incidence: float
     """[rad]"""
+
+    @classmethod
+    def by_seed(cls, seed: int) -> Case:
+        """Any dictionary, size and lens, turned by up to 70 degrees."""
+        random = np.random.default_rng(seed)
+        return cls(
+            dictionary=str(random.choice(list(DICTIONARIES))),
+            side=round(float(random.uniform(0.03, 0.1)), 3),
+            width=int(random.choice([640, 800, 1024, 1280])),
+            focal=round(float(random.uniform(500.0, 1100.0))),
+            incidence=float(np.radians(random.uniform(0.0, 70.0))),
+        )
 
     @property
     def camera(self) -> Camera:
@@ -76,22 +88,3 @@ def _nine_of_ten(distance: np.ndarray, seen: np.ndarray) -> float:
     assert curve.pixels
     share = 0.9 / curve.most
     return float(np.exp((curve.bias - np.log(share / (1.0 - share))) / curve.pixels))
-
-
-CASES = (
-    Case("4x4_50", 0.05, 640, 600.0, 0.0),
-    Case("4x4_50", 0.03, 640, 900.0, 0.6),
-    Case("4x4_250", 0.08, 1280, 1100.0, 0.0),
-    Case("aruco_original", 0.05, 640, 500.0, 0.3),
-    Case("5x5_100", 0.04, 800, 800.0, 0.0),
-    Case("6x6_250", 0.06, 640, 700.0, 0.8),
-    Case("6x6_250", 0.04, 1280, 1200.0, 0.0),
-    Case("7x7_1000", 0.05, 640, 600.0, 0.4),
-    Case("apriltag_36h11", 0.05, 640, 600.0, 0.0),
-    Case("apriltag_36h11", 0.1, 960, 900.0, 0.9),
-    Case("apriltag_36h11", 0.06, 640, 700.0, 1.0),
-    Case("aruco_original", 0.06, 800, 800.0, 1.1),
-    Case("apriltag_16h5", 0.05, 640, 600.0, 0.0),
-    Case("apriltag_25h9", 0.05, 640, 600.0, 0.0),
-)
-"""Dictionaries, sizes, lenses and angles."""
