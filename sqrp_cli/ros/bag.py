@@ -13,6 +13,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.platform.files import naming
 from sqrp_cli.ros.messages import Message, MessageError, Ros, message_types
@@ -41,8 +43,8 @@ def is_bag(path: Path) -> bool:
 _KINDS = {".mcap": "MCAP file", ".bag": "bag of ROS 1", ".db3": "file of rosbag2 (SQLite)"}
 """What a file is by the end of its name."""
 
-_LARGEST_CHUNK = 1 << 28
-"""Bytes that a chunk of a recording may have when it is unpacked; recorders make them of a megabyte."""
+_LARGEST_CHUNK, _LARGEST_METADATA = 1 << 28, 1_000_000
+"""Bytes that a chunk of a recording may have unpacked (recorders make them of a megabyte), and metadata."""
 
 
 def check_kind(path: Path) -> None:
@@ -98,7 +100,7 @@ class Bag:
         except ImportError as error:
             raise _missing("reading a recording", path) from error
         self.path = path
-        _limit_memory()
+        _limit()
         head = _head(path) if path.is_file() else b""
         self.ros: Ros = 1 if head.startswith(_ROS1) else 2
         self.types = message_types(self.ros)
@@ -169,14 +171,21 @@ def _check_suffix(path: Path, head: bytes) -> None:
 
 
 @cache
-def _limit_memory() -> None:
-    """Let rosbags unpack no chunk that is larger than it may be: a few bytes can be packed gigabytes."""
+def _limit() -> None:
+    """Let rosbags unpack no chunk that is larger than it may be: a few bytes can be packed gigabytes.
+
+    It reads YAML by libyaml, too: its own reader takes 30 s for a megabyte.
+    """
     from bz2 import BZ2Decompressor
 
     from lz4.frame import LZ4FrameDecompressor
     from rosbags.rosbag1 import reader
-    from rosbags.rosbag2 import storage_mcap
+    from rosbags.rosbag2 import metadata, storage_mcap
+    from rosbags.rosbag2 import reader as folder_reader
 
+    quick = type("Quick", (vars(metadata)["YAML"],), {"load": lambda _, text: _metadata(text)})
+    for module in (metadata, folder_reader):
+        setattr(module, "YAML", quick)  # noqa: B010 # it is no public name
     mcap: Any = storage_mcap  # it has the zstd that this Python has
     lz4 = _unpacking(LZ4FrameDecompressor)
     reader.decompressors |= {"bz2": _unpacking(BZ2Decompressor), "lz4": lz4}
@@ -192,6 +201,17 @@ def _unpacking(decompressor: Callable[[], Any]) -> Callable[..., bytes]:
         return found
 
     return unpacked
+
+
+def _metadata(text: str) -> object:
+    """What a metadata.yaml says, or a part of it that is YAML in its turn. Raises ValueError."""
+    if len(text) > _LARGEST_METADATA:
+        raise ValueError(f"{METADATA} has more than {_LARGEST_METADATA:,} bytes")
+    try:
+        return yaml.load(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))  # noqa: S506 # both are safe
+    except yaml.MarkedYAMLError as error:
+        line = f", line {error.problem_mark.line + 1}" if error.problem_mark else ""
+        raise ValueError(f"{METADATA}{line}: {error.problem}") from error
 
 
 def _missing(what: str, path: Path) -> InputError:

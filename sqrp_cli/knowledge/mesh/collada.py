@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.errors import InputError, expected_names
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.mesh.limits import check_corners, check_pieces, damaged
+from sqrp_cli.knowledge.mesh.limits import MAX_NUMBER, check_corners, check_pieces, damaged
 from sqrp_cli.knowledge.text.xml_file import MAX_DEPTH, Element, parse_xml
 
 Integers = NDArray[np.int64]
@@ -322,12 +322,12 @@ def _integer(element: Element, attribute: str, default: int | None = None) -> in
 
 
 def _floats(element: Element, count: int) -> Array:
-    """The text of an element as `count` finite numbers."""
+    """The text of an element as `count` numbers that loaders hold."""
     numbers = _numbers(element, np.dtype(np.float64))
-    if len(numbers) != count or not np.isfinite(numbers).all():
-        bad = np.flatnonzero(~np.isfinite(numbers))
+    if len(numbers) != count or not (np.abs(numbers) <= MAX_NUMBER).all():
+        bad = np.flatnonzero(~(np.abs(numbers) <= MAX_NUMBER))
         what = (
-            f"number {bad[0] + 1:,} is not finite"
+            f"number {bad[0] + 1:,} is no number of single precision"
             if len(bad)
             else f"found {len(numbers):,} numbers, expected {count:,}"
         )

@@ -15,6 +15,9 @@ MAX_TEXT_BYTES = 64_000_000
 MAX_TRIANGLES = 500_000
 """Largest mesh that is accepted; the loader needs half a gigabyte and about five seconds for it."""
 
+MAX_NUMBER = 3.4e38
+"""Largest coordinate: the loaders hold them in single precision."""
+
 MAX_CORNERS = 1000
 """Most corners of a polygon; the time to cut one into triangles grows with their number squared."""
 

@@ -9,7 +9,6 @@ The loaders ignore the unit of a COLLADA file (DAE), so it becomes part of the m
 
 from __future__ import annotations
 
-import math
 import os
 import re
 from collections.abc import Iterable, Iterator
@@ -26,6 +25,7 @@ from sqrp_cli.geometry import Array, transform
 from sqrp_cli.knowledge.mesh.collada import check_dae
 from sqrp_cli.knowledge.mesh.limits import (
     MAX_BYTES,
+    MAX_NUMBER,
     MAX_TEXT_BYTES,
     check_bytes,
     check_pieces,
@@ -235,7 +235,7 @@ def _count_text(path: Path, content: bytes) -> int:
 
 def _are_finite(words: tuple[bytes, ...]) -> bool:
     try:
-        return all(map(math.isfinite, map(float, words)))
+        return all(abs(float(word)) <= MAX_NUMBER for word in words)
     except ValueError:
         return False
 

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import io
-import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
-from sqrp_cli.knowledge.mesh.limits import MAX_TRIANGLES, check_corners, check_pieces, check_triangles, damaged
+from sqrp_cli.knowledge.mesh.limits import (
+    MAX_NUMBER,
+    MAX_TRIANGLES,
+    check_corners,
+    check_pieces,
+    check_triangles,
+    damaged,
+)
 
 MAX_LINES = 10 * MAX_TRIANGLES
 """Most lines of a file."""
@@ -76,13 +82,15 @@ class _Mesh:
 
     def _check_numbers(self, line: int, keyword: str, words: Sequence[bytes]) -> None:
         try:
-            fine = len(words) in _NUMBERS[keyword] and all(map(math.isfinite, map(float, words)))
+            fine = len(words) in _NUMBERS[keyword] and all(abs(float(word)) <= MAX_NUMBER for word in words)
         except ValueError:
             fine = False
         if not fine:
             text = b" ".join(words)[:60].decode("utf-8", errors="replace")
             count = " or ".join(map(str, _NUMBERS[keyword]))
-            raise damaged(f"found the {_MEANING[keyword]} `{text}`, expected {count} finite numbers", self.path, line)
+            raise damaged(
+                f"found the {_MEANING[keyword]} `{text}`, expected {count} numbers of single precision", self.path, line
+            )
 
     def _check_corners(self, line: int, words: Sequence[bytes]) -> None:
         for word in words:
