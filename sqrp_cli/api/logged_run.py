@@ -19,7 +19,10 @@ if TYPE_CHECKING:
 
 def read_run(log: str | Path) -> SimulatedRun:
     """A run read from its log. Raises InputError for anything but the log of a complete run."""
-    return LoggedRun.read(arguments.checked_path(log, "log")).replay()
+    logged = LoggedRun.read(arguments.checked_path(log, "log"))
+    if (run := logged.replay()) is None:
+        raise logged.no_report
+    return run
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +60,8 @@ class LoggedRun:
             )
         return replace(self, program=opened)
 
-    def replay(self, *listeners: Callable[[Event], None]) -> SimulatedRun:
-        """The run; listeners: called with each event. Raises InputError for a log that breaks off."""
+    def replay(self, *listeners: Callable[[Event], None]) -> SimulatedRun | None:
+        """The run, None if it was interrupted; listeners: called with each event."""
         from sqrp_cli.api.run_results import SimulatedRun
         from sqrp_cli.runtime.record.events import RunReported
 
@@ -71,10 +74,15 @@ class LoggedRun:
             for listener in listeners:
                 listener(event)
         if report is None:
-            message = "this log has no report at its end: the run was interrupted"
-            raise InputError(Problem("no-log", message, Place(self.log)))
+            return None
         inputs = [self.log, *([] if self.program is None else self.program.files)]
         return SimulatedRun(cell=self.cell, report=report, events=kept, inputs=inputs)
+
+    @property
+    def no_report(self) -> InputError:
+        """The error where a run that was interrupted is not enough."""
+        message = "this log ends without a report, as the run was interrupted; expected one of a run that ended"
+        return InputError(Problem("no-log", message, Place(self.log), mend=f"sqrp run --replay {self.log}"))
 
     @property
     def cell(self) -> RunCell:

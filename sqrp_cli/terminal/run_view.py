@@ -81,9 +81,11 @@ class LiveView:
 class FinishedSteps:
     """How far a run has come: a listener of it."""
 
-    def __init__(self, program: Program) -> None:
-        self._tasks = [step.short_task for step in program.steps]
+    def __init__(self, tasks: Sequence[str]) -> None:
+        """tasks: what each of its steps does, in short."""
+        self._tasks = tasks
         self._ends: list[float] = []
+        self._told: list[str] = []
         self._t = 0.0
 
     def __str__(self) -> str:
@@ -94,11 +96,15 @@ class FinishedSteps:
         self._t = event.t
         if isinstance(event, events.StepBegan) and event.number > len(self._ends) + 1:  # the one before is done
             self._ends.append(event.t)
+        if (happens := event_in_words(event)) is not None:
+            self._told.append(f"{event.t:.2f} s: {happens}")
 
     def show(self, workspace: str) -> None:
-        """Print the steps that are finished."""
+        """Print the steps that are finished, and what happened."""
         for number, (task, end) in enumerate(zip(self._tasks, self._ends, strict=False), 1):
             say(joined([f"{number}: {task} in {workspace}: ", ("done", "bold green"), f", {end:.2f} s"]))
+        for line in self._told:
+            say(line)
 
 
 def event_in_words(event: events.Event) -> str | None:

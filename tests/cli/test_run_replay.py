@@ -29,6 +29,24 @@ def log_of(path: Path, delay: float, rates: dict[str, float] | None) -> Path:
     return path
 
 
+@pytest.mark.parametrize("kept", ["", '{"t": 2.0, "event": "re'])
+def test_a_run_that_was_interrupted_is_shown_until_then(sqrp: Callable[..., Any], tmp_path: Path, kept: str) -> None:
+    log = log_of(tmp_path / "log", 0.1, None)
+    *lines, _ = log.read_text(encoding="utf-8").splitlines(keepends=True)
+    steps = [{"t": 1.0 + n, "event": "step", "number": 1 + n, "boxes": {}} for n in range(2)]
+    slip = {"t": 2.5, "event": "happened", "fault": "slip"}
+    header = json.loads(lines[0]) | {"steps": [{"skill": "pickup", "parameters": {}, "time": 1.0}] * 2}
+    events = "".join(json.dumps(line) + "\n" for line in [header, *steps, slip])
+    log.write_text(events + kept, encoding="utf-8")
+    shown = sqrp("run", "--replay", log)
+    assert (shown.code, shown.out) == (130, "1: pickup in cell: done, 2.00 s\n2.50 s: slip has happened\n")
+    assert shown.err == "this log was interrupted at 2.50 s of the run, when 1 of 2 steps were finished\n"
+    for more in (["--json"], ["--report", tmp_path / "page.html"]):
+        refused = sqrp("run", "--replay", log, *more)
+        assert (refused.code, refused.out) == (2, "")
+        assert "this log ends without a report, as the run was interrupted; expected one of a run" in refused.err
+
+
 @pytest.mark.parametrize(("delay", "late"), [(0.15, False), (0.152, False), (0.17, True)])
 def test_a_log_alone_tells_what_was_seen_later_than_predicted(
     sqrp: Callable[..., Any], tmp_path: Path, delay: float, late: bool

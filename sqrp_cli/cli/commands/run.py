@@ -99,8 +99,7 @@ def command(
     if report is not None:
         option.check_report(report)
     if replay is not None:
-        run = _replay(replay, program, report, as_json=as_json)
-        return _show(run, report, context.obj, as_json=as_json)
+        return _replay(replay, program, report, context.obj, as_json=as_json)
     if program is None:
         raise InputError(Problem("no-program", "expected a program to run", mend="sqrp run PROGRAM --sim"))
     if robot is not None:
@@ -155,7 +154,7 @@ def _run(opened: OpenProgram, faults: Sequence[str], outputs: RunOutputs, *, as_
     from sqrp_cli.terminal.run_view import FinishedSteps, LiveView
 
     opened.read_faults(faults, "--fault")
-    finished = FinishedSteps(opened.program)
+    finished = FinishedSteps([step.short_task for step in opened.program.steps])
     try:
         with LiveView(list(opened.workspace.cameras)) as view:
             return opened.run(
@@ -173,17 +172,29 @@ def _run(opened: OpenProgram, faults: Sequence[str], outputs: RunOutputs, *, as_
         return None
 
 
-def _replay(log: Path, program: Path | None, page: Path | None, *, as_json: bool) -> SimulatedRun:
-    """Show a run again. program: leads to the workspace, for a page with 3D playback."""
+def _replay(log: Path, program: Path | None, page: Path | None, arguments: Sequence[str], *, as_json: bool) -> ExitCode:
+    """Show a run again; of one that was interrupted, what happened until then.
+
+    program: leads to the workspace, for a page with 3D playback.
+    """
     from sqrp_cli.platform.files import check_not_read
-    from sqrp_cli.terminal.run_view import LiveView
+    from sqrp_cli.terminal.console import note
+    from sqrp_cli.terminal.run_view import FinishedSteps, LiveView
 
     logged = LoggedRun.read(log)
     if program is not None:
         logged = logged.of(option.read_program(program))
     check_not_read([page], [log, *([] if logged.program is None else logged.program.files)])
+    finished = FinishedSteps([step.skill for step in logged.header.steps])
     with LiveView(logged.header.cameras, pace=not as_json) as view:
-        return logged.replay(view)
+        run = logged.replay(finished, view)
+    if run is not None:
+        return _show(run, page, arguments, as_json=as_json)
+    if page is not None or as_json:
+        raise logged.no_report
+    finished.show(logged.header.workspace)
+    note(f"this log was interrupted at {finished}")
+    return ExitCode.INTERRUPTED
 
 
 def _sweep(opened: OpenProgram, slip: str, count: int | None, *, as_json: bool) -> ExitCode:
@@ -247,7 +258,7 @@ def run_on_robot(
         _check(session, robot, as_json=as_json)
         if not dry_run and not yes:
             _agree(session)
-        finished = FinishedSteps(session.opened.program)
+        finished = FinishedSteps([step.short_task for step in session.opened.program.steps])
         try:
             with LiveView(list(opened.workspace.cameras)) as view:
                 return session.run(

@@ -86,6 +86,8 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
             if len(line) > MAX_LINE or number > MAX_LINES:
                 message = f"this log is too large: the limit is {MAX_LINES:,} lines of {MAX_LINE:,} bytes"
                 raise InputError(Problem("file-too-large", message, Place(path, number)))
+            if number > 1 and not line.rstrip(b" ").endswith((b"}", b"\n")):  # cut off as it was written
+                return
             try:
                 yield number, line.decode("utf-8")
             except UnicodeDecodeError as error:
