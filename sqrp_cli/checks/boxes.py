@@ -8,10 +8,10 @@ from itertools import product
 import numpy as np
 
 from sqrp_cli.checks.formulas import predicates_of
-from sqrp_cli.errors import MOST_NAMES, Problem
+from sqrp_cli.errors import Problem, expected_names, first_names
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.frames import WORLD, FrameName
-from sqrp_cli.knowledge.paint import look_alike
+from sqrp_cli.knowledge.paint import COLORS, hue_of, look_alike
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.skill import Grasp, Skill
 from sqrp_cli.knowledge.skill.target_box import BoxSpec
@@ -60,10 +60,10 @@ def too_small_boxes(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
                 yield Problem("too-small-for-every-camera", message, place, mend=mend)
 
 
-def parts_like_their_support(workspace: Workspace) -> Iterator[Problem]:
-    """Objects that a detector of colours looks for, and cannot tell from what they stand on."""
+def colors(workspace: Workspace) -> Iterator[Problem]:
+    """Objects that a detector of colours looks for, and cannot see or cannot tell from what they stand on."""
     sought = {
-        item.name
+        item.name: item
         for skill in workspace.skills.values()
         for target in skill.targets.values()
         for box in target.boxes
@@ -71,14 +71,22 @@ def parts_like_their_support(workspace: Workspace) -> Iterator[Problem]:
         for item in _possible_objects(workspace, skill, box)
         if item is not None
     }
-    alike: dict[str, list[str]] = {}
-    for item in workspace.objects.values():
+    alike, unseen = dict[str, list[str]](), dict[str, list[str]]()
+    for item in sought.values():
         support = workspace.objects.get(item.on or "")
-        if support is not None and item.name in sought and look_alike(item.color, support.color):
+        if item.color is not None and hue_of(item.color) is None and not item.fixed:
+            unseen.setdefault(item.color, []).append(item.name)
+        elif support is not None and look_alike(item.color, support.color):
             alike.setdefault(support.name, []).append(item.name)
+    for color, parts in unseen.items():
+        known = expected_names(color, [name for name in COLORS if hue_of(name) is not None])
+        message = f"detectors of colours look for {first_names(parts)}, and see nothing that is `{color}`; {known}"
+        place = workspace.places.get(f"objects.{parts[0]}.color")
+        yield Problem("unseen-colour", message, place, severity="warning", mend="give it such a colour, or a marker")
     for name, parts in alike.items():
-        on_it = ", ".join(f"`{part}`" for part in parts[:MOST_NAMES]) + " ..." * (len(parts) > MOST_NAMES)
-        message = f"detectors of colours cannot tell {on_it} from `{name}` below, which has the same colour"
+        message = (
+            f"detectors of colours cannot tell {first_names(parts)} from `{name}` below, which has the same colour"
+        )
         place = workspace.places.get(f"objects.{name}.color")
         mend = "give one of them another colour, or look for markers"
         yield Problem("same-colour", message, place, severity="warning", mend=mend)

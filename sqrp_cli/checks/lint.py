@@ -49,7 +49,7 @@ def lint(workspace: Workspace) -> tuple[Problem, ...]:
     findings += doubtful_images(workspace)
     findings += implausible_lenses(workspace)
     findings += blind_cameras(workspace)
-    findings += boxes.parts_like_their_support(workspace)
+    findings += boxes.colors(workspace)
     findings += overlapping_objects(workspace)
     findings += floating_objects(workspace)
     return tuple(findings)
