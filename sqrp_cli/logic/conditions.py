@@ -133,6 +133,18 @@ def ground_condition(
     return ground(condition, binding, True)
 
 
+def rules_out(condition: pddl.Condition, binding: Binding) -> bool:
+    """Whether equalities alone make the condition false whatever the facts, such as `not (= ?object ?onto)`."""
+    match condition:
+        case pddl.Conjunction(parts):
+            return any(rules_out(part, binding) for part in parts)
+        case pddl.Equal(left, right):
+            return _object(left, binding) != _object(right, binding)
+        case pddl.Negation(pddl.Equal(left, right)):
+            return _object(left, binding) == _object(right, binding)
+    return False
+
+
 def literal_count(condition: pddl.Condition, objects: Objects, domain: pddl.Domain) -> int:
     """Number of literals and equalities in the result of `ground_condition`, without computing it.
 

@@ -15,6 +15,7 @@ from sqrp_cli.knowledge.skill.skill import JointMove, Skill, named_skill
 from sqrp_cli.knowledge.text import units
 from sqrp_cli.knowledge.text.units import expected_quantity, read_quantity
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask, Workspace
+from sqrp_cli.logic.conditions import rules_out
 from sqrp_cli.logic.domain import Parameter
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.candidate import Candidate as Candidate
@@ -176,14 +177,18 @@ def _candidates(
     varying = [
         parameter.name for parameter, values in zip(skill.motion_parameters, motion, strict=True) if len(values) > 1
     ]
-    for objects in product(*choices):
+    names = [parameter.name for parameter in skill.action.parameters]
+    bindings = [dict(zip(names, objects, strict=True)) for objects in product(*choices)]
+    # One that can never be, such as a part on itself, is a candidate only where nothing else is asked for.
+    possible = [one for one in bindings if not rules_out(skill.action.precondition, one)]
+    for binding in possible or bindings:
         for values in product(*motion):
             bound = {parameter.name: value for parameter, value in zip(skill.motion_parameters, values, strict=True)}
             shown = {name: value.replace(" ", "") for name, value in in_words(skill, bound).items()}
-            words = [*objects, *(f"{name}={shown[name]}" for name in varying)]
+            words = [*binding.values(), *(f"{name}={shown[name]}" for name in varying)]
             yield Candidate(
                 skill,
-                {parameter.name: name for parameter, name in zip(skill.action.parameters, objects, strict=True)},
+                binding,
                 bound,
                 " ".join(words) or skill.name,
             )

@@ -109,8 +109,9 @@ def _arms(urdf: UrdfModel) -> list[list[UrdfJoint]]:
 
 
 def _is_another(chain: Sequence[UrdfJoint], arm: Sequence[UrdfJoint]) -> bool:
-    """Whether a chain is an arm beside another one: as long, and apart from it for most of its joints."""
-    return len(chain) >= MOST_SHARED + len({*chain} & {*arm}) and len(chain) >= len(arm) - 1
+    """Whether a chain is an arm beside another one: as long, and apart from it, or for most of its joints."""
+    shared = len({*chain} & {*arm})
+    return len(chain) >= len(arm) - 1 and (shared == 0 or len(chain) >= MOST_SHARED + shared)
 
 
 def _tip(urdf: UrdfModel, chain: Sequence[UrdfJoint]) -> str:

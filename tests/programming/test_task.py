@@ -49,6 +49,13 @@ def test_without_a_filter_every_object_of_the_right_type_is_a_candidate(workspac
     assert objects("pickup", workspace) == movable
 
 
+def test_a_part_on_itself_is_no_candidate_unless_nothing_else_is_asked_for(workspace: Workspace) -> None:
+    names = [one.name for one in read_task("stack green", workspace).candidates]
+    assert "g1 g2" in names
+    assert not [name for name in names if len(set(name.split())) == 1]
+    assert [one.name for one in read_task("stack g1 g1", workspace).candidates] == ["g1 g1"]
+
+
 def test_a_parameter_can_be_named(workspace: Workspace) -> None:
     assert objects("pickup object=g3", workspace) == ["g3"]
     assert objects("pickup object=g3,r1,g1", workspace) == ["g3", "r1", "g1"]

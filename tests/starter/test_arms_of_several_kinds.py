@@ -39,6 +39,11 @@ def test_cubes_count_that_can_be_picked_up_with_the_tool_turned(tmp_path: Path) 
     assert (made.tip, len(made.cubes)) == ("left_hand", 4)
 
 
+def test_the_other_legs_of_a_robot_without_arms_are_named() -> None:
+    guessed = guess_arm(read_urdf(ROBOTS / "go1_description/urdf/go1.urdf"))
+    assert (guessed.tip, guessed.others) == ("FR_foot", ("FL_foot", "RR_foot", "RL_foot"))
+
+
 def test_the_fingers_of_a_hand_are_not_of_the_arm() -> None:
     guessed = guess_arm(read_urdf(ROBOTS / "tiago_description/robots/tiago.urdf"))
     assert [joint.name for joint in guessed.joints] == ["torso_lift_joint", *(f"arm_{k}_joint" for k in range(1, 8))]
