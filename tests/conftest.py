@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import compileall
+import fcntl
 import os
+import pickle
 import shutil
 import signal
 from collections.abc import Callable, Iterator
@@ -53,6 +55,28 @@ def tabletop() -> Workspace:
 @pytest.fixture(scope="session")
 def ur5(tabletop: Workspace) -> RobotModel:
     return RobotModel.load(tabletop.robot)
+
+
+Once = Callable[[str, Callable[[Path], Any]], Any]
+
+
+@pytest.fixture(scope="session")
+def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
+    """What a function makes in a new folder of this name, and returns: computed once for all tests and workers."""
+    base = tmp_path_factory.getbasetemp()
+    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base  # which the workers share
+
+    def make_once(name: str, make: Callable[[Path], Any]) -> Any:
+        folder, kept = shared / name, shared / f"{name}.pickle"
+        with (shared / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not kept.exists():
+                shutil.rmtree(folder, ignore_errors=True)
+                folder.mkdir()
+                kept.write_bytes(pickle.dumps(make(folder)))
+        return pickle.loads(kept.read_bytes())  # noqa: S301 - it is our own
+
+    return make_once
 
 
 Damage = Callable[[dict[str, Any]], Path]

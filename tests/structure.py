@@ -26,6 +26,8 @@ LONG = 30
 Figure = tuple[int | str, list[str]]
 """How many, and which."""
 Function = ast.FunctionDef | ast.AsyncFunctionDef
+KINDS = (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef, ast.Call, ast.Dict, ast.Import, ast.ImportFrom)
+"""Of the nodes that figures are about."""
 
 
 class SourceTree:
@@ -36,13 +38,14 @@ class SourceTree:
         self.texts = {path: path.read_text(encoding="utf-8") for path in sorted((root / PACKAGE).rglob("*.py"))}
         self.trees = {path: ast.parse(text) for path, text in self.texts.items()}
         self.modules = {self.name(path): path for path in self.texts}
+        walks = ((self.name(path), ast.walk(tree)) for path, tree in self.trees.items())
+        self.found = [(module, node) for module, walk in walks for node in walk if isinstance(node, KINDS)]
 
     def name(self, path: Path) -> str:
         return ".".join(path.relative_to(self.root).with_suffix("").parts).removesuffix(".__init__")
 
     def nodes(self, *kinds: type[ast.AST]) -> Iterator[tuple[str, ast.AST]]:
-        for path, tree in self.trees.items():
-            yield from ((self.name(path), node) for node in ast.walk(tree) if isinstance(node, kinds))
+        yield from ((module, node) for module, node in self.found if isinstance(node, kinds))
 
     def classes(self) -> list[str]:
         return [node.name for _, node in self.nodes(ast.ClassDef) if isinstance(node, ast.ClassDef)]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
 
+from tests import structure
 from tests.structure import RECORD_FIELDS, ROOT, SourceTree, main
 
 SOURCE = """
@@ -51,11 +53,30 @@ def test_a_new_field_touches_at_most_three_files(field: str, package: SourceTree
     assert 1 <= len(package.modules_that_write(field)) <= 3
 
 
-def test_the_table_has_a_column_for_each_checkout(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "sqrp_cli").mkdir()
-    (tmp_path / "sqrp_cli" / "one.py").write_text(SOURCE)
-    main([str(tmp_path)])
+CONTRACTS = """
+[tool.importlinter]
+root_package = "sqrp_cli"
+
+[[tool.importlinter.contracts]]
+name = "Down only"
+type = "layers"
+layers = ["sqrp_cli.two", "sqrp_cli.one"]
+"""
+
+
+def test_the_table_has_a_column_for_each_checkout(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    package, now = tmp_path / "before" / "sqrp_cli", tmp_path / "now"
+    package.mkdir(parents=True)
+    (package / "one.py").write_text(SOURCE)
+    shutil.copytree(package.parent, now)
+    for name, text in {"__init__": "", "one": "import sqrp_cli.two", "two": ""}.items():
+        (now / "sqrp_cli" / f"{name}.py").write_text(text)
+    (now / "pyproject.toml").write_text(CONTRACTS)
+    monkeypatch.setattr(structure, "ROOT", now)
+    main([str(package.parent)])
     heading, files, *_, broken = capsys.readouterr().out.splitlines()
     assert heading.split() == ["before", "now"]
-    assert files.split()[:2] == ["files", "1"]
-    assert broken.split()[-2:] == ["-", "0"]
+    assert files.split() == ["files", "1", "3"]
+    assert broken.split()[-2:] == ["-", "1"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import hashlib
 import io
 import json
@@ -12,7 +11,8 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from unittest import mock
@@ -25,6 +25,7 @@ from tests.cells import shipped_cell, write_cell
 
 if TYPE_CHECKING:
     from tests.cli.slip_run import Cell, SlipRun
+    from tests.conftest import Once
 
 ROOT = Path(__file__).parents[2]
 TASK = "pickup green"
@@ -93,19 +94,13 @@ def sqrp_process() -> Callable[..., Outcome]:
 
 
 @pytest.fixture(scope="session")
-def asked(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Outcome]:
+def asked(once: Once) -> Callable[..., Outcome]:
     """What a command says of a cell that no test changes, as `sqrp`: computed once for all tests and workers."""
-    base = tmp_path_factory.getbasetemp()
-    folder = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base  # which the workers share
 
     def ask(*arguments: object, columns: int = 80) -> Outcome:
         name = hashlib.sha256(repr(([*map(str, arguments)], columns)).encode()).hexdigest()
-        with (folder / f"{name}.lock").open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            file = folder / f"{name}.json"
-            if not file.exists():
-                file.write_text(json.dumps(asdict(_call(*arguments, columns=columns))), encoding="utf-8")
-        return Outcome(**json.loads(file.read_text(encoding="utf-8")))
+        outcome: Outcome = once(name, lambda _: _call(*arguments, columns=columns))
+        return outcome
 
     return ask
 
@@ -261,17 +256,20 @@ def gripper_shown(gripper: Path) -> Outcome:
 
 
 @pytest.fixture(scope="session")
-def quick_cell(tmp_path_factory: pytest.TempPathFactory) -> Cell:
+def quick_cell(once: Once) -> Cell:
+    """A cell to whose folder no test adds a file, as all workers share it."""
     from tests.cli.slip_run import quick_cell  # which loads the simulator
 
-    return quick_cell(_call, tmp_path_factory.mktemp("quick"))
+    cell: Cell = once("quick", partial(quick_cell, _call))
+    return cell
 
 
 @pytest.fixture(scope="session")
-def slip_run(quick_cell: Cell) -> SlipRun:
+def slip_run(once: Once, quick_cell: Cell) -> SlipRun:
     from tests.cli.slip_run import run_with_slip
 
-    return run_with_slip(_call, quick_cell)
+    run: SlipRun = once("slip", lambda _: run_with_slip(_call, quick_cell))
+    return run
 
 
 @pytest.fixture(scope="session")

@@ -76,7 +76,7 @@ def test_documents_of_new_workspaces_and_of_programs_fit_their_schemas(sqrp, tmp
     validate(sqrp("program", program, "--json").document, "program")
 
 
-def test_documents_of_runs_and_audits_and_every_line_of_a_log_fit_their_schemas(sqrp, slip_run):
+def test_documents_of_runs_and_audits_and_every_line_of_a_log_fit_their_schemas(asked, slip_run):
     folder = slip_run.cell.folder
     validate(slip_run.outcome.document, "run")
     lines = [json.loads(line) for line in (folder / "run.jsonl").read_text(encoding="utf-8").splitlines()]
@@ -86,7 +86,7 @@ def test_documents_of_runs_and_audits_and_every_line_of_a_log_fit_their_schemas(
         log_lines.validate(line)
     for line in {line["event"]: line for line in lines}.values():
         assert_no_other_key_fits(line, "log")
-    validate(sqrp("audit", slip_run.cell.program, folder / "frames", "--json").document, "audit")
+    validate(asked("audit", slip_run.cell.program, folder / "frames", "--json").document, "audit")
 
 
 def validate(document: dict, name: str) -> None:

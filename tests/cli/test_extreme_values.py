@@ -20,7 +20,7 @@ from sqrp_cli.knowledge.text.source import KeyPath, dotted
 from sqrp_cli.knowledge.text.units import read_quantity
 from sqrp_cli.knowledge.text.yaml_file import read_yaml
 from sqrp_cli.knowledge.workspace.load import load_workspace
-from tests.damage.cell import whole_cell
+from tests.damage.cell import described_cell
 
 SKILL = "skills/pickup/skill.yaml"
 FILES = ("workspace.yaml", SKILL, "camera.yaml", "opencv.yaml", "hand_eye.yaml")
@@ -103,7 +103,7 @@ class Stated:
 
 @pytest.fixture(scope="module")
 def stated(tmp_path_factory: pytest.TempPathFactory) -> Stated:
-    cell = whole_cell(tmp_path_factory.mktemp("extreme") / "cell")
+    cell = described_cell(tmp_path_factory.mktemp("extreme") / "cell")
     opencv = frozenset({"!!opencv-matrix"})
     data = {file: read_yaml(cell / file, opencv).data for file in FILES}
     everything_stated(data["workspace.yaml"], data[SKILL])

@@ -191,18 +191,20 @@ def test_a_ranking_writes_the_program_that_rank_writes(sqrp, cell, tmp_path):
         ranking.write(tmp_path / "three.yaml", "g6")
 
 
-def test_a_program_runs_and_its_log_and_frames_tell_the_same(sqrp, quick_cell, tmp_path):
-    program = open_program(quick_cell.program)
+def test_a_program_runs_and_its_log_and_frames_tell_the_same(sqrp, asked, slip_run, tmp_path):
+    program, kept = open_program(slip_run.cell.program), slip_run.cell.folder
     log, frames = tmp_path / "log", tmp_path / "frames"
-    run = program.run(log=log, frames=frames)
+    run = program.run(["slip@a4+1"], log=log, frames=frames)
     assert run.done
-    assert str(run) == printed(sqrp, "run", quick_cell.program, "--sim")
+    assert log.read_bytes() == (kept / "run.jsonl").read_bytes()
+    assert {file.name for file in frames.iterdir()} == {file.name for file in (kept / "frames").iterdir()}
+    assert str(run) == printed(sqrp, "run", "--replay", kept / "run.jsonl")
     assert read_run(log).document.steps == run.document.steps
     assert repr(run).startswith(f"SimulatedRun({program.workspace.name}: done at ")
     assert len(repr(run)) < 120
-    audit = program.audit(frames)
+    audit = program.audit(kept / "frames")
     assert repr(audit).endswith("came true, passed)")
-    assert audit.to_json() == printed(sqrp, "audit", quick_cell.program, frames, "--json")
+    assert audit.to_json() == printed(asked, "audit", slip_run.cell.program, kept / "frames", "--json")
     for fault in (7, ["sli@a1"]):
         with pytest.raises(InputError):
             program.run(fault)

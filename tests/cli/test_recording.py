@@ -17,8 +17,8 @@ from tests.cli.slip_run import Cell, SlipRun
 
 
 @pytest.fixture(scope="module")
-def audited(sqrp: Callable[..., Any], slip_run: SlipRun) -> Any:
-    return sqrp("audit", slip_run.cell.program, slip_run.cell.folder / "run.mcap", "--json")
+def audited(asked: Callable[..., Any], slip_run: SlipRun) -> Any:
+    return asked("audit", slip_run.cell.program, slip_run.cell.folder / "run.mcap", "--json")
 
 
 def test_a_recording_has_every_image_and_the_joints(slip_run: SlipRun) -> None:
@@ -32,9 +32,9 @@ def test_a_recording_has_every_image_and_the_joints(slip_run: SlipRun) -> None:
 
 
 def test_an_audit_finds_in_it_what_it_finds_in_the_frames(
-    sqrp: Callable[..., Any], slip_run: SlipRun, audited: Any
+    asked: Callable[..., Any], slip_run: SlipRun, audited: Any
 ) -> None:
-    frames = sqrp("audit", slip_run.cell.program, slip_run.cell.folder / "frames", "--json").document
+    frames = asked("audit", slip_run.cell.program, slip_run.cell.folder / "frames", "--json").document
     assert audited.document["images"] == frames["images"]
     assert audited.document["skipped"] == frames["skipped"] > 0  # from the slip on, with those of the retry
     for step, other in zip(audited.document["prediction"], frames["prediction"], strict=True):

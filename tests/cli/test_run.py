@@ -61,9 +61,11 @@ def test_a_log_shows_the_run_again_without_the_simulator(sqrp: Callable[..., Any
     assert all(len(line) <= 80 for line in shown.out.splitlines())
 
 
-def test_recorded_frames_confirm_the_predictions(sqrp: Callable[..., Any], slip: Any, cell: Cell) -> None:
+def test_recorded_frames_confirm_the_predictions(
+    sqrp: Callable[..., Any], asked: Callable[..., Any], slip: Any, cell: Cell
+) -> None:
     assert slip.code == 0
-    found = sqrp("audit", cell.program, cell.folder / "frames", "--json")
+    found = asked("audit", cell.program, cell.folder / "frames", "--json")
     assert found.code == 0, found.err
     assert found.document["precision"] >= 0.97
     assert found.document["images"] > 40
@@ -81,25 +83,25 @@ def test_a_fault_whose_time_does_not_come_is_said_not_to_have_happened(sqrp: Cal
 
 
 @pytest.fixture(scope="module")
-def lost(sqrp: Callable[..., Any], cell: Cell) -> list[Any]:
-    """The same run twice in which a camera fails soon."""
-    return [
-        sqrp("run", cell.program, "--sim", "--fault", "camera-loss:cam3@0.3", "--json", "--log", cell.folder / name)
-        for name in ("first.jsonl", "second.jsonl")
-    ]
+def lost(sqrp: Callable[..., Any], cell: Cell, tmp_path_factory: pytest.TempPathFactory) -> list[tuple[Any, Path]]:
+    """The same run twice in which a camera fails soon, with its log."""
+    logs = [tmp_path_factory.mktemp("lost") / "run.jsonl" for _ in range(2)]
+    command = ("run", cell.program, "--sim", "--fault", "camera-loss:cam3@0.3", "--json", "--log")
+    return [(sqrp(*command, log), log) for log in logs]
 
 
-def test_a_lost_camera_stops_the_robot_in_time(lost: list[Any]) -> None:
-    document = lost[0].document
-    assert lost[0].code == 3
+def test_a_lost_camera_stops_the_robot_in_time(lost: list[tuple[Any, Path]]) -> None:
+    run, _ = lost[0]
+    document = run.document
+    assert run.code == 3
     assert document["outcome"] == "stopped"
     assert "cam3 is lost" in document["reason"]
     assert document["stop"]["standing"] - document["faults"][0]["injected"] <= 0.5
 
 
-def test_the_same_seed_gives_the_same_log(lost: list[Any], cell: Cell) -> None:
-    assert all(run.code == 3 for run in lost)
-    first, second = ((cell.folder / name).read_bytes() for name in ("first.jsonl", "second.jsonl"))
+def test_the_same_seed_gives_the_same_log(lost: list[tuple[Any, Path]]) -> None:
+    assert all(run.code == 3 for run, _ in lost)
+    first, second = (log.read_bytes() for _, log in lost)
     assert first == second
     lines = [json.loads(line) for line in first.splitlines()]
     assert lines[0]["event"] == "run"
@@ -107,35 +109,35 @@ def test_the_same_seed_gives_the_same_log(lost: list[Any], cell: Cell) -> None:
 
 
 @pytest.fixture(scope="module")
-def uneven(sqrp: Callable[..., Any], cell: Cell) -> Any:
+def uneven(sqrp: Callable[..., Any], cell: Cell, tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Path]:
     """A run with a slip, whose cameras are late by different times; the one that sees the slip is the slower one."""
-    folder = cell.folder / "uneven"
-    folder.mkdir()
+    folder = tmp_path_factory.mktemp("uneven")
     workspace = read_cell(cell.folder)
     workspace["cameras"]["cam3"]["latency"] = "80 ms"
     write_cell(workspace, folder)
     program = folder / "pick.yaml"
     assert sqrp("rank", folder, "pickup g2", "--ways", "fastest", "--program", program).code == 0
     outputs = ("--log", folder / "run.jsonl", "--report", folder / "run.html")
-    return sqrp("run", program, "--sim", "--fault", "slip@a4+1", "--json", *outputs)
+    return sqrp("run", program, "--sim", "--fault", "slip@a4+1", "--json", *outputs), folder
 
 
-def test_cameras_may_be_late_by_different_times(uneven: Any, slip: Any) -> None:
-    assert uneven.code == 0, uneven.err
-    (fault,), (evenly,) = uneven.document["faults"], slip.document["faults"]
+def test_cameras_may_be_late_by_different_times(uneven: tuple[Any, Path], slip: Any) -> None:
+    run, _ = uneven
+    assert run.code == 0, run.err
+    (fault,), (evenly,) = run.document["faults"], slip.document["faults"]
     assert fault["predicted_delay"] == pytest.approx(evenly["predicted_delay"] + 0.03)
     assert (fault["detected"] - 0.08) * RATE == pytest.approx(round((fault["detected"] - 0.08) * RATE), abs=1e-6)
     assert 0 < fault["delay"] <= fault["predicted_delay"]
 
 
 def test_a_log_of_cameras_that_are_late_by_different_times_shows_the_run_again(
-    sqrp: Callable[..., Any], uneven: Any, cell: Cell
+    sqrp: Callable[..., Any], uneven: tuple[Any, Path]
 ) -> None:
-    folder = cell.folder / "uneven"
+    run, folder = uneven
     page = folder / "again.html"
     again = sqrp("run", folder / "pick.yaml", "--replay", folder / "run.jsonl", "--report", page, "--json")
     assert again.code == 0, again.err
-    assert {**again.document, "wall": 0} == {**uneven.document, "wall": 0}
+    assert {**again.document, "wall": 0} == {**run.document, "wall": 0}
     assert page.stat().st_size > 0.9 * (folder / "run.html").stat().st_size
     told = [json.loads(line) for line in (folder / "run.jsonl").read_text(encoding="utf-8").splitlines()]
     evidence = [event for event in told if event["event"] == "evidence"]
@@ -270,12 +272,12 @@ def test_frames_are_kept_in_a_folder_only(sqrp: Callable[..., Any], cell: Cell) 
     assert "this is a file; expected the name of a folder" in found.err
 
 
-def test_frames_are_kept_in_an_empty_folder_only(sqrp: Callable[..., Any], cell: Cell) -> None:
-    before = sorted(cell.folder.iterdir())
-    found = sqrp("run", cell.program, "--sim", "--frames", cell.folder)
+def test_frames_are_kept_in_an_empty_folder_only(sqrp: Callable[..., Any], cell: Cell, tmp_path: Path) -> None:
+    (tmp_path / "mine").touch()
+    found = sqrp("run", cell.program, "--sim", "--frames", tmp_path)
     assert (found.code, found.out) == (2, "")
-    assert f"{cell.folder}: this folder is not empty, and nothing is ever overwritten" in found.err
-    assert sorted(cell.folder.iterdir()) == before
+    assert f"{tmp_path}: this folder is not empty, and nothing is ever overwritten" in found.err
+    assert [file.name for file in tmp_path.iterdir()] == ["mine"]
 
 
 def test_frames_without_an_index_are_bad_input(sqrp: Callable[..., Any], cell: Cell, tmp_path: Path) -> None:

@@ -72,10 +72,28 @@ IMAGES_KEPT = 6
 """Of each camera."""
 
 
+def described_cell(folder: Path) -> Path:
+    """The starter workspace with an SRDF, calibrated cameras and meshes: all that people write."""
+    made = make_starter(folder, None).folder
+    _describe(made)
+    return made
+
+
 def whole_cell(folder: Path) -> Path:
-    """The starter workspace with an SRDF, calibrated cameras, meshes, a program, a baseline, results and a run."""
+    """The same with a program, a baseline, results and a run."""
     made = make_starter(folder, None).folder
     _record(made)
+    _describe(made)
+    _do("rank", made, TASK, "--samples", "2", "--program", made / "program.yaml")
+    results = ["--out", made / RESULTS, "--save-baseline", made / BASELINE]
+    (made / "score.json").write_text(_do("score", made, *SCORE, *results), encoding="utf-8")
+    (made / RESULTS / ".lock").unlink()  # copies of the cell share their files
+    scheduler = {"type": "Scheduler", "id": "Scheduler-1", "address": "tcp://127.0.0.1:1", "workers": {}}
+    (made / "scheduler.json").write_text(json.dumps(scheduler, indent=2), encoding="utf-8")
+    return made
+
+
+def _describe(made: Path) -> None:
     _calibrate(made / "workspace.yaml")
     (made / "arm.srdf").write_text(SRDF, encoding="utf-8")
     (made / "hand_eye.yaml").write_text(HAND_EYE, encoding="utf-8")
@@ -85,13 +103,6 @@ def whole_cell(folder: Path) -> Path:
     (made / "binary.stl").write_bytes(binary_stl())
     (made / "cube.obj").write_text(obj(), encoding="utf-8")
     (made / "cube.dae").write_text(collada(), encoding="utf-8")
-    _do("rank", made, TASK, "--samples", "2", "--program", made / "program.yaml")
-    results = ["--out", made / RESULTS, "--save-baseline", made / BASELINE]
-    (made / "score.json").write_text(_do("score", made, *SCORE, *results), encoding="utf-8")
-    (made / RESULTS / ".lock").unlink()  # copies of the cell share their files
-    scheduler = {"type": "Scheduler", "id": "Scheduler-1", "address": "tcp://127.0.0.1:1", "workers": {}}
-    (made / "scheduler.json").write_text(json.dumps(scheduler, indent=2), encoding="utf-8")
-    return made
 
 
 def _calibrate(workspace: Path) -> None:
