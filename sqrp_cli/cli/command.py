@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import typer
 from typer.core import TyperCommand
+
+from sqrp_cli.errors import bad_option
 
 UsageError: Any = typer.BadParameter.__base__
 """What Typer raises for a command line that it cannot read; it names it nowhere else."""
@@ -17,11 +20,18 @@ class Command(TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 # its type has no public name
         """Read the words of the command; while they are typed, without an option whose value is still missing."""
         unfinished = ctx.resilient_parsing and args and args[-1].startswith("-")
+        empty = "" in args and "." not in args  # as a path it would be the current folder
         try:
-            return super().parse_args(ctx, args[:-1] if unfinished else args)
+            rest = super().parse_args(ctx, args[:-1] if unfinished else args)
         except UsageError as error:
             error.ctx = error.ctx or ctx  # an option without its value has none
             raise
+        params: list[Any] = self.get_params(ctx) if empty else []
+        for one in params:
+            if ctx.params.get(one.name) == Path():
+                what = one.metavar if one.param_type_name == "argument" else one.opts[0]
+                raise bad_option(f"{what} is empty; expected: {one.help}")
+        return rest
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:  # noqa: ANN401 # as above
         """The words after the command's name in its usage line."""

@@ -156,8 +156,8 @@ def _skill(words: Sequence[str], workspace: Workspace) -> Skill:
     skill = named_skill(words[0], workspace.skills)
     if skill is None:
         known = expected_names(words[0], workspace.skills)
-        message = f"there is no skill `{words[0]}` under `skills` in {workspace.whole_file}; {known}"
-        raise InputError(Problem("unknown-skill", message))
+        place = workspace.places.get("skills", workspace.whole_file)
+        raise InputError(Problem("unknown-skill", f"there is no skill `{words[0]}` under `skills`; {known}", place))
     return skill
 
 

@@ -9,6 +9,10 @@ import pytest
 
 BAD = [
     (["chek"], ["there is no command `chek`", "did you mean `check`?"]),
+    (["rank", "", "watch seen"], ["WORKSPACE is empty; expected: Folder of a workspace"]),
+    (["rank", "CELL", "watch seen", "--report", ""], ["--report is empty; expected: "]),
+    (["rank", "CELL", "wach seen"], ["workspace.yaml:", "there is no skill `wach` under `skills`", "`watch`"]),
+    (["score", ""], ["no workspace fits ``"]),
     (["nosuch", "CELL"], ["there is no command `nosuch`", "`check`", "`rank`", "`init`"]),
     (["place", "CELL", "--survive", "2"], ["--survive is 2, expected a whole number from 0 to 1"]),
     (["place", "CELL", "--budget", "-5"], ["--budget is -5, expected a number from 0 on"]),

@@ -16,8 +16,8 @@ Name = Annotated[
     typer.Argument(
         metavar="NAME",
         autocompletion=completion.schemas,
-        help="workspace, skill, mounts (place.yaml), for files; log, for a line of the file of run --log; or a command,"
-        " such as rank, for its --json.",
+        help="workspace, skill, mounts (place.yaml), robot (run --robot), for files; log, for a line of the file of"
+        " run --log; or a command, such as rank, for its --json.",
     ),
 ]
 JsonAnyway = Annotated[
