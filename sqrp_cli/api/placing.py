@@ -31,6 +31,7 @@ from sqrp_cli.scoring.work.results import Results
 
 if TYPE_CHECKING:
     from sqrp_cli.api.arguments import WaysOption
+    from sqrp_cli.knowledge.workspace.mounts import Mounts
     from sqrp_cli.knowledge.workspace.workspace import Workspace
     from sqrp_cli.programming.cell import Cell
     from sqrp_cli.programming.placing.place import Told
@@ -143,12 +144,14 @@ def find_placement(
     workspace = cell.workspace
     mounts = read_mounts(place_file(workspace, request.mounts), workspace, tuple(cell.model.links))
     keep = _keep(request, workspace)
+    floor = _floor(request, workspace, len(keep))
+    _check_budget(request, mounts, 1 if floor is None else floor.cameras)
     question = PlaceQuestion(
         cell=cell,
         world=cell.initial_world,
         tasks=tuple(read_task(text, workspace) for text in _tasks(request, workspace)),
         mounts=mounts,
-        demand=_demand(request, _floor(request, workspace, len(keep)), len(keep)),
+        demand=_demand(request, floor, len(keep)),
         sampling=means.sampling,
         keep=keep,
         fastest=request.ways == "fastest",
@@ -178,6 +181,15 @@ def _floor(request: PlaceRequest, workspace: Workspace, kept: int) -> FewestPoss
         message = f"{reason}, and `sqrp check` refuses a cell with fewer; --cameras is {request.cameras}"
         raise bad_option(message + (f", and {kept} stay" if kept else ""), mend=mend)
     return FewestPossible(cameras=cameras - kept, reason=reason)
+
+
+def _check_budget(request: PlaceRequest, mounts: Mounts, count: int) -> None:
+    """Raises InputError for a budget below the price of so many cameras, wherever they are."""
+    lens = min(one.price for one in mounts.lenses)
+    least = sum(sorted(spot.entry.price + lens for spot in mounts.spots)[:count])
+    if request.budget is not None and least > request.budget + 1e-9:
+        cameras = "the cheapest camera costs" if count == 1 else f"the cheapest {in_words(count)} cameras cost"
+        raise bad_option(f"{cameras} {least:g}, --budget is {request.budget:g}", mend=f"--budget {least:g}")
 
 
 def _demand(request: PlaceRequest, floor: FewestPossible | None, kept: int) -> Demand:

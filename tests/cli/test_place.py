@@ -79,12 +79,13 @@ def test_a_camera_that_stays_is_not_moved(sqrp, cell):
     assert "-  cam2:" not in found["patch"]
 
 
-def test_too_small_a_budget_cannot_meet_the_wish(sqrp, cell):
-    poor = sqrp("place", cell, "--want", "q_eoi 100 %", "--budget", "90", "--json")
-    assert poor.code == 1
-    found = poor.document
-    assert not found["met"]
-    assert found["cameras"] == []
+@pytest.mark.parametrize("wish", [["--want", "q_eoi 100 %"], ["--cameras", "2"]])
+def test_a_budget_below_the_cheapest_cameras_is_refused_before_anything_is_planned(sqrp, cell, monkeypatch, wish):
+    monkeypatch.setattr("sqrp_cli.programming.placing.survey.Survey.plan", None)
+    poor = sqrp("place", cell, *wish, "--budget", "190", "--json")
+    assert (poor.code, poor.out) == (2, "")
+    assert "the cheapest two cameras cost 200, --budget is 190" in poor.err
+    assert "--budget 200" in poor.err
 
 
 def test_fewer_cameras_than_a_skill_needs_are_refused(sqrp, cell):
@@ -108,9 +109,6 @@ def test_a_camera_that_only_makes_up_the_number_is_the_one_that_sees_most(sqrp, 
 
 
 def test_what_cannot_be_chosen_is_said_with_its_figure(sqrp, cell, tmp_path):
-    poor = sqrp("place", cell, "pickup g2", "--cameras", "2", "--budget", "10", "--ways", "fastest")
-    assert poor.code == 1
-    assert "No camera can be chosen: the cheapest camera costs 100, the budget is 10." in poor.out
     file = tmp_path / "large.yaml"
     file.write_text(MOUNTS.replace("price: 40}", "body: 5 m}").replace("step: 1 m}}", "step: 1 m}, body: 5 m}"))
     large = sqrp("place", cell, "pickup g2", "--cameras", "2", "--mounts", file, "--ways", "fastest")
