@@ -42,6 +42,11 @@ class ScoredCell:
     tasks: tuple[ScoredTask, ...] = ()
     problems: tuple[Problem, ...] = ()
 
+    @property
+    def content(self) -> str:
+        """A digest of the bytes of all its files; empty without a workspace."""
+        return "" if self.workspace is None else self.workspace.file_digest
+
 
 def read_cells(files: Sequence[Path]) -> Iterator[ScoredCell]:
     """The workspaces in some files, yielded one by one as they are read."""

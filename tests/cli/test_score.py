@@ -488,6 +488,13 @@ def test_diff_says_what_differs_and_what_that_does(sqrp, watch, own_watch):
     assert sqrp("diff", watch, watch).code == 0
 
 
+def test_versions_with_the_same_bytes_are_compared_without_computing(sqrp, watch, own_watch, monkeypatch) -> None:
+    monkeypatch.setattr("sqrp_cli.scoring.work.compute.open_computer", None)
+    outcome = sqrp("diff", watch, own_watch)
+    assert outcome.code == 0
+    assert outcome.out == "Nothing that matters differs in the workspace.\n\nNo task gets better or worse.\n"
+
+
 def test_folded_lines_of_a_difference_are_indented(sqrp, watch, own_watch):
     edit(own_watch, "position: [0, 0, 1], look_at: [1, 0, 1]", "position: [0, 1.3, 1], look_at: [1, 1.3, 1]")
     outcome = sqrp("diff", watch, own_watch, columns=80)

@@ -37,12 +37,14 @@ def command(
     with connected(cluster, note_late) as workers:
         from sqrp_cli.api.scores import why_not_scored
         from sqrp_cli.cli.commands.score import show
-        from sqrp_cli.scoring.scorecard import difference, read_versions
+        from sqrp_cli.scoring.scorecard import Scorecard, difference, read_versions
         from sqrp_cli.scoring.work.compute import Means, open_computer
         from sqrp_cli.terminal.console import progress
 
         means = Means(read_sampling(samples, dt, tolerance), job_count(jobs), workers, out, seed)
         old, new = read_versions(before, after)
+        if not as_json and old.content == new.content:  # nothing can differ, not even what is computed
+            return show(Difference(Scorecard(())), as_json=as_json)
         with open_computer(means) as computer:
             findings = difference(old, new, computer, allow, progress)
         if findings.count("error"):
