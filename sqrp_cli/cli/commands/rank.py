@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -71,7 +72,7 @@ def command(
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.platform.files import check_distinct
     from sqrp_cli.programming.ranking import rank, read_criterion
-    from sqrp_cli.terminal.console import note, print_problems
+    from sqrp_cli.terminal.console import note, print_problems, say_command
 
     if watch:
         return watched(context, {"--json": as_json, "--program": program})
@@ -111,7 +112,18 @@ def command(
     answer(Ranking(session, ranked, criterion, interrupted, all_ways=all_ways, all_rows=all_rows), as_json=as_json)
     if message:
         note(message)
+    if not as_json and ranked[0].rank is None and _lacks_a_precondition(session):
+        words = [str(workspace), task, *([] if before is None else ["--after", str(before)])]
+        say_command("\nTo see what has to be done first:", f"sqrp check {shlex.join(words)}")
     return code
+
+
+def _lacks_a_precondition(session: Session) -> bool:
+    """Whether a candidate of one step only waits for what other skills may establish."""
+    from sqrp_cli.programming.feasibility import unmet_preconditions
+
+    one_step = (one for one in session.task.candidates if not one.steps)
+    return any(unmet_preconditions(session.cell, one, session.assignment.world) for one in one_step)
 
 
 def _assess(session: Session, jobs: int) -> tuple[list[Assessment], bool]:
