@@ -158,19 +158,42 @@ class OpenProgram:
         frames: str | Path | None = None,
         listeners: Sequence[Listener] = (),
         witnessed: bool = True,
-        screen: Screen | None = None,
-        spectator: Spectator | None = None,
-        elsewhere: Callable[[Recording], RunReport] | None = None,
     ) -> SimulatedRun:
         """Run the program in the simulated cell, watched through camera images alone.
 
         faults: as `sqrp run --fault` takes them, such as `slip@a4+0.4`. film, log, frames: a file, a file and a folder
         in which to keep the images as an MP4 film, the events, and every image. listeners: called with each event as
-        it happens. witnessed: whether the events have the true poses, for a page; a log always has them. screen: shows
-        the images with what is seen in them, instead of a film. spectator: somebody who may cause faults. elsewhere:
-        runs it in another cell, to which no faults can be made to happen.
+        it happens. witnessed: whether the events have the true poses, for a page; a log always has them.
 
         Raises InputError, before anything is written, where an output would replace an input or another output.
+        """
+        injected = self.read_faults(faults)
+        if not isinstance(listeners, Sequence) or not all(map(callable, listeners)):
+            raise arguments.refused("listeners", listeners, "functions of an event, in a list")
+        outputs = arguments.RunOutputs(
+            film=arguments.optional_path(film, "film"),
+            log=arguments.optional_path(log, "log"),
+            frames=arguments.optional_path(frames, "frames"),
+            options={"page": "path"},
+        )
+        outputs.check_names()
+        return self.run_into(outputs, injected, listeners=listeners, witnessed=witnessed)
+
+    def run_into(
+        self,
+        outputs: arguments.RunOutputs,
+        injected: Sequence[InjectedFault] = (),
+        *,
+        listeners: Sequence[Listener],
+        witnessed: bool = True,
+        screen: Screen | None = None,
+        spectator: Spectator | None = None,
+        elsewhere: Callable[[Recording], RunReport] | None = None,
+    ) -> SimulatedRun:
+        """As `run`, with what it writes. Raises InputError where that would replace a file that was read.
+
+        screen: shows the images with what is seen in them, instead of a film. spectator: somebody who may cause faults.
+        elsewhere: runs it in another cell, to which no faults can be made to happen.
         """
         from sqrp_cli.api.run_results import SimulatedRun
         from sqrp_cli.platform.files import check_writable
@@ -178,10 +201,8 @@ class OpenProgram:
         from sqrp_cli.report.pages.run_page import RunCell
         from sqrp_cli.runtime.record.log import LogWriter
 
-        injected, workspace = self.read_faults(faults), self.workspace
-        if not isinstance(listeners, Sequence) or not all(map(callable, listeners)):
-            raise arguments.refused("listeners", listeners, "functions of an event, in a list")
-        outputs = self._outputs(film, log, frames)
+        workspace = self.workspace
+        outputs.check_not_read(self.files)
         perform = elsewhere or partial(self._simulation().run, injected)
         from sqrp_cli.runtime.run.program_run import Recording
         from sqrp_cli.runtime.run.simulation import header
@@ -214,20 +235,6 @@ class OpenProgram:
             inputs=self.files,
             outputs=outputs,
         )
-
-    def _outputs(
-        self, film: str | Path | None, log: str | Path | None, frames: str | Path | None
-    ) -> arguments.RunOutputs:
-        """What a run writes. Raises InputError where one would replace an input or another one."""
-        outputs = arguments.RunOutputs(
-            film=arguments.optional_path(film, "film"),
-            log=arguments.optional_path(log, "log"),
-            frames=arguments.optional_path(frames, "frames"),
-            options={"page": "path"},
-        )
-        outputs.check_names()
-        outputs.check_not_read(self.files)
-        return outputs
 
     def sweep(self, slip: str, count: int = DEFAULT_RUNS, *, progress: Progress = silent) -> SlipSweep:
         """Run the program `count` times with a slip at other instants of a primitive action.

@@ -7,6 +7,7 @@ import socket
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -15,10 +16,10 @@ from sqrp_cli.api.program import LazyReplanner, OpenProgram
 from sqrp_cli.errors import InputError, Problem, bad_option
 
 if TYPE_CHECKING:
+    from sqrp_cli.api.arguments import RunOutputs
     from sqrp_cli.api.run_results import SimulatedRun
     from sqrp_cli.ros.transport import Transport
     from sqrp_cli.runtime.cell.robot_file import RobotFile
-    from sqrp_cli.runtime.cell.ros_checks import CellCheck
     from sqrp_cli.runtime.record.events import Listener
     from sqrp_cli.runtime.run.robot_run import ConnectedRobot
 
@@ -39,29 +40,10 @@ class RobotSession:
     opened: OpenProgram
     robot: ConnectedRobot
 
-    def check(self, progress: Callable[[], None] = lambda: None) -> list[CellCheck]:
-        """Compare the cell with the workspace and the program; nothing is commanded."""
-        return self.robot.checked(progress)
-
-    def run(
-        self,
-        *,
-        film: Path | None = None,
-        log: Path | None = None,
-        frames: Path | None = None,
-        listeners: Sequence[Listener] = (),
-        moves: bool = True,
-    ) -> SimulatedRun:
+    def run(self, outputs: RunOutputs, listeners: Sequence[Listener], *, moves: bool) -> SimulatedRun:
         """Run the program: the robot moves. moves: whether it does, or images are only looked at where it starts."""
-        replanner = self.robot.replanner(LazyReplanner(self.opened.workspace))
-        return self.opened.run(
-            film=film,
-            log=log,
-            frames=frames,
-            listeners=listeners,
-            witnessed=moves,
-            elsewhere=lambda recording: self.robot.run(replanner, recording, moves=moves),
-        )
+        perform = partial(self.robot.run, LazyReplanner(self.opened.workspace), moves=moves)
+        return self.opened.run_into(outputs, listeners=listeners, witnessed=moves, elsewhere=perform)
 
 
 @contextmanager

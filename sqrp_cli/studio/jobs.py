@@ -323,18 +323,20 @@ def _shown(found: Any) -> dict[str, object]:  # noqa: ANN401 - what images show 
 
 
 def _play(job: Play, say: _Teller) -> None:
+    from sqrp_cli.api.arguments import RunOutputs
     from sqrp_cli.api.program import open_program
 
     opened = open_program(job.file, seed=job.seed)
     watching = _Watching(say, job.file, job.faults)
     cameras = list(opened.workspace.cameras)
     say("run-began", file=str(job.file), cameras=cameras, faults=list(job.faults))
-    run = opened.run(job.faults, listeners=[watching], screen=watching, spectator=watching)
+    faults = opened.read_faults(job.faults)
+    run = opened.run_into(RunOutputs(), faults, listeners=[watching], screen=watching, spectator=watching)
     if watching.wants_slip():
         watching.told("slip", TOO_LATE)
     outcome = "done" if run.done else "stopped"
-    faults = [
+    told = [
         {"name": one.name, "happened": one.happened, "detected": one.detected, "recovered": one.recovered}
         for one in run.report.faults
     ]
-    say("run-ended", outcome=outcome, time=run.report.time, faults=faults)
+    say("run-ended", outcome=outcome, time=run.report.time, faults=told)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from sqrp_cli.api.robot import RobotSession
     from sqrp_cli.api.run_results import SimulatedRun
     from sqrp_cli.runtime.cell.ros_checks import CellCheck
+    from sqrp_cli.runtime.record.events import Listener
 
 
 NAME = "run"
@@ -103,23 +105,17 @@ def command(
     if program is None:
         raise InputError(Problem("no-program", "expected a program to run", mend="sqrp run PROGRAM --sim"))
     if robot is not None:
-        finished = run_on_robot(program, robot, speed, outputs, seed, dry_run=dry_run, yes=yes, as_json=as_json)
-        if finished is None:
-            return ExitCode.INTERRUPTED
-        if dry_run and finished.done and not as_json:
-            from sqrp_cli.terminal.console import say
+        run = run_on_robot(program, robot, speed, outputs, seed, dry_run=dry_run, yes=yes, as_json=as_json)
+    elif sweep is not None:
+        return _sweep(_open(program, sim=sim, seed=seed), sweep, n, as_json=as_json)
+    else:
+        run = _run(_open(program, sim=sim, seed=seed), fault or [], outputs, as_json=as_json)
+    if dry_run and run.done and not as_json:
+        from sqrp_cli.terminal.console import say
 
-            say("The cell is as the program says, and so are the images where it starts. Nothing was commanded.")
-            return ExitCode.OK
-        return _show(finished, report, context.obj, as_json=as_json)
-    opened = _open(program, sim=sim, seed=seed)
-    if sweep is not None:
-        return _sweep(opened, sweep, n, as_json=as_json)
-    outputs.check_not_read(opened.files)
-    finished = _run(opened, fault or [], outputs, as_json=as_json)
-    if finished is None:
-        return ExitCode.INTERRUPTED
-    return _show(finished, report, context.obj, as_json=as_json)
+        say("The cell is as the program says, and so are the images where it starts. Nothing was commanded.")
+        return ExitCode.OK
+    return _show(run, report, context.obj, as_json=as_json)
 
 
 def _check_options(
@@ -148,28 +144,32 @@ def _open(path: Path, *, sim: bool, seed: int) -> OpenProgram:
     return opened
 
 
-def _run(opened: OpenProgram, faults: Sequence[str], outputs: RunOutputs, *, as_json: bool) -> SimulatedRun | None:
-    """Run a program, shown live; at Ctrl-C its finished steps are printed, and None is returned."""
+def _run(opened: OpenProgram, faults: Sequence[str], outputs: RunOutputs, *, as_json: bool) -> SimulatedRun:
+    """Run a program in the simulated cell, shown live."""
+    outputs.check_not_read(opened.files)
+    injected, witnessed = opened.read_faults(faults, "--fault"), outputs.page is not None
+    with _shown_live(opened, as_json=as_json) as listeners:
+        return opened.run_into(outputs, injected, listeners=listeners, witnessed=witnessed)
+
+
+@contextmanager
+def _shown_live(opened: OpenProgram, *, as_json: bool, stopped: str = "") -> Iterator[Sequence[Listener]]:
+    """What shows a run live; at Ctrl-C its finished steps are printed, and the command ends.
+
+    stopped: what is said then of the robot.
+    """
     from sqrp_cli.terminal.console import note
     from sqrp_cli.terminal.run_view import FinishedSteps, LiveView
 
-    opened.read_faults(faults, "--fault")
     finished = FinishedSteps([step.short_task for step in opened.program.steps])
     try:
         with LiveView(list(opened.workspace.cameras)) as view:
-            return opened.run(
-                faults,
-                film=outputs.film,
-                log=outputs.log,
-                frames=outputs.frames,
-                listeners=[finished, view],
-                witnessed=outputs.page is not None,
-            )
+            yield finished, view
     except KeyboardInterrupt:
         if not as_json:
             finished.show(opened.workspace.name)
-        note(f"interrupted at {finished}")
-        return None
+        note(f"interrupted at {finished}{stopped}")
+        raise typer.Exit(ExitCode.INTERRUPTED) from None
 
 
 def _replay(log: Path, program: Path | None, page: Path | None, arguments: Sequence[str], *, as_json: bool) -> ExitCode:
@@ -238,14 +238,13 @@ def run_on_robot(
     dry_run: bool,
     yes: bool,
     as_json: bool,
-) -> SimulatedRun | None:
-    """Run a program on the robot that a file leads to; at Ctrl-C it stops, and None is returned.
+) -> SimulatedRun:
+    """Run a program on the robot that a file leads to; at Ctrl-C it stops.
 
     Raises InputError where the cell is not as the program says, or nobody agrees.
     """
     from sqrp_cli.api.robot import open_robot
-    from sqrp_cli.terminal.console import note, print_problems
-    from sqrp_cli.terminal.run_view import FinishedSteps, LiveView
+    from sqrp_cli.terminal.console import print_problems
 
     if as_json and not dry_run and not yes:
         raise bad_option("--json leaves no room for a question; add --yes, or --dry-run")
@@ -258,21 +257,8 @@ def run_on_robot(
         _check(session, robot, as_json=as_json)
         if not dry_run and not yes:
             _agree(session)
-        finished = FinishedSteps([step.short_task for step in session.opened.program.steps])
-        try:
-            with LiveView(list(opened.workspace.cameras)) as view:
-                return session.run(
-                    film=outputs.film,
-                    log=outputs.log,
-                    frames=outputs.frames,
-                    listeners=[finished, view],
-                    moves=not dry_run,
-                )
-        except KeyboardInterrupt:
-            if not as_json:
-                finished.show(opened.workspace.name)
-            note(f"interrupted at {finished}; the robot is told to stop")
-            return None
+        with _shown_live(session.opened, as_json=as_json, stopped="; the robot is told to stop") as listeners:
+            return session.run(outputs, listeners, moves=not dry_run)
 
 
 def _check(session: RobotSession, robot: Path, *, as_json: bool) -> None:
@@ -280,7 +266,7 @@ def _check(session: RobotSession, robot: Path, *, as_json: bool) -> None:
     from sqrp_cli.terminal.console import note
 
     note("watching the cell ...")
-    checks = session.check()
+    checks = session.robot.check()
     if not as_json:
         _print_checks(checks)
     problems = [Problem("other-cell", one.problem, Place(robot)) for one in checks if one.problem is not None]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -96,14 +96,14 @@ class _Listening:
         return found
 
 
-def check_cell(cell: RosCell, start: Mapping[str, float], progress: Callable[[], None]) -> list[CellCheck]:
+def check_cell(cell: RosCell, start: Mapping[str, float]) -> list[CellCheck]:
     """Watch a cell for a while and compare it with its workspace; nothing is commanded.
 
-    start: where the program begins, by joint [rad or m]. progress: called often. Raises MessageError for what is no
-    message of its topic's type.
+    start: where the program begins, by joint [rad or m]. Raises MessageError for what is no message of its topic's
+    type.
     """
     listening = _Listening.of(cell)
-    seen = _watch(cell, listening, progress)
+    seen = _watch(cell, listening)
     if (trouble := cell.malformed) is not None:
         return [CellCheck("messages", "content", "", "", str(trouble))]
     if not cell.joints.known and not any(cell.ages.values()) and not cell.transport.senders():
@@ -120,7 +120,7 @@ def check_cell(cell: RosCell, start: Mapping[str, float], progress: Callable[[],
     return checks
 
 
-def _watch(cell: RosCell, listening: _Listening, progress: Callable[[], None]) -> list[Mapping[str, float]]:
+def _watch(cell: RosCell, listening: _Listening) -> list[Mapping[str, float]]:
     """Look on for long enough, and until everything has come; returns where the joints were."""
     period = max(1.0 / camera.rate for camera in cell.cameras.values())
     until = time.monotonic() + PATIENCE
@@ -138,7 +138,6 @@ def _watch(cell: RosCell, listening: _Listening, progress: Callable[[], None]) -
             enough = cell.t - start > max(WATCHED, PERIODS * period) and min(map(len, cell.ages.values())) >= FEWEST
             if enough and listening.complete(cell):
                 break
-        progress()
         cell.transport.wait(0.01)
     return seen
 

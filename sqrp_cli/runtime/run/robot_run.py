@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -10,7 +10,6 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Program, Replanner
 from sqrp_cli.program.slowed import SlowedReplanner, slowed
 from sqrp_cli.ros.connect import connect
-from sqrp_cli.ros.transport import Transport
 from sqrp_cli.runtime.cell.robot_file import RobotFile
 from sqrp_cli.runtime.cell.ros_cell import RosCell
 from sqrp_cli.runtime.cell.ros_checks import CellCheck, check_cell
@@ -30,20 +29,19 @@ class ConnectedRobot:
 
     program: Program
     workspace: Workspace
-    file: RobotFile
     cell: RosCell
-    speed: float = 1.0
+    speed: float
 
-    def replanner(self, replanner: Replanner) -> Replanner:
-        """One that plans retries at the speed of the program."""
-        return replanner if self.speed == 1.0 else SlowedReplanner(replanner, self.speed)
+    def check(self) -> list[CellCheck]:
+        """Compare the cell with the workspace and the program; nothing is commanded."""
+        return check_cell(self.cell, self.program.steps[0].before.joints)
 
-    def checked(self, progress: Callable[[], None]) -> list[CellCheck]:
-        """Compare the cell with the workspace and the program; progress: called often meanwhile."""
-        return check_cell(self.cell, self.program.steps[0].before.joints, progress)
+    def run(self, replanner: Replanner, recording: Recording, *, moves: bool) -> RunReport:
+        """Run the program; without moving, only look at its start. Raises InputError where images cannot be read.
 
-    def run(self, replanner: Replanner, recording: Recording, *, moves: bool = True) -> RunReport:
-        """Run the program; without moving, only look at its start. Raises InputError where images cannot be read."""
+        replanner: plans retries at full speed.
+        """
+        replanner = replanner if self.speed == 1.0 else SlowedReplanner(replanner, self.speed)
         body = RobotBody.load(self.workspace.robot)
         with DetectorPool(CellModel.of(self.workspace, body)) as detectors:
             streams = ReceivedStreams(self.workspace.cameras, detectors, lambda: self.cell.t)
@@ -60,11 +58,11 @@ def _nothing(fault: InjectedFault) -> None:
 
 
 @contextmanager
-def connected(program: Program, workspace: Workspace, file: RobotFile, speed: float = 1.0) -> Iterator[ConnectedRobot]:
+def connected(program: Program, workspace: Workspace, file: RobotFile, speed: float) -> Iterator[ConnectedRobot]:
     """The cell of a file; left, its robot stands and the connection ends. speed: of the program, as a share.
 
     Raises InputError without a connection.
     """
-    transport: Transport = connect(file.transport, domain=file.domain, network=file.network, master=file.master)
+    transport = connect(file.transport, domain=file.domain, network=file.network, master=file.master)
     with RosCell(file, file.joint_names(program), workspace, transport) as cell:
-        yield ConnectedRobot(slowed(program, speed), workspace, file, cell, speed)
+        yield ConnectedRobot(slowed(program, speed), workspace, cell, speed)
