@@ -25,7 +25,7 @@ from sqrp_cli.studio.bench_process import Bench
 from sqrp_cli.studio.draft import Draft, DraftChange
 from sqrp_cli.studio.errands import Errands
 from sqrp_cli.studio.jobs import Play, Search, Write
-from sqrp_cli.studio.messages import findings, message
+from sqrp_cli.studio.messages import findings, handles, message, parameters
 from sqrp_cli.studio.moves import written
 from sqrp_cli.studio.page import studio_page
 from sqrp_cli.studio.rankings import Asked, Rankings
@@ -43,7 +43,6 @@ from sqrp_cli.studio.requests import (
     read_request,
 )
 from sqrp_cli.studio.server import Live, Tell
-from sqrp_cli.studio.state import handles, parameters
 
 if TYPE_CHECKING:
     from sqrp_cli.programming.ranking import Criterion

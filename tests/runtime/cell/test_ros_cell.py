@@ -306,7 +306,7 @@ def checked(
 
     wire.each, wire.moved = each, getattr(wire, "moved", 0.0)
     start = dict(zip("ab", Q0.tolist(), strict=True))
-    return [one.problem for one in check_cell(robot, start, lambda: None) if one.problem is not None]
+    return [one.problem for one in check_cell(robot, start) if one.problem is not None]
 
 
 def test_a_cell_that_is_as_the_program_says_passes() -> None:
@@ -373,7 +373,7 @@ def test_why_nothing_comes_on_a_topic_is_said(
     robot = cell(wire)
     wire.kinds = senders
     wire.each = lambda: wire.joints(Q0)
-    found = [one.problem for one in check_cell(robot, {"a": 0.0, "b": 0.5}, lambda: None) if one.problem]
+    found = [one.problem for one in check_cell(robot, {"a": 0.0, "b": 0.5}) if one.problem]
     assert said in found
 
 
@@ -382,7 +382,7 @@ def test_where_nobody_sends_anything_it_is_said_where(monkeypatch: pytest.Monkey
     wire = Wire()
     robot = cell(wire, domain=7, network="lo")
     wire.kinds = {}
-    assert [one.problem for one in check_cell(robot, {}, lambda: None)] == ["nobody sends anything in domain 7 on lo"]
+    assert [one.problem for one in check_cell(robot, {})] == ["nobody sends anything in domain 7 on lo"]
 
 
 def test_a_second_run_at_one_robot_is_refused() -> None:
