@@ -41,8 +41,6 @@ class SrdfModel:
     """The last link of each group whose links are in one line."""
     states: Mapping[str, Mapping[str, float]]
     """Named positions [rad or m] of joints; of two states of one name, for different groups, all joints."""
-    state_groups: Mapping[str, tuple[str, ...]]
-    """The groups of each state."""
     end_effectors: tuple[EndEffector, ...]
     """In file order."""
     disabled_pairs: frozenset[tuple[str, str]]
@@ -79,7 +77,6 @@ class _SrdfReader:
             groups=groups,
             tips=self._tips(robot),
             states=states,
-            state_groups=_state_groups(robot),
             end_effectors=tuple(self._end_effectors(robot)),
             disabled_pairs=frozenset(self._pairs(robot)),
             content=xml.content,
@@ -92,7 +89,7 @@ class _SrdfReader:
         if self.unknown:
             first = self.unknown[0]
             more = [problem for problem in self.unknown if problem.message != first.message]
-            others = f"; {len(more)} more such mention{chr(115) * (len(more) > 1)}" if more else ""
+            others = f"; {len(more)} more such mention{'s' * (len(more) > 1)}" if more else ""
             message = f"{first.message}; what the SRDF says of it is left out{others}"
             yield replace(first, message=message, severity="warning", mend="check that the SRDF is of this robot")
 
@@ -185,14 +182,6 @@ class _SrdfReader:
             if link is not None:
                 parent = element.attributes.get("parent_group", "").strip() or None
                 yield EndEffector(element.text("name"), link, element.text("group"), parent)
-
-
-def _state_groups(robot: Element) -> dict[str, tuple[str, ...]]:
-    groups: dict[str, tuple[str, ...]] = {}
-    for element in robot.all("group_state"):
-        name, group = element.text("name"), element.attributes.get("group", "")
-        groups[name] = (*groups.get(name, ()), group)
-    return groups
 
 
 def _named(element: Element, attribute: str, kind: str, valid: Collection[str]) -> str:

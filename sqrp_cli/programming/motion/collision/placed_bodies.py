@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, Indices, Mask, transform
+from sqrp_cli.geometry import Array, Indices, transform
 from sqrp_cli.knowledge.robot.joint_tree import Mount
 from sqrp_cli.programming.motion.collision.collision_body import SPHERES, Body, CoalPlacement, NamePairs, placement_at
 from sqrp_cli.programming.motion.collision.motion_bound import LowBodies
@@ -170,17 +170,4 @@ class BodyPairs:
         for first, second in sorted(allowed):
             is_first, is_second = names == first, names == second
             kept &= ~(is_first[self.inner] & is_second[self.outer] | is_second[self.inner] & is_first[self.outer])
-        return self._chosen(kept)
-
-    def _chosen(self, kept: Mask) -> BodyPairs:
-        return BodyPairs(
-            inner=self.inner[kept],
-            outer=self.outer[kept],
-            clearance=self.clearance[kept],
-            boxed=self.boxed[kept],
-            covered=self.covered[kept],
-            mover=self.mover[kept],
-            inner_mover=self.inner_mover[kept],
-            reach=self.reach[kept],
-            low=self.low[kept],
-        )
+        return BodyPairs(**{name: array[kept] for name, array in vars(self).items()})
