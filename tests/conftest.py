@@ -38,6 +38,14 @@ def pytest_xdist_auto_num_workers() -> int:
     return len(os.sched_getaffinity(0)) + 1
 
 
+LONGEST = ("docs", "damage")
+"""Folders of tests that each take long: one that begins last would keep the other processes waiting."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: item.path.parent.name not in LONGEST)
+
+
 def pytest_collection_finish() -> None:
     """Have memory kept and garbage collected as in a process of the command, many of which run in this one."""
     keep_freed_memory()

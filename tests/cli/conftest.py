@@ -173,13 +173,24 @@ def holding(laying: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
-def harsh(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def started(once: Once) -> tuple[Path, Outcome]:
+    """A new workspace, which no test changes, and what `init --json` said of it."""
+    made: tuple[Path, Outcome] = once("new", lambda base: (base / "cell", _call("init", base / "cell", "--json")))
+    return made
+
+
+@pytest.fixture(scope="session")
+def harsh(once: Once) -> Path:
     """The tabletop made hard to see.
 
     Lenses of every kind, a camera on the wrist, narrow limits, two boxes or two cameras for a literal, nested formulas.
     """
+    folder: Path = once("harsh", _write_harsh)
+    return folder
+
+
+def _write_harsh(folder: Path) -> Path:
     cell = _read_tabletop()
-    folder = tmp_path_factory.mktemp("harsh")
     skill_folder = Path(shutil.copytree(ROOT / "skills" / "pickup", folder / "pickup"))
     cell["robot"]["base"] = {"position": [0.01, -0.02, 0.005], "rpy": [0.002, -0.001, 0.01]}
     cell["skills"] = ["pickup"]
@@ -220,13 +231,13 @@ def harsh(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def harsh_explained(harsh: Path) -> Outcome:
-    return _call("explain", harsh, TASK, "--all", "--json", "--samples", 25)
+def harsh_explained(asked: Callable[..., Outcome], harsh: Path) -> Outcome:
+    return asked("explain", harsh, TASK, "--all", "--json", "--samples", 25)
 
 
 @pytest.fixture(scope="session")
-def harsh_shown(harsh: Path) -> Outcome:
-    return _call("show", harsh, "--json")
+def harsh_shown(asked: Callable[..., Outcome], harsh: Path) -> Outcome:
+    return asked("show", harsh, "--json")
 
 
 @pytest.fixture(scope="session")
@@ -235,8 +246,8 @@ def watched(asked: Callable[..., Outcome], watch: Path) -> Outcome:
 
 
 @pytest.fixture(scope="session")
-def watch_shown(watch: Path) -> Outcome:
-    return _call("show", watch, "--json")
+def watch_shown(asked: Callable[..., Outcome], watch: Path) -> Outcome:
+    return asked("show", watch, "--json")
 
 
 @pytest.fixture(scope="session")
@@ -251,8 +262,8 @@ def gripped(asked: Callable[..., Outcome], gripper: Path) -> Outcome:
 
 
 @pytest.fixture(scope="session")
-def gripper_shown(gripper: Path) -> Outcome:
-    return _call("show", gripper, "--json")
+def gripper_shown(asked: Callable[..., Outcome], gripper: Path) -> Outcome:
+    return asked("show", gripper, "--json")
 
 
 @pytest.fixture(scope="session")

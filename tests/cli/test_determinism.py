@@ -97,7 +97,7 @@ def held_by_two_facts(tmp_path) -> Path:
 
 @pytest.fixture
 def place_first(tmp_path) -> Path:
-    """The tabletop with a task that needs others first."""
+    """The tabletop with two of its cameras and a task that needs others first."""
     for name in ("workspaces", "skills"):
         shutil.copytree(ROOT / name, tmp_path / name)
     folder = tmp_path / "workspaces" / "tabletop"
@@ -105,6 +105,7 @@ def place_first(tmp_path) -> Path:
     listed = "{task: pickup green, min_q_eoi: 0.5}"
     assert listed in text
     text = text.replace(listed, "{task: place g2 tray, feasible: false}")
+    text = text[: text.index("  cam3:")] + text[text.index("skills:") :]
     (folder / "workspace.yaml").write_text(text, encoding="utf-8")
     return folder
 

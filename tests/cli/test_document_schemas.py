@@ -69,8 +69,8 @@ def test_documents_fit_their_schemas(sqrp, command, tmp_path, monkeypatch):
     assert_no_other_key_fits(document, command[0])
 
 
-def test_documents_of_new_workspaces_and_of_programs_fit_their_schemas(sqrp, tmp_path):
-    validate(sqrp("init", tmp_path / "cell", "--json").document, "init")
+def test_documents_of_new_workspaces_and_of_programs_fit_their_schemas(sqrp, started, tmp_path):
+    validate(started[1].document, "init")
     program = tmp_path / "pick.yaml"
     sqrp("rank", TABLETOP, "pickup g2", "--samples", "3", "--program", program)
     validate(sqrp("program", program, "--json").document, "program")

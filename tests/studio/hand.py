@@ -8,8 +8,7 @@ from tests.cli.browser import Listened
 
 WHERE = """(role) => {
   const { gizmo, scene } = sqrp;
-  gizmo.fit(scene.eye);
-  scene.world.updateMatrixWorld(true);
+  scene.render(); // a scene that is new has the eye of no picture until it is drawn
   const local = { x: [0.6, 0, 0], y: [0, 0.6, 0], z: [0, 0, 0.6], level: [0, 0, 0], turn: [0.53, -0.53, 0] }[role];
   const from = role === 'aim' ? gizmo.ball : gizmo.group;
   const point = from.position.clone().set(...(local ?? [0, 0, 0])).applyMatrix4(from.matrixWorld).project(scene.eye);

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 
 import numpy as np
 
@@ -50,7 +51,7 @@ def touched(solid: Solid, X_FP: Array, places: Array, radius: float) -> Mask:
     center = X_FP[:, :3, :3] @ solid.center + X_FP[:, :3, 3]
     gap = np.abs(np.einsum("pmi,mij->pmj", places[:, None] - center, axes / half)) - half
     found = np.zeros(len(places), dtype=bool)
-    ball = load_solid(Part("camera", WORLD, Sphere(radius), pose())).geometry
+    ball = _ball(radius).geometry
     for place, state in np.argwhere((gap <= radius).all(axis=2)).tolist():
         if not found[place]:
             X_FG = placement_at(X_FP[state] @ solid.part.X_PG)
@@ -58,6 +59,11 @@ def touched(solid: Solid, X_FP: Array, places: Array, radius: float) -> Mask:
             inside = solid.contains((places[place] - X_FP[state, :3, 3]) @ X_FP[state, :3, :3])
             found[place] = inside or distance_within(ball, at, solid.geometry, X_FG, 0.0) is not None
     return found
+
+
+@cache
+def _ball(radius: float) -> Solid:
+    return load_solid(Part("camera", WORLD, Sphere(radius), pose()))
 
 
 def _tops(objects: Mapping[str, SceneObject]) -> list[float]:
