@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -140,9 +141,12 @@ def test_what_is_planned_is_exported_with_the_same_topics(
 def test_a_camera_without_images_is_named_with_the_topics_that_may_be_its(
     sqrp: Callable[..., Any], slip_run: SlipRun, tmp_path: Path
 ) -> None:
+    seen = Counter[str]()
     with Bag(slip_run.cell.folder / "run.mcap") as bag, written(tmp_path / "one.mcap") as writer:
         for one in bag.messages({"/joint_states", "/cam3/image_raw/compressed", "/cam5/image_raw/compressed"}):
-            writer.add(one.topic.replace("cam5", "left"), one.t, bag.read(one))
+            seen[one.topic] += 1
+            if one.topic == "/joint_states" or seen[one.topic] % 5 == 0:
+                writer.add(one.topic.replace("cam5", "left"), one.t, bag.read(one))
     found = sqrp("audit", slip_run.cell.program, tmp_path / "one.mcap", "--threshold", "0%", columns=200)
     assert "There are no images of cam5: what was predicted of it is left out." in found.out
     assert "--topic cam5=/left/image_raw/compressed" in found.out

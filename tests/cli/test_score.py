@@ -328,17 +328,18 @@ def test_results_are_the_same_with_any_number_of_processes(sqrp, own_watch):
     assert sqrp("score", own_watch, "--json", "--jobs", 1).out == sqrp("score", own_watch, "--json", "--jobs", 3).out
 
 
-def test_a_run_that_is_killed_goes_on_where_it_was(sqrp, tabletop, tmp_path):
+def test_a_run_that_is_killed_goes_on_where_it_was(sqrp, quick_cell, tmp_path):
     undisturbed, out = tmp_path / "undisturbed", tmp_path / "results"
-    whole = sqrp("score", tabletop, "--out", undisturbed, "--json")
-    arguments = [sys.executable, "-m", "sqrp_cli", "score", str(tabletop), "--out", str(out), "--jobs", "2"]
+    cell = quick_cell.folder
+    whole = sqrp("score", cell, "--out", undisturbed, "--json")
+    arguments = [sys.executable, "-m", "sqrp_cli", "score", str(cell), "--out", str(out), "--jobs", "2"]
     process = subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     while process.poll() is None and not list(out.rglob("*.json")):
         time.sleep(0.005)
     process.send_signal(signal.SIGKILL)
     process.wait()
     finished = len(list(out.rglob("*.json")))
-    again = sqrp("score", tabletop, "--out", out, "--resume", "--json")
+    again = sqrp("score", cell, "--out", out, "--resume", "--json")
     assert again.out == whole.out
     assert computed(again) == computed(whole) - finished
     assert {p.name: p.read_bytes() for p in out.rglob("*.json")} == {
