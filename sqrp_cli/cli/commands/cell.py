@@ -16,38 +16,44 @@ NAME = "cell"
 
 _HOW = ("ros2", "ros1")
 
+ServedBy = Annotated[str, typer.Option("--serve", metavar="ros2|ros1", help="By topics of ROS 2 (DDS), or of ROS 1.")]
+ConfigFile = Annotated[
+    Path | None,
+    typer.Option("--config", metavar="FILE", help="Write how `run --robot` reaches it, once it can be reached."),
+]
+FirstProgram = Annotated[
+    Path | None, typer.Option("--program", metavar="FILE", help="Begin where this program begins.")
+]
+Faults = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--fault",
+        metavar="FAULT",
+        help="Let this happen, at times from the program's first motion: as in `run --sim`, and joints-loss@5, "
+        "joints-frozen@5, joints-latency=0.5; repeatable.",
+    ),
+]
+RosDomain = Annotated[
+    int | None, typer.Option("--domain", metavar="N", min=0, max=232, help="Of ROS 2; by default a free one.")
+]
+RosNetwork = Annotated[
+    str | None,
+    typer.Option("--network", metavar="NAME", help="Interface or address of ROS 2; loopback by default."),
+]
+Pace = Annotated[
+    float, typer.Option("--pace", metavar="FACTOR", min=0.001, max=100.0, help="How fast its time may pass.")
+]
+
 
 def command(
     workspace: WorkspacePath,
-    serve: Annotated[
-        str, typer.Option("--serve", metavar="ros2|ros1", help="By topics of ROS 2 (DDS), or of ROS 1.")
-    ] = "",
-    config: Annotated[
-        Path | None,
-        typer.Option("--config", metavar="FILE", help="Write how `run --robot` reaches it, once it can be reached."),
-    ] = None,
-    program: Annotated[
-        Path | None, typer.Option("--program", metavar="FILE", help="Begin where this program begins.")
-    ] = None,
-    fault: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--fault",
-            metavar="FAULT",
-            help="Let this happen, at times from the program's first motion: as in `run --sim`, and joints-loss@5, "
-            "joints-frozen@5, joints-latency=0.5; repeatable.",
-        ),
-    ] = None,
-    domain: Annotated[
-        int | None, typer.Option("--domain", metavar="N", min=0, max=232, help="Of ROS 2; by default a free one.")
-    ] = None,
-    network: Annotated[
-        str | None,
-        typer.Option("--network", metavar="NAME", help="Interface or address of ROS 2; loopback by default."),
-    ] = None,
-    pace: Annotated[
-        float, typer.Option("--pace", metavar="FACTOR", min=0.001, max=100.0, help="How fast its time may pass.")
-    ] = 1.0,
+    serve: ServedBy = "",
+    config: ConfigFile = None,
+    program: FirstProgram = None,
+    fault: Faults = None,
+    domain: RosDomain = None,
+    network: RosNetwork = None,
+    pace: Pace = 1.0,
     seed: Seed = 0,
 ) -> ExitCode:
     """Serve the simulated cell to other programs: it follows trajectories and publishes joint states and images.

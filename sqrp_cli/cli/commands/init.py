@@ -17,44 +17,56 @@ NAME = "init"
 DEFAULT_OBJECTS, DEFAULT_CAMERAS = 9, 4
 """Of a workspace that is filled at random."""
 
+NewFolder = Annotated[Path, typer.Argument(metavar="DIR", help="The new folder; it must not exist or be empty.")]
+XacroArguments = Annotated[
+    list[str] | None, typer.Argument(metavar="NAME:=VALUE", help="Arguments of a xacro, such as ur_type:=ur5e.")
+]
+Arm = Annotated[
+    str | None,
+    typer.Option("--urdf", metavar="FILE", help="Your arm, URDF or xacro; without it, one of the program's own."),
+]
+MoveItFolder = Annotated[
+    Path | None,
+    typer.Option("--moveit", metavar="DIR", help="Its configuration of MoveIt; one beside the URDF is found."),
+]
+PackageRoots = Annotated[
+    list[Path] | None,
+    typer.Option("--package-root", metavar="DIR", help="Where packages are looked up; may be repeated."),
+]
+TipLink = Annotated[
+    str | None,
+    typer.Option("--tip", metavar="LINK", help="The link at the end of the arm, of a robot with several arms."),
+]
+RunOnce = Annotated[
+    bool, typer.Option("--run/--no-run", help="Run its task once in the simulated cell, where there is one.")
+]
+AtRandom = Annotated[bool, typer.Option("--random", help="Fill it at random, for load tests.")]
+ObjectCount = Annotated[
+    int | None,
+    typer.Option("--objects", metavar="N", min=1, max=1500, help="With --random: so many cubes; 9 by default."),
+]
+CameraCount = Annotated[
+    int | None,
+    typer.Option("--cameras", metavar="N", min=1, max=200, help="With --random: so many cameras; 4 by default."),
+]
+RandomSeed = Annotated[
+    int | None,
+    typer.Option("--seed", metavar="N", min=0, help="With --random: seed of what is drawn; 0 by default."),
+]
+
 
 def command(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The new folder; it must not exist or be empty.")],
-    arguments: Annotated[
-        list[str] | None, typer.Argument(metavar="NAME:=VALUE", help="Arguments of a xacro, such as ur_type:=ur5e.")
-    ] = None,
-    urdf: Annotated[
-        str | None,
-        typer.Option("--urdf", metavar="FILE", help="Your arm, URDF or xacro; without it, one of the program's own."),
-    ] = None,
-    moveit: Annotated[
-        Path | None,
-        typer.Option("--moveit", metavar="DIR", help="Its configuration of MoveIt; one beside the URDF is found."),
-    ] = None,
-    package_root: Annotated[
-        list[Path] | None,
-        typer.Option("--package-root", metavar="DIR", help="Where packages are looked up; may be repeated."),
-    ] = None,
-    tip: Annotated[
-        str | None,
-        typer.Option("--tip", metavar="LINK", help="The link at the end of the arm, of a robot with several arms."),
-    ] = None,
-    run: Annotated[
-        bool, typer.Option("--run/--no-run", help="Run its task once in the simulated cell, where there is one.")
-    ] = True,
-    random: Annotated[bool, typer.Option("--random", help="Fill it at random, for load tests.")] = False,
-    objects: Annotated[
-        int | None,
-        typer.Option("--objects", metavar="N", min=1, max=1500, help="With --random: so many cubes; 9 by default."),
-    ] = None,
-    cameras: Annotated[
-        int | None,
-        typer.Option("--cameras", metavar="N", min=1, max=200, help="With --random: so many cameras; 4 by default."),
-    ] = None,
-    seed: Annotated[
-        int | None,
-        typer.Option("--seed", metavar="N", min=0, help="With --random: seed of what is drawn; 0 by default."),
-    ] = None,
+    folder: NewFolder,
+    arguments: XacroArguments = None,
+    urdf: Arm = None,
+    moveit: MoveItFolder = None,
+    package_root: PackageRoots = None,
+    tip: TipLink = None,
+    run: RunOnce = True,
+    random: AtRandom = False,
+    objects: ObjectCount = None,
+    cameras: CameraCount = None,
+    seed: RandomSeed = None,
     as_json: Json = False,
 ) -> ExitCode:
     """Make a new workspace with its skill.

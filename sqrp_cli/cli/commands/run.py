@@ -35,56 +35,68 @@ _FORMS = (
 
 _OPTIONS = {"film": "--record", "log": "--log", "frames": "--frames", "page": "--report"}
 
+MaybeProgram = Annotated[
+    Path | None, typer.Argument(metavar="PROGRAM", help="A program file, as `sqrp rank --program` writes.")
+]
+Simulated = Annotated[bool, typer.Option("--sim", help="Run it in the simulated cell.")]
+RobotFile = Annotated[
+    Path | None, typer.Option("--robot", metavar="CONFIG", help="Run it on the robot that this file leads to.")
+]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="With --robot: check and look, but command nothing.")]
+Agreed = Annotated[bool, typer.Option("--yes", help="With --robot: do not ask before it moves.")]
+Speed = Annotated[
+    str | None,
+    typer.Option("--speed", metavar="PERCENT", help="With --robot: share of the program's speed, such as 10%."),
+]
+Faults = Annotated[
+    list[str] | None, typer.Option("--fault", metavar="FAULT", help=f"Let this happen: {_FORMS}; repeatable.")
+]
+Sweep = Annotated[
+    str | None,
+    typer.Option("--sweep", metavar="[STEP:]slip@PRIMITIVE", help="Many runs, with a slip at other instants."),
+]
+RunCount = Annotated[int | None, typer.Option("--n", metavar="N", min=1, help="Runs of a sweep; 20 by default.")]
+RecordFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--record",
+        metavar="FILE",
+        help="*.mp4: film all cameras, with what is seen drawn in. *.mcap, or *.bag for ROS 1: images, joints, "
+        "frames, boxes and verdicts, as Foxglove and RViz show them and `sqrp audit` reads them.",
+    ),
+]
+LogFile = Annotated[
+    Path | None, typer.Option("--log", metavar="FILE", help="Write what happens, one JSON document per line.")
+]
+FramesFolder = Annotated[
+    Path | None, typer.Option("--frames", metavar="DIR", help="Keep every image, as `sqrp audit` reads them.")
+]
+ReplayedLog = Annotated[
+    Path | None,
+    typer.Option(
+        "--replay",
+        metavar="LOG",
+        help="Show a run again, from its log, without simulating; with PROGRAM its page has 3D playback, too.",
+    ),
+]
+
 
 def command(
     context: typer.Context,
-    program: Annotated[
-        Path | None, typer.Argument(metavar="PROGRAM", help="A program file, as `sqrp rank --program` writes.")
-    ] = None,
-    sim: Annotated[bool, typer.Option("--sim", help="Run it in the simulated cell.")] = False,
-    robot: Annotated[
-        Path | None, typer.Option("--robot", metavar="CONFIG", help="Run it on the robot that this file leads to.")
-    ] = None,
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="With --robot: check and look, but command nothing.")
-    ] = False,
-    yes: Annotated[bool, typer.Option("--yes", help="With --robot: do not ask before it moves.")] = False,
-    speed: Annotated[
-        str | None,
-        typer.Option("--speed", metavar="PERCENT", help="With --robot: share of the program's speed, such as 10%."),
-    ] = None,
-    fault: Annotated[
-        list[str] | None, typer.Option("--fault", metavar="FAULT", help=f"Let this happen: {_FORMS}; repeatable.")
-    ] = None,
-    sweep: Annotated[
-        str | None,
-        typer.Option("--sweep", metavar="[STEP:]slip@PRIMITIVE", help="Many runs, with a slip at other instants."),
-    ] = None,
-    n: Annotated[int | None, typer.Option("--n", metavar="N", min=1, help="Runs of a sweep; 20 by default.")] = None,
+    program: MaybeProgram = None,
+    sim: Simulated = False,
+    robot: RobotFile = None,
+    dry_run: DryRun = False,
+    yes: Agreed = False,
+    speed: Speed = None,
+    fault: Faults = None,
+    sweep: Sweep = None,
+    n: RunCount = None,
     seed: option.Seed = 0,
-    record: Annotated[
-        Path | None,
-        typer.Option(
-            "--record",
-            metavar="FILE",
-            help="*.mp4: film all cameras, with what is seen drawn in. *.mcap, or *.bag for ROS 1: images, joints, "
-            "frames, boxes and verdicts, as Foxglove and RViz show them and `sqrp audit` reads them.",
-        ),
-    ] = None,
-    log: Annotated[
-        Path | None, typer.Option("--log", metavar="FILE", help="Write what happens, one JSON document per line.")
-    ] = None,
-    frames: Annotated[
-        Path | None, typer.Option("--frames", metavar="DIR", help="Keep every image, as `sqrp audit` reads them.")
-    ] = None,
-    replay: Annotated[
-        Path | None,
-        typer.Option(
-            "--replay",
-            metavar="LOG",
-            help="Show a run again, from its log, without simulating; with PROGRAM its page has 3D playback, too.",
-        ),
-    ] = None,
+    record: RecordFile = None,
+    log: LogFile = None,
+    frames: FramesFolder = None,
+    replay: ReplayedLog = None,
     report: option.Report = None,
     as_json: option.Json = False,
 ) -> ExitCode:

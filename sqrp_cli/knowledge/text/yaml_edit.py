@@ -9,7 +9,7 @@ import difflib
 import io
 import os
 import shlex
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import yaml
@@ -36,16 +36,7 @@ def edited(document: SourceDocument, values: Mapping[str, str]) -> bytes:
     spans = sorted(((n.start_mark.index, n.end_mark.index, values[path]) for path, n in nodes.items()), reverse=True)
     for start, end, value in spans:
         text = text[:start] + value + text[end:]
-    content = text.encode()
-    leaves = parse_yaml(document.path, content).leaves
-    others = [path for path in (*known, *leaves) if path not in values and known.get(path) != leaves.get(path)]
-    if others:
-        message = (
-            f"changing `{', '.join(values)}` would also change `{min(others)}`, which is the same text in the file"
-        )
-        mend = "write the value out in both places"
-        raise InputError(Problem("shared-value", message, Place(document.path), mend=mend))
-    return content
+    return _changed_only(document, text, ", ".join(values), values.__contains__)
 
 
 def with_values(document: SourceDocument, values: Mapping[str, str]) -> bytes:
@@ -184,15 +175,18 @@ def with_entries(document: SourceDocument, path: KeyPath, kept: Collection[str],
 
 
 def _checked(document: SourceDocument, text: str, path: KeyPath) -> bytes:
-    """The text as bytes. Raises InputError if a value outside of `path` differs, as where an anchor is used twice."""
+    """The text as bytes. Raises InputError if a value outside of `path` differs."""
+    within = dotted(path[:-1] if path in document.values else path)
+    return _changed_only(document, text, dotted(path), lambda name: f"{name}.".startswith(within))
+
+
+def _changed_only(document: SourceDocument, text: str, what: str, is_meant: Callable[[str], bool]) -> bytes:
+    """The text as bytes. Raises InputError if a value differs that is not meant, as where an anchor is used twice."""
     content = text.encode()
     known, leaves = document.leaves, parse_yaml(document.path, content).leaves
-    within = dotted(path[:-1] if path in document.values else path)
-    others = [
-        name for name in (*known, *leaves) if not f"{name}.".startswith(within) and known.get(name) != leaves.get(name)
-    ]
+    others = [name for name in (*known, *leaves) if not is_meant(name) and known.get(name) != leaves.get(name)]
     if others:
-        message = f"changing `{dotted(path)}` would also change `{min(others)}`, which is the same text in the file"
+        message = f"changing `{what}` would also change `{min(others)}`, which is the same text in the file"
         mend = "write the value out in both places"
         raise InputError(Problem("shared-value", message, Place(document.path), mend=mend))
     return content

@@ -82,13 +82,10 @@ def _elsewhere(document: SourceDocument, path: KeyPath, key: str, numbers: str) 
 
 def with_further_camera(document: SourceDocument, camera: Camera, like: str, look_at: Array) -> bytes:
     """The file with one more camera, with image and sensing of another one of that name."""
-    entry = {**_at(document, ("cameras", like))}
-    entry.pop("hand_eye", None)
-    entry.pop("convention", None)
-    entry.pop("frame", None)
-    entry["pose"] = {"position": _places(camera.X_FC[:3, 3]), "look_at": _places(look_at)}
-    ordered = {"pose": entry.pop("pose"), **entry}
-    return appended(document, ("cameras",), f"{camera.name}: {_flow(ordered)}")
+    entry = {"pose": {"position": _places(camera.X_FC[:3, 3]), "look_at": _places(look_at)}}
+    where = ("pose", "hand_eye", "convention", "frame")
+    entry |= {key: value for key, value in _at(document, ("cameras", like)).items() if key not in where}
+    return appended(document, ("cameras",), f"{camera.name}: {_flow(entry)}")
 
 
 _SENSING_UNITS = {LENGTH: "m", FREQUENCY: "Hz", TIME: "ms"}
