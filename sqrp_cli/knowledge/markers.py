@@ -101,10 +101,6 @@ class ObjectMarker(Stored):
         """The marker on an object of a size [m], with its side."""
         return Marker(id=self.id, dictionary=self.dictionary, side=self.side or self._largest(size))
 
-    def fits(self, size: tuple[float, float, float]) -> bool:
-        """Whether it fits on top of an object of a size [m], without its margin."""
-        return self.side is None or self.side <= min(size[:2])
-
     def _largest(self, size: tuple[float, float, float]) -> float:
         modules = DICTIONARIES[self.dictionary].modules
         return min(size[:2]) * modules / (modules + 2)

@@ -87,12 +87,6 @@ class Monitor:
             self.verdict = self._judge(time)
         return self.verdict
 
-    def finish(self, end: float) -> FormulaVerdict:
-        """The final verdict: the last evidence held up to `end` [s], included."""
-        if self.verdict.truth == Truth.UNKNOWN:
-            self.verdict = self._judge(end)
-        return self.verdict
-
     def copy(self) -> Monitor:
         """An independent copy with the same evidence."""
         found = copy(self)

@@ -106,11 +106,6 @@ class WishedSamples:
         """Cameras that must see each target, shape (a,)."""
         return np.array([target.cameras for target in self.targets])
 
-    def covered(self, sees: Mask) -> Mask:
-        """Whether all required targets are covered, shape (m,), if cameras see as in `sees`, shape (m, a, c)."""
-        covered: Mask = ((sees.sum(axis=2) >= self.needed) | ~self.required).all(axis=1)
-        return covered
-
     def possible(self, covered: Mask) -> Mask:
         """Whether the wish may be met if these samples are covered, shape (p, m); shape (p,).
 

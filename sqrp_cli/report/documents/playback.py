@@ -58,26 +58,19 @@ class PlayedCandidate(CandidateStudy):
         """What a page needs of a candidate of several steps, which follow each other without a pause."""
         starts = list(accumulate((step.time or 0.0 for step in steps), initial=0.0))
         shifts = [_Shift(f"{number}.", start) for number, start in enumerate(starts[:-1], 1)]
+        pairs = list(zip(shifts, steps, strict=True))
         joined = CandidateStudy(
             **vars(figures),
             sampling=steps[0].sampling,
-            primitives=[shift.span(one) for shift, step in zip(shifts, steps, strict=True) for one in step.primitives],
-            formulas=[shift.formula(one) for shift, step in zip(shifts, steps, strict=True) for one in step.formulas],
+            primitives=[shift.span(one) for shift, step in pairs for one in step.primitives],
+            formulas=[shift.formula(one) for shift, step in pairs for one in step.formulas],
             cameras=steps[0].cameras,
             without_camera={name: _without(name, steps) for name in steps[0].without_camera},
             recovery=None,
             sights={},  # pages show none
-            targets={
-                shift.literal(name): one
-                for shift, step in zip(shifts, steps, strict=True)
-                for name, one in step.targets.items()
-            },
-            samples=[shift.sample(one) for shift, step in zip(shifts, steps, strict=True) for one in step.samples],
-            hidden=[
-                replace(one, literal=shift.literal(one.literal))
-                for shift, step in zip(shifts, steps, strict=True)
-                for one in step.hidden
-            ],
+            targets={shift.literal(name): one for shift, step in pairs for name, one in step.targets.items()},
+            samples=[shift.sample(one) for shift, step in pairs for one in step.samples],
+            hidden=[replace(one, literal=shift.literal(one.literal)) for shift, step in pairs for one in step.hidden],
             to_move=[],  # what to move is a matter of each step
         )
         return cls.of_candidate(joined, tuple(_played(figures, steps, starts)))

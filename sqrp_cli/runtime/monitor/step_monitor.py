@@ -138,10 +138,6 @@ class StepMonitor:
             if watch.entry.fault is not None
         ]
 
-    def verdicts(self, end: float) -> Mapping[str, Truth]:
-        """The verdict on each formula when all evidence up to `end` is there."""
-        return {watch.entry.formula: watch.monitor.finish(end).truth for watch in self._watches}
-
     def _seen_wrong(self, t: float, values: Mapping[str, Truth]) -> Alarm | None:
         alarms = [self._judge(watch, t, values) for watch in self._watches]
         found = [alarm for alarm in alarms if alarm is not None]

@@ -84,7 +84,8 @@ def test_failures_of_the_exact_timeline_are_looked_at_next(cell, studied):
     sharper = few.with_failures([step.timeline for step in studied.steps])
     assert sharper.count > 1
     assert np.all(np.diff(sharper.samples[0].piece) >= 0)
-    assert not sharper.covered(sharper.sees).all()
+    seeing = sharper.sees.sum(axis=2)
+    assert (sharper.required & (seeing < sharper.needed)).any()
 
 
 @pytest.mark.parametrize("camera", ["cam1", "cam2", "cam6"])
