@@ -185,20 +185,18 @@ class Domain:
     predicates: Mapping[str, Signature]
     actions: Mapping[str, Action]
 
-    def with_ancestors(self, type_name: str) -> frozenset[str]:
-        """The type and every type above it; a type that the domain does not declare is right below `object`."""
-        return with_ancestors(type_name, self.types)
-
     def fits(self, object_types: Iterable[str], parameter_type: str) -> bool:
         """Whether an object with all of `object_types` fits a parameter of `parameter_type`.
 
         Types that this domain does not declare are compared by name, so a workspace may have finer types than a skill.
         """
-        return parameter_type == OBJECT or any(parameter_type in self.with_ancestors(name) for name in object_types)
+        return parameter_type == OBJECT or any(
+            parameter_type in with_ancestors(name, self.types) for name in object_types
+        )
 
 
 def with_ancestors(type_name: str, parents: Mapping[str, str]) -> frozenset[str]:
-    """The type and every type above it; `parents` must be free of cycles."""
+    """The type and every type above it; one without a parent is right below `object`. `parents` has no cycles."""
     above = {type_name, OBJECT}
     while type_name in parents:
         type_name = parents[type_name]
