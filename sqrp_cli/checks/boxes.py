@@ -80,9 +80,12 @@ def colors(workspace: Workspace) -> Iterator[Problem]:
             alike.setdefault(support.name, []).append(item.name)
     for color, parts in unseen.items():
         known = expected_names(color, [name for name in COLORS if hue_of(name) is not None])
-        message = f"detectors of colours look for {first_names(parts)}, and see nothing that is `{color}`; {known}"
+        why = ", which has no hue" if color.lower() in COLORS else f"; {known}"
+        message = f"detectors of colours look for {first_names(parts)}, and see nothing that is `{color}`{why}"
         place = workspace.places.get(f"objects.{parts[0]}.color")
-        yield Problem("unseen-colour", message, place, severity="warning", mend="give it such a colour, or a marker")
+        yield Problem(
+            "unseen-colour", message, place, severity="warning", mend="give it a colour with a hue, or look for markers"
+        )
     for name, parts in alike.items():
         message = (
             f"detectors of colours cannot tell {first_names(parts)} from `{name}` below, which has the same colour"
