@@ -11,7 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sqrp_cli.geometry import Array
 from sqrp_cli.logic.formula_time import Stretch, merge
+from sqrp_cli.programming.coverage.one_pose import settled
 from sqrp_cli.programming.coverage.quality import ROUNDING, Qualities, falls_short
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.timeline import Timeline, Watch, bisection_error, observe
@@ -41,14 +43,23 @@ def certify(watch: Watch, observer: Observer, sampling: Sampling, bounds: PoseBo
         observe(watch, BoundedObserver.of(observer, bounds, surely=surely), sampling, full=False)
         for surely in (True, False)
     )
+    undecided = tuple(one for one in _without(_covered(possible), _covered(sure)) if one.length > _SHORT)
     # Bisection leaves an error, that of the figures that the least is about, and that of the most.
     error = ROUNDING + bisection_error(sampling)
-    least, most = Qualities.of(sure), Qualities.of(possible)
+    by_one_pose = settled(watch, observer, bounds, undecided)
+    least, most = _added(Qualities.of(sure), watch, by_one_pose.covered), Qualities.of(possible)
+    most = _added(most, watch, -by_one_pose.uncovered)
     return Certificate(
         least=Qualities(_lowered(least.q_avg, error), _lowered(least.q_eoi, error)),
         most=Qualities(_raised(most.q_avg, error), _raised(most.q_eoi, error)),
-        undecided=tuple(one for one in _without(_covered(possible), _covered(sure)) if one.length > _SHORT),
+        undecided=undecided,
     )
+
+
+def _added(qualities: Qualities, watch: Watch, times: Array) -> Qualities:
+    """Qualities with more of all time, and of that in events of interest, covered; times: shape (2,) [s]."""
+    q_avg, q_eoi, (more, more_eoi) = qualities.q_avg, qualities.q_eoi, times.tolist()
+    return Qualities(q_avg and q_avg + more / watch.T, q_eoi and q_eoi + more_eoi / watch.T_eoi)
 
 
 def _lowered(quality: float | None, error: float) -> float | None:

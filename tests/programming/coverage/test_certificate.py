@@ -66,6 +66,28 @@ def test_no_draw_leaves_the_proven_intervals(cell: Cell, sampling: Sampling) -> 
         assert most - least < 0.3  # it says something
 
 
+def test_times_that_one_camera_decides_are_proven_by_one_pose_of_it(cell: Cell) -> None:
+    """Six changes of g5's sight depend on one camera; how they move against each other is found by moving only that."""
+    found, bounds = studied(cell, Adaptive(), "pickup g5"), PoseBounds(0.002, np.radians(0.2))
+    proven = certify(found.watch, cell.observer, Adaptive(), bounds)
+
+    def from_beside(camera: int, angle: float) -> float:
+        cameras = list(cell.observer.cameras)
+        off = bounds.position * np.array([np.cos(angle), np.sin(angle), 0.0])
+        cameras[camera] = replace(cameras[camera], X_FC=cameras[camera].X_FC @ displacement(off, np.zeros(3)))
+        seen = observe(found.watch, Observer(tuple(cameras), cell.observer.solids), Adaptive(), full=False)
+        return float(Qualities.of(seen).q_avg or 0.0)
+
+    named = [camera.name for camera in cell.observer.cameras].index("cam2")
+    values = [from_beside(named, angle) for angle in np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)]
+    least, most = proven.least.q_avg, proven.most.q_avg
+    assert least is not None
+    assert most is not None
+    assert least < min(values) < max(values) < most
+    assert most - least < 2.1 * (max(values) - min(values))
+    assert sum(time.length for time in proven.undecided) > 3.0 * (max(values) - min(values)) * found.T
+
+
 def test_undecided_times_are_what_the_qualities_leave_open(cell: Cell) -> None:
     found = studied(cell, FixedCount(30))
     proven = certify(found.watch, cell.observer, FixedCount(30), BOUNDS)

@@ -16,18 +16,19 @@ import numpy as np
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
+from sqrp_cli.programming.sensing.bounded.centres import ViewedBoxes
 from sqrp_cli.programming.sensing.bounded.hulls import AnyHullTester, common_hulls
-from sqrp_cli.programming.sensing.bounded.shares import visible_enough
+from sqrp_cli.programming.sensing.bounded.shares import NearSolids, visible_enough
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.limits import LimitVerdicts, bend, entries_at, hull_areas, to_pixels
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates
-from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines, WatchedBoxes
+from sqrp_cli.programming.sensing.sight_lines import BoxViews, Pairs, SightLines, WatchedBoxes
 from sqrp_cli.programming.sensing.visibility.backdrop import backdrop_bounds
 from sqrp_cli.programming.sensing.visibility.lighting import light_bounds
 from sqrp_cli.programming.sensing.visibility.occlusion import near_pairs
 from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
-from sqrp_cli.programming.targets import SoughtBox
+from sqrp_cli.programming.targets import SoughtBox, Target
 
 _ROUND = 2 * np.pi
 
@@ -315,6 +316,24 @@ class BoundedObserver(Observer):
     def of(cls, observer: Observer, bounds: PoseBounds, *, surely: bool) -> BoundedObserver:
         """The same cell, with its cameras within bounds."""
         return cls(observer.cameras, observer.solids, observer.lights, bounds=bounds, surely=surely)
+
+    def viewed(self, target: Target, states: SceneStates) -> ViewedBoxes:
+        """What the first camera sees of a target, of whose boxes a part must be visible."""
+        watched, count = self._watched(target.boxes, states), len(target.boxes)
+        box, state = np.repeat(np.arange(count), states.count), np.tile(np.arange(states.count), count)
+        within = (watched.limits(box, state).cause[0] == Cause.NONE).reshape(count, -1).all(axis=0)
+        rows = np.repeat(np.flatnonzero(within), count)
+        lines = watched.sight_lines(BoxViews(np.arange(len(rows)) % count, np.zeros_like(rows), rows))
+        near, gain = self._near(watched, lines), np.repeat(watched.gains[:1], len(rows))
+        return ViewedBoxes(
+            within=within,
+            lines=lines,
+            poses=watched.solid_poses,
+            near=NearSolids.of(lines, watched.solid_poses, near, self.bounds.reach),
+            surely=replace(self, surely=True)._needed(watched, lines, gain),
+            possibly=replace(self, surely=False)._needed(watched, lines, gain),
+            bounds=self.bounds,
+        )
 
     def _needed(self, watched: WatchedBoxes, lines: SightLines, gain: Array) -> Array:
         bounds = backdrop_bounds(lines, watched.boxes, watched.solid_poses, watched.alike, self.bounds.reach)

@@ -26,15 +26,13 @@ from sqrp_cli.programming.sensing.visibility.hull_spaces import BOX_FACES, clipp
 from sqrp_cli.programming.sensing.visibility.silhouette import SHIFT, RayGrid
 from sqrp_cli.programming.sensing.visibility.visible_share import count_rays, rays_around
 
-_ROUND = np.arange(6) * (np.pi / 3)
-
-_PARTS = np.vstack([np.zeros(2), 0.5 * np.sqrt(3.0) * np.stack([np.cos(_ROUND), np.sin(_ROUND)], axis=1)])
-"""Centres of seven disks of half its radius that cover the unit disk."""
+_QUARTERS = np.array([[-0.5, -0.5], [-0.5, 0.5], [0.5, -0.5], [0.5, 0.5]])
+"""Middles of the quarters of a square, in halves of its side."""
 
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Upright cylinders that hold the possible centres of cameras, one for each of n sight lines.
+    """Upright square columns that hold the possible centres of cameras, one for each of n sight lines.
 
     They stand along the direction to a box: across it the parallax of what hides the box changes much faster than along
     it, so only that is cut.
@@ -44,8 +42,8 @@ class Columns:
     """Index of the sight line, not decreasing, shape (n,)."""
     middle: Array
     """Of each column, across the direction to the box, from where the camera should be, shape (n, 2) [m]."""
-    aside: Array
-    """Radius of each, shape (n,) [m]."""
+    half: Array
+    """Half the side of each, shape (n,) [m]."""
     bounds: PoseBounds
 
     @classmethod
@@ -59,6 +57,11 @@ class Columns:
         return self.bounds.turn
 
     @property
+    def aside(self) -> Array:
+        """Radius of each around its middle, however it is turned about that, shape (n,) [m]."""
+        return self._at_most_ball(np.sqrt(2.0) * self.half)
+
+    @property
     def along(self) -> Array:
         """Half the length of each that lies in the ball of centres, shape (n,) [m]."""
         nearest = np.maximum(np.hypot(*self.middle.T) - self.aside, 0.0)
@@ -68,20 +71,33 @@ class Columns:
     @property
     def reach(self) -> Array:
         """Distance from the middle of each column within which its centres lie, shape (n,) [m]."""
-        centred = self.aside >= self.bounds.reach
-        return np.where(centred, self.bounds.reach, np.hypot(self.aside, self.along))
+        return self._at_most_ball(np.hypot(self.aside, self.along))
+
+    def _at_most_ball(self, radius: Array) -> Array:
+        """Radii around the middles, of which one in the middle of the ball need not be larger than that."""
+        return np.where(self.middle.any(axis=1), radius, np.minimum(radius, self.bounds.reach))
 
     def some(self, which: Mask) -> Columns:
         """Some of the columns."""
-        return Columns(self.line[which], self.middle[which], self.aside[which], self.bounds)
+        return Columns(self.line[which], self.middle[which], self.half[which], self.bounds)
 
     def split(self) -> Columns:
-        """Each cut into those of half its radius that reach into the ball of centres."""
-        parts = len(_PARTS)
-        aside = np.repeat(0.5 * self.aside, parts)
-        middle = np.repeat(self.middle, parts, axis=0) + np.tile(_PARTS, (len(self.line), 1)) * (2.0 * aside)[:, None]
-        found = Columns(np.repeat(self.line, parts), middle, aside, self.bounds)
-        return found.some(np.hypot(*middle.T) - aside < self.bounds.reach)
+        """Each cut into its quarters that reach into the ball of centres."""
+        middle, half = quarters(self.middle, self.half)
+        found = Columns(np.repeat(self.line, 4), middle, half, self.bounds)
+        return found.some(in_ball(middle, half, self.bounds))
+
+
+def quarters(middle: Array, half: Array) -> tuple[Array, Array]:
+    """The middles (4 n, 2) and halves of sides (4 n,) of the quarters of squares (n) [m]."""
+    return (middle[:, None] + half[:, None, None] * _QUARTERS).reshape(-1, 2), np.repeat(0.5 * half, 4)
+
+
+def in_ball(middle: Array, half: Array, bounds: PoseBounds) -> Mask:
+    """Which square columns (n) reach into the ball of centres."""
+    nearest = np.maximum(np.abs(middle) - half[:, None], 0.0)
+    found: Mask = np.hypot(*nearest.T) < bounds.reach
+    return found
 
 
 ACCURACY = 0.005
@@ -106,10 +122,10 @@ def visible_enough(
     as not sure, and as possible; so does what no halving can decide.
     """
     shown = np.zeros(len(lines.state), dtype=bool)
-    columns, near = Columns.whole(np.unique(pairs.line), bounds), _NearSolids.of(lines, poses, pairs, bounds.reach)
+    columns, near = Columns.whole(np.unique(pairs.line), bounds), NearSolids.of(lines, poses, pairs, bounds.reach)
     for _ in range(_HALVINGS + 1):
-        looks = _from_columns(lines, columns)
-        found = _share_bounds(looks, poses, near.of_lines(columns.line), columns)
+        looks = from_columns(lines, columns)
+        found = share_bounds(looks, poses, near.of_lines(columns.line), columns)
         least = needed[columns.line]
         if surely:
             doubtful, hopeless = found.low < least, found.middle - found.error < least
@@ -124,7 +140,7 @@ def visible_enough(
     return ~shown if surely else shown
 
 
-def _from_columns(lines: SightLines, columns: Columns) -> SightLines:
+def from_columns(lines: SightLines, columns: Columns) -> SightLines:
     """A sight line from the middle of each column, with a hull of its own."""
     hull = lines.hull[columns.line]
     _, aside, over = axes_to_boxes(lines)[:, hull]
@@ -142,7 +158,7 @@ def _from_columns(lines: SightLines, columns: Columns) -> SightLines:
     )
 
 
-class _ShareBounds(NamedTuple):
+class ShareBounds(NamedTuple):
     """Between what the visible shares of the boxes of n sight lines lie, from anywhere in a column each."""
 
     low: Array
@@ -155,7 +171,7 @@ class _ShareBounds(NamedTuple):
     """By how much the bounds stay away from that, however thin the column, shape (n,)."""
 
 
-def _share_bounds(lines: SightLines, poses: SolidPoses, near: _NearSolids, columns: Columns) -> _ShareBounds:
+def share_bounds(lines: SightLines, poses: SolidPoses, near: NearSolids, columns: Columns) -> ShareBounds:
     """Between what the visible shares of the boxes of sight lines with a hull each lie.
 
     near: all solids that may be in the way, from any centre. The boxes and cameras must be somewhere, and the corners
@@ -176,10 +192,10 @@ def _share_bounds(lines: SightLines, poses: SolidPoses, near: _NearSolids, colum
         low[line] = (free - changed - edge) / np.maximum(every + edge, 1.0) - error[line]
         high[line] = (free + changed + edge) / np.maximum(every - edge, 1.0) + error[line]
         middle[line] = free / np.maximum(every, 1.0)
-    return _ShareBounds(low, high, middle, error)
+    return ShareBounds(low, high, middle, error)
 
 
-class _NearSolids(NamedTuple):
+class NearSolids(NamedTuple):
     """Solids that may reach into the view hull of any centre of the camera."""
 
     pairs: Pairs
@@ -188,17 +204,17 @@ class _NearSolids(NamedTuple):
     """The least at which they may, from any centre, shape (n,) [m]."""
 
     @classmethod
-    def of(cls, lines: SightLines, poses: SolidPoses, pairs: Pairs, reach: float) -> _NearSolids:
+    def of(cls, lines: SightLines, poses: SolidPoses, pairs: Pairs, reach: float) -> NearSolids:
         """Those of pairs, with centres up to `reach` [m] away."""
         depth = _least_depths(lines, _Hulls.of(lines), poses, pairs, reach)
         some = np.isfinite(depth)
         return cls(pairs.some(some), np.maximum(depth[some] - reach, 0.0))
 
-    def of_lines(self, line: Indices) -> _NearSolids:
+    def of_lines(self, line: Indices) -> NearSolids:
         """Those of sight lines by index, any of which may come several times, counted anew."""
         first, last = (np.searchsorted(self.pairs.line, line, side=side) for side in ("left", "right"))
         new, at = ranges(first, last)
-        return _NearSolids(Pairs(new, self.pairs.solid[at]), self.depth[at])
+        return NearSolids(Pairs(new, self.pairs.solid[at]), self.depth[at])
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,6 +233,8 @@ class _Hulls:
     """Least x / z and y / z of the corners, shape (h, 2)."""
     high: Array
     """The greatest, shape (h, 2)."""
+    center: Array
+    """Those of the boxes' centres, shape (h, 2)."""
 
     @classmethod
     def of(cls, lines: SightLines) -> _Hulls:
@@ -224,7 +242,16 @@ class _Hulls:
         corners = transform(X_CW, lines.corners)
         z = corners[..., 2]
         image = corners[..., :2] / z[..., None]
-        return cls(X_CW, z.mean(axis=1), z.min(axis=1), z.max(axis=1), image.min(axis=1), image.max(axis=1))
+        x, y, depth = corners.mean(axis=1).T
+        return cls(
+            X_CW=X_CW,
+            depth=depth,
+            nearest=z.min(axis=1),
+            farthest=z.max(axis=1),
+            low=image.min(axis=1),
+            high=image.max(axis=1),
+            center=np.stack([x, y], axis=1) / depth[:, None],
+        )
 
     @property
     def sides(self) -> Array:
@@ -249,7 +276,8 @@ class _Hulls:
         farthest = np.maximum(moved(depth), moved(self.farthest[hull])) / middle
         # From the axis of the column, which its middle is beside, to as far beside the box as what moves may come from.
         aside = np.hypot(*columns.middle[hull].T) / middle
-        across = np.hypot(*self.sides[hull].T) + (aside + reach * farthest) * beside
+        side = np.maximum(self.high - self.center, self.center - self.low)[hull]
+        across = np.hypot(*side.T) + (aside + reach * farthest) * beside
         found: Array = (columns.aside[hull] * beside + columns.along[hull] * across) * farthest
         return found
 
