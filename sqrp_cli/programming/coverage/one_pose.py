@@ -86,7 +86,7 @@ def _causes(watch: Watch, observer: Observer, undecided: Sequence[Stretch]) -> I
         changes &= changes.sum(axis=1, keepdims=True) == 1
         for camera, of_camera in enumerate(changes.T):
             if of_camera.sum() > 1:
-                yield _Cause(target, camera, [undecided[time] for time in np.flatnonzero(of_camera)])
+                yield _Cause(target, camera, [undecided[time] for time in np.flatnonzero(of_camera).tolist()])
 
 
 @dataclass(frozen=True, eq=False)

@@ -84,8 +84,9 @@ def test_times_that_one_camera_decides_are_proven_by_one_pose_of_it(cell: Cell) 
     assert least is not None
     assert most is not None
     assert least < min(values) < max(values) < most
-    assert most - least < 2.1 * (max(values) - min(values))
-    assert sum(time.length for time in proven.undecided) > 3.0 * (max(values) - min(values)) * found.T
+    by_instants = sum(time.length for time in proven.undecided) / found.T
+    assert most - least < 0.75 * by_instants
+    assert by_instants > 3.0 * (max(values) - min(values))  # no pose is the worst at each instant
 
 
 def test_undecided_times_are_what_the_qualities_leave_open(cell: Cell) -> None:
