@@ -1,7 +1,8 @@
 """Qualities that hold for every pose of the cameras within bounds: proven, where draws of poses only show examples.
 
 The motion is observed twice: with what the cameras see surely, from every pose, and with what they see possibly, from
-some pose at least. What they see from any one pose lies between.
+some pose at least. What they see from any one pose lies between. What of the rest is proven as a camera has one pose
+throughout is added.
 """
 
 from __future__ import annotations
@@ -58,8 +59,8 @@ def certify(watch: Watch, observer: Observer, sampling: Sampling, bounds: PoseBo
 
 def _added(qualities: Qualities, watch: Watch, times: Array) -> Qualities:
     """Qualities with more of all time, and of that in events of interest, covered; times: shape (2,) [s]."""
-    q_avg, q_eoi, (more, more_eoi) = qualities.q_avg, qualities.q_eoi, times.tolist()
-    return Qualities(q_avg and q_avg + more / watch.T, q_eoi and q_eoi + more_eoi / watch.T_eoi)
+    parts = zip((qualities.q_avg, qualities.q_eoi), times.tolist(), (watch.T, watch.T_eoi), strict=True)
+    return Qualities(*(None if quality is None else quality + more / total for quality, more, total in parts))
 
 
 def _lowered(quality: float | None, error: float) -> float | None:

@@ -39,7 +39,7 @@ class Columns:
     """
 
     line: Indices
-    """Index of the sight line, not decreasing, shape (n,)."""
+    """Index of the sight line, shape (n,)."""
     middle: Array
     """Of each column, across the direction to the box, from where the camera should be, shape (n, 2) [m]."""
     half: Array
