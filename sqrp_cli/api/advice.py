@@ -19,8 +19,8 @@ from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.yaml_edit import patch
 from sqrp_cli.knowledge.workspace.edits import stated_look_at, with_camera, with_further_camera, with_object, with_task
-from sqrp_cli.knowledge.workspace.load import read_workspace_document
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask, Workspace
+from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.programming.advice.advise import Adviser, Kept
 from sqrp_cli.programming.advice.aiming import Aim

@@ -116,7 +116,7 @@ class LearnedCurves(Answer["CalibrateDocument"]):
         """A unified diff from the workspace file to the one with these curves."""
         from sqrp_cli.knowledge.text.yaml_edit import patch
         from sqrp_cli.knowledge.workspace.edits import with_curve
-        from sqrp_cli.knowledge.workspace.load import read_workspace_document
+        from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
 
         document = read_workspace_document(self.cell.workspace.whole_file.file)
         content = document.content

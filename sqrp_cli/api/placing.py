@@ -14,8 +14,8 @@ from sqrp_cli.errors import InputError, Problem, bad_option, expected_names
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.yaml_edit import patch
 from sqrp_cli.knowledge.workspace.edits import NewCamera, with_cameras
-from sqrp_cli.knowledge.workspace.load import read_workspace_document
 from sqrp_cli.knowledge.workspace.mounts import place_file, read_mounts
+from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.programming.advice.wish import Wish, read_wish
 from sqrp_cli.programming.placing.place import Placer

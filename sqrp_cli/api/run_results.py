@@ -158,7 +158,7 @@ class Audit(Answer["AuditDocument"]):
         from sqrp_cli.knowledge.text.yaml_edit import patch
         from sqrp_cli.knowledge.text.yaml_file import parse_yaml
         from sqrp_cli.knowledge.workspace.edits import with_camera
-        from sqrp_cli.knowledge.workspace.load import read_workspace_document
+        from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
 
         document = read_workspace_document(self.workspace.whole_file.file)
         content = document.content

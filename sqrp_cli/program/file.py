@@ -19,9 +19,10 @@ from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.validation import validate
 from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, read_yaml
-from sqrp_cli.knowledge.workspace.load import load_workspace, shortest_path
+from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.understood import digest_of_understood, what_changed, with_skills
 from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.knowledge.workspace.workspace_file import shortest_path
 from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.program.check import Flaw, Keys, flaws, flaws_in

@@ -9,8 +9,9 @@ from pathlib import Path
 
 from sqrp_cli.checks.lint import lint
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.knowledge.workspace.load import WORKSPACE_FILE, load_workspace, workspace_file
+from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask, Workspace
+from sqrp_cli.knowledge.workspace.workspace_file import WORKSPACE_FILE, workspace_file
 from sqrp_cli.programming.suggestion import with_first_steps
 from sqrp_cli.programming.task import Task, read_task
 from sqrp_cli.scoring.work.identity import content_digest

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.knowledge.workspace.load import workspace_file
+from sqrp_cli.knowledge.workspace.workspace_file import workspace_file
 from sqrp_cli.programming.coverage.blind_spans import Coverage
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.scoring.baselines.baseline import Baseline, TaskRecord, VanishedTask, baseline_of, identified, vanished

@@ -15,7 +15,7 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.yaml_edit import edited, from_here, patch
-from sqrp_cli.knowledge.workspace.load import read_workspace_document
+from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
 from sqrp_cli.scoring.cells import ScoredCell, read_cell
 from sqrp_cli.scoring.scorecard import Progress, Scorecard, score_cells
 from sqrp_cli.scoring.variation import Values, shares

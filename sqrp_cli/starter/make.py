@@ -14,7 +14,8 @@ from pathlib import Path
 from sqrp_cli.checks.lint import lint
 from sqrp_cli.errors import Infeasible, InputError, Place, Problem
 from sqrp_cli.knowledge.robot.urdf import UrdfJoint
-from sqrp_cli.knowledge.workspace.load import WORKSPACE_FILE, load_workspace
+from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.knowledge.workspace.workspace_file import WORKSPACE_FILE
 from sqrp_cli.platform.files import naming, no_folder
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import study

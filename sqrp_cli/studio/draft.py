@@ -8,7 +8,7 @@ from pathlib import Path
 
 from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.text.yaml_edit import with_values
-from sqrp_cli.knowledge.workspace.load import read_workspace_document
+from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
 
 MOST_CHANGES, MOST_KEPT = 500, 50_000_000
 """How many changes can be taken back, and how long their texts may be together [bytes]; the oldest go first."""

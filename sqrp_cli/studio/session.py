@@ -18,8 +18,8 @@ from sqrp_cli.knowledge.text.input_file import YAML_ENDINGS, read_input
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.yaml_edit import changed_values, from_here, patch, with_values
 from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES
-from sqrp_cli.knowledge.workspace.load import read_workspace_document, workspace_file
 from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document, workspace_file
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.studio.bench_process import Bench
 from sqrp_cli.studio.draft import Draft, DraftChange

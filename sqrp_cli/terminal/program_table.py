@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Collection
 from pathlib import Path
 
-from sqrp_cli.knowledge.workspace.load import shortest_path, workspace_name
+from sqrp_cli.knowledge.workspace.workspace_file import shortest_path, workspace_name
 from sqrp_cli.program.file import workspace_path
 from sqrp_cli.program.joint_trajectory import tool_commands
 from sqrp_cli.program.record import FaultMetrics, Program, Totals

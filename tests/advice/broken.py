@@ -10,8 +10,9 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, look_at
 from sqrp_cli.knowledge.workspace.edits import stated_look_at, with_camera, with_object
-from sqrp_cli.knowledge.workspace.load import load_workspace, read_workspace_document
+from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study, study
 from sqrp_cli.programming.coverage.sampling import Adaptive

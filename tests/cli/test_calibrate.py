@@ -12,7 +12,8 @@ import pytest
 
 from sqrp_cli.knowledge.camera.curve import Curve
 from sqrp_cli.knowledge.workspace.edits import with_curve
-from sqrp_cli.knowledge.workspace.load import load_workspace, read_workspace_document
+from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
 from sqrp_cli.report.documents.schemas import schema_of
 from tests.detectors.frames import shots, write_frames, write_workspace
 

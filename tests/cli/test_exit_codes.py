@@ -338,7 +338,7 @@ def test_ctrl_c_while_the_page_is_written_keeps_the_ranking(sqrp, watch, tmp_pat
 @pytest.mark.usefixtures("heeded_ctrl_c")
 @pytest.mark.parametrize("command", ["check", "rank", "explain", "show", "score", "diff"])
 def test_ctrl_c_while_files_are_read_is_told_in_one_line(sqrp, watch, monkeypatch, command):
-    monkeypatch.setattr("sqrp_cli.knowledge.workspace.load.read_yaml", press_ctrl_c)
+    monkeypatch.setattr("sqrp_cli.knowledge.workspace.workspace_file.read_yaml", press_ctrl_c)
     more = {"rank": ["watch seen"], "explain": ["watch seen"], "diff": [watch]}.get(command, [])
     outcome = sqrp(command, watch, *more)
     assert (outcome.code, outcome.out, outcome.err) == (130, "", "interrupted\n")

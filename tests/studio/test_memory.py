@@ -11,7 +11,7 @@ from multiprocessing import Pipe
 import pytest
 
 from sqrp_cli.api.cell import open_cell
-from sqrp_cli.knowledge.workspace.load import read_workspace_document
+from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
 from sqrp_cli.studio import bench
 from sqrp_cli.studio.bench import _Bench
 from sqrp_cli.studio.draft import MOST_CHANGES, MOST_KEPT, Draft, DraftChange

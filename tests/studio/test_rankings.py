@@ -11,7 +11,7 @@ import pytest
 
 from sqrp_cli.api.cell import OpenCell
 from sqrp_cli.errors import InputError
-from sqrp_cli.knowledge.workspace.load import read_workspace_document
+from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
 from sqrp_cli.studio.jobs import Offer
 from sqrp_cli.studio.moves import Move, written
 from sqrp_cli.studio.questions import Hold, Rank

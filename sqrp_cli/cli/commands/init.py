@@ -74,7 +74,7 @@ def command(
     Guesses about your arm are marked `check:` in the file. Nothing is ever overwritten. Exit code 1 if the arm can pick
     up nothing anywhere, or the first run stops.
     """
-    from sqrp_cli.knowledge.workspace.load import WORKSPACE_FILE
+    from sqrp_cli.knowledge.workspace.workspace_file import WORKSPACE_FILE
     from sqrp_cli.starter.random_cell import Crowd
     from sqrp_cli.terminal.console import note, print_problems, progress
 

@@ -23,7 +23,7 @@ def command(workspace: WorkspacePath, values: Values) -> ExitCode:
     Nothing is written where the result would be no workspace.
     """
     from sqrp_cli.knowledge.text.yaml_edit import with_values
-    from sqrp_cli.knowledge.workspace.load import read_workspace_document, workspace_file
+    from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document, workspace_file
     from sqrp_cli.platform.files import write_atomically
     from sqrp_cli.programming.task import impossible_tasks
     from sqrp_cli.terminal.console import note, print_problems

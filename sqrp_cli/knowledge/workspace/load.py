@@ -5,7 +5,6 @@ Names and sizes that need both the workspace and its skills are checked here.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -17,20 +16,18 @@ from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.read_skill import read_skill, skill_folder, skill_name
 from sqrp_cli.knowledge.skill.skill import FORMER_ENDING, Names, OffsetWaypoint, Skill, marked
 from sqrp_cli.knowledge.skill.target_box import BoxSpec
-from sqrp_cli.knowledge.text.input_file import NOT_THERE, YAML_ENDINGS, ContentDigest, nearest_entry
+from sqrp_cli.knowledge.text.input_file import ContentDigest
 from sqrp_cli.knowledge.text.packages import from_folder
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.text.usual_values import WORKSPACE, unusual_values
 from sqrp_cli.knowledge.text.validation import validate
-from sqrp_cli.knowledge.text.yaml_file import parse_yaml, read_yaml
 from sqrp_cli.knowledge.workspace.held import with_held_by_facts
 from sqrp_cli.knowledge.workspace.read_cell import CellReader
 from sqrp_cli.knowledge.workspace.read_robot import RobotReader
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask, Workspace, WorkspaceFile
+from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document, workspace_file, workspace_name
 from sqrp_cli.logic.conditions import MAX_LITERALS, domain_sizes, largest_quantifier, literal_count
 from sqrp_cli.logic.domain import merge_domains
-from sqrp_cli.platform.files import real_path
-from sqrp_cli.shown import shown_name
 
 
 def check_tasks(
@@ -162,9 +159,6 @@ def words_of_two_meanings(
             yield Problem("ambiguous-word", message, place, severity="warning", mend=mend)
 
 
-WORKSPACE_FILE = "workspace.yaml"
-
-
 def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     """Read and validate the workspace in a folder (its `workspace.yaml`) or in a file.
 
@@ -214,72 +208,6 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
         warnings=tuple(dict.fromkeys(warnings)),  # cameras may share a calibration file
         places=document.places,
     )
-
-
-def read_workspace_document(path: Path, content: bytes | None = None) -> SourceDocument:
-    """A workspace file as YAML; content: replaces that of the file. Raises as `read_yaml`, and for a program."""
-    keys = ("robot", "cameras", "objects", "skills")
-    document = read_yaml(path, keys=keys) if content is None else parse_yaml(path, content, keys=keys)
-    if "sqrp_program" in document.data:
-        raise InputError(_is_program(document))
-    return document
-
-
-def _is_program(document: SourceDocument) -> Problem:
-    """The problem of a program where a workspace is expected."""
-    place, named = Place(document.path), document.data.get("workspace")
-    if not isinstance(named, str):
-        return Problem("no-workspace", "this is a program; expected a workspace", place)
-    workspace = from_folder(document.path.parent, named)
-    return Problem("no-workspace", f"this is a program; its workspace is {workspace}", place)
-
-
-def workspace_name(file: Path) -> str:
-    """What a workspace is called: the name of its folder, or of a file that is not `workspace.yaml`."""
-    return shown_name(file.parent.name if file.name == WORKSPACE_FILE else file.stem)
-
-
-def shortest_path(file: Path) -> Path:
-    """The path that a command needs for a workspace file: its folder is enough for `workspace.yaml`."""
-    return file.parent if file.name == WORKSPACE_FILE else file
-
-
-def workspace_file(path: Path) -> Path:
-    """The file of the workspace at a path: itself, or `workspace.yaml` in it. Raises InputError where there is none.
-
-    It begins with the path as it is given, unless that leads up through a link: programs have one name for a file.
-    """
-    given = path
-    if ".." in path.parts and path.exists() and str(real_path(path)) != os.path.abspath(path):  # noqa: PTH100
-        path = real_path(path)
-    if path.is_dir():
-        if os.path.lexists(path / WORKSPACE_FILE):
-            return path / WORKSPACE_FILE
-        entries = sorted(path.iterdir())
-        inside = [entry.name for entry in entries if (entry / WORKSPACE_FILE).is_file()]
-        files = [entry.name for entry in entries if entry.suffix in YAML_ENDINGS]
-        hint = "the folder is empty" if not entries else "it has neither YAML files nor workspaces"
-        if inside:
-            hint = "it has the workspaces " + ", ".join(f"`{name}`" for name in inside)
-        elif files:
-            hint = "it has " + ", ".join(f"`{name}`" for name in files)
-        raise InputError(Problem("no-workspace", f"the folder has no {WORKSPACE_FILE}; {hint}", Place(given)))
-    if not path.exists():
-        folder = given.parent
-        while not folder.is_dir():
-            folder = folder.parent
-        wanted = given.relative_to(folder).parts[0]
-        rest = given.relative_to(folder / wanted)
-        close = nearest_entry(folder / wanted, lambda entry: _is_workspace(entry / rest))
-        hint = f"; there is no folder {folder / wanted}" if rest.parts else ""
-        hint = f"; did you mean `{folder / close}`?" if close else hint
-        raise InputError(Problem("missing-file", f"{NOT_THERE}{hint}", Place(given)))
-    return path
-
-
-def _is_workspace(path: Path) -> bool:
-    """Whether a path could be a workspace: a folder with a `workspace.yaml`, or another YAML file."""
-    return (path / WORKSPACE_FILE).is_file() or (path.suffix in YAML_ENDINGS and path.is_file())
 
 
 def _skills(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sqrp_cli.knowledge.text.entries import completed
-from sqrp_cli.knowledge.workspace.load import workspace_name
+from sqrp_cli.knowledge.workspace.workspace_file import workspace_name
 from sqrp_cli.program.file import workspace_path
 from sqrp_cli.program.joint_trajectory import ToolCommand, action_name, tool_commands
 from sqrp_cli.program.record import FaultMetrics, Program, Step, Totals

@@ -20,8 +20,9 @@ from sqrp_cli.knowledge.workspace.edits import (
     with_object,
     with_task,
 )
-from sqrp_cli.knowledge.workspace.load import load_workspace, read_workspace_document
+from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
 
 POSES = {
     "look_at": "{position: [-0.099, 71.1 cm, 1.162], look_at: [-0.31, -0.027, 0.245]}",

@@ -12,7 +12,8 @@ from sqrp_cli.api.advice import with_object
 from sqrp_cli.errors import InputError
 from sqrp_cli.geometry import inverse
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.workspace.load import load_workspace, read_workspace_document
+from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
 
 TABLE = """<robot name="bench"><link name="frame"/>
   <link name="top"><collision><origin xyz="0 0 0.02"/><geometry><box size="1.2 0.8 0.04"/></geometry></collision></link>

@@ -16,9 +16,10 @@ from sqrp_cli.geometry import look_at, matrix_to_quaternion
 from sqrp_cli.knowledge.text.source import dotted
 from sqrp_cli.knowledge.text.yaml_edit import edited
 from sqrp_cli.knowledge.text.yaml_file import read_yaml
-from sqrp_cli.knowledge.workspace.load import load_workspace, read_workspace_document
+from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.understood import digest_of_understood, understood, what_changed
 from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
 
 CELL = Path(__file__).parents[2] / "cases" / "cell"
 
