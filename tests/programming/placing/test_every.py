@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.programming.advice.wish import Wish
-from sqrp_cli.programming.placing import grow
+from sqrp_cli.programming.placing import every
 from sqrp_cli.programming.placing.choose import ChoiceSearch
 from sqrp_cli.programming.placing.cover import Cover, CoveredWay, FaultSamples, Group, RowTable
 from sqrp_cli.programming.placing.every import EverySet
@@ -152,7 +152,7 @@ def test_the_rows_that_are_needed_are_looked_for_a_few_at_a_time_where_sets_are_
         sizes.extend([seen.shape[1]] * (cameras.shape[1] == 0))
         return at_most(every, cameras, seen, figures)
 
-    monkeypatch.setattr(grow, "_TOGETHER", 32)
+    monkeypatch.setattr(every, "_TOGETHER", 32)
     monkeypatch.setattr(EverySet, "_at_most", watched)
     found = EverySet(problem, demand).best([count])
     assert (found.options, found.ways) == (expected.options, expected.ways)
