@@ -46,9 +46,8 @@ class ImageDetector:
     def watch(self, sought: detections.DetectionTargets) -> None:
         """Look for these targets from now on."""
         if sought.targets.keys() != self._sought.targets.keys():
-            self._background = (
-                None  # what was background until now may be what is looked for, and has perhaps been moved
-            )
+            # What was background until now may be what is looked for, and has perhaps been moved.
+            self._background = None
         self._sought = sought
 
     def look(self, frame: CameraImage, believed: detections.BelievedState) -> detections.Detection:
