@@ -144,19 +144,29 @@ class Detector(DetectorTraits):
     def usual(self) -> Detector:
         """With the limits within which it usually sees: markers as images show them, see `smallest` and `BESIDE`.
 
-        Of other detectors, and of those with a curve, no more is known than what is stated.
+        One of colours judges what the image's edge leaves of a part as it does what others leave, see `judges_rest`. Of
+        other detectors, and of those with a curve, no more is known than what is stated.
         """
-        if self.curve is not None or not self.dictionaries:
+        if self.curve is not None:
+            return self
+        if self.kind == "color":
+            return replace(self, min_visible=self.judging.min_visible, is_usual=True)
+        if not self.dictionaries:
             return self
         visible = min(self.min_visible, BESIDE)
         return replace(self, distance=(0.0, LARGEST_LENGTH), max_incidence=STEEPEST, min_visible=visible, is_usual=True)
 
     def smallest(self, camera: Intrinsics, incidence: Array) -> Array:
         """The least size of boxes in the image that are seen at angles [rad], the same shape [pixels]."""
-        if not self.is_usual:
+        if not self.is_usual or not self.dictionaries:
             return np.full(incidence.shape, self.min_pixels)
         found: Array = np.max([least_pixels(camera, one, incidence) for one in self.dictionaries], axis=0)
         return found
+
+    @property
+    def judges_rest(self) -> bool:
+        """Whether what the image's edge leaves of a box counts as what a part does that hides some of it."""
+        return self.is_usual and self.kind == "color"
 
     @property
     def gates(self) -> Detector:

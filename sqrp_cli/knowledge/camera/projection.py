@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.camera import Camera
 
 
@@ -49,6 +49,13 @@ class Projection:
         K = self.camera.matrix
         bent, inside = self.bent(points_C[..., :2] / points_C[..., 2:])
         return ImagePoints(bent @ K[:2, :2].T + K[:2, 2], inside)
+
+    def shows(self, directions_C: Array) -> Mask:
+        """Which of some directions (..., 3) in the optical frame with z > 0 are within the image."""
+        pixels, inside = self.pixels(directions_C)
+        beyond = (pixels < -0.5) | (pixels > np.array([self.camera.width, self.camera.height]) - 0.5)
+        shown: Mask = inside & ~beyond.any(axis=-1)
+        return shown
 
     def bent(self, plane: Array) -> ImagePoints:
         """Where the lens moves points (..., 2) of the plane z = 1, and whether they are within the radius.

@@ -70,10 +70,15 @@ def check_limits(
     distance, incidence = aspects(corners_C, normal_C)
     smallest = _smallest(projections, detectors, detector, incidence)
     # Each condition is true within the limit, so NaN counts as outside.
+    inside = image.inside & (image.outside <= 0)
+    rest = np.array([entry.min_visible if entry.judges_rest else np.inf for entry in detectors])[detector]
+    cut = image.inside & in_front & (image.outside > 0) & (rest <= 1)
+    if cut.any():
+        inside[cut] = _within_image(projections, image.uv, cut) >= np.broadcast_to(rest, cut.shape)[cut]
     limits = [
         (Cause.TOO_NEAR, in_front & (nearest >= near), near - nearest),
         (Cause.TOO_FAR, farthest <= far, farthest - far),
-        (Cause.OUT_OF_IMAGE, image.inside & (image.outside <= 0), np.maximum(image.outside, 0.0)),
+        (Cause.OUT_OF_IMAGE, inside, np.maximum(image.outside, 0.0)),
         (Cause.DETECTOR_NEAR, distance >= closest, closest - distance),
         (Cause.DETECTOR_FAR, distance <= remotest, distance - remotest),
         (Cause.OBLIQUE, incidence <= widest, incidence - widest),
@@ -130,6 +135,45 @@ def _images(projections: Sequence[Projection], corners_C: Array, in_front: Mask)
         [-0.5 - extremes[0, 0], extremes[0, 1] - (width - 0.5), -0.5 - extremes[1, 2], extremes[1, 3] - (height - 0.5)]
     )
     return _Images(uv, extremes, beyond, inside, beyond.max(axis=0))
+
+
+def cut_by_image(projection: Projection, corners_C: Array) -> Array:
+    """The shares of the images of boxes with corners (3, 8, n) in front of a camera that its edges cut off, (n,)."""
+    image = _images([projection], corners_C[:, :, None], np.ones((1, corners_C.shape[2]), dtype=bool))
+    found, cut = np.zeros(corners_C.shape[2]), image.outside > 0
+    found[cut[0]] = 1.0 - _within_image([projection], image.uv, cut)
+    return found
+
+
+def _within_image(projections: Sequence[Projection], uv: Array, some: Mask) -> Array:
+    """The shares of the images of some of the boxes (c, n), k in all, that cameras show, shape (k,).
+
+    uv: pixels of the corners of all, shape (2, 8, c, n).
+    """
+    sizes = np.array([(projection.camera.width, projection.camera.height) for projection in projections], dtype=float)
+    size = sizes[np.nonzero(some)[0]].T
+    points = uv[:, :, some] - 0.5 * (size - 1.0)[:, None]
+    whole = exact_hull_areas(*points)
+    for axis in (0, 0, 1, 1):
+        points = -_cut(points, axis, 0.5 * size[axis])
+    return np.divide(exact_hull_areas(*points), whole, out=np.zeros_like(whole), where=whole > 0)
+
+
+def _cut(points: Array, axis: int, limit: Array) -> Array:
+    """Points (2, p + 2, n) whose hulls are those of points (2, p, n) as far as these reach along an axis, limit: (n,).
+
+    Along the limit a hull ends where the outermost of all lines from a point within to one beyond meet it.
+    """
+    along, across = points[axis], points[1 - axis]
+    beyond = along > limit
+    crosses = ~beyond[:, None] & beyond
+    share = (limit - along[:, None]) / np.where(crosses, along - along[:, None], 1.0)
+    met = across[:, None] + share * (across - across[:, None])
+    ends = np.where(crosses, met, np.inf).min(axis=(0, 1)), np.where(crosses, met, -np.inf).max(axis=(0, 1))
+    low, high = (np.where(np.isfinite(end), end, across[0]) for end in ends)
+    edge = np.where(beyond.any(axis=0), limit, along[0])
+    cut = np.vstack([np.where(beyond, limit, along), edge, edge]), np.vstack([np.where(beyond, low, across), low, high])
+    return np.stack(cut if axis == 0 else cut[::-1])
 
 
 def aspects(corners_C: Array, normal_C: Array) -> Aspects:

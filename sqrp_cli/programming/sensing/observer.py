@@ -24,6 +24,7 @@ from sqrp_cli.programming.sensing.sight_lines import BoxViews, Pairs, SightLines
 from sqrp_cli.programming.sensing.sight_memory import SEEN, UNKNOWN, UNSEEN, SightMemory, Sights
 from sqrp_cli.programming.sensing.visibility.backdrop import backdrop_of
 from sqrp_cli.programming.sensing.visibility.culprit import find_hidden, find_largest
+from sqrp_cli.programming.sensing.visibility.cut import cut_shares, shares_within
 from sqrp_cli.programming.sensing.visibility.lighting import lighting_of
 from sqrp_cli.programming.sensing.visibility.occlusion import HullTester, near_pairs
 from sqrp_cli.programming.sensing.visibility.part_shares import part_shares
@@ -120,6 +121,8 @@ class Observer:
         shares: bool = True,
     ) -> tuple[tuple[BoxVerdicts, ...], ...]:
         """The full matrix of targets: every box, state and camera, with causes.
+
+        What is usually seen is asked of `coverage`: here, what the image's edge cuts does not add to what is hidden.
 
         rows: the states of each target, m of them, by index; all by default. shares: whether to measure the visible
         shares; without, `visible` stays NaN, and only the verdicts are valid.
@@ -252,9 +255,10 @@ class Observer:
         lines = watched.sight_lines(views)
         near = self._near(watched, lines)
         needed = self._needed(watched, lines, watched.gains[views.camera])
+        cut = cut_shares(watched, lines, views.camera)
         pending = np.bincount(view[near.line], minlength=len(asked))
         possible = np.ones(len(asked), dtype=bool)
-        possible[view[needed > 1.0]] = False
+        possible[view[needed + cut > 1.0]] = False
         free = possible & (pending == 0)
         found = np.where(free, SEEN, np.where(possible, UNKNOWN, UNSEEN)).astype(np.int8)
         np.add.at(count, asked[free], 1)
@@ -264,8 +268,10 @@ class Observer:
             sees = np.zeros(len(asked), dtype=bool)
             sees[tested] = True
             for turn in range(int(boxes.number.max()) + 1):
-                wanted = sees[view] & (boxes.number == turn)
-                sees[view[self._unseen(watched, lines, near.of_lines(wanted), needed)]] = False
+                wanted = near.of_lines(sees[view] & (boxes.number == turn))
+                sees[view[self._unseen(watched, lines, wanted.of_lines(cut == 0), needed)]] = False
+                rest = shares_within(watched, lines, wanted.of_lines(cut > 0), views.camera)
+                sees[view[rest.line[rest.share < needed[rest.line]]]] = False
             found[tested] = sees[tested]
             np.add.at(count, asked[sees], 1)
         return found

@@ -184,8 +184,8 @@ def share_bounds(lines: SightLines, poses: SolidPoses, near: NearSolids, columns
     wide = sweep > hulls.sides.sum(axis=1)
     low, high, error = np.where(wide, 0.0, 1.0), np.ones(number), ACCURACY + hulls.uneven(columns.turn)
     middle = np.where(wide, np.nan, 1.0)
-    for line, grid, rays in rays_around(lines, poses, near.pairs.of_lines(~wide), np.where(wide, 0.0, sweep)):
-        box, cells = rays.silhouette, _Cells.of(grid, rays.hull)
+    for line, view, rays in rays_around(lines, poses, near.pairs.of_lines(~wide), np.where(wide, 0.0, sweep)):
+        box, cells = rays.silhouette, _Cells.of(view.grid, rays.hull)
         every, free = count_rays(box), count_rays(box & ~rays.blocked)
         changed = cells.swept(rays.blocked, cells.around(box, sweep[line]), sweep[line])
         edge = cells.along(2.0 * hulls.sides[line].sum(axis=1), hulls.sweep(line, hulls.nearest[line], columns))

@@ -14,7 +14,9 @@ from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
 from sqrp_cli.programming.sensing.visibility.hull_spaces import BOX_FACES
 from sqrp_cli.programming.sensing.visibility.silhouette import (
     AHEAD,
+    COLUMNS,
     ROWS,
+    SHIFT,
     Bends,
     MetRays,
     RayGrid,
@@ -96,6 +98,14 @@ class SeenBoxes:
         X_BU = np.zeros_like(self.X_CB)
         X_BU[:, range(3), range(3)], X_BU[:, :3, 3], X_BU[:, 3, 3] = half, middle, 1.0
         return self.grid.maps(np.arange(len(half)), self.X_CB @ X_BU)
+
+    @property
+    def directions(self) -> Array:
+        """Of the rays of the grids in the world, of any length, shape (COLUMNS, h, ROWS, 3)."""
+        low, step = self.grid.low[..., None], self.grid.step[..., None]
+        u = low[0] + step[0] * (np.arange(COLUMNS)[:, None, None] + SHIFT)
+        v = np.broadcast_to(low[1] + step[1] * (np.arange(ROWS) + 0.5), u.shape)
+        return np.stack([u, v, np.ones_like(u)], axis=-1) @ self.X_CW[:, :3, :3]
 
     def bends(self) -> Bends:
         """The silhouettes of the boxes, each stretched to be from -1 to 1."""

@@ -20,7 +20,7 @@ from sqrp_cli.geometry import Array, Indices, Mask, begins_run, inverse, transfo
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
 from sqrp_cli.programming.sensing.visibility.seen_boxes import BEFORE, SeenBoxes, SeenSolids, in_all
-from sqrp_cli.programming.sensing.visibility.silhouette import AHEAD, Bends, RayGrid, Silhouette, beyond_sides, facing
+from sqrp_cli.programming.sensing.visibility.silhouette import AHEAD, Bends, Silhouette, beyond_sides, facing
 from sqrp_cli.programming.sensing.visibility.triangulation import Triangulation
 
 _CHUNK = 1024
@@ -101,8 +101,8 @@ class RaysAround(NamedTuple):
 
     line: Indices
     """Index of each sight line, shape (l,)."""
-    grid: RayGrid
-    """Of the h views of the lines."""
+    view: SeenBoxes
+    """The h views of the lines."""
     rays: SeenRays
 
 
@@ -113,7 +113,7 @@ def rays_around(lines: SightLines, poses: SolidPoses, pairs: Pairs, margin: Arra
     """
     for view, hull, solids, named in _views(lines, poses, pairs, margin):
         rays = _rays(view, hull, poses, solids, np.full(len(hull), np.nan))
-        yield RaysAround(named, view.grid, rays)
+        yield RaysAround(named, view, rays)
 
 
 class SeenRays(NamedTuple):
