@@ -269,9 +269,10 @@ def _judges(box: SoughtBox, found: BoxVerdicts, cameras: Sequence[Camera], state
     """Whether each of c cameras judges a box in a state, though something may hide a little more than allowed, (c,)."""
     least: ArrayLike = box.limits.min_visible
     if box.limits.kind == "color":
-        ray = states.box_poses(box)[0, :3, 3] - np.array([states.camera_poses(camera)[0, :3, 3] for camera in cameras])
-        pixels = _eyes(cameras)[1] * _spread(np.array(box.size)) / np.linalg.norm(ray, axis=1)
-        least = np.maximum(least - BORDER / pixels, LEAST_SHARE)
+        center = states.box_poses(box)[0, :3, 3]
+        distance = [np.linalg.norm(center - states.camera_poses(camera)[0, :3, 3]) for camera in cameras]
+        pixels = _eyes(cameras)[1] * _spread(np.array(box.size)) / np.array(distance)
+        least = np.maximum(box.limits.min_visible - BORDER / pixels, LEAST_SHARE)
     hidden = (found.cause[0] == Cause.HIDDEN) & (found.visible[0] >= least)
     judges: Mask = (found.cause[0] == Cause.NONE) | hidden
     return judges
