@@ -105,6 +105,8 @@ class CameraFit:
     """Turn [rad] and shift [m] of the camera in its optical frame, and how far its clock is ahead [s], (7,)."""
     covariance: Array
     """Of that, (7, 7)."""
+    residual: float
+    """Standard deviation of edges from where they should be then [pixels]."""
     points: int
     """Points that met an edge."""
     cost: float
@@ -238,6 +240,7 @@ def _judged(points: _Points, change: Array, prior: Array) -> CameraFit:
     return CameraFit(
         change=change[:7],
         covariance=covariance[:7, :7],
+        residual=sigma,
         points=int((w > 0).sum()),
         cost=float(loss.mean()),
         moving_cost=float(loss[moving].mean() if moving.sum() >= LEAST_POINTS else loss.mean()),
