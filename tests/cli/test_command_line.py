@@ -45,7 +45,7 @@ def test_quiet_leaves_results_and_errors(sqrp, own_watch):
     loud, quiet = sqrp("rank", own_watch, "watch green"), sqrp("rank", own_watch, "watch green", "-q")
     assert "warning" in loud.err
     assert (quiet.out, quiet.err) == (loud.out, "")
-    assert "error: there is no skill" in sqrp("-q", "rank", own_watch, "wach green").err
+    assert "there is no skill `wach`" in sqrp("-q", "rank", own_watch, "wach green").err
 
 
 def test_verbose_says_how_long_each_step_took(sqrp, watch):

@@ -253,6 +253,7 @@ def test_an_interrupted_run_says_how_much_was_finished(sqrp, cells, ctrl_c_at):
 
 
 def test_an_interrupted_comparison_does_not_say_that_all_is_well(sqrp, watch, own_watch, tmp_path, ctrl_c_at):
+    edit(own_watch, "cameras:", "cameras:  # other bytes")
     ctrl_c_at("seen")
     outcome = sqrp("diff", watch, own_watch, "--jobs", 1)
     assert (outcome.code, outcome.out) == (130, "Interrupted before the two versions could be compared.\n")
