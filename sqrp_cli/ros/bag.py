@@ -44,7 +44,10 @@ _KINDS = {".mcap": "MCAP file", ".bag": "bag of ROS 1", ".db3": "file of rosbag2
 """What a file is by the end of its name."""
 
 _LARGEST_CHUNK, _LARGEST_METADATA = 1 << 28, 1_000_000
-"""Bytes that a chunk of a recording may have unpacked (recorders make them of a megabyte), and metadata."""
+"""Bytes that a chunk of a recording may have unpacked (recorders make them of a megabyte); characters of metadata."""
+
+_DEEPEST_METADATA = 100
+"""Mappings and lists of metadata that may be within one another."""
 
 
 def check_kind(path: Path) -> None:
@@ -206,9 +209,15 @@ def _unpacking(decompressor: Callable[[], Any]) -> Callable[..., bytes]:
 def _metadata(text: str) -> object:
     """What a metadata.yaml says, or a part of it that is YAML in its turn. Raises ValueError."""
     if len(text) > _LARGEST_METADATA:
-        raise ValueError(f"{METADATA} has more than {_LARGEST_METADATA:,} bytes")
+        raise ValueError(f"{METADATA} has more than {_LARGEST_METADATA:,} characters")
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
-        return yaml.load(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))  # noqa: S506 # both are safe
+        depth = 0
+        for event in yaml.parse(text, loader):  # as composing recurses in C, without a limit of its own
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > _DEEPEST_METADATA:
+                raise ValueError(f"{METADATA} is nested more than {_DEEPEST_METADATA} deep")
+        return yaml.load(text, loader)  # noqa: S506 # both are safe
     except yaml.MarkedYAMLError as error:
         line = f", line {error.problem_mark.line + 1}" if error.problem_mark else ""
         raise ValueError(f"{METADATA}{line}: {error.problem}") from error

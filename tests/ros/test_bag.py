@@ -104,7 +104,8 @@ def test_a_chunk_that_unpacks_to_gigabytes_is_refused_before(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("rosbag2_bagfile_information:\n  files: [" + "0, " * 400_000 + "]\n", "more than 1,000,000 bytes"),
+        ("rosbag2_bagfile_information:\n  files: [" + "0, " * 400_000 + "]\n", "more than 1,000,000 characters"),
+        ("rosbag2_bagfile_information: " + "[" * 400_000, "nested more than 100 deep"),
         ("rosbag2_bagfile_information:\n  files: [\n", r"metadata\.yaml, line 3: did not find"),
     ],
 )

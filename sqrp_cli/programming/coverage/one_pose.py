@@ -16,6 +16,7 @@ import numpy as np
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.programming.coverage.look import look_at
+from sqrp_cli.programming.coverage.sampling import longest_step
 from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.coverage.timeline import Watch
 from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
@@ -25,7 +26,8 @@ from sqrp_cli.programming.sensing.observer import Observer, sees_all
 from sqrp_cli.programming.targets import Target
 
 _CELLS = 32
-"""Cells into which an undecided time is cut, in each piece of the motion."""
+"""Cells into which an undecided time is cut, in each piece of the motion, at least: they last as long as samples may be
+apart, at most."""
 
 _FINEST, _AT_ONCE, _ROUNDS = 1 / 50, 2, 60
 """Half the side of the smallest parts, as a share of the ball's radius; how many parts are cut at once for each figure;
@@ -46,7 +48,10 @@ def settled(watch: Watch, observer: Observer, bounds: PoseBounds, undecided: Seq
     cause = max(_causes(watch, observer, undecided), key=lambda one: one.length, default=None)
     if cause is None or 2.0 * cause.length < sum(time.length for time in undecided):
         return Settled(np.zeros(2), np.zeros(2))  # little would be gained
-    grid, alone = _Grid.of(watch, cause), replace(observer, cameras=(observer.cameras[cause.camera],))
+    grid, alone = (
+        _Grid.of(watch, cause, longest_step(observer.cameras)),
+        replace(observer, cameras=(observer.cameras[cause.camera],)),
+    )
     viewed = BoundedObserver.of(alone, bounds, surely=True).viewed(cause.target, watch.stage.states(grid.samples))
     parts = CentreParts.whole(len(grid.samples), bounds)
     rest = _Rest.of(watch, observer, bounds, grid, cause)
@@ -100,8 +105,8 @@ class _Grid:
     """Of each, and of what of it counts for events of interest, shape (n, 2) [s]."""
 
     @classmethod
-    def of(cls, watch: Watch, cause: _Cause) -> _Grid:
-        """What of its times lies in pieces that require its target."""
+    def of(cls, watch: Watch, cause: _Cause, longest: float) -> _Grid:
+        """What of its times lies in pieces that require its target, in cells of so long at most [s]."""
         parts = [
             (number, max(piece.start, time.start), min(piece.end, time.end), piece.of_interest)
             for number, piece in enumerate(watch.stage.pieces)
@@ -109,12 +114,13 @@ class _Grid:
             for time in cause.times
         ]
         piece, start, end, of_interest = np.array([part for part in parts if part[1] < part[2]]).reshape(-1, 4).T
-        t = np.linspace(start, end, _CELLS + 1, axis=1)
-        step = np.repeat((end - start) / _CELLS, _CELLS)
+        cells = max(_CELLS, int(np.ceil((end - start).max(initial=0.0) / longest)))
+        t = np.linspace(start, end, cells + 1, axis=1)
+        step = np.repeat((end - start) / cells, cells)
         return cls(
-            samples=Samples(np.repeat(piece.astype(np.int64), _CELLS + 1), t.reshape(-1)),
+            samples=Samples(np.repeat(piece.astype(np.int64), cells + 1), t.reshape(-1)),
             first=np.arange(t.size).reshape(t.shape)[:, :-1].reshape(-1),
-            lengths=np.stack([step, step * np.repeat(of_interest, _CELLS)], axis=1),
+            lengths=np.stack([step, step * np.repeat(of_interest, cells)], axis=1),
         )
 
     def between(self, seen: Mask) -> Array:
