@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -55,9 +56,7 @@ class LoggedRun:
             was, now = (", ".join(f"{skill} of {time:.2f} s" for skill, _, time in one) for one in (ran, steps))
             name, now = opened.path, now or "empty"
             message = f"this log is not of a run of {name} as it is now: that was {was}; now it is {now}"
-            raise InputError(
-                Problem("other-program", message, Place(self.log, 1), mend=f"sqrp run --replay {self.log}")
-            )
+            raise InputError(Problem("other-program", message, Place(self.log, 1), mend=self._replay))
         return replace(self, program=opened)
 
     def replay(self, *listeners: Callable[[Event], None]) -> SimulatedRun | None:
@@ -82,7 +81,12 @@ class LoggedRun:
     def no_report(self) -> InputError:
         """The error where a run that was interrupted is not enough."""
         message = "this log ends without a report, as the run was interrupted; expected one of a run that ended"
-        return InputError(Problem("no-log", message, Place(self.log), mend=f"sqrp run --replay {self.log}"))
+        return InputError(Problem("no-log", message, Place(self.log), mend=self._replay))
+
+    @property
+    def _replay(self) -> str:
+        """The command that shows the run without its program."""
+        return shlex.join(["sqrp", "run", "--replay", str(self.log)])
 
     @property
     def cell(self) -> RunCell:

@@ -145,7 +145,7 @@ def find_placement(
     mounts = read_mounts(place_file(workspace, request.mounts), workspace, tuple(cell.model.links))
     keep = _keep(request, workspace)
     floor = _floor(request, workspace, len(keep))
-    _check_budget(request, mounts, 1 if floor is None else floor.cameras)
+    _check_budget(request, mounts, max(0 if floor is None else floor.cameras, 1 + request.survive - len(keep), 0))
     question = PlaceQuestion(
         cell=cell,
         world=cell.initial_world,
@@ -189,7 +189,7 @@ def _check_budget(request: PlaceRequest, mounts: Mounts, count: int) -> None:
     least = sum(sorted(spot.entry.price + lens for spot in mounts.spots)[:count])
     if request.budget is not None and least > request.budget + 1e-9:
         cameras = "the cheapest camera costs" if count == 1 else f"the cheapest {in_words(count)} cameras cost"
-        raise bad_option(f"{cameras} {least:g}, --budget is {request.budget:g}", mend=f"--budget {least:g}")
+        raise bad_option(f"{cameras} {least:g}, --budget is {request.budget:g}", mend=f"--budget {least:.15g}")
 
 
 def _demand(request: PlaceRequest, floor: FewestPossible | None, kept: int) -> Demand:

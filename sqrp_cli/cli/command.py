@@ -20,18 +20,24 @@ class Command(TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 # its type has no public name
         """Read the words of the command; while they are typed, without an option whose value is still missing."""
         unfinished = ctx.resilient_parsing and args and args[-1].startswith("-")
-        empty = "" in args and "." not in args  # as a path it would be the current folder
         try:
-            rest = super().parse_args(ctx, args[:-1] if unfinished else args)
+            rest = super().parse_args(ctx, args[:-1] if unfinished else [*args])
         except UsageError as error:
             error.ctx = error.ctx or ctx  # an option without its value has none
             raise
-        params: list[Any] = self.get_params(ctx) if empty else []
+        if not ctx.resilient_parsing:
+            self._check_paths(ctx, args)
+        return rest
+
+    def _check_paths(self, ctx: Any, args: list[str]) -> None:  # noqa: ANN401 # as above
+        """Raises InputError for an empty word where a path is expected, which would be the current folder."""
+        words, *_ = self.make_parser(ctx).parse_args(list(args))
+        params: list[Any] = self.get_params(ctx)
         for one in params:
-            if ctx.params.get(one.name) == Path():
+            read = _each(ctx.params.get(one.name))
+            if "" in _each(words.get(one.name)) and any(isinstance(value, Path) for value in read):
                 what = one.metavar if one.param_type_name == "argument" else one.opts[0]
                 raise bad_option(f"{what} is empty; expected: {one.help}")
-        return rest
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:  # noqa: ANN401 # as above
         """The words after the command's name in its usage line."""
@@ -50,6 +56,10 @@ class Command(TyperCommand):
             if rows:
                 with formatter.section(f"{kind.capitalize()}s"):
                     formatter.write_dl(rows)
+
+
+def _each(value: Any) -> list[Any]:  # noqa: ANN401 # as above
+    return list(value) if isinstance(value, (list, tuple)) else [value]
 
 
 def _usage(argument: Any) -> str:  # noqa: ANN401 # as above

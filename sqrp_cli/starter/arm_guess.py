@@ -109,7 +109,7 @@ def _arms(urdf: UrdfModel) -> list[list[UrdfJoint]]:
 
 
 def _is_another(chain: Sequence[UrdfJoint], arm: Sequence[UrdfJoint]) -> bool:
-    """Whether a chain is an arm beside another one: as long, and apart from it, or for most of its joints."""
+    """Whether a chain is an arm beside another one: nearly as long, and with no joint of it, or few."""
     shared = len({*chain} & {*arm})
     return len(chain) >= len(arm) - 1 and (shared == 0 or len(chain) >= MOST_SHARED + shared)
 

@@ -88,6 +88,14 @@ def test_a_budget_below_the_cheapest_cameras_is_refused_before_anything_is_plann
     assert "--budget 200" in poor.err
 
 
+def test_where_the_cameras_that_stay_may_be_enough_a_small_budget_has_a_result(sqrp, cell):
+    keep = ["--keep", "cam1", "--keep", "cam2"]
+    kept = sqrp(
+        "place", cell, "pickup g2", *keep, "--want", "q_avg 1 %", "--ways", "fastest", "--budget", "10", "--json"
+    )
+    assert (kept.code, kept.document["cameras"]) == (1, [])
+
+
 def test_fewer_cameras_than_a_skill_needs_are_refused(sqrp, cell):
     found = sqrp("place", cell, "--cameras", "1")
     assert (found.code, found.out) == (2, "")

@@ -158,7 +158,6 @@ def _open(path: Path, *, sim: bool, seed: int) -> OpenProgram:
 
 def _run(opened: OpenProgram, faults: Sequence[str], outputs: RunOutputs, *, as_json: bool) -> SimulatedRun:
     """Run a program in the simulated cell, shown live."""
-    outputs.check_not_read(opened.files)
     injected, witnessed = opened.read_faults(faults, "--fault"), outputs.page is not None
     with _shown_live(opened, as_json=as_json) as listeners:
         return opened.run_into(outputs, injected, listeners=listeners, witnessed=witnessed)

@@ -19,8 +19,8 @@ from sqrp_cli.knowledge.text.source import Data, KeyPath, SourceDocument, not_fi
 from sqrp_cli.knowledge.text.xml_file import Element, parse_xml
 from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, parse_yaml, top_key
 
-_INI = re.compile(r"^\s*\[[\w/. -]+\]\s*$", re.MULTILINE)
-_INI_KEYS = re.compile(r"^\s*(camera matrix|distortion)\s*$", re.MULTILINE)
+_INI = re.compile(r"^[ \t]*\[[\w/. -]+\][ \t\r]*$", re.MULTILINE)
+_INI_KEYS = re.compile(r"^[ \t]*(camera matrix|distortion)[ \t\r]*$", re.MULTILINE)
 _INI_NAME = re.compile(r"(?!nan\b|inf\b)[a-z][a-z_ ]*")
 _COLMAP = re.compile(r"\s*(?:#.*\n\s*)*\d+[ \t]+(?:[A-Z]+_?[A-Z_]+\s|[a-z_]+[ \t]+\d+[ \t]+\d+\s)")
 

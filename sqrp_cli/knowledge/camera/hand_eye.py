@@ -91,7 +91,7 @@ def read_hand_eye(
     launched = static_transforms.read_launch(path, content, text)
     if launched is not None:
         return _seated(launched, path, camera, carriers, asked, "static_transform_publisher", content)
-    if re.search(r"^\s*child_frame_id:|^transforms:", text, re.MULTILINE):
+    if re.search(r"^[ \t]*child_frame_id:|^transforms:", text, re.MULTILINE):
         return _seated(
             static_transforms.read_messages(path, text), path, camera, carriers, asked, "TF messages", content
         )

@@ -183,7 +183,7 @@ def read_launch(path: Path, content: bytes, text: str) -> list[StaticTransform] 
         return None
     if text.lstrip().startswith("<"):
         return list(_of_xml(parse_xml(path, content, "launch")))
-    if re.search(r"^\s*(from|import)\s", text, re.MULTILINE):
+    if re.search(r"^[ \t]*(from|import)\s", text, re.MULTILINE):
         return list(_of_python(path, text))
     return list(_of_commands(path, text))
 
