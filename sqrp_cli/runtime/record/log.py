@@ -62,7 +62,12 @@ def read_log(path: Path) -> Iterator[Event]:
     before, joints, number = 0.0, None, 0
     for number, text in _lines(path):
         place = Place(path, number)
-        line = _line(text, place)
+        try:
+            line = _line(text, place)
+        except InputError as error:
+            if number > 1 and not text.endswith("\n") and error.problems[0].code == "json-syntax":
+                return  # cut off as it was written
+            raise
         if number == 1 and (line.kind, line.fields.get("sqrp_log")) != ("run", VERSION):
             raise _no_log("this is no log of `sqrp run --log`, or one of another version", place)
         event = _event(line, place, first_state=joints is None)
@@ -86,8 +91,6 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
             if len(line) > MAX_LINE or number > MAX_LINES:
                 message = f"this log is too large: the limit is {MAX_LINES:,} lines of {MAX_LINE:,} bytes"
                 raise InputError(Problem("file-too-large", message, Place(path, number)))
-            if number > 1 and not line.rstrip(b" ").endswith((b"}", b"\n")):  # cut off as it was written
-                return
             try:
                 yield number, line.decode("utf-8")
             except UnicodeDecodeError as error:
