@@ -62,7 +62,7 @@ def test_what_has_no_label_stands_where_the_workspace_has_it(workspace: Workspac
         ([HEADER, GOOD.replace("aruco", "arco")], 2, "there is no detector `arco`; did you mean `aruco`?"),
         ([HEADER, GOOD.replace("yes", "y")], 2, "`there` is `y`, expected `yes` or `no`"),
         ([HEADER, GOOD.replace(",4,0,1,", ",4,zero,1,")], 2, "`y` is `zero`, expected a number"),
-        ([HEADER, GOOD.replace(",4,0,1,", ",4,nan,1,")], 2, "`y` is `nan`, expected a number"),
+        ([HEADER, GOOD.replace(",4,0,1,", ",4,nan,1,")], 2, "`y` is `nan`, expected a number of at most 1e+06 in size"),
         ([HEADER, GOOD.replace("0,0,0,1,", "0,0,0,2,")], 2, "`qx` to `qw` have length 2, expected 1"),
         ([HEADER, GOOD + ",7"], 2, "this row does not have one value for each column"),
         ([HEADER, GOOD.replace("a.png", "c.png")], 2, "`c.png`: no such file"),

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.errors import InputError, expected_names
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.mesh.limits import MAX_NUMBER, check_corners, check_pieces, damaged
+from sqrp_cli.knowledge.mesh.limits import MAX_NUMBER, NUMBERS, check_corners, check_pieces, damaged
 from sqrp_cli.knowledge.text.xml_file import MAX_DEPTH, Element, parse_xml
 
 Integers = NDArray[np.int64]
@@ -327,7 +327,7 @@ def _floats(element: Element, count: int) -> Array:
     if len(numbers) != count or not (np.abs(numbers) <= MAX_NUMBER).all():
         bad = np.flatnonzero(~(np.abs(numbers) <= MAX_NUMBER))
         what = (
-            f"number {bad[0] + 1:,} is no number of single precision"
+            f"number {bad[0] + 1:,} is {numbers[bad[0]]:g}, expected {NUMBERS}"
             if len(bad)
             else f"found {len(numbers):,} numbers, expected {count:,}"
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem
@@ -18,6 +19,9 @@ MAX_TRIANGLES = 500_000
 MAX_NUMBER = 3.4e38
 """Largest coordinate: the loaders hold them in single precision."""
 
+NUMBERS = f"finite numbers up to {MAX_NUMBER:g}"
+"""What messages expect where `are_numbers` is false."""
+
 MAX_CORNERS = 1000
 """Most corners of a polygon; the time to cut one into triangles grows with their number squared."""
 
@@ -28,6 +32,14 @@ MAX_PIECES = 10_000
 def damaged(message: str, path: Path, line: int | None = None) -> InputError:
     """A mesh file that contradicts itself or its format."""
     return InputError(Problem("mesh-damaged", message, Place(path, line), mend="export it again"))
+
+
+def are_numbers(words: Sequence[bytes]) -> bool:
+    """Whether all words are finite numbers of single precision."""
+    try:
+        return all(abs(float(word)) <= MAX_NUMBER for word in words)
+    except ValueError:
+        return False
 
 
 def check_bytes(path: Path, size: int, limit: int) -> None:

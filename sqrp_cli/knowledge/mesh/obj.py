@@ -10,8 +10,9 @@ from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.knowledge.mesh.limits import (
-    MAX_NUMBER,
     MAX_TRIANGLES,
+    NUMBERS,
+    are_numbers,
     check_corners,
     check_pieces,
     check_triangles,
@@ -81,16 +82,10 @@ class _Mesh:
         return f"found the {_MEANING[kind]} {index:,}, of {self.counts[kind]:,} that there are"
 
     def _check_numbers(self, line: int, keyword: str, words: Sequence[bytes]) -> None:
-        try:
-            fine = len(words) in _NUMBERS[keyword] and all(abs(float(word)) <= MAX_NUMBER for word in words)
-        except ValueError:
-            fine = False
-        if not fine:
+        if len(words) not in _NUMBERS[keyword] or not are_numbers(words):
             text = b" ".join(words)[:60].decode("utf-8", errors="replace")
             count = " or ".join(map(str, _NUMBERS[keyword]))
-            raise damaged(
-                f"found the {_MEANING[keyword]} `{text}`, expected {count} numbers of single precision", self.path, line
-            )
+            raise damaged(f"found the {_MEANING[keyword]} `{text}`, expected {count} {NUMBERS}", self.path, line)
 
     def _check_corners(self, line: int, words: Sequence[bytes]) -> None:
         for word in words:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sqrp_cli.knowledge.mesh.limits import MAX_NUMBER, check_pieces, check_triangles, damaged
+from sqrp_cli.knowledge.mesh.limits import NUMBERS, are_numbers, check_pieces, check_triangles, damaged
 
 _HEADER = 84
 """Bytes before the triangles of a binary STL; the last four are the number of triangles."""
@@ -17,12 +17,11 @@ _HEADER = 84
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 """A triangle of a binary STL."""
 
-_NUMBER = "a number"
-_VERTEX = ("vertex", _NUMBER, _NUMBER, _NUMBER)
+_VERTEX = ("vertex", NUMBERS, NUMBERS, NUMBERS)
 _WORDS = ("facet", "normal", *_VERTEX[1:], "outer", "loop", *_VERTEX * 3, "endloop", "endfacet")
 """The words of a triangle in a text STL."""
 
-_PATTERN = rb"\s+".join(rb"(\S+)" if word == _NUMBER else word.encode() for word in _WORDS)
+_PATTERN = rb"\s+".join(rb"(\S+)" if word == NUMBERS else word.encode() for word in _WORDS)
 _TRIANGLE = re.compile(_PATTERN + rb"(?:\s+|\Z)")
 _SOLID, _END = re.compile(rb"\s*solid\b[^\r\n]*\s*"), re.compile(rb"endsolid\b[^\r\n]*\s*")
 
@@ -57,7 +56,7 @@ def _check_binary(path: Path) -> None:
         facet = int(finite.argmin())
         at = _HEADER + _FACET.itemsize * facet
         found = " ".join(f"{number:g}" for number in corners[facet].ravel())
-        raise damaged(f"triangle {facet + 1:,} (byte {at:,}) has the corners {found}, expected finite numbers", path)
+        raise damaged(f"triangle {facet + 1:,} (byte {at:,}) has the corners {found}, expected {NUMBERS}", path)
 
 
 def _count_text(path: Path, content: bytes) -> int:
@@ -69,7 +68,7 @@ def _count_text(path: Path, content: bytes) -> int:
             raise _unexpected(path, content, at, iter(("solid",)))
         pieces, at = pieces + 1, start.end()
         while triangle := _TRIANGLE.match(content, at):
-            if not _are_finite(triangle.groups()[3:]):
+            if not are_numbers(triangle.groups()[3:]):
                 break
             count, at = count + 1, triangle.end()
         end = _END.match(content, at)
@@ -80,23 +79,16 @@ def _count_text(path: Path, content: bytes) -> int:
     return count
 
 
-def _are_finite(words: tuple[bytes, ...]) -> bool:
-    try:
-        return all(abs(float(word)) <= MAX_NUMBER for word in words)
-    except ValueError:
-        return False
-
-
 def _unexpected(path: Path, content: bytes, at: int, expected: Iterator[str]) -> Exception:
     """The error for the first unexpected word from a byte on."""
     normal = 0
     for found in re.finditer(rb"\S+", content[at : at + 10_000]):
         word, wanted = found[0], next(expected)
-        normal = 3 if wanted == "normal" else normal - (wanted == _NUMBER)
-        if not (_are_finite((word,)) or normal >= 0 if wanted == _NUMBER else word == wanted.encode()):
+        normal = 3 if wanted == "normal" else normal - (wanted == NUMBERS)
+        if not (are_numbers((word,)) or normal >= 0 if wanted == NUMBERS else word == wanted.encode()):
             line = content.count(b"\n", 0, at + found.start()) + 1
             text = word[:60].decode("utf-8", errors="replace")
-            wanted = wanted if wanted == _NUMBER else f"`{wanted}`"
+            wanted = wanted if wanted == NUMBERS else f"`{wanted}`"
             return damaged(f"found `{text}`, expected {wanted}", path, line)
     message = "the file ends within a triangle or before `endsolid`: it is cut off"
     return damaged(message, path, content.count(b"\n") + 1)
