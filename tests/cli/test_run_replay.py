@@ -29,7 +29,9 @@ def log_of(path: Path, delay: float, rates: dict[str, float] | None) -> Path:
     return path
 
 
-@pytest.mark.parametrize("kept", ["", '{"t": 2.0, "event": "re', '{"t": 3.0, "event": "state", "fingers": {"left": 0.0}'])
+@pytest.mark.parametrize(
+    "kept", ["", '{"t": 2.0, "event": "re', '{"t": 3.0, "event": "state", "fingers": {"left": 0.0}']
+)
 def test_a_run_that_was_interrupted_is_shown_until_then(sqrp: Callable[..., Any], tmp_path: Path, kept: str) -> None:
     log = log_of(tmp_path / "log", 0.1, None)
     *lines, _ = log.read_text(encoding="utf-8").splitlines(keepends=True)

@@ -110,6 +110,16 @@ def test_what_is_left_out_by_bounds_is_never_better(seed):
             assert (worth.delay, worth.price) == pytest.approx(min(equal), abs=1e-6)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_of_sets_that_are_equal_in_every_aim_the_first_of_the_file_is_chosen(seed):
+    problem = random_problem(np.random.default_rng(seed))
+    problem.cover.table.sees[:] = [np.ones(OPTIONS, dtype=bool)] * ROWS
+    problem = replace(problem, price=np.ones(OPTIONS), blocked=frozenset())
+    found = EverySet(problem, Demand()).best([2, 3])
+    assert found is not None
+    assert found.options == min(each_set(problem, 2))
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_no_more_is_covered_than_a_bound_says(seed):
     rng = np.random.default_rng(seed)

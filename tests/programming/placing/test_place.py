@@ -207,6 +207,19 @@ def test_nothing_stands_where_the_robot_moves(cell, tmp_path):
     assert shut == ["swept", "table"]
 
 
+@pytest.mark.parametrize(
+    ("most", "says"), [(1, "the cheapest camera costs 120"), (2, "the cheapest 2 cameras cost 240")]
+)
+def test_a_budget_for_mounts_in_the_way_only_is_said_to_be_too_small(cell, tmp_path, most, says):
+    """One on the table is cheap enough, but the robot would touch it; `at_least` two cameras with a spare one."""
+    text = FORTY.replace("10 cm}}", "10 cm}, price: 20}\n  table: {points: [[0.5, 0.5, 0.01]]}").replace(
+        "6 deg", "60 deg"
+    )
+    found = placer(cell, tmp_path, text, Demand(most=most, survive=most - 1, budget=120.0 * most - 10)).place()
+    assert (found.met, found.cameras) == (False, ())
+    assert found.why == f"{says}, the budget is {120 * most - 10}"
+
+
 def test_of_equally_good_pairs_the_one_with_the_shortest_delay_is_chosen(pair):
     asked, found, _ = pair
     problem = asked.survey.posed(0)
