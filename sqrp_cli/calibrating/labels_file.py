@@ -117,7 +117,9 @@ class _LabelRow:
         except ValueError:
             value = math.nan
         if not abs(value) <= LARGEST:
-            self._refuse("wrong-value", f"`{name}` is {describe(text)}, expected a number of at most {LARGEST:g} in size")
+            self._refuse(
+                "wrong-value", f"`{name}` is {describe(text)}, expected a number of at most {LARGEST:g} in size"
+            )
         return value
 
     def _refuse(self, code: str, message: str) -> NoReturn:
