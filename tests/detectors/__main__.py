@@ -2,7 +2,7 @@
 
 Curves are learned by `calibrate` from frames of some seeds and judged on those of others, with poses of their own:
 calibration error at most 3 points, Brier score at most half of that of the limits. Ranges of markers of any size,
-dictionary, lens and angle, by default 12 made by seed from FIRST (0) on, agree with images to 10 %. Exit code 1
+dictionary, lens and angle, by default 12 cases made by seed from FIRST (0) on, agree with images to 10 %. Exit code 1
 otherwise. Part of `make trials`.
 """
 

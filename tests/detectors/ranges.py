@@ -20,6 +20,12 @@ from tests.runtime.perception.detector_limits import staged, tilted
 SPREAD = 1.7
 """How much nearer and farther than predicted markers are looked at."""
 
+MIDDLE = 0.1
+"""How far from the middle of the image, at most, as a tangent: lenses stretch what is farther out."""
+
+MARKERS = 5
+"""Of a dictionary: which bits a marker has makes up to a tenth of its range."""
+
 
 class Case(NamedTuple):
     """A marker before a camera."""
@@ -33,17 +39,21 @@ class Case(NamedTuple):
     """[pixels]"""
     incidence: float
     """[rad]"""
+    ids: tuple[int, ...] = (5,)
+    """Of the markers that are looked at in turn."""
 
     @classmethod
     def by_seed(cls, seed: int) -> Case:
-        """Any dictionary, size and lens, turned by up to 70 degrees."""
+        """Any dictionary, size and lens, and some of its markers, turned by up to 70 degrees."""
         random = np.random.default_rng(seed)
+        dictionary = str(random.choice(list(DICTIONARIES)))
         return cls(
-            dictionary=str(random.choice(list(DICTIONARIES))),
+            dictionary=dictionary,
             side=round(float(random.uniform(0.03, 0.1)), 3),
             width=int(random.choice([640, 800, 1024, 1280])),
             focal=round(float(random.uniform(500.0, 1100.0))),
             incidence=float(np.radians(random.uniform(0.0, 70.0))),
+            ids=tuple(random.choice(DICTIONARIES[dictionary].ids, MARKERS, replace=False).tolist()),
         )
 
     @property
@@ -52,30 +62,36 @@ class Case(NamedTuple):
         return camera(X_FC=look_at((3.0, 0.0, 2.0), (5.0, 0.0, 1.5)), size=size, focal=(self.focal, self.focal))
 
     @property
-    def marker(self) -> ObjectMarker:
-        return ObjectMarker(id=5, dictionary=self.dictionary, side=self.side)
+    def markers(self) -> list[ObjectMarker]:
+        return [ObjectMarker(id=one, dictionary=self.dictionary, side=self.side) for one in self.ids]
+
+    @property
+    def size(self) -> tuple[float, float, float]:
+        """Of the plate that a marker is on [m]."""
+        return 1.5 * self.side, 1.5 * self.side, 0.002
 
     @property
     def predicted(self) -> float:
         """How far away nine of ten images show it [m]."""
-        size = (1.5 * self.side, 1.5 * self.side, 0.002)
-        return MarkerRange.of(self.camera, self.marker.on(size), self.incidence).far
+        return MarkerRange.of(self.camera, self.markers[0].on(self.size), self.incidence).far
 
     def measured(self, count: int, seed: int) -> float:
         """The same by random views, at distances up to `SPREAD` times nearer and farther than predicted [m]."""
         random, eye = np.random.default_rng([seed, self.width, round(self.focal)]), self.camera
-        plate = thing(
-            "plate", (4, 0, 0.02), (1.5 * self.side, 1.5 * self.side, 0.002), color="white", marker=self.marker
-        )
+        plates = [thing(f"plate {one.id}", (4, 0, 0.02), self.size, color="white", marker=one) for one in self.markers]
+        away = pose(position=eye.X_FC[:3, 3] - 10.0 * eye.X_FC[:3, 2])
         distance = self.predicted * SPREAD ** random.uniform(-1.0, 1.0, count)
-        reach = 0.35 * np.array([self.width, 0.75 * self.width]) / self.focal
         seen = np.zeros(count, dtype=bool)
-        with staged([plate], [eye]) as stage:
+        with staged(plates, [eye]) as stage:
+            for plate in plates:
+                stage.put(plate.name, away)
             for trial in range(count):
-                center = distance[trial] * np.array([*random.uniform(-reach, reach), 1.0])
-                stage.put("plate", eye.X_FC @ pose(tilted(center, self.incidence, random), center))
+                plate, wanted = plates[trial % len(plates)], self.ids[trial % len(plates)]
+                center = distance[trial] * np.array([*random.uniform(-MIDDLE, MIDDLE, 2), 1.0])
+                stage.put(plate.name, eye.X_FC @ pose(tilted(center, self.incidence, random), center))
                 found = find_markers(stage.frame("cam", trial).image, self.dictionary)
-                seen[trial] = any(marker.id == 5 for marker in found)
+                seen[trial] = any(marker.id == wanted for marker in found)
+                stage.put(plate.name, away)
         return _nine_of_ten(distance, seen)
 
 

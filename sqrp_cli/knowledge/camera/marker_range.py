@@ -16,9 +16,9 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera.camera import Intrinsics
 from sqrp_cli.knowledge.markers import DICTIONARIES, Marker
 
-MODULE_PIXELS, LESS_PER_BIT, MOST_BITS = 1.9, 0.1, 3
-"""Pixels along a module of a marker that is read in nine of ten images; less for each bit that is corrected, up to so
-many bits."""
+MODULE_PIXELS, PER_BIT = 1.59, 0.19
+"""Pixels along a module of a marker that is read in nine of ten images, if each side has one bit and none may be wrong;
+by n bits along a side, of which b in all may be wrong, 1.59 (n / (1 + b))^0.19: of more bits one is lost more often."""
 
 LEAST_SIDE = 0.011
 """Least side of a marker in the image that is looked at, as a share of the longer side of the image. OpenCV passes over
@@ -56,16 +56,15 @@ def least_pixels(camera: Intrinsics, dictionary: str, incidence: ArrayLike = 0.0
 def _least_side(camera: Intrinsics, dictionary: str, incidence: ArrayLike) -> Array:
     """The longer side in the image of the smallest marker that is read [pixels].
 
-    A bit is lost across or along its module in proportion to h^-6, where h is how far apart the module's edges are. Of
-    a marker turned by an angle of cosine k about an axis at phi to these edges, h^2 is in proportion to
-    k^2 / (cos(phi)^2 + k^2 sin(phi)^2); over all axes, the mean of h^-6 is (5 + 3 k^2 + 3 k^4 + 5 k^6) / 16 k^6. The
-    power is by images of markers that are turned. Outlines are passed over by their perimeter.
+    A bit is read by the distance h of its module's edges in the image. Of a marker turned by an angle of cosine k about
+    an axis at phi to them, h^2 is in proportion to k^2 / (cos(phi)^2 + k^2 sin(phi)^2); over all axes, the mean of h^-2
+    is (1 + k^2) / 2 k^2. Outlines are passed over by their perimeter.
     """
     code, shorter = DICTIONARIES[dictionary], _shorter(incidence)
-    module = MODULE_PIXELS - LESS_PER_BIT * min(code.corrected, MOST_BITS)
-    lost = (5.0 + 3.0 * shorter**2 + 3.0 * shorter**4 + 5.0 * shorter**6) / 16.0
-    read = code.modules * module * lost ** (1.0 / 6.0) / shorter
-    return np.maximum(read, LEAST_SIDE * max(camera.width, camera.height) * 2.0 / (1.0 + shorter))
+    module = MODULE_PIXELS * ((code.modules - 2) / (1 + code.corrected)) ** PER_BIT
+    read = code.modules * module * np.sqrt(0.5 * (1.0 + shorter**2)) / shorter
+    found: Array = np.maximum(read, LEAST_SIDE * max(camera.width, camera.height) * 2.0 / (1.0 + shorter))
+    return found
 
 
 def _shorter(incidence: ArrayLike) -> Array:
