@@ -151,22 +151,24 @@ class PosedCamera:
     ) -> ProjectedParts:
         """Parts whose links or objects have given poses; of what reaches behind the camera, what is before it.
 
-        Triangles that do are left out. beyond: with the parts that lie beyond the image's edges.
+        beyond: with the parts that lie beyond the image's edges.
         """
         parts = []
         for surface in surfaces:
             points = transform(self._X_CW @ X_WP[surface.parent], surface.vertices)
-            if surface.triangles is None:
+            triangles = surface.triangles
+            if triangles is None:
                 points = _before_lens(points)
-            ahead = points[:, 2] >= LEAST_DEPTH
-            pixels, inside = self.projection.pixels(np.where(ahead[:, None], points, (0.0, 0.0, 1.0)))
-            visible = ahead & inside
+            elif points[:, 2].min() < LEAST_DEPTH:
+                points = _cut(points[triangles]).reshape(-1, 3)
+                triangles = np.arange(len(points)).reshape(-1, 3)
+            pixels, visible = self.projection.pixels(points)
             if not visible.any() or not (beyond or self._reaches_image(pixels[visible])):
                 continue
-            if surface.triangles is None:
+            if triangles is None:
                 polygons, corners = convex_outline(pixels)[None], points[None]
             else:
-                whole = surface.triangles[visible[surface.triangles].all(axis=1)]
+                whole = triangles[visible[triangles].any(axis=1)]
                 polygons, corners = pixels[whole], points[whole]
             if len(polygons):
                 parts.append(_ProjectedPart.of(surface.parent, polygons, corners))
@@ -198,6 +200,22 @@ def _before_lens(points: Array) -> Array:
     met = far[:, None] + share[..., None] * (near - far[:, None])
     met[..., 2] = LEAST_DEPTH
     return np.concatenate([far, met.reshape(-1, 3)])
+
+
+def _cut(triangles: Array) -> Array:
+    """What of triangles (p, 3, 3) in the optical frame is far enough before the lens [m], as triangles (m, 3, 3)."""
+    depth = triangles[..., 2]
+    reaching = triangles[(depth.min(axis=1) < LEAST_DEPTH) & (depth.max(axis=1) > LEAST_DEPTH)]
+    far, middle, near = np.take_along_axis(reaching, reaching[..., 2:].argsort(axis=1), axis=1)[:, ::-1].swapaxes(0, 1)
+    middle, end = _before(far, middle), _before(far, near)
+    pieces = np.stack([far, middle, end, middle, _before(middle, near), end], axis=1).reshape(-1, 3, 3)
+    return np.concatenate([triangles[depth.min(axis=1) >= LEAST_DEPTH], pieces])
+
+
+def _before(start: Array, end: Array) -> Array:
+    """How far lines (n, 3) from before the lens to no deeper ends stay there: their last points that do, (n, 3) [m]."""
+    share = (start[:, 2:] - LEAST_DEPTH) / np.maximum(start[:, 2:] - end[:, 2:], 1e-12)
+    return start + np.minimum(share, 1.0) * (end - start)
 
 
 FINEST = 512.0

@@ -34,7 +34,8 @@ def met(X_CP: Array, size: Array) -> Mask:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_link_that_reaches_behind_the_camera_still_hides_what_is_behind_it(seed: int) -> None:
+@pytest.mark.parametrize("mesh", [False, True], ids=["box", "mesh"])
+def test_a_link_that_reaches_behind_the_camera_still_hides_what_is_behind_it(seed: int, mesh: bool) -> None:
     random = np.random.default_rng(seed)
     found = 0
     for _ in range(40):
@@ -44,7 +45,11 @@ def test_a_link_that_reaches_behind_the_camera_still_hides_what_is_behind_it(see
         around = (np.abs(inverse(X_CP)[:3, 3]) < size / 2 + 0.02).all()
         if around or not corners[:, 2].min() < 0 < corners[:, 2].max() or not (shown := met(X_CP, size)).any():
             continue
-        surface = Surface.of(Part("link/0", "link", Box(tuple(size.tolist())), pose()))
+        shape = Box(tuple(size.tolist()))
+        drawn = shape.triangles(4, enclosing=False)
+        surface = (
+            Surface("link", drawn.vertices, drawn.faces) if mesh else Surface.of(Part("link/0", "link", shape, pose()))
+        )
         mask = VIEW.silhouette([surface], {"link": EYE.X_FC @ X_CP}).mask(VIEW.shape, (0, 0))
         assert not (mask & ~dilated(shown, 1)).any()
         assert not (shown & ~dilated(mask, 1)).any()
