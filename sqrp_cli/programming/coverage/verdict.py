@@ -49,7 +49,7 @@ _SENTENCES = {
 _ADVICE = {
     Cause.TOO_NEAR: "move {camera} {figure} back",
     Cause.TOO_FAR: "move {camera} {figure} closer or raise its far range",
-    Cause.OUT_OF_IMAGE: "turn {camera} to the {by} or widen its view",
+    Cause.OUT_OF_IMAGE: "turn {camera} {turn} or widen its view",
     Cause.DETECTOR_NEAR: "move {camera} {figure} back",
     Cause.DETECTOR_FAR: "move {camera} {figure} closer",
     Cause.OBLIQUE: "move {camera} round to face it",
@@ -89,7 +89,9 @@ class CameraCause:
             case _:
                 figure = f"{self.figure:.2f} m"
         shadow = f", in the shadow of {self.by}" if self.by else ""
-        return templates[self.cause].format(camera=self.camera, by=self.by, figure=figure, target=atom, shadow=shadow)
+        turn = {"top": "up", "bottom": "down"}.get(self.by or "", f"to the {self.by}")
+        words = {"camera": self.camera, "by": self.by, "figure": figure, "target": atom, "shadow": shadow, "turn": turn}
+        return templates[self.cause].format_map(words)
 
     @property
     def words(self) -> str:

@@ -8,11 +8,18 @@ import numpy as np
 import pytest
 
 from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study, study
 from sqrp_cli.programming.coverage.blind_spans import cause_totals, sample_weights
 from sqrp_cli.programming.coverage.sampling import Adaptive
-from sqrp_cli.programming.coverage.verdict import explain_stretches, stretches, verdict
+from sqrp_cli.programming.coverage.verdict import (
+    BlindStretch,
+    CameraCause,
+    explain_stretches,
+    stretches,
+    verdict,
+)
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.observer import Observer, sees_all
 from sqrp_cli.programming.task import read_task
@@ -137,3 +144,11 @@ def test_a_literal_is_named_for_times_at_which_it_is_lost_itself(cell: Cell, stu
     assert inside.any()
     assert lost[inside, column].all()
     assert not lost[every, column].all(), "else nothing was narrowed"
+
+
+@pytest.mark.parametrize(("side", "turn"), [("left", "to the left"), ("top", "up"), ("bottom", "down")])
+def test_a_camera_is_turned_towards_what_is_outside_its_image(side: str, turn: str) -> None:
+    cause = CameraCause("eye", Cause.OUT_OF_IMAGE, side, 0.0, partly=False)
+    blind = BlindStretch(0.0, 1.0, Atom("seen"), (cause,), (), 1)
+    assert f"eye has seen outside its image ({side})" in str(blind)
+    assert blind.advice == f"turn eye {turn} or widen its view"
