@@ -52,7 +52,7 @@ def whole_candidate(skill: Skill, steps: Sequence[Candidate]) -> Candidate:
         skill=skill,
         binding={f"{n}.{key}": value for n, step in numbered for key, value in step.binding.items()},
         values={f"{n}.{key}": value for n, step in numbered for key, value in step.values.items()},
-        name=THEN.join(step.name for step in steps),
+        name=THEN.join(f"{step.skill.name} {step.name}" for step in steps),
         vias={f"{n}.{key}": value for n, step in numbered for key, value in step.vias.items()},
         branch={f"{n}.{key}": value for n, step in numbered for key, value in step.branch.items()},
         steps=tuple(steps),

@@ -74,9 +74,11 @@ def test_listed_tasks_of_several_steps_and_those_that_need_others_first_are_amon
     (lens,) = [one for one in advice.advice if one.change.kind == "lens"]
     names = {effect.task: [one.before.candidate.name for one in effect.candidates] for effect in lens.effects}
     assert names == {
-        "pickup peg then insert peg socket yaw=0": ["peg1 then peg1 socket", "peg2 then peg2 socket"],
-        "insert peg2 socket yaw=0": ["peg2 then peg2 socket"],
-        TASK: ["peg2 then peg2 socket"],
+        "pickup peg then insert peg socket yaw=0": [
+            f"pickup {one} then insert {one} socket" for one in ("peg1", "peg2")
+        ],
+        "insert peg2 socket yaw=0": ["pickup peg2 then insert peg2 socket"],
+        TASK: ["pickup peg2 then insert peg2 socket"],
     }
     assert all(one.after.steps for effect in lens.effects for one in effect.candidates)
 
