@@ -175,10 +175,7 @@ def print_table(columns: Sequence[Column], rows: Iterable[Sequence[Cell]]) -> No
         named = zip([_title(column) for column in columns[1:]], values, strict=True)
         pairs = [Text.assemble(*_named(title), value) for title, value in named if str(value).strip()]
         name = Text.assemble(*_named(_title(columns[0])), head, style="bold")
-        paragraph = Text.assemble(name, ": " if pairs else "", Text(", ").join(pairs))
-        for number, piece in enumerate(paragraph.wrap(console, console.width - 2)):
-            piece.rstrip()
-            _put(console, Text.assemble("  " if number else "", piece))
+        say(Text.assemble(name, ": " if pairs else "", unbroken(pairs)), indent=2)
 
 
 def fits(columns: Sequence[Column], rows: Sequence[Sequence[Cell]]) -> bool:
@@ -265,6 +262,15 @@ def say(text: Styled = "", style: str | None = None, *, indent: int = 0) -> None
         line.plain = line.plain.replace(_KEPT, " ")
         line.rstrip()
         _put(console, Text.assemble(" " * indent if number else "", line))
+
+
+def unbroken(parts: Iterable[Styled], between: str = ", ") -> Text:
+    """Parts in a row, which `say` folds between them and not within one, save one that is too long for a line."""
+    found = [_text(part) for part in parts]
+    for part in found:
+        if cell_len(part.plain) < terminal_width() - 2:
+            part.plain = part.plain.replace(" ", _KEPT)
+    return Text(between).join(found)
 
 
 def say_command(text: str, command: str, style: str | None = None) -> None:
@@ -403,7 +409,7 @@ def live() -> Iterator[Show | None]:
         yield lambda text: screen.update(text, refresh=True)
 
 
-def plain(text: str, style: str = "") -> Text:
+def plain(text: Styled, style: str = "") -> Text:
     """Text in one style."""
     return _text(text, style)
 

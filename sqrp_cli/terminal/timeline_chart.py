@@ -18,12 +18,12 @@ from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.whole_study import StepShown
 from sqrp_cli.report.sentences import accuracy, part_shares_in_words, way_of, what_to_move
-from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table, say, terminal_width
+from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table, say, terminal_width, unbroken
 
 MOST_SIGNS = 50
 """Signs in a row if the terminal is wide enough; each stands for an equal share of the motion's time."""
 
-LEAST_SIGNS = 20
+LEAST_SIGNS = 10
 """Least number of signs in a row, even in a narrow terminal."""
 
 FIGURES = 12
@@ -52,12 +52,13 @@ NOT_REQUIRED = ("·", "dim")
 """Sign where no formula requires a literal."""
 
 LEGEND = (
-    "█ covered  h hidden  o out of image  f too far  n too near  a angle  s too small  - not covered  · not required"
+    *("█ covered", "h hidden", "o out of image", "f too far", "n too near", "a angle", "s too small"),
+    *("- not covered", "· not required"),
 )
 SELDOM = {
-    Cause.SAME_COLOUR: "  c same colour behind",
-    Cause.TOO_DARK: "  d too dark",
-    Cause.TOO_BRIGHT: "  b too bright",
+    Cause.SAME_COLOUR: "c same colour behind",
+    Cause.TOO_DARK: "d too dark",
+    Cause.TOO_BRIGHT: "b too bright",
 }
 """Added to it where a camera cannot see something for that."""
 
@@ -81,7 +82,7 @@ def print_study(
     totals = cause_totals(cell, study)
     seldom = [words for cause, words in SELDOM.items() if any(total.cause is cause for total in totals)]
     say(plain(_doings(study), "dim"))
-    say(plain("".join([LEGEND, *seldom]), "dim"))
+    say(plain(unbroken([*LEGEND, *seldom], "  "), "dim"))
     _print_faults(assessment)
     say(f"\n{_camera_failures(cell, study, assessment)}")
     if totals:
@@ -95,9 +96,9 @@ def print_study(
     say(plain(accuracy(sampling, [ranked]), "dim"))
 
 
-def _doings(study: Study) -> str:
+def _doings(study: Study) -> Styled:
     """What each primitive action does."""
-    return ", ".join(f"{one.name} {one.words}" for one in study.candidate.skill.primitives)
+    return unbroken(f"{one.name} {one.words}" for one in study.candidate.skill.primitives)
 
 
 def _print_head(ranked: Ranked, step: StepShown | None) -> None:
@@ -110,11 +111,11 @@ def _print_head(ranked: Ranked, step: StepShown | None) -> None:
     for label, quality in (("Q_eoi", assessment.q_eoi), ("Q_avg", assessment.q_avg)):
         figures.append(f"{label} {'-' if quality is None else f'{100 * quality:.1f} %'}")
     if step is None:
-        say(joined([(_title(assessment, step), "bold"), f": {', '.join(figures)}\n"]))
+        say(joined([(_title(assessment, step), "bold"), ": ", unbroken(figures), "\n"]))
         return
     of = "" if step.whole is None else f"; the whole, {step.whole.assessment.candidate.name}, is {_rank_of(step.whole)}"
     say(joined([(_title(assessment, step), "bold"), of]))
-    say(f"{', '.join(figures)}\n")
+    say(joined([unbroken(figures), "\n"]))
 
 
 def _title(assessment: Assessment, step: StepShown | None) -> str:

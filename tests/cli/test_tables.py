@@ -92,7 +92,7 @@ def printed(sqrp):
 
 
 @pytest.mark.filterwarnings("error::pytest.PytestUnhandledThreadExceptionWarning")
-@pytest.mark.parametrize("columns", [80, 60])
+@pytest.mark.parametrize("columns", [80, 60, 40])
 def test_no_line_is_longer_than_the_terminal_and_none_is_cut_off(printed, arguments, columns):
     outcome = printed(columns, *arguments)
     assert (outcome.code, outcome.err) == (0, "")
@@ -105,6 +105,24 @@ def test_no_line_is_longer_than_the_terminal_and_none_is_cut_off(printed, argume
 @pytest.mark.parametrize("columns", [80, 40])
 def test_no_line_ends_in_blanks(printed, arguments, columns):
     assert [line for line in printed(columns, *arguments).out.splitlines() if line != line.rstrip()] == []
+
+
+def test_a_figure_stands_in_the_line_of_its_title_where_a_row_is_a_paragraph(sqrp, watch):
+    shown = sqrp("rank", watch, "watch cube", columns=40).out
+    assert re.search(r"^ .*time \[s\] \d", shown, re.MULTILINE)
+    assert not re.search(r"(\[.*\]|worst|done)$", shown, re.MULTILINE)
+
+
+def test_a_chart_of_a_narrow_terminal_has_its_figures_beside_it_and_whole_entries_in_its_legend(sqrp, watch):
+    shown = sqrp("explain", watch, "watch cube", columns=40).out
+    assert re.search(r"^  eye {13}\S{10} 100\.0 %$", shown, re.MULTILINE)
+    entries = [
+        entry
+        for line in shown.splitlines()
+        if "h hidden" in line or "s too small" in line
+        for entry in line.split("  ")
+    ]
+    assert entries == ["█ covered", "h hidden", "o out of image", "s too small", "- not covered"]
 
 
 def test_a_narrow_terminal_loses_nothing(printed, arguments):
