@@ -28,7 +28,7 @@ def _print_detector(limits: Judged, held_out: Judged) -> None:
     print_table([Column(""), *numbers(*titles)], rows)
     say()
     bins = [(f"{100 * one.told:.1f}", f"{100 * one.seen:.1f}", str(one.looks)) for one in held_out.bins]
-    print_table(numbers("told [%]", "seen [%]", "looks"), bins)
+    print_table(numbers("predicted [%]", "seen [%]", "looks"), bins)
 
 
 def _figures(judged: Judged) -> tuple[str, str]:

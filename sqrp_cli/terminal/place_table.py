@@ -83,7 +83,7 @@ def _print_unmet(found: placing.PlaceDocument, wish: Wish | None) -> None:
 
 def _print_cameras(found: placing.PlaceDocument) -> None:
     columns = [Column("camera"), Column("mount"), Column("lens", shrink=True), Column("where [m]")]
-    columns += numbers("alone\n[%]", "its loss\n[points]")
+    columns += numbers("alone\n[%]", "loss if it\nfails [points]")
     if any(one.price for one in found.cameras):
         columns.append(Column("price", right=True))
     rows = []

@@ -67,7 +67,7 @@ function mountInWords({ name, seen, camera }) {
 // The chosen cameras as a table, and what its columns and the balls mean. look: called with a camera that is clicked.
 function showPlacement({ by, cameras, keep, mounts }, look) {
   const priced = cameras.some(({ price }) => price > 0);
-  const titles = ['camera', 'mount', 'lens', 'where [m]', 'alone', 'its loss', ...(priced ? ['price'] : [])];
+  const titles = ['camera', 'mount', 'lens', 'where [m]', 'alone', 'loss if it fails', ...(priced ? ['price'] : [])];
   const number = (i) => (i > 3 ? { class: 'number' } : {});
   const row = ({ name, mount, lens, pose, frame, alone, loss, price }) => {
     const place = pose.slice(0, 3).map((line) => line[3].toFixed(2));
@@ -91,7 +91,7 @@ function showPlacement({ by, cameras, keep, mounts }, look) {
   const terms = [
     ['Q', 'share of the time in which cameras see all that has to be seen: in events of interest Q_eoi, in all Q_avg'],
     ['alone', `the ${by} Q of all candidates with this camera only`],
-    ['its loss', `by how much the ${by} Q falls without it`],
+    ['loss if it fails', `by how much the ${by} Q falls without it`],
     ...(keep.length ? [['kept', `${keep.join(', ')}, as in the workspace`]] : []),
   ];
   for (const [term, words] of terms) byId('cameras-words').append(make('dt', {}, term), make('dd', {}, named(words)));
