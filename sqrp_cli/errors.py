@@ -91,9 +91,16 @@ class InputError(SqrpError):
         self.problems = problems
 
 
+def bad_input(
+    code: str, message: str, place: Place | None = None, *, mend: str | None = None, excerpt: str | None = None
+) -> InputError:
+    """The error of one finding, with the fields of `Problem`."""
+    return InputError(Problem(code, message, place, mend=mend, excerpt=excerpt))
+
+
 def bad_option(message: str, place: Place | None = None, *, mend: str | None = None) -> InputError:
     """The error of an option, or an argument, that cannot be used as it is."""
-    return InputError(Problem("bad-option", message, place, mend=mend))
+    return bad_input("bad-option", message, place, mend=mend)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.errors import Place, bad_input, expected_names
 from sqrp_cli.geometry import Array, pose, quaternion_to_matrix
 from sqrp_cli.knowledge.text.source import describe
 from sqrp_cli.knowledge.text.units import LARGEST
@@ -60,16 +60,14 @@ def read_labels(folder: Path, workspace: Workspace) -> Iterator[Label]:
         for name in (*columns, *_REQUIRED):
             if name not in _COLUMNS:
                 message = f"there is a column {describe(name)}; {expected_names(name[:LONGEST_NAME], _COLUMNS)}"
-                raise InputError(Problem("wrong-columns", message, Place(path, 1)))
+                raise bad_input("wrong-columns", message, Place(path, 1))
             if name not in columns:
                 message = f"there is no column `{name}`; expected {', '.join(_REQUIRED)}"
-                raise InputError(Problem("wrong-columns", message, Place(path, 1)))
+                raise bad_input("wrong-columns", message, Place(path, 1))
         for row in rows:
             yield _LabelRow(row, Place(path, rows.reader.line_num)).label(folder, workspace)
     except csv.Error as error:
-        raise InputError(
-            Problem("wrong-value", f"this is no CSV: {error}", Place(path, rows.reader.line_num))
-        ) from error
+        raise bad_input("wrong-value", f"this is no CSV: {error}", Place(path, rows.reader.line_num)) from error
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,4 +121,4 @@ class _LabelRow:
         return value
 
     def _refuse(self, code: str, message: str) -> NoReturn:
-        raise InputError(Problem(code, message, self.place))
+        raise bad_input(code, message, self.place)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeAlias, TypeVar
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import Place, bad_input
 
 OBJECT = "object"
 """The type that every object has."""
@@ -238,7 +238,7 @@ def _merge(
                 message = f"{kind} `{name}` is also defined in {owners[name].path}"
                 if meaning(entry) is not None:
                     message += f", as `{merged[name]}` there and `{entry}` here"
-                raise InputError(Problem("pddl-conflict", message, Place(domain.path)))
+                raise bad_input("pddl-conflict", message, Place(domain.path))
             merged.setdefault(name, entry)
             owners.setdefault(name, domain)
     return merged

@@ -17,7 +17,7 @@ from functools import cache, lru_cache
 from importlib.resources import files
 from typing import TYPE_CHECKING
 
-from sqrp_cli.errors import InputError, Place, Problem, nearest
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, nearest
 from sqrp_cli.logic import formula as mtl
 from sqrp_cli.logic.source_text import SourceText, TextOrigin, character_name, depth, is_token
 
@@ -54,8 +54,7 @@ def parse_formula(text: str, place: Place, indent: int = 0) -> mtl.Formula:
 
     source = SourceText(text, place, indent)
     if len(text) > MAX_LENGTH:
-        message = f"the formula has {len(text)} characters; at most {MAX_LENGTH} are read"
-        raise InputError(Problem("mtl-too-long", message, place))
+        raise bad_input("mtl-too-long", f"the formula has {len(text)} characters; at most {MAX_LENGTH} are read", place)
     try:
         tree = _tree(text)
     except UnexpectedInput as error:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple, TypeAlias
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import InputError, Problem, bad_input
 from sqrp_cli.logic.source_text import SourceText, character_name, is_unseen
 
 MAX_DEPTH = 50
@@ -62,7 +62,7 @@ def read_list(source: SourceText) -> WordList:
     """
     if len(source.text) > MAX_LENGTH:
         message = f"the file has {len(source.text)} characters; at most {MAX_LENGTH} are read"
-        raise InputError(Problem("pddl-too-long", message, source.place))
+        raise bad_input("pddl-too-long", message, source.place)
     for found in _NOT_PLAIN.finditer(source.text):
         if not found[0].startswith(";") and is_unseen(found[0]):
             message = f"found the character {character_name(found[0])}, which no word of PDDL has"

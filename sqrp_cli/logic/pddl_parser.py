@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names
 from sqrp_cli.logic import domain as pddl
 from sqrp_cli.logic.nested_lists import Node, Word, WordList, read_list
 from sqrp_cli.logic.source_text import SourceText
@@ -39,7 +39,7 @@ def parse_domain(text: str, path: Path) -> pddl.Domain:
     if _WORD.search(text) and not _DEFINE.search(
         text
     ):  # it may be a secret file, named to see its content: do not quote it
-        raise InputError(Problem("pddl-syntax", "this is no PDDL: expected `(define (domain ...`", Place(path, 1, 1)))
+        raise bad_input("pddl-syntax", "this is no PDDL: expected `(define (domain ...`", Place(path, 1, 1))
     reader = _Reader(SourceText(text, Place(path, 1, 1)))
     domain = reader.read(read_list(reader.source))
     reader.stop_at_problems()

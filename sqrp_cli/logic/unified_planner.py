@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Sequence
 from typing import Any
 
-from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.errors import InputError, bad_input, expected_names
 from sqrp_cli.logic.conditions import Binding, Objects
 from sqrp_cli.logic.domain import Condition, Domain
 from sqrp_cli.logic.literal import Atom
@@ -32,7 +32,7 @@ def engine_planner(name: str) -> Planner:
     if name not in engines:
         mend = None if engines else "pip install up-fast-downward, which brings `fast-downward`"
         message = f"there is no planner `{name}`; {expected_names(name, engines) if engines else 'none is installed'}"
-        raise InputError(Problem("unknown-planner", message, mend=mend))
+        raise bad_input("unknown-planner", message, mend=mend)
 
     def plan(
         domain: Domain, objects: Objects, facts: frozenset[Atom], goal: Condition, binding: Binding
@@ -51,7 +51,7 @@ def _environment() -> Any:  # noqa: ANN401 - the library has no types
         from unified_planning.environment import get_environment
     except ImportError as error:
         message, mend = "other planners need the extra `planners`", "pip install unified-planning up-fast-downward"
-        raise InputError(Problem("missing-extra", message, mend=mend)) from error
+        raise bad_input("missing-extra", message, mend=mend) from error
     environment = get_environment()
     environment.credits_stream = None
     return environment
@@ -68,7 +68,7 @@ def _solved(environment: Any, name: str, task: PlanningTask) -> PlanningResult: 
     with environment.factory.OneshotPlanner(name=name) as planner:
         if not planner.supports(problem.kind):
             message = f"the planner `{name}` cannot plan with negative or disjunctive conditions, which are needed here"
-            raise InputError(Problem("planner-too-weak", message, mend="leave --planner out"))
+            raise bad_input("planner-too-weak", message, mend="leave --planner out")
         # Engines write files in the working folder; two at once would read each other's.
         with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
             result = planner.solve(problem, timeout=TIME_LIMIT)
@@ -83,7 +83,7 @@ def _solved(environment: Any, name: str, task: PlanningTask) -> PlanningResult: 
         case Status.TIMEOUT | Status.MEMOUT:
             return GaveUp(f"{TIME_LIMIT:g} s by `{name}`")
     message = f"the planner `{name}` failed: {result.status.name.lower().replace('_', ' ')}"
-    raise InputError(Problem("planner-failed", message, mend="leave --planner out"))
+    raise bad_input("planner-failed", message, mend="leave --planner out")
 
 
 def _checked(name: str, steps: Sequence[GroundAction], task: PlanningTask) -> Plan:
@@ -91,7 +91,7 @@ def _checked(name: str, steps: Sequence[GroundAction], task: PlanningTask) -> Pl
     state = task.initial
     for step in steps:
         if not step.need.holds(state):
-            raise InputError(Problem("wrong-plan", f"`{name}` returned a plan whose step {step.step} is impossible"))
+            raise bad_input("wrong-plan", f"`{name}` returned a plan whose step {step.step} is impossible")
         state = step.after(state)
     if not task.goal.holds(state):
         raise _wrong_plan(name, "it does not reach the goal")
@@ -100,7 +100,7 @@ def _checked(name: str, steps: Sequence[GroundAction], task: PlanningTask) -> Pl
 
 def _wrong_plan(name: str, why: str) -> InputError:
     message = f"the planner `{name}` returned a plan that is wrong: {why}"
-    return InputError(Problem("wrong-plan", message, mend="leave --planner out"))
+    return bad_input("wrong-plan", message, mend="leave --planner out")
 
 
 def _problem(environment: Any, task: PlanningTask) -> Any:  # noqa: ANN401

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, Problem, bad_input
 
 
 def real_path(path: Path) -> Path:
@@ -23,16 +23,16 @@ def check_writable(path: Path) -> None:
     try:
         if path.exists() and not path.is_dir() and not os.access(path, os.W_OK):
             mend = f"choose another name, or: chmod u+w {shlex.quote(str(path))}"
-            raise InputError(Problem("cannot-write", "this file is write-protected", Place(path), mend=mend))
+            raise bad_input("cannot-write", "this file is write-protected", Place(path), mend=mend)
         if _is_special(path):
             return
         folder = real_path(path).parent if path.is_symlink() else path.parent
         if not folder.is_dir():
             raise InputError(no_folder(folder, path))
         if path.is_dir():
-            raise InputError(Problem("cannot-write", "this is a folder; expected the name of a file", Place(path)))
+            raise bad_input("cannot-write", "this is a folder; expected the name of a file", Place(path))
         if not os.access(folder, os.W_OK):
-            raise InputError(Problem("cannot-write", f"the folder {folder} cannot be written to", Place(path)))
+            raise bad_input("cannot-write", f"the folder {folder} cannot be written to", Place(path))
     except OSError as error:
         raise InputError(_cannot_write(path, error)) from error
 
@@ -51,8 +51,7 @@ def make_folder(path: Path) -> None:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except FileExistsError as error:
-        message = "this is a file; expected the name of a folder"
-        raise InputError(Problem("cannot-write", message, Place(path))) from error
+        raise bad_input("cannot-write", "this is a file; expected the name of a folder", Place(path)) from error
     except OSError as error:
         raise InputError(_cannot_write(path, error, "this folder cannot be made")) from error
 
@@ -64,7 +63,7 @@ def check_not_read(outputs: Iterable[Path | None], inputs: Iterable[Path | None]
     for path in written:
         if real_path(path) in read:
             message = "this file is read by the same command, so it is not overwritten"
-            raise InputError(Problem("would-overwrite", message, Place(path), mend="choose another name"))
+            raise bad_input("would-overwrite", message, Place(path), mend="choose another name")
 
 
 def check_distinct(outputs: Mapping[str, Path | None]) -> None:
@@ -76,9 +75,7 @@ def check_distinct(outputs: Mapping[str, Path | None]) -> None:
         other = options.setdefault(real_path(path), option)
         if other != option:
             message = f"{other} and {option} both name this file"
-            raise InputError(
-                Problem("would-overwrite", message, Place(path), mend="choose another name for one of them")
-            )
+            raise bad_input("would-overwrite", message, Place(path), mend="choose another name for one of them")
 
 
 @contextmanager

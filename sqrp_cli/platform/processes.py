@@ -25,7 +25,7 @@ from types import ModuleType
 from typing import Any, Generic, TypeAlias, TypeVar
 from weakref import WeakSet
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import InputError, Problem, bad_input
 
 Context: TypeAlias = ForkContext | ForkServerContext | SpawnContext
 Message = TypeVar("Message")
@@ -134,7 +134,7 @@ class Worker(Generic[Message, Answer]):
                 self._process.start()
             except (EOFError, ConnectionError) as error:
                 message = "the process that starts the others was killed; is there enough memory?"
-                raise InputError(Problem("worker-died", message)) from error
+                raise bad_input("worker-died", message) from error
         theirs.close()
 
     @property

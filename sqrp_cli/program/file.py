@@ -15,7 +15,7 @@ from typing import Any
 
 import yaml
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.validation import validate
 from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, read_yaml
@@ -61,7 +61,7 @@ def load_program(path: Path) -> Program:
     if "sqrp_program" not in document.data:
         message = "this is no program: it lacks the key `sqrp_program`"
         mend = "name a file that does not exist yet, and it is made: sqrp rank WORKSPACE TASK --program NEW.yaml"
-        raise InputError(Problem("no-program", message, Place(path), mend=mend))
+        raise bad_input("no-program", message, Place(path), mend=mend)
     program = validate(document, Program)
     problems = _problems(document, flaws(program))
     for number, step in enumerate(program.steps):
@@ -90,7 +90,7 @@ def save_program(program: Program, path: Path) -> None:
     text = head + yaml.dump(numbers, Dumper=_Dumper, sort_keys=False, width=120, allow_unicode=True)
     if len(text.encode()) > MAX_BYTES:
         message = f"with {len(program.steps)} steps this program would have more than {MAX_BYTES:,} bytes, the limit"
-        raise InputError(Problem("file-too-large", message, Place(path), mend=f"--after {path} --program ANOTHER"))
+        raise bad_input("file-too-large", message, Place(path), mend=f"--after {path} --program ANOTHER")
     write_atomically(path, text, executable=True)
 
 
@@ -146,8 +146,7 @@ def check_program(program: Program, path: Path, workspace: Workspace) -> None:
     """Raises InputError if a program was made for another workspace, or if either has changed since in what matters."""
     where, doubt = workspace_path(program, path), stale(program, path, workspace)
     if where != workspace.path and (where.exists() or doubt is not None):
-        message = f"this program was made for {where}, not for {workspace.path}"
-        raise InputError(Problem("other-workspace", message, Place(path)))
+        raise bad_input("other-workspace", f"this program was made for {where}, not for {workspace.path}", Place(path))
     if doubt is not None:
         raise InputError(doubt)
     if any(flaws_in(program, workspace)):
@@ -163,8 +162,7 @@ def check_unedited(program: Program, path: Path) -> None:
     if program.checksum != _checksum(program):
         changed = (keys for (keys, is_), was in zip(_marks(program).items(), program.marks, strict=False) if is_ != was)
         message = "this program is not as sqrp wrote it, so what it says need not be true of its motion"
-        mend = _again(program, path)
-        raise InputError(read_yaml(path).problem("edited-program", next(changed, ("checksum",)), message, mend))
+        raise read_yaml(path).error("edited-program", next(changed, ("checksum",)), message, _again(program, path))
 
 
 def workspace_path(program: Program, path: Path) -> Path:
@@ -188,7 +186,7 @@ def find_workspace(program: Program, path: Path) -> Path:
         return found[0]
     message = f"there is no workspace {shortest_path(where)}, where this program looks for it from its own folder"
     mend = "move the program back, or enter under `workspace` where its workspace is now"
-    raise InputError(read_yaml(path, keys=_KEYS).problem("missing-file", ("workspace",), message, mend))
+    raise read_yaml(path, keys=_KEYS).error("missing-file", ("workspace",), message, mend)
 
 
 def _holds_in(program: Program, path: Path, file: Path) -> bool:

@@ -15,7 +15,7 @@ from typing import Any
 
 import yaml
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, bad_input
 from sqrp_cli.platform.files import naming
 from sqrp_cli.ros.messages import Message, MessageError, Ros, message_types
 
@@ -54,16 +54,15 @@ def check_kind(path: Path) -> None:
     """Raises InputError for what is named as a recording and is none, and for pipes and devices, also in its folder."""
     for part in (path, *(path.iterdir() if path.is_dir() else ())):
         if part.exists() and not part.is_file() and not part.is_dir():
-            raise InputError(Problem("unreadable-file", f"{part.name} is neither a file nor a folder", Place(path)))
+            raise bad_input("unreadable-file", f"{part.name} is neither a file nor a folder", Place(path))
     kind = _KINDS.get(path.suffix.lower())
     if path.is_file() and kind is not None and not is_bag(path):
         what = "it is empty" if not path.stat().st_size else "it begins otherwise"
         message = f"this is no {kind}: {what}; expected a recording that was closed and is whole"
-        raise InputError(Problem("unreadable-file", message, Place(path)))
+        raise bad_input("unreadable-file", message, Place(path))
     if path.is_dir() and not is_bag(path) and (parts := sorted([*path.glob("*.mcap"), *path.glob("*.db3")])):
         message = f"this folder has {parts[0].name}, but no {METADATA}: its recorder was not ended as it should be"
-        mend = f"ros2 bag reindex {shlex.quote(str(path))}"
-        raise InputError(Problem("unreadable-file", message, Place(path), mend=mend))
+        raise bad_input("unreadable-file", message, Place(path), mend=f"ros2 bag reindex {shlex.quote(str(path))}")
 
 
 def _head(path: Path) -> bytes:
@@ -139,7 +138,7 @@ class Bag:
             return self.types.decode(packed.type, packed.data)
         except (MessageError, KeyError) as error:
             message = f"a message on `{packed.topic}` is no {packed.type}"
-            raise InputError(Problem("unreadable-file", message, Place(self.path))) from error
+            raise bad_input("unreadable-file", message, Place(self.path)) from error
 
     def close(self) -> None:
         """Close the file."""
@@ -161,7 +160,7 @@ class Bag:
             raise
         except Exception as error:  # every library below has its own
             message = f"this recording cannot be read: {_told(error)}; expected one that was closed and is whole"
-            raise InputError(Problem("unreadable-file", message, Place(self.path), mend=_mend(self.path))) from error
+            raise bad_input("unreadable-file", message, Place(self.path), mend=_mend(self.path)) from error
 
 
 def _check_suffix(path: Path, head: bytes) -> None:
@@ -170,7 +169,7 @@ def _check_suffix(path: Path, head: bytes) -> None:
         if head.startswith(start) and path.suffix != suffix:
             message = f"this is a {_KINDS[suffix]}, whose name has to end in {suffix}"
             mend = shlex.join(["mv", str(path), str(path.with_suffix(suffix))])
-            raise InputError(Problem("unreadable-file", message, Place(path), mend=mend))
+            raise bad_input("unreadable-file", message, Place(path), mend=mend)
 
 
 @cache
@@ -224,8 +223,7 @@ def _metadata(text: str) -> object:
 
 
 def _missing(what: str, path: Path) -> InputError:
-    message = f"{what} needs the package rosbags"
-    return InputError(Problem("missing-extra", message, Place(path), mend="pip install 'sqrp[bags]'"))
+    return bad_input("missing-extra", f"{what} needs the package rosbags", Place(path), mend="pip install 'sqrp[bags]'")
 
 
 def _told(error: Exception) -> str:

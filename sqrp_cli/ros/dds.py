@@ -12,7 +12,7 @@ from collections.abc import Collection, Mapping
 from typing import Any, cast
 from xml.sax.saxutils import quoteattr
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import bad_input
 from sqrp_cli.ros.messages import Message, MessageTypes, message_types
 from sqrp_cli.ros.transport import Inbox, Send, Topic
 
@@ -36,7 +36,7 @@ class DdsTransport:
             from cyclonedds.domain import Domain, DomainParticipant
         except ImportError as error:
             message = "ROS 2 on the wire needs the packages cyclonedds and rosbags"
-            raise InputError(Problem("missing-extra", message, mend="pip install 'sqrp[ros2]'")) from error
+            raise bad_input("missing-extra", message, mend="pip install 'sqrp[ros2]'") from error
         self.types: MessageTypes = message_types(2)
         try:
             if network is not None:
@@ -44,7 +44,7 @@ class DdsTransport:
             self._participant = DomainParticipant(domain)
         except DDSException as error:
             message = f"cannot use domain {domain} of DDS on {network or 'the network'}: {error}"
-            raise InputError(Problem("no-network", message)) from error
+            raise bad_input("no-network", message) from error
         self._waitset = WaitSet(self._participant)
         self._wake = GuardCondition(self._participant)
         self._waitset.attach(self._wake)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Collection, Mapping
 from importlib import import_module
 from typing import Any
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import bad_input
 from sqrp_cli.ros.messages import Message, MessageTypes, message_types
 from sqrp_cli.ros.transport import Inbox, Send, Topic
 
@@ -35,7 +35,7 @@ class RclpyTransport:
         except ImportError as error:
             message = f"rclpy cannot be imported: {error}"
             mend = "source /opt/ros/DISTRO/setup.bash, with the Python of that ROS; or transport: dds, which needs none"
-            raise InputError(Problem("missing-extra", message, mend=mend)) from error
+            raise bad_input("missing-extra", message, mend=mend) from error
         self.types: MessageTypes = message_types(2)
         self._context = Context()
         rclpy.init(context=self._context, domain_id=domain)
@@ -68,8 +68,7 @@ class RclpyTransport:
         action = import_module("control_msgs.action").FollowJointTrajectory
         client = ActionClient(self._node, action, name)
         if not client.wait_for_server(timeout_sec=SERVED_WITHIN):
-            message = f"nobody serves the action `{name}`"
-            raise InputError(Problem("no-network", message, mend="ros2 action list -t"))
+            raise bad_input("no-network", f"nobody serves the action `{name}`", mend="ros2 action list -t")
         newest = 0
 
         def send(message: Message) -> None:

@@ -16,7 +16,7 @@ from threading import Lock
 from typing import Any
 from urllib.parse import urlsplit
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import bad_input
 from sqrp_cli.ros.messages import Message, MessageTypes, message_types
 from sqrp_cli.ros.transport import Inbox, Send, Topic
 
@@ -164,7 +164,7 @@ def _rospy() -> Any:  # noqa: ANN401 # a module without types
         except ImportError as error:
             message = f"ROS 1 needs rospy, which cannot be imported: {error}"
             mend = "apt install python3-rospy python3-rosgraph-msgs, or source a workspace of ROS 1"
-            raise InputError(Problem("missing-extra", message, mend=mend)) from error
+            raise bad_input("missing-extra", message, mend=mend) from error
     return rospy
 
 
@@ -178,7 +178,7 @@ def _master() -> Any:  # noqa: ANN401 # of a library without types
         master.getPid()
     except Exception as error:  # whatever XML-RPC makes of a wrong address
         message = f"no master of ROS 1 answers at {uri or 'ROS_MASTER_URI, which is not set'}"
-        raise InputError(Problem("no-network", message, mend="roscore")) from error
+        raise bad_input("no-network", message, mend="roscore") from error
     return master
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import bad_input
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 
@@ -52,7 +52,7 @@ def check_simulated(workspace: Workspace) -> None:
         message = (
             f"the images of all cameras have {together:,} pixels; simulated are at most {MOST_SIMULATED_TOGETHER:,}"
         )
-        raise InputError(Problem("image-too-large", message, workspace.places.get("cameras")))
+        raise bad_input("image-too-large", message, workspace.places.get("cameras"))
 
 
 def check_recorded(workspace: Workspace, names: Iterable[str]) -> None:
@@ -67,4 +67,4 @@ def _check(workspace: Workspace, camera: Camera, most: int, done: str) -> None:
         message += f"; images of at most {most:,} pixels are {done}"
         mend = "give the camera a smaller image, with the same field of view"
         place = workspace.places.get(f"cameras.{camera.name}")
-        raise InputError(Problem("image-too-large", message, place, mend=mend))
+        raise bad_input("image-too-large", message, place, mend=mend)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import Place, bad_input
 from sqrp_cli.geometry import Array, transform
 from sqrp_cli.knowledge.mesh.mesh_file import check_mesh
 from sqrp_cli.platform.interrupts import interrupts_later
@@ -84,9 +84,9 @@ def load_triangles(mesh: Mesh) -> Triangles:
         vertices, faces = np.asarray(triangles.vertices, dtype=float), np.asarray(triangles.faces, dtype=np.int64)
     except Exception as error:  # each format's reader fails in ways of its own
         message = f"this mesh cannot be read: {error or type(error).__name__}"
-        raise InputError(Problem("mesh-unreadable", message, Place(mesh.path))) from error
+        raise bad_input("mesh-unreadable", message, Place(mesh.path)) from error
     if len(faces) == 0:
-        raise InputError(Problem("mesh-empty", "this mesh has no triangles", Place(mesh.path)))
+        raise bad_input("mesh-empty", "this mesh has no triangles", Place(mesh.path))
     if np.prod(mesh.scale) < 0.0:
         faces = faces[:, ::-1]
     return Triangles(vertices * mesh.scale, faces)
@@ -97,4 +97,4 @@ def _check(path: Path) -> None:
     try:
         check_mesh(path)
     except OSError as error:
-        raise InputError(Problem("unreadable-file", f"cannot be read: {error.strerror}", Place(path))) from error
+        raise bad_input("unreadable-file", f"cannot be read: {error.strerror}", Place(path)) from error

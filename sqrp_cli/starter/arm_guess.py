@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.errors import bad_input, expected_names
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.robot.joint_tree import driving_joints
 from sqrp_cli.knowledge.robot.robot import AXES_OF_A_POSE
@@ -59,7 +59,7 @@ def guess_arm(urdf: UrdfModel, tip: str | None = None) -> ArmGuess:
     if not chains:
         message = f"`{urdf.name}` has no joint that moves an arm: {_what_it_has(urdf)}"
         mend = "name the URDF of the arm; where its joints are named as those of a gripper, its last link: `--tip LINK`"
-        raise InputError(Problem("no-arm", message, urdf.links[urdf.root].place, mend=mend))
+        raise bad_input("no-arm", message, urdf.links[urdf.root].place, mend=mend)
     arm = max(chains, key=len)  # the first of equals
     others = [_tip(urdf, chain) for chain in chains if chain is not arm and _is_another(chain, arm)]
     return replace(_guess(urdf, arm, _tip(urdf, arm)), others=tuple(others))
@@ -79,12 +79,12 @@ def _chain_to(urdf: UrdfModel, tip: str) -> list[UrdfJoint]:
     if tip not in urdf.links:
         message = f"found `{tip}`, which is no link of `{urdf.name}`; {expected_names(tip, urdf.links)}"
         mend = "name the link that carries the tool: `--tip LINK`, or leave `--tip` out to have it guessed"
-        raise InputError(Problem("unknown-link", message, urdf.links[urdf.root].place, mend=mend))
+        raise bad_input("unknown-link", message, urdf.links[urdf.root].place, mend=mend)
     chain = [joint for joint in urdf.chain(tip) if joint.movable]
     if not chain:
         message = f"no joint moves `{tip}`; expected a link at the end of an arm"
         mend = "name the link that carries the tool: `--tip LINK`, or leave `--tip` out to have it guessed"
-        raise InputError(Problem("no-arm", message, urdf.links[tip].place, mend=mend))
+        raise bad_input("no-arm", message, urdf.links[tip].place, mend=mend)
     return chain
 
 

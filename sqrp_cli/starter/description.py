@@ -10,7 +10,7 @@ from difflib import SequenceMatcher
 from pathlib import Path
 from typing import TypeVar
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.knowledge.robot.moveit_limits import MoveitLimits, read_moveit_limits, with_position_limits
 from sqrp_cli.knowledge.robot.read_urdf import read_urdf
 from sqrp_cli.knowledge.robot.robot_source import RobotSource
@@ -126,7 +126,7 @@ def _find(robot: OwnRobot, config: MoveitConfig | None) -> tuple[Path, Mapping[s
         assert config is not None  # noqa: S101 - a user names one of the two
         if config.urdf is None:
             message = "this configuration does not say which URDF it was made of (`.setup_assistant`)"
-            raise InputError(Problem("missing-key", message, Place(config.folder), mend="name it by `--urdf FILE`"))
+            raise bad_input("missing-key", message, Place(config.folder), mend="name it by `--urdf FILE`")
         around = _around(config.folder.resolve() / "package.xml")
         try:
             path = _or_its_xacro(config.urdf, config.folder, (*roots, *around))

@@ -12,7 +12,7 @@ from itertools import chain, permutations
 from pathlib import Path
 
 from sqrp_cli.checks.lint import lint
-from sqrp_cli.errors import Infeasible, InputError, Place, Problem
+from sqrp_cli.errors import Infeasible, InputError, Place, Problem, bad_input
 from sqrp_cli.knowledge.robot.urdf import UrdfJoint
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.workspace_file import WORKSPACE_FILE
@@ -118,13 +118,13 @@ def _check_free(folder: Path) -> None:
     if folder.is_dir():
         if any(folder.iterdir()):
             message = "this folder is not empty, and nothing is ever overwritten; expected the name of a new folder"
-            raise InputError(Problem("not-empty", message, Place(folder)))
+            raise bad_input("not-empty", message, Place(folder))
     elif folder.exists() or folder.is_symlink():
-        raise InputError(Problem("cannot-write", "this is a file; expected the name of a new folder", Place(folder)))
+        raise bad_input("cannot-write", "this is a file; expected the name of a new folder", Place(folder))
     if not parent.is_dir():
         raise InputError(no_folder(parent, folder))
     if not os.access(parent, os.W_OK):
-        raise InputError(Problem("cannot-write", f"the folder {parent} cannot be written to", Place(folder)))
+        raise bad_input("cannot-write", f"the folder {parent} cannot be written to", Place(folder))
 
 
 def _copy_shipped(draft: Path, *, own_arm: bool) -> None:

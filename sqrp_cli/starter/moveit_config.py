@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from sqrp_cli.errors import InputError, Place, Problem, nearest
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, nearest
 from sqrp_cli.knowledge.robot.srdf import SrdfModel
 from sqrp_cli.knowledge.robot.urdf import UrdfModel
 from sqrp_cli.knowledge.text.xml_file import read_xml
@@ -52,7 +52,7 @@ def find_moveit(folder: Path) -> MoveitConfig:
             nearest(folder.name, [entry.name for entry in folder.parent.glob("*/")]) if folder.parent.is_dir() else None
         )
         message = "no such folder" + (f"; did you mean `{close}`?" if close else "")
-        raise InputError(Problem("missing-folder", message, Place(folder), mend=_WHAT_TO_NAME))
+        raise bad_input("missing-folder", message, Place(folder), mend=_WHAT_TO_NAME)
     if folder.name in _FOLDERS and not (folder / ASSISTANT).is_file():
         folder = folder.parent
     noted = _noted(folder)
@@ -68,7 +68,7 @@ def find_moveit(folder: Path) -> MoveitConfig:
         inside = sorted(entry.name for entry in folder.iterdir())[:8]
         message = "this is no configuration of MoveIt: it has neither an SRDF nor joint_limits.yaml"
         message += f"; it has {', '.join(inside) or 'nothing'}"
-        raise InputError(Problem("missing-file", message, Place(folder), mend=_WHAT_TO_NAME))
+        raise bad_input("missing-file", message, Place(folder), mend=_WHAT_TO_NAME)
     return config
 
 

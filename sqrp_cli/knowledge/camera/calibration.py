@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem, expected_names, nearest
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, nearest
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.knowledge.camera import calibration_formats as formats
 from sqrp_cli.knowledge.camera.calibration_text import CalibrationText, no_calibration, part_of, read_calibration_text
@@ -126,7 +126,7 @@ def _chosen(text: CalibrationText, wanted: CalibrationFile, asked: str) -> _Foun
     if wanted.camera is None and len(names) > 1:
         message = f"the file has the cameras {', '.join(f'`{name}`' for name in names)}"
         mend = f"say which: `{asked}: {{file: {wanted.file}, camera: {next(iter(names))}}}`"
-        raise InputError(Problem("ambiguous-entry", message, Place(document.path), mend=mend))
+        raise bad_input("ambiguous-entry", message, Place(document.path), mend=mend)
     name = wanted.camera or next(iter(names))
     if name not in names:
         raise InputError(_unknown_camera(document, name, list(names), asked))
@@ -192,16 +192,16 @@ def _size(camera: formats.StatedCamera, part: SourceDocument, wanted: Calibratio
     at = next(((key,) for key in (*formats.SIZES, *formats.WIDTHS, *formats.HEIGHTS) if key in part.data), ())
     if camera.size is None and at:
         missing = "image_height" if at[0] in formats.WIDTHS else "image_width"
-        raise InputError(Problem("missing-key", f"the file lacks the key `{missing}`", part.key_place(at)))
+        raise bad_input("missing-key", f"the file lacks the key `{missing}`", part.key_place(at))
     size = camera.size or stated
     if size is None:
         message = "the file does not say how large the image is"
         mend = f"say it: `{asked}: {{file: {wanted.file}, width: 640, height: 480}}`"
-        raise InputError(Problem("missing-key", message, Place(part.path), mend=mend))
+        raise bad_input("missing-key", message, Place(part.path), mend=mend)
     if stated not in (None, size):
         message = f"the file is of an image of {size} pixels, `{asked}` of {stated}"
         mend = "leave `width` and `height` out, or name the calibration of that image size"
-        raise InputError(part.problem("image-size", at, message, mend))
+        raise part.error("image-size", at, message, mend)
     return size
 
 
@@ -259,14 +259,14 @@ def _check_principal_point(document: SourceDocument, path: KeyPath, image: Intri
     if not (-0.5 <= cx <= image.width - 0.5 and -0.5 <= cy <= image.height - 0.5):
         message = f"the principal point ({cx:g}, {cy:g}) is outside the image of {image.width} x {image.height} pixels"
         mend = "check `cx` and `cy`; is the calibration that of another image size?"
-        raise InputError(document.problem("principal-point-outside", path, message, mend))
+        raise document.error("principal-point-outside", path, message, mend)
 
 
 def _check_count(document: SourceDocument, path: KeyPath, name: str, count: int, expected: Sequence[int]) -> None:
     if count not in expected:
         counts = " or ".join(map(str, expected))
         message = f"found {count} distortion coefficients, expected {counts} for `{name}`"
-        raise InputError(document.problem("wrong-length", path, message))
+        raise document.error("wrong-length", path, message)
 
 
 def _camera_matrix(document: SourceDocument, stated: formats.StatedLens) -> Array:
@@ -275,10 +275,10 @@ def _camera_matrix(document: SourceDocument, stated: formats.StatedLens) -> Arra
         message = (
             f"found focal lengths {K[0, 0]:g} and {K[1, 1]:g}, expected positive ones: [fx, 0, cx, 0, fy, cy, 0, 0, 1]"
         )
-        raise InputError(document.problem("wrong-value", path, message))
+        raise document.error("wrong-value", path, message)
     if np.abs([K[0, 1], K[1, 0], K[2, 0], K[2, 1], K[2, 2] - 1.0]).max() > 1e-6:
         message = "found skew or a last row that is not 0, 0, 1; expected [fx, 0, cx, 0, fy, cy, 0, 0, 1]"
-        raise InputError(document.problem("wrong-value", path, message))
+        raise document.error("wrong-value", path, message)
     return read_only(K)
 
 
@@ -293,7 +293,7 @@ def _distortion(document: SourceDocument, stated: formats.StatedLens) -> tuple[D
     if stated.model.lower() not in _MODELS:
         expected = expected_names(stated.model, stated.models)
         message = f"found `{stated.model}`, which is no known distortion model; {expected}"
-        raise InputError(document.problem("unknown-distortion-model", stated.model_at, message))
+        raise document.error("unknown-distortion-model", stated.model_at, message)
     model, counts = _MODELS[stated.model.lower()]
     _check_count(document, stated.D_at, stated.model, count, counts)
     return model, [*stated.D[:count], *[0.0] * (DISTORTION_LENGTHS[model] - count)]
@@ -304,11 +304,11 @@ def _unnamed(document: SourceDocument, stated: formats.StatedLens, count: int) -
     if count == 4:
         message = "with 4 distortion coefficients the file must say `distortion_model`"
         how = "add `distortion_model: radtan` (k1, k2, p1, p2) or `distortion_model: fisheye` (k1, k2, k3, k4)"
-        raise InputError(document.problem("missing-key", stated.D_at, message, how))
+        raise document.error("missing-key", stated.D_at, message, how)
     if count not in _OPENCV_MODELS:
         message, mend = f"found {len(stated.D)} distortion coefficients, expected 4, 5 or 8", None
         if count > 8:
             message += f", with zeros after them; number {count} is {stated.D[count - 1]:g}"
             mend = "calibrate without OpenCV's flags `CALIB_THIN_PRISM_MODEL` and `CALIB_TILTED_MODEL`"
-        raise InputError(document.problem("wrong-length", stated.D_at, message, mend))
+        raise document.error("wrong-length", stated.D_at, message, mend)
     return _OPENCV_MODELS[count]

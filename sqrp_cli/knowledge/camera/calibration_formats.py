@@ -8,7 +8,7 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import AliasChoices, BeforeValidator, Field, Tag, model_validator
 
-from sqrp_cli.errors import InputError, expected_names
+from sqrp_cli.errors import expected_names
 from sqrp_cli.knowledge.camera.camera import PixelCount, PixelSize, check_pixels
 from sqrp_cli.knowledge.text.entries import ForeignEntry, Number, mapping_or_else
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument
@@ -119,7 +119,7 @@ class _Kalibr(StatedCamera):
     def lens(self, document: SourceDocument) -> StatedLens:
         if self.camera_model != "pinhole":
             message = f"found `{self.camera_model}`, expected `pinhole`, with any distortion model"
-            raise InputError(document.problem("unknown-distortion-model", ("camera_model",), message))
+            raise document.error("unknown-distortion-model", ("camera_model",), message)
         return StatedLens(
             K=_pinhole(document, ("intrinsics",), self.intrinsics),
             K_at=("intrinsics",),
@@ -151,7 +151,7 @@ class _Vins(StatedCamera):
         if self.model_type not in _VINS_NAMES:
             message = f"found `{self.model_type}`, which is no known camera model; "
             message += expected_names(self.model_type, _VINS_NAMES)
-            raise InputError(document.problem("unknown-distortion-model", ("model_type",), message))
+            raise document.error("unknown-distortion-model", ("model_type",), message)
         model, parameters, coefficients = _VINS_NAMES[self.model_type]
         return StatedLens(
             K=_pinhole(document, ("projection_parameters",), self._named(document, parameters)),
@@ -168,7 +168,7 @@ class _Vins(StatedCamera):
         missing = next((name for name in names if name not in values), None)
         if missing is not None:
             message = f"lacks the parameter `{missing}` of `{self.model_type}`"
-            raise InputError(document.problem("missing-key", ("projection_parameters",), message))
+            raise document.error("missing-key", ("projection_parameters",), message)
         return [values[name] for name in names]
 
 
@@ -197,11 +197,11 @@ class _Colmap(StatedCamera):
         if model not in _COLMAP:
             message = f"found `{self.model}`, expected one of {', '.join(f'`{known}`' for known in _COLMAP)}"
             mend = "estimate the camera again with one of these: `colmap feature_extractor --ImageReader.camera_model`"
-            raise InputError(document.problem("unknown-distortion-model", ("model",), message, mend))
+            raise document.error("unknown-distortion-model", ("model",), message, mend)
         names = _COLMAP[model].split()
         if len(self.params) != len(names):
             message = f"found {len(self.params)} parameters, `{model}` has {len(names)}: {', '.join(names)}"
-            raise InputError(document.problem("wrong-length", ("params",), message))
+            raise document.error("wrong-length", ("params",), message)
         fx, fy, cx, cy, *D = self.params if names[0] == "fx" else (self.params[0], *self.params)
         K = [fx, 0.0, cx - COLMAP_PIXEL, 0.0, fy, cy - COLMAP_PIXEL, 0.0, 0.0, 1.0]
         return StatedLens(K=K, K_at=("params",), model=model, model_at=("model",), D=D, D_at=("params",))
@@ -248,9 +248,9 @@ def _numbers(
         numbers, stated = entry.data, entry.rows * entry.cols
         expected = f"`rows` x `cols` = {entry.rows} x {entry.cols} = {stated}"
     if stated is not None and stated != len(numbers):
-        raise InputError(document.problem("wrong-length", path, f"found {len(numbers)} numbers, expected {expected}"))
+        raise document.error("wrong-length", path, f"found {len(numbers)} numbers, expected {expected}")
     if count is not None and len(numbers) != count:
-        raise InputError(document.problem("wrong-length", path, f"found {expected} numbers, expected 3 x 3"))
+        raise document.error("wrong-length", path, f"found {expected} numbers, expected 3 x 3")
     return path, numbers
 
 
@@ -258,6 +258,6 @@ def _pinhole(document: SourceDocument, at: KeyPath, numbers: Sequence[float]) ->
     """The camera matrix of fx, fy, cx, cy, row by row."""
     if len(numbers) != 4:
         message = f"found {len(numbers)} numbers, expected focal lengths and principal point: fx, fy, cx, cy"
-        raise InputError(document.problem("wrong-length", at, message))
+        raise document.error("wrong-length", at, message)
     fx, fy, cx, cy = numbers
     return [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]

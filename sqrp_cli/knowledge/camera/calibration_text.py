@@ -12,7 +12,7 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.knowledge.text.input_file import decoded, read_input
 from sqrp_cli.knowledge.text.json_file import json_document, parse_json
 from sqrp_cli.knowledge.text.source import Data, KeyPath, SourceDocument, not_finite
@@ -105,7 +105,7 @@ class _Builder:
         key = str(at[-1])
         if key in owner:
             first = self.places[at].line
-            raise InputError(Problem("duplicate-key", f"`{key}` is given twice, first in line {first}", place))
+            raise bad_input("duplicate-key", f"`{key}` is given twice, first in line {first}", place)
         owner[key] = value
         self.places[at] = place
 
@@ -120,7 +120,7 @@ def _numbers(text: str, place: Place) -> list[float]:
         try:
             numbers.append(float(word))
         except ValueError:
-            raise InputError(Problem("wrong-type", f"found `{word}`, expected a number", place)) from None
+            raise bad_input("wrong-type", f"found `{word}`, expected a number", place) from None
         if not math.isfinite(numbers[-1]):
             raise InputError(not_finite(place, word))
     return numbers
@@ -206,7 +206,7 @@ def _colmap(path: Path, content: bytes, text: str) -> SourceDocument:
             continue
         if len(words) < 5:
             message = "expected a camera in a line: its number, model, width, height and parameters"
-            raise InputError(Problem("wrong-length", message, place))
+            raise bad_input("wrong-length", message, place)
         camera: Data = {}
         builder.put(builder.data, (words[0],), camera, place)
         values = zip(("model", "width", "height"), (words[1], *map(_scalars, words[2:4])), strict=True)

@@ -14,7 +14,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Literal
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, bad_input
 from sqrp_cli.geometry import Array, pose, read_only
 from sqrp_cli.knowledge.camera import static_transforms
 from sqrp_cli.knowledge.camera.static_transforms import StaticTransform, unit_quaternion
@@ -98,7 +98,7 @@ def read_hand_eye(
     document = parse_yaml(path, content, keys=_KEYS)
     if not any(key in document.data for key in _KEYS):
         message = "found no camera pose; expected a result of easy_handeye, TF messages, a launch file or a recording"
-        raise InputError(Problem("unknown-calibration", message, Place(path)))
+        raise bad_input("unknown-calibration", message, Place(path))
     if "tracking_base_frame" in document.data:
         flat = validate(document, _FlatFile)
         return _hand_eye(document, flat, flat, ())
@@ -148,7 +148,7 @@ def _in_hand(document: SourceDocument, parameters: _Parameters, owner: KeyPath) 
 
 def _lacks(document: SourceDocument, owner: KeyPath, key: str) -> InputError:
     who = f"`{dotted(owner)}`" if owner else "the file"
-    return InputError(Problem("missing-key", f"{who} lacks the key {key}", document.key_place(owner)))
+    return bad_input("missing-key", f"{who} lacks the key {key}", document.key_place(owner))
 
 
 def _pose(document: SourceDocument, file: _Result) -> Array:
@@ -164,8 +164,7 @@ def _pose(document: SourceDocument, file: _Result) -> Array:
     R = static_transforms.unit_quaternion(quaternion)
     if R is None:
         length = sum(value * value for value in quaternion) ** 0.5
-        message = f"the quaternion has length {length:.3g}, expected 1"
-        raise InputError(document.problem("not-a-rotation", path, message))
+        raise document.error("not-a-rotation", path, f"the quaternion has length {length:.3g}, expected 1")
     return read_only(pose(R, position))
 
 
@@ -183,7 +182,7 @@ def read_bag(path: Path) -> list[StaticTransform]:
         packed = islice((one for one in bag.messages([TOPIC]) if one.type == _TYPE), MOST_MESSAGES)
         found = {one.child: one for message in packed for one in _of_message(bag.read(message), path)}
     if not found:
-        raise InputError(Problem("missing-key", f"the recording has no static transforms on `{TOPIC}`", Place(path)))
+        raise bad_input("missing-key", f"the recording has no static transforms on `{TOPIC}`", Place(path))
     return list(found.values())
 
 
@@ -193,6 +192,6 @@ def _of_message(message: Message, path: Path) -> Iterator[StaticTransform]:
         R = unit_quaternion((r.x, r.y, r.z, r.w))
         if R is None:
             why = f"the quaternion of `{stamped.child_frame_id}` is not of length 1"
-            raise InputError(Problem("not-a-rotation", why, Place(path)))
+            raise bad_input("not-a-rotation", why, Place(path))
         frames = (stamped.header.frame_id.lstrip("/"), stamped.child_frame_id.lstrip("/"))
         yield StaticTransform(*frames, pose(R, (t.x, t.y, t.z)), Place(path))

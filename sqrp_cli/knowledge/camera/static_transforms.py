@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import Field
 
-from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.errors import Place, bad_input, expected_names
 from sqrp_cli.geometry import Array, pose, quaternion_to_matrix, read_only, rpy_to_matrix
 from sqrp_cli.knowledge.text.entries import ForeignEntry, Length, Number, Text
 from sqrp_cli.knowledge.text.source import SourceDocument
@@ -121,14 +121,14 @@ def camera_seat(
     frame = wanted.lstrip("/") if wanted is not None else _only_camera(transforms, path, asked)
     if frame not in above:
         message = f"`{asked}.camera`: found `{frame}`, which has no transform in the file; "
-        raise InputError(Problem("unknown-camera", message + expected_names(frame, above), Place(path)))
+        raise bad_input("unknown-camera", message + expected_names(frame, above), Place(path))
     X, at, last = np.eye(4), frame, above[frame]
     for _ in range(len(above) + 1):
         if at not in above or (at in carriers and at != frame):
             return Seat(at, frame, read_only(X), last.place)
         last = above[at]
         X, at = last.X_PC @ X, last.parent
-    raise InputError(Problem("wrong-value", f"the frames above `{frame}` lead back to it", last.place))
+    raise bad_input("wrong-value", f"the frames above `{frame}` lead back to it", last.place)
 
 
 def _only_camera(transforms: Sequence[StaticTransform], path: Path, asked: str) -> str:
@@ -141,7 +141,7 @@ def _only_camera(transforms: Sequence[StaticTransform], path: Path, asked: str) 
     names = found or leaves
     message = f"which frame is the camera's? The file has {', '.join(f'`{name}`' for name in names[:10])}"
     mend = f"say which: `{asked}: {{file: {path.name}, camera: {names[0]}}}`" if names else None
-    raise InputError(Problem("ambiguous-entry", message, Place(path), mend=mend))
+    raise bad_input("ambiguous-entry", message, Place(path), mend=mend)
 
 
 def read_messages(path: Path, text: str) -> list[StaticTransform]:
@@ -168,7 +168,7 @@ def _of_stamped(document: SourceDocument, stamped: _Stamped, at: tuple[str | int
     R = unit_quaternion((r.x, r.y, r.z, r.w))
     if R is None:
         message = "the quaternion is not of length 1 (order x, y, z, w)"
-        raise InputError(document.problem("not-a-rotation", (*at, "transform", "rotation"), message))
+        raise document.error("not-a-rotation", (*at, "transform", "rotation"), message)
     place = document.value_place((*at, "header", "frame_id"))
     frames = (stamped.header.frame_id.lstrip("/"), stamped.child_frame_id.lstrip("/"))
     return StaticTransform(*frames, pose(R, (t.x, t.y, t.z)), place)
@@ -202,7 +202,7 @@ def _of_commands(path: Path, text: str) -> Iterator[StaticTransform]:
             try:
                 words = shlex.split(line.split(PUBLISHER, 1)[1], comments=True)
             except ValueError as error:
-                raise InputError(Problem("wrong-value", f"cannot be split: {error}", Place(path, number))) from None
+                raise bad_input("wrong-value", f"cannot be split: {error}", Place(path, number)) from None
             yield _of_words([*takewhile(lambda word: word not in _SHELL, words)], Place(path, number, 1))
 
 
@@ -212,7 +212,7 @@ def _of_python(path: Path, text: str) -> Iterator[StaticTransform]:
         tree = ast.parse(text)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         line = getattr(error, "lineno", None)
-        raise InputError(Problem("python-syntax", "this is no Python that can be parsed", Place(path, line))) from None
+        raise bad_input("python-syntax", "this is no Python that can be parsed", Place(path, line)) from None
     for call in ast.walk(tree):
         if isinstance(call, ast.Call):
             given = {keyword.arg: keyword.value for keyword in call.keywords}
@@ -225,7 +225,7 @@ def _of_python(path: Path, text: str) -> Iterator[StaticTransform]:
 def _items(value: ast.expr | None, place: Place) -> Sequence[ast.expr]:
     if not isinstance(value, ast.List | ast.Tuple):
         message = f"the `arguments` of `{PUBLISHER}` are no list that can be read without running the file"
-        raise InputError(Problem("wrong-value", message, place, mend="write them as a list of texts"))
+        raise bad_input("wrong-value", message, place, mend="write them as a list of texts")
     return value.elts
 
 
@@ -236,7 +236,7 @@ def _word(path: Path, item: ast.expr) -> str:
         return f"{'-' if negative else ''}{plain.value}"
     message = f"`{ast.unparse(item)}` is not known without running the file; expected text or a number"
     place = Place(path, item.lineno, item.col_offset + 1)
-    raise InputError(Problem("wrong-value", message, place, mend="write the value itself"))
+    raise bad_input("wrong-value", message, place, mend="write the value itself")
 
 
 def _of_words(words: Sequence[str], place: Place) -> StaticTransform:
@@ -250,7 +250,7 @@ def _of_words(words: Sequence[str], place: Place) -> StaticTransform:
         names = (*_POSITION, "yaw", "pitch", "roll") if count == 6 else (*_POSITION, *_QUATERNION)
         return _transform(dict(zip(names, words, strict=False)), frames[0], frames[1], place)
     message = f"found {len(words)} arguments, expected x y z yaw pitch roll, or x y z qx qy qz qw, and two frames"
-    raise InputError(Problem("wrong-length", message, place))
+    raise bad_input("wrong-length", message, place)
 
 
 def _of_options(words: Sequence[str], place: Place) -> StaticTransform:
@@ -258,7 +258,7 @@ def _of_options(words: Sequence[str], place: Place) -> StaticTransform:
     options = {name[2:].replace("-", "_"): value for name, value in pairwise(split) if name.startswith("--")}
     for name in ("frame_id", "child_frame_id"):
         if name not in options:
-            raise InputError(Problem("missing-key", f"`{PUBLISHER}` lacks `--{name.replace('_', '-')}`", place))
+            raise bad_input("missing-key", f"`{PUBLISHER}` lacks `--{name.replace('_', '-')}`", place)
     return _transform(options, options["frame_id"], options["child_frame_id"], place)
 
 
@@ -271,13 +271,13 @@ def _transform(values: Mapping[str, str], parent: str, child: str, place: Place)
             value = np.nan
         if not abs(value) <= LARGEST_TRANSLATION:
             message = f"`{name}` is `{text}`, expected a number of at most {LARGEST_TRANSLATION:g}"
-            raise InputError(Problem("wrong-value", message, place))
+            raise bad_input("wrong-value", message, place)
         return value
 
     R: Array | None = rpy_to_matrix([number(name) for name in _RPY])
     if any(name in values for name in _QUATERNION):
         R = unit_quaternion([number(name) for name in _QUATERNION])
     if R is None:
-        raise InputError(Problem("not-a-rotation", "the quaternion is not of length 1 (order qx, qy, qz, qw)", place))
+        raise bad_input("not-a-rotation", "the quaternion is not of length 1 (order qx, qy, qz, qw)", place)
     frames = (parent.lstrip("/"), child.lstrip("/"))
     return StaticTransform(*frames, pose(R, [number(name) for name in _POSITION]), place)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, bad_input
 
 MAX_BYTES = 200_000_000
 """Largest STL file that is read."""
@@ -31,7 +31,7 @@ MAX_PIECES = 10_000
 
 def damaged(message: str, path: Path, line: int | None = None) -> InputError:
     """A mesh file that contradicts itself or its format."""
-    return InputError(Problem("mesh-damaged", message, Place(path, line), mend="export it again"))
+    return bad_input("mesh-damaged", message, Place(path, line), mend="export it again")
 
 
 def are_numbers(words: Sequence[bytes]) -> bool:
@@ -46,28 +46,27 @@ def check_bytes(path: Path, size: int, limit: int) -> None:
     """Raises InputError for a file of more than `limit` bytes."""
     if size > limit:
         message = f"this mesh has {size:,} bytes, the limit is {limit:,}"
-        raise InputError(Problem("file-too-large", message, Place(path), mend="simplify the mesh"))
+        raise bad_input("file-too-large", message, Place(path), mend="simplify the mesh")
 
 
 def check_triangles(path: Path, count: int) -> None:
     """Raises InputError for a mesh without triangles, and for one with more than `MAX_TRIANGLES`."""
     if count == 0:
-        raise InputError(Problem("mesh-empty", "this mesh has no triangles", Place(path)))
+        raise bad_input("mesh-empty", "this mesh has no triangles", Place(path))
     if count > MAX_TRIANGLES:
         message = f"this mesh has {count:,} triangles, the limit is {MAX_TRIANGLES:,}"
-        raise InputError(Problem("mesh-too-large", message, Place(path), mend="simplify the mesh"))
+        raise bad_input("mesh-too-large", message, Place(path), mend="simplify the mesh")
 
 
 def check_pieces(path: Path, count: int, what: str) -> None:
     """Raises InputError for a mesh of more than `MAX_PIECES` pieces; what: their name in the message."""
     if count > MAX_PIECES:
         message = f"this mesh has {count:,} {what}, the limit is {MAX_PIECES:,}"
-        raise InputError(Problem("mesh-too-large", message, Place(path), mend="join its pieces"))
+        raise bad_input("mesh-too-large", message, Place(path), mend="join its pieces")
 
 
 def check_corners(path: Path, count: int, line: int) -> None:
     """Raises InputError for a polygon with fewer than three or more than `MAX_CORNERS` corners."""
     if not 3 <= count <= MAX_CORNERS:
         message = f"found a polygon with {count:,} corners, expected 3 to {MAX_CORNERS}"
-        mend = "triangulate the mesh when exporting it"
-        raise InputError(Problem("mesh-damaged", message, Place(path, line), mend=mend))
+        raise bad_input("mesh-damaged", message, Place(path, line), mend="triangulate the mesh when exporting it")

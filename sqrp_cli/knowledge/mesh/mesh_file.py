@@ -18,7 +18,7 @@ from xml.parsers import expat
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, bad_input
 from sqrp_cli.geometry import Array, transform
 from sqrp_cli.knowledge.mesh.collada import check_dae
 from sqrp_cli.knowledge.mesh.limits import (
@@ -81,7 +81,7 @@ def mesh_unit(path: Path) -> float:
         unit = 0.0
     if not 1 / LARGEST <= unit <= LARGEST:
         message = f'found `<unit meter="{reader.meter[:60]}">`, expected the length of the unit in metres'
-        raise InputError(Problem("wrong-value", message, Place(path, reader.line), mend="export it again"))
+        raise bad_input("wrong-value", message, Place(path, reader.line), mend="export it again")
     return unit
 
 
@@ -100,7 +100,7 @@ def _check(path: Path, size: int, _time: int) -> None:
         case _:
             message = f"found a mesh with the ending `{path.suffix}`, expected .stl, .obj or .dae"
             mend = _CONVERSIONS if suffix in _EXACT else "export it as one of these"
-            raise InputError(Problem("unknown-mesh", message, Place(path), mend=mend))
+            raise bad_input("unknown-mesh", message, Place(path), mend=mend)
     check_triangles(path, count)
 
 
@@ -154,7 +154,7 @@ def _vertices(mesh: Mesh) -> Array:
         loaded = coal.MeshLoader(coal.BV_AABB).load(os.fsencode(mesh.path), np.array(mesh.scale))
         vertices: Array = np.array(loaded.vertices()).reshape(-1, 3)
     except (RuntimeError, ValueError) as error:
-        raise InputError(Problem("mesh-unreadable", "this mesh cannot be loaded", Place(mesh.path))) from error
+        raise bad_input("mesh-unreadable", "this mesh cannot be loaded", Place(mesh.path)) from error
     if len(vertices) == 0 or not np.isfinite(vertices).all():
-        raise InputError(Problem("mesh-unreadable", "this mesh has vertices without place", Place(mesh.path)))
+        raise bad_input("mesh-unreadable", "this mesh has vertices without place", Place(mesh.path))
     return vertices

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.errors import Place, bad_input, expected_names
 from sqrp_cli.knowledge.mesh.limits import (
     MAX_TRIANGLES,
     NUMBERS,
@@ -114,7 +114,7 @@ class _Mesh:
             good = True  # no file can have such a name
         if not good:
             message = f"the materials `{path}` are no file of at most {MAX_MATERIAL_BYTES:,} bytes"
-            raise InputError(Problem("mesh-damaged", message, Place(self.path, line), mend="remove this line"))
+            raise bad_input("mesh-damaged", message, Place(self.path, line), mend="remove this line")
 
 
 def check_obj(path: Path) -> int:
@@ -123,7 +123,7 @@ def check_obj(path: Path) -> int:
     lines = content.count(b"\n") + content.count(b"\r")
     if lines > MAX_LINES:
         message = f"this mesh has {lines:,} lines, the limit is {MAX_LINES:,}"
-        raise InputError(Problem("mesh-too-large", message, Place(path), mend="simplify the mesh"))
+        raise bad_input("mesh-too-large", message, Place(path), mend="simplify the mesh")
     polygons = len(_FACE.findall(content))
     if polygons > MAX_TRIANGLES:
         check_triangles(path, polygons)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.errors import InputError, Problem, bad_input, expected_names
 from sqrp_cli.knowledge.robot.urdf import UrdfModel
 from sqrp_cli.knowledge.text.input_file import read_input
 from sqrp_cli.knowledge.text.source import Data, KeyPath, SourceDocument, describe
@@ -110,7 +110,7 @@ def _find_top(document: SourceDocument) -> tuple[KeyPath, KeyPath]:
         path, data = (*path, inner[0]), data[inner[0]]
     found = ", ".join(f"`{key}`" for key in [*document.data][:5])
     message = f"found {found}, expected `{TOP}:` with the limits of each joint, as MoveIt writes them"
-    raise InputError(Problem("missing-key", message, document.key_place((TOP,))))
+    raise bad_input("missing-key", message, document.key_place((TOP,)))
 
 
 def _at(data: Any, path: KeyPath) -> Data:  # noqa: ANN401

@@ -11,7 +11,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.errors import Place, Problem, bad_input, expected_names
 from sqrp_cli.geometry import Array, pose, read_only, rpy_to_matrix
 from sqrp_cli.knowledge.frames import WORLD, WORLD_LINK
 from sqrp_cli.knowledge.robot import urdf
@@ -85,7 +85,7 @@ def _check_size(robot: Element) -> None:
         )
         message += "<visual> of a robot together"
         mend = "join them into meshes, or state what stands around the robot as objects of the workspace"
-        raise InputError(Problem("too-many-shapes", message, shapes[MAX_SHAPES].place, mend=mend))
+        raise bad_input("too-many-shapes", message, shapes[MAX_SHAPES].place, mend=mend)
 
 
 def _with_renamed_world(model: urdf.UrdfModel) -> urdf.UrdfModel:
@@ -106,7 +106,7 @@ def _unique(items: Iterable[_Named]) -> dict[str, _Named]:
         if item.name in named:
             kind = "link" if isinstance(item, urdf.UrdfLink) else "joint"
             message = f"{kind} `{item.name}` is defined twice, first at line {named[item.name].place.line}"
-            raise InputError(Problem("duplicate-name", message, item.place))
+            raise bad_input("duplicate-name", message, item.place)
         named[item.name] = item
     return named
 
@@ -291,7 +291,7 @@ def _check_references(
     for role, link in (("parent", joint.parent), ("child", joint.child)):
         if link not in links:
             message = f"joint `{joint.name}` has the unknown {role} link `{link}`; {expected_names(link, links)}"
-            raise InputError(Problem("unknown-link", message, joint.place))
+            raise bad_input("unknown-link", message, joint.place)
     if joint.mimic is None:
         return
     movable = {name: other for name, other in joints.items() if other.movable and name != joint.name}
@@ -299,10 +299,10 @@ def _check_references(
     if leader is None:
         expected = expected_names(joint.mimic.joint, movable)
         message = f"joint `{joint.name}` follows `{joint.mimic.joint}`, which is no other movable joint; {expected}"
-        raise InputError(Problem("unknown-joint", message, joint.place))
+        raise bad_input("unknown-joint", message, joint.place)
     if leader.mimic is not None:
         message = f"joint `{joint.name}` follows `{leader.name}`, which follows `{leader.mimic.joint}` itself"
-        raise InputError(Problem("wrong-mimic", message, joint.place, mend=f"let it follow `{leader.mimic.joint}`"))
+        raise bad_input("wrong-mimic", message, joint.place, mend=f"let it follow `{leader.mimic.joint}`")
 
 
 def _root(links: Mapping[str, urdf.UrdfLink], joints: Mapping[str, urdf.UrdfJoint], place: Place) -> str:
@@ -312,12 +312,12 @@ def _root(links: Mapping[str, urdf.UrdfLink], joints: Mapping[str, urdf.UrdfJoin
         if joint.child in carriers:
             other = carriers[joint.child].name
             message = f"link `{joint.child}` is the child of two joints, `{other}` and `{joint.name}`"
-            raise InputError(Problem("two-parents", message, joint.place))
+            raise bad_input("two-parents", message, joint.place)
         carriers[joint.child] = joint
     roots = [name for name in links if name not in carriers]
     if len(roots) > 1:
         message = f"links `{roots[0]}` and `{roots[1]}` are both roots; a joint must connect them"
-        raise InputError(Problem("two-roots", message, links[roots[1]].place))
+        raise bad_input("two-roots", message, links[roots[1]].place)
     rooted: set[str] = set()
     for name in links:
         walked = {name: None}
@@ -328,11 +328,11 @@ def _root(links: Mapping[str, urdf.UrdfLink], joints: Mapping[str, urdf.UrdfJoin
                 cycle = [*way[way.index(name) :], name]
                 message = "links form a cycle: " + " -> ".join(f"`{link}`" for link in reversed(cycle))
                 mend = f"leave out one of their joints, such as `{carriers[cycle[0]].name}`: a URDF is a tree"
-                raise InputError(Problem("cycle", message, carriers[cycle[0]].place, mend=mend))
+                raise bad_input("cycle", message, carriers[cycle[0]].place, mend=mend)
             walked[name] = None
         rooted.update(walked)
     if not roots:
-        raise InputError(Problem("cycle", "no link is a root", place))
+        raise bad_input("cycle", "no link is a root", place)
     return roots[0]
 
 

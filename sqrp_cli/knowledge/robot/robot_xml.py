@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.knowledge.robot.robot_source import ROOT, RobotSource, RobotXml
 from sqrp_cli.knowledge.text.input_file import read_input
 from sqrp_cli.knowledge.text.xml_file import MAX_BYTES, Element, parse_xml
@@ -52,4 +52,4 @@ def _refuse_old(root: Element) -> None:
     old = next((child for child in root.children if child.tag in _OLD_TAGS), None)
     if old is not None:
         message = f"{old} is of xacro before 2014 and has no meaning in a URDF, expected <xacro:{old.tag}>"
-        raise InputError(Problem("xacro", message, old.place, mend=f"write `xacro:{old.tag}`"))
+        raise bad_input("xacro", message, old.place, mend=f"write `xacro:{old.tag}`")

@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.errors import InputError, Problem, bad_input, expected_names
 from sqrp_cli.knowledge.frames import link_called
 from sqrp_cli.knowledge.robot.robot_source import RobotSource, RobotXml
 from sqrp_cli.knowledge.robot.robot_xml import read_robot_xml
@@ -187,7 +187,5 @@ class _SrdfReader:
 def _named(element: Element, attribute: str, kind: str, valid: Collection[str]) -> str:
     name = link_called(element.text(attribute), valid) if kind == "link" else element.text(attribute)
     if name not in valid:
-        raise InputError(
-            Problem(f"unknown-{kind}", f"unknown {kind} `{name}`; {expected_names(name, valid)}", element.place)
-        )
+        raise bad_input(f"unknown-{kind}", f"unknown {kind} `{name}`; {expected_names(name, valid)}", element.place)
     return name

@@ -16,7 +16,7 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.knowledge.mesh.mesh_file import mesh_of
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Geometry, Part, Shape, Sphere
@@ -56,7 +56,7 @@ class LinkGeometry:
             return mesh_of(resolve(self.shape.reference, urdf), self.shape.scale)
         except InputError as error:
             first = error.problems[0]
-            raise InputError(Problem(first.code, first.message, self.place, mend=first.mend)) from error
+            raise bad_input(first.code, first.message, self.place, mend=first.mend) from error
 
 
 @dataclass(frozen=True, eq=False)

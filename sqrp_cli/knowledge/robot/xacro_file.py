@@ -20,7 +20,7 @@ from xml.dom import expatbuilder, minidom
 
 import yaml
 
-from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names
 from sqrp_cli.knowledge.robot.robot_source import ROOT, RobotSource, RobotXml, as_text
 from sqrp_cli.knowledge.robot.xacro_expression import (
     GLOBALS,
@@ -69,7 +69,7 @@ def expand(path: Path, content: bytes, source: RobotSource) -> RobotXml:
         import xacro
     except ImportError as error:
         message = "this is a xacro file, which needs the extra `xacro`"
-        raise InputError(Problem("missing-extra", message, Place(path), mend="pip install 'sqrp[xacro]'")) from error
+        raise bad_input("missing-extra", message, Place(path), mend="pip install 'sqrp[xacro]'") from error
     expansion = _Expansion(xacro, path, source)
     with _ENGINE, expansion.engine():
         root = expansion.run(content)
@@ -201,7 +201,7 @@ class _Expansion:
             self._elements += 1
             if self._elements > MAX_EXPANDED:
                 message = f"the file expands to more than {MAX_EXPANDED:,} elements"
-                raise InputError(Problem("too-many-elements", message, self._at))
+                raise bad_input("too-many-elements", message, self._at)
             return evaluate(node, *scopes)
 
         return counted
@@ -389,7 +389,7 @@ class _Expansion:
     def _element(self, node: Any, place: Place, depth: int) -> Element:  # noqa: ANN401
         place = node.getUserData(_PLACE) or place
         if depth > MAX_DEPTH:
-            raise InputError(Problem("nesting-too-deep", f"elements are nested deeper than {MAX_DEPTH} levels", place))
+            raise bad_input("nesting-too-deep", f"elements are nested deeper than {MAX_DEPTH} levels", place)
         attributes = {name: value for name, value in node.attributes.items() if not name.startswith("xmlns")}
         children = [self._element(child, place, depth + 1) for child in node.childNodes if child.nodeType == 1]
         return Element(node.tagName, attributes, place, children)
@@ -432,14 +432,13 @@ class _Expansion:
             name if default is None else f"{name} ({self._arguments.get(name, default)})"
             for name, default in [*self._asked.items()][:12]
         )
-        mend = f"the file's arguments, with their values: {shown}"
-        return replace(problem, mend=mend)
+        return replace(problem, mend=f"the file's arguments, with their values: {shown}")
 
     def _check_arguments(self) -> None:
         for name in self._arguments:
             if name not in self._asked:
                 message = f"the file takes no argument `{name}`; {expected_names(name, self._asked)}"
-                raise InputError(Problem("xacro-argument", message, Place(self._path)))
+                raise bad_input("xacro-argument", message, Place(self._path))
 
 
 def _how_to_give(name: str) -> str:

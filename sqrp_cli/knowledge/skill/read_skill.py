@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem, expected_names, nearest, no_such
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, nearest, no_such
 from sqrp_cli.knowledge.frames import TOOL
 from sqrp_cli.knowledge.skill.settings import (
     ANY,
@@ -86,12 +86,12 @@ def read_skill(folder: Path, place: Place, digest: ContentDigest) -> Skill:
     if not folder.is_dir():
         known = [entry.name for entry in folder.parent.iterdir() if entry.is_dir()] if folder.parent.is_dir() else []
         message = f"there is no skill folder {folder}; {expected_names(folder.name, known)}"
-        raise InputError(Problem("unknown-skill", message, place))
+        raise bad_input("unknown-skill", message, place)
     for required in (SKILL_FILE, f"{name}.pddl"):
         if not (folder / required).is_file():
             close = nearest(required, (entry.name for entry in folder.iterdir()))
             message = f"the skill folder {folder} has no `{required}`" + (f"; did you mean `{close}`?" if close else "")
-            raise InputError(Problem("missing-file", message, place))
+            raise bad_input("missing-file", message, place)
     document = read_yaml(folder / SKILL_FILE, keys=("primitives", "waypoints", "targets", "formulas"))
     domain = _read_domain(folder / f"{name}.pddl", digest)
     digest.add(f"skills.{name}.yaml", document.path, document.content)
@@ -99,8 +99,7 @@ def read_skill(folder: Path, place: Place, digest: ContentDigest) -> Skill:
         message = f"no action `{name}`, named like its folder; {expected_names(name, domain.actions)}"
         meant = nearest(name, domain.actions) or next(iter(domain.actions), None)
         there = Place(domain.path) if meant is None else domain.actions[meant].place
-        mend = "rename the action, or the folder and its file"
-        raise InputError(Problem("missing-action", message, there, mend=mend))
+        raise bad_input("missing-action", message, there, mend="rename the action, or the folder and its file")
     return _SkillReader(document, validate(document, SkillFile), domain, domain.actions[name]).read(folder)
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from io import BufferedReader
 from pathlib import Path
 
-from sqrp_cli.errors import InputError, Place, Problem, nearest
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, nearest
 
 LARGEST = 200_000_000
 """Most bytes of any input file, meshes included."""
@@ -57,7 +57,7 @@ def open_input(path: Path, limit: int = LARGEST) -> Iterator[BufferedReader]:
             _check(path, file, limit)
             yield file
     except OSError as error:
-        raise InputError(Problem("unreadable-file", f"cannot be read: {error.strerror}", Place(path))) from error
+        raise bad_input("unreadable-file", f"cannot be read: {error.strerror}", Place(path)) from error
 
 
 def read_input(path: Path, limit: int) -> bytes:
@@ -81,7 +81,7 @@ def decoded(path: Path, content: bytes) -> str:
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
         message = f"byte 0x{content[error.start]:02x} is not UTF-8 text"
-        raise InputError(Problem("not-utf-8", message, Place(path, line), mend="save the file as UTF-8")) from error
+        raise bad_input("not-utf-8", message, Place(path, line), mend="save the file as UTF-8") from error
 
 
 def missing_file(path: Path) -> Problem:
@@ -148,7 +148,7 @@ def _check(path: Path, file: BufferedReader, limit: int) -> None:
         raise InputError(_too_large(path, status.st_size, limit))
     if status.st_size == 0 and file.read(1) != b"":
         message = "the system makes up the content of this file as it is read, expected a file on a disk"
-        raise InputError(Problem("no-regular-file", message, Place(path)))
+        raise bad_input("no-regular-file", message, Place(path))
 
 
 def _too_large(path: Path, size: int, limit: int) -> Problem:

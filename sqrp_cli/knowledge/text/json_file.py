@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.knowledge.text.source import Data, KeyPath, SourceDocument, not_finite, too_deep
 
 MAX_DEPTH = 32
@@ -64,7 +64,7 @@ def parse_json(path: Path, text: str, line: int = 1) -> Any:  # noqa: ANN401 - J
         )
     except json.JSONDecodeError as error:
         message = f"this is no JSON: {error.msg[:1].lower()}{error.msg[1:]}"
-        raise InputError(Problem("json-syntax", message, Place(path, line + error.lineno - 1, error.colno))) from None
+        raise bad_input("json-syntax", message, Place(path, line + error.lineno - 1, error.colno)) from None
     except _Unfit:
         raise InputError(_unfit(path, text, line)) from None
     return data

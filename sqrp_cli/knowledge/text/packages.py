@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 from urllib.parse import unquote
 
-from sqrp_cli.errors import InputError, Place, Problem, nearest
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, nearest
 from sqrp_cli.knowledge.text.input_file import missing_file
 
 _PIP_PACKAGES = {"example-robot-data": "example-robot-data"}
@@ -110,7 +110,7 @@ def resolve(reference: str, folder: Path, roots: Sequence[Path], place: Place | 
     if not os.path.isfile(path):  # noqa: PTH113
         problem = missing_file(path)
         where = f" ({path})" if len(str(path)) < LONGEST_PATH else ""
-        raise InputError(Problem("missing-file", f"`{reference}`: {problem.message}{where}", place))
+        raise bad_input("missing-file", f"`{reference}`: {problem.message}{where}", place)
     return path
 
 
@@ -145,7 +145,7 @@ def _resolve_package(reference: str, roots: Sequence[Path], place: Place | None)
             return path
         first = first or folder
     if first is not None:
-        raise InputError(Problem("missing-file", f"`{reference}`: {_deepest(first, rest)}", place))
+        raise bad_input("missing-file", f"`{reference}`: {_deepest(first, rest)}", place)
     raise InputError(_no_package(f"`{reference}`: package `{name}`", name, roots, place))
 
 

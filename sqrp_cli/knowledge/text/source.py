@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from sqrp_cli.errors import Place, Problem
+from sqrp_cli.errors import InputError, Place, Problem
 
 KeyPath = tuple[str | int, ...]
 """Keys and list indices from the top of a document to a value."""
@@ -65,6 +65,10 @@ class SourceDocument:
     def problem(self, code: str, path: KeyPath, message: str, mend: str | None = None) -> Problem:
         """A problem with the value at `path`; its dotted path is put before the message."""
         return Problem(code, f"`{self.name(path)}`: {message}", self.value_place(path), mend=mend)
+
+    def error(self, code: str, path: KeyPath, message: str, mend: str | None = None) -> InputError:
+        """The error of that problem alone."""
+        return self.error(code, path, message, mend)
 
 
 def dotted(path: KeyPath) -> str:

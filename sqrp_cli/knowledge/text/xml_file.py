@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
 
-from sqrp_cli.errors import InputError, Place, Problem, nearest
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, nearest
 from sqrp_cli.knowledge.text.input_file import read_input
 from sqrp_cli.knowledge.text.source import excerpt, too_deep
 from sqrp_cli.knowledge.text.units import LARGEST
@@ -95,7 +95,7 @@ class Element:
 
     def error(self, code: str, message: str, mend: str | None = None) -> InputError:
         """An error about this element."""
-        return InputError(Problem(code, message, self.place, mend=mend))
+        return bad_input(code, message, self.place, mend=mend)
 
     def __str__(self) -> str:
         key = next((key for key in ("name", "id") if self.attributes.get(key)), None)
@@ -126,7 +126,7 @@ def parse_xml(path: Path, content: bytes, root_tag: str | None, texts: frozenset
     recognised = f"<{root_tag or 'robot'}".encode() in content
     if not content.strip():
         message, mend = f"the file is empty, expected <{root_tag or 'robot'}>", "was it exported or copied completely?"
-        raise InputError(Problem("xml-syntax", message, Place(path), mend=mend))
+        raise bad_input("xml-syntax", message, Place(path), mend=mend)
     root = _Tree(path, texts).read(content, recognised)
     if root_tag is not None and root.tag != root_tag:
         raise root.error("wrong-root", f"the file begins with <{root.shown_tag}>, expected <{root_tag}>")
@@ -160,7 +160,7 @@ class _Tree:
         except (LookupError, ValueError) as error:  # an encoding that does not exist, or has no table of single bytes
             message = f"not well-formed XML: {error}"
             place = Place(self._path, 1)
-            raise InputError(Problem("xml-syntax", message, place, mend="save the file as UTF-8")) from error
+            raise bad_input("xml-syntax", message, place, mend="save the file as UTF-8") from error
         return self._top[0]
 
     def _here(self) -> Place:
@@ -187,11 +187,10 @@ class _Tree:
     def _interrupt(self, *_what: object) -> None:
         if self._open and self._open[-1].tag in self._texts:
             message = f"the text of {self._open[-1]} is interrupted, expected one piece"
-            raise InputError(Problem("xml-text", message, self._here()))
+            raise bad_input("xml-text", message, self._here())
 
     def _refuse_entity(self, name: str, *_declaration: object) -> None:
-        message = f"declares the entity `{name}`; entities are not accepted"
-        raise InputError(Problem("xml-entity", message, self._here()))
+        raise bad_input("xml-entity", f"declares the entity `{name}`; entities are not accepted", self._here())
 
     def _syntax_problem(self, error: expat.ExpatError, content: bytes, recognised: bool) -> Problem:
         lines = re.split("\r\n?|\n", content.decode("utf-8", errors="replace"))  # as expat counts

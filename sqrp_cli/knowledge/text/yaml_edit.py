@@ -14,7 +14,7 @@ from pathlib import Path
 
 import yaml
 
-from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.errors import InputError, Place, bad_input, expected_names
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.text.yaml_file import parse_yaml
 
@@ -30,7 +30,7 @@ def edited(document: SourceDocument, values: Mapping[str, str]) -> bytes:
     for path in values:
         if path not in known:
             message = f"the file has no value `{path}`; {expected_names(path, known)}"
-            raise InputError(Problem("unknown-value", message, Place(document.path)))
+            raise bad_input("unknown-value", message, Place(document.path))
     root = _root(text)
     nodes = {path: _node(root, tuple(path.split("."))) for path in values}
     spans = sorted(((n.start_mark.index, n.end_mark.index, values[path]) for path, n in nodes.items()), reverse=True)
@@ -61,7 +61,7 @@ def _with_value(document: SourceDocument, path: str, text: str) -> bytes:
     parent, _, key = path.rpartition(".")
     if not key or not isinstance(_found(document.data, known.get(parent)), dict):
         message = f"the file has no value `{path}`; {expected_names(path, known)}"
-        raise InputError(Problem("unknown-value", message, Place(document.path)))
+        raise bad_input("unknown-value", message, Place(document.path))
     return appended(document, known[parent], f"{key}: {text}")
 
 
@@ -187,8 +187,7 @@ def _changed_only(document: SourceDocument, text: str, what: str, is_meant: Call
     others = [name for name in (*known, *leaves) if not is_meant(name) and known.get(name) != leaves.get(name)]
     if others:
         message = f"changing `{what}` would also change `{min(others)}`, which is the same text in the file"
-        mend = "write the value out in both places"
-        raise InputError(Problem("shared-value", message, Place(document.path), mend=mend))
+        raise bad_input("shared-value", message, Place(document.path), mend="write the value out in both places")
     return content
 
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import yaml
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.knowledge.text import source
 from sqrp_cli.knowledge.text.input_file import decoded, read_input
 
@@ -102,13 +102,13 @@ def _unquoted(problem: Problem) -> Problem:
 def _parsed(path: Path, content: bytes, text: str, tags: frozenset[str]) -> source.SourceDocument:
     root = _compose(path, text)
     if root is None:
-        raise InputError(Problem("empty-file", "the file is empty, expected a mapping of keys to values", Place(path)))
+        raise bad_input("empty-file", "the file is empty, expected a mapping of keys to values", Place(path))
     builder = _Values(path, text.splitlines(), tags)
     data = builder.build(root, ())
     if not isinstance(data, dict):
         place = builder.values[()]
         found = "text" if isinstance(data, str) else source.describe(data)
-        raise InputError(Problem("not-a-mapping", f"found {found}, expected a mapping of keys to values", place))
+        raise bad_input("not-a-mapping", f"found {found}, expected a mapping of keys to values", place)
     return source.SourceDocument(path=path, content=content, data=data, keys=builder.keys, values=builder.values)
 
 
@@ -183,7 +183,7 @@ def _compose(path: Path, text: str) -> yaml.Node | None:
         line = text.count("\n", 0, error.position) + 1
         column = error.position - text.rfind("\n", 0, error.position)
         message = f"character U+{ord(text[error.position]):04X} is not allowed in YAML"
-        raise InputError(Problem("yaml-syntax", message, Place(path, line, column))) from error
+        raise bad_input("yaml-syntax", message, Place(path, line, column)) from error
     except (ValueError, OverflowError) as error:  # `\\U` or `%YAML` with a number that Python refuses
         problem = Problem("yaml-syntax", "the number of a character or of a version is too large")
         raise InputError(_quoting(problem, path, text, loader.get_mark())) from error
@@ -224,13 +224,13 @@ class _Values:
     def build(self, node: yaml.Node, path: source.KeyPath) -> Any:  # noqa: ANN401 - YAML holds anything
         if len(self.values) >= MAX_VALUES:
             message = f"more than {MAX_VALUES:,} values (an alias counts as often as it is used)"
-            raise InputError(Problem("too-many-values", message, self._place(node)))
+            raise bad_input("too-many-values", message, self._place(node))
         if len(path) > MAX_DEPTH:
             raise InputError(source.too_deep(self._place(node), MAX_DEPTH, hint=" (an alias inside its own anchor?)"))
         self.values[path] = self._text_place(node)
         explicit_tag = node.tag not in _IMPLICIT_TAGS and node.tag.replace("tag:yaml.org,2002:", "!!")
         if explicit_tag and explicit_tag not in self.tags:
-            raise InputError(Problem("yaml-tag", f"the tag `{explicit_tag}` is not accepted", self._place(node)))
+            raise bad_input("yaml-tag", f"the tag `{explicit_tag}` is not accepted", self._place(node))
         if isinstance(node, yaml.MappingNode):
             return self._mapping(node, path)
         if isinstance(node, yaml.SequenceNode):
@@ -248,7 +248,7 @@ class _Values:
             if key in data:
                 first = self.keys[(*path, key)]
                 message = f"`{source.dotted((*path, key))}` is given twice, first in line {first.line}"
-                raise InputError(Problem("duplicate-key", message, place))
+                raise bad_input("duplicate-key", message, place)
             self.keys[(*path, key)] = place
             data[key] = self.build(value_node, (*path, key))
         return data
@@ -259,9 +259,7 @@ class _Values:
         merged: list[yaml.Node] = []
         for key_node, value_node in node.value:
             if not isinstance(key_node, yaml.ScalarNode):
-                raise InputError(
-                    Problem("yaml-key", "a key must be a word, not a list or mapping", self._place(key_node))
-                )
+                raise bad_input("yaml-key", "a key must be a word, not a list or mapping", self._place(key_node))
             if key_node.value == "<<" and not key_node.style:
                 merged.append(value_node)
             else:
@@ -269,9 +267,7 @@ class _Values:
                 yield key_node, value_node
         for value_node in merged:
             if not isinstance(value_node, yaml.MappingNode) or value_node is node:
-                raise InputError(
-                    Problem("yaml-key", "`<<` merges one mapping, such as `*base`", self._place(value_node))
-                )
+                raise bad_input("yaml-key", "`<<` merges one mapping, such as `*base`", self._place(value_node))
             for pair in value_node.value:
                 if pair[0].value not in own:
                     yield pair

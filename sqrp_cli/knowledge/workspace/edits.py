@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem, bad_option
+from sqrp_cli.errors import InputError, Place, bad_input, bad_option
 from sqrp_cli.geometry import Array, inverse, matrix_to_quaternion, matrix_to_rpy, pose
 from sqrp_cli.knowledge.camera.camera import Camera, ImageEntry, Sensing
 from sqrp_cli.knowledge.camera.curve import Curve
@@ -269,7 +269,7 @@ def _at(document: SourceDocument, path: KeyPath) -> Any:  # noqa: ANN401 # a map
         value = value[key]
     if isinstance(value, dict | list):
         return value
-    raise InputError(Problem("unknown-value", f"`{dotted(path)}` states no pose", Place(document.path)))
+    raise bad_input("unknown-value", f"`{dotted(path)}` states no pose", Place(document.path))
 
 
 def _places(point: Array) -> list[float]:

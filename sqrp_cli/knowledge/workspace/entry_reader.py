@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.knowledge.mesh.mesh_file import check_mesh
 from sqrp_cli.knowledge.robot.robot_source import RobotSource
 from sqrp_cli.knowledge.text import packages
@@ -80,4 +80,4 @@ class EntryReader:
             )
             raise InputError(*problems) from error
         except OSError as error:
-            raise InputError(Problem("unreadable-file", f"{path}: {error.strerror}", place)) from error
+            raise bad_input("unreadable-file", f"{path}: {error.strerror}", place) from error

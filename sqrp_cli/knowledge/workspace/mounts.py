@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field, Tag
 from pydantic_core import PydanticCustomError
 
-from sqrp_cli.errors import InputError, Place, Problem, expected_names, no_such
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, no_such
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.knowledge.camera.calibration import check_image
 from sqrp_cli.knowledge.camera.camera import ImageEntry, Intrinsics, Sensing, catalogue
@@ -306,7 +306,7 @@ def place_file(workspace: Workspace, given: Path | None = None) -> Path:
     if given is None and not path.is_file():
         message = f"there is no {PLACE_FILE} beside the workspace, which says where cameras may go, and which"
         mend = f"write {path} as docs/howto/place.md shows, or name another file: --mounts FILE"
-        raise InputError(Problem("no-mounts", message, Place(path), mend=mend))
+        raise bad_input("no-mounts", message, Place(path), mend=mend)
     if not path.is_file():
         mend = f"name a file with mounts and lenses, or leave --mounts out for the {PLACE_FILE} beside the workspace"
         raise InputError(replace(missing_file(path), mend=mend))
@@ -325,7 +325,7 @@ def read_mounts(path: Path, workspace: Workspace, links: tuple[str, ...]) -> Mou
         raise InputError(*problems)
     if (count := sum(entry.count for entry in file.mounts.values())) > MOST_SPOTS:
         message = f"the mounts have {count:,} places, expected at most {MOST_SPOTS:,}; make a `step` longer"
-        raise InputError(document.problem("too-many-mounts", ("mounts",), message))
+        raise document.error("too-many-mounts", ("mounts",), message)
     lenses = {name: _lens(document, name, entry) for name, entry in file.lenses.items()}
     spots = tuple(spot for name, entry in file.mounts.items() for spot in _spots(name, entry, lenses))
     if aimless := list(_aimless(document, file)):
@@ -333,8 +333,7 @@ def read_mounts(path: Path, workspace: Workspace, links: tuple[str, ...]) -> Mou
     listed = [task.task for task in workspace.tasks]
     for task in file.weights:
         if listed and task not in listed:
-            message = no_such(task, "task of the workspace", listed)
-            raise InputError(document.problem("unknown-task", ("weights",), message))
+            raise document.error("unknown-task", ("weights",), no_such(task, "task of the workspace", listed))
     return Mounts(
         path=path, spots=spots, lenses=tuple(lenses.values()), weights=dict(file.weights), content=document.content
     )

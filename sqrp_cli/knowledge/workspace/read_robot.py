@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
-from sqrp_cli.errors import InputError, Problem, expected_names, no_such
+from sqrp_cli.errors import Problem, bad_input, expected_names, no_such
 from sqrp_cli.geometry import read_only
 from sqrp_cli.knowledge.frames import link_called
 from sqrp_cli.knowledge.robot import robot
@@ -58,7 +58,7 @@ class RobotReader(EntryReader):
         self.tool = None if self.entry.tool is None else self._read_tool(self.entry.tool)
         if self.entry.tool_frame is None and (self.entry.tool is None or self.entry.tool.frame is None):
             message = "`robot`: the key `tool_frame` is missing: the link that grasps"
-            raise InputError(Problem("missing-key", message, self.document.key_place(("robot",))))
+            raise bad_input("missing-key", message, self.document.key_place(("robot",)))
         self.tool_frame = link_called(self.entry.tool_frame or TOOL_TIP, self.links)
 
     @property
@@ -147,7 +147,7 @@ class RobotReader(EntryReader):
             self._report("unmoved-tool-frame", ("robot", "tool_frame"), message)
         if len(arm) > MAX_ARM_JOINTS:
             message = f"{len(arm)} joints move `{self.tool_frame}`, expected at most {MAX_ARM_JOINTS} in an arm"
-            raise InputError(Problem("too-many-joints", message, arm[MAX_ARM_JOINTS].place))
+            raise bad_input("too-many-joints", message, arm[MAX_ARM_JOINTS].place)
         return arm
 
     def _angle_tolerance(self, arm: Sequence[UrdfJoint]) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.knowledge.text.input_file import NOT_THERE, YAML_ENDINGS, nearest_entry
 from sqrp_cli.knowledge.text.packages import from_folder
 from sqrp_cli.knowledge.text.source import SourceDocument
@@ -63,7 +63,7 @@ def workspace_file(path: Path) -> Path:
             hint = "it has the workspaces " + ", ".join(f"`{name}`" for name in inside)
         elif files:
             hint = "it has " + ", ".join(f"`{name}`" for name in files)
-        raise InputError(Problem("no-workspace", f"the folder has no {WORKSPACE_FILE}; {hint}", Place(given)))
+        raise bad_input("no-workspace", f"the folder has no {WORKSPACE_FILE}; {hint}", Place(given))
     if not path.exists():
         folder = given.parent
         while not folder.is_dir():
@@ -73,7 +73,7 @@ def workspace_file(path: Path) -> Path:
         close = nearest_entry(folder / wanted, lambda entry: _is_workspace(entry / rest))
         hint = f"; there is no folder {folder / wanted}" if rest.parts else ""
         hint = f"; did you mean `{folder / close}`?" if close else hint
-        raise InputError(Problem("missing-file", f"{NOT_THERE}{hint}", Place(given)))
+        raise bad_input("missing-file", f"{NOT_THERE}{hint}", Place(given))
     return path
 
 

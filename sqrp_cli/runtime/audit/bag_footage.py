@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem, bad_option, expected_names, first_names
+from sqrp_cli.errors import Place, bad_input, bad_option, expected_names, first_names
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.workspace.workspace import Workspace
@@ -154,7 +154,7 @@ def _cameras_of(
         own = [one for one in topics if _is_of(one, camera, given)]
         if not own and camera in given:
             message = f"there are no images on `{given[camera]}`; {expected_names(given[camera], _names(topics))}"
-            raise InputError(Problem("no-images", message, Place(path)))
+            raise bad_input("no-images", message, Place(path))
         if own:
             _check_one_stream(_names(own), camera, path)
             name = min(own, key=lambda topic: (IMAGES.index(topic.type), topic.name)).name
@@ -164,7 +164,7 @@ def _cameras_of(
         there = f"it has images on {first_names(_names(topics))}" if topics else "it has no images at all"
         message = f"this recording has no images of {cameras}: {there}"
         mend = "sqrp audit PROGRAM RECORDING --topic CAMERA=TOPIC" if topics else None
-        raise InputError(Problem("no-images", message, Place(path), mend=mend))
+        raise bad_input("no-images", message, Place(path), mend=mend)
     return found
 
 
@@ -219,7 +219,7 @@ def _at_most(
     for number, packed in enumerate(bag.messages(topics, types)):
         if number >= most:
             message = f"this recording has more than {most:,} {what}; cut it to the run of the program"
-            raise InputError(Problem("file-too-large", message, Place(bag.path)))
+            raise bad_input("file-too-large", message, Place(bag.path))
         yield number, packed
 
 

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import Place, bad_input
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.workspace.workspace import Workspace
@@ -123,5 +123,5 @@ def read_image(file: Path, camera: Camera, t: float) -> CameraImage:
     image = None if damage else decoded(bare_png(content))
     if image is None:
         message = f"this is no PNG file, or a damaged one: {damage or 'it cannot be decoded'}"
-        raise InputError(Problem("unreadable", message, Place(file)))
+        raise bad_input("unreadable", message, Place(file))
     return CameraImage(camera.name, t, image)

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import Place, bad_input
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program, Step
@@ -204,4 +204,4 @@ def detected(
         while waiting:
             yield collect()
     except PerceptionError as error:
-        raise InputError(Problem("perception", str(error), Place(source.path))) from error
+        raise bad_input("perception", str(error), Place(source.path)) from error

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem, first_names
+from sqrp_cli.errors import Place, bad_input, first_names
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.program.record import Program, Step
 from sqrp_cli.runtime.monitor.nominal_step import planned_joints
@@ -109,14 +109,13 @@ def found_steps(program: Program, arm: Sequence[str], tracks: JointTracks, path:
     if missing:
         there = first_names(sorted(tracks.names)) or "none"
         message = f"the joint states of this recording lack {', '.join(missing)}; they have {there}"
-        raise InputError(Problem("no-joints", message, Place(path)))
+        raise bad_input("no-joints", message, Place(path))
     columns = [program.joints.index(name) for name in arm]
     earliest, latest = tracks.span(arm)
     if latest - earliest > LONGEST:
         hours = (latest - earliest) / 3600
         message = f"the joint states of this recording span {hours:,.0f} hours, more than {LONGEST / 3600:.0f}"
-        mend = "cut the recording to the run of the program"
-        raise InputError(Problem("file-too-large", message, Place(path), mend=mend))
+        raise bad_input("file-too-large", message, Place(path), mend="cut the recording to the run of the program")
     starts: list[float] = []
     all_starts: list[Sequence[float]] = []
     for number, step in enumerate(program.steps, 1):
@@ -127,7 +126,7 @@ def found_steps(program: Program, arm: Sequence[str], tracks: JointTracks, path:
                 f" they are nearest to it, at {fit.start - tracks.span(arm)[0]:.2f} s, {fit.share:.0%} of it fits;"
                 " expected one that begins before the motion does"
             )
-            raise InputError(Problem("other-motion", message, Place(path)))
+            raise bad_input("other-motion", message, Place(path))
         starts.append(fit.start)
         all_starts.append(fit.all_starts)
         earliest = fit.start + 0.5 * step.time

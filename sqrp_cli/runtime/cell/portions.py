@@ -142,8 +142,7 @@ class JointLog:
     def add(self, t: float, message: Message, now: float) -> None:
         """Joint states of a time [s] have come. Raises MessageError for positions that are none."""
         if len(message.name) != len(message.position):
-            what = f"{len(message.name)} names of joints with {len(message.position)} positions"
-            raise MessageError(what)
+            raise MessageError(f"{len(message.name)} names of joints with {len(message.position)} positions")
         if not np.isfinite(message.position).all():
             raise MessageError("positions of joints that are no numbers")
         named = zip(message.name, message.position.tolist(), strict=True)

@@ -10,7 +10,7 @@ import os
 import sys
 from importlib.util import find_spec
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import InputError, bad_input
 
 _PACKAGES = {"mujoco": "mujoco", "cv2": "opencv-contrib-python-headless", "trimesh": "trimesh", "collada": "pycollada"}
 """Modules of the extra `sim`, with the names under which pip installs them."""
@@ -44,7 +44,7 @@ def check_packages() -> None:
     missing = [package for module, package in _PACKAGES.items() if find_spec(module) is None]
     if missing:
         message = f"images need {', '.join(missing)}, which belongs to the extra `sim`"
-        raise InputError(Problem("missing-extra", message, mend=f"pip install {' '.join(missing)}"))
+        raise bad_input("missing-extra", message, mend=f"pip install {' '.join(missing)}")
 
 
 def no_opengl(reason: str, backend: str = "egl") -> InputError:
@@ -53,8 +53,7 @@ def no_opengl(reason: str, backend: str = "egl") -> InputError:
         f"the simulated cameras need an OpenGL that draws without a screen: {reason} "
         f"(on Debian: {_DEBIAN['egl']} with MUJOCO_GL=egl, or {_DEBIAN['osmesa']} with MUJOCO_GL=osmesa)"
     )
-    mend = f"apt install {_DEBIAN[backend]} && export MUJOCO_GL={backend}"
-    return InputError(Problem("no-opengl", message, mend=mend))
+    return bad_input("no-opengl", message, mend=f"apt install {_DEBIAN[backend]} && export MUJOCO_GL={backend}")
 
 
 def _missing_libraries(backend: str) -> list[str]:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from sqrp_cli.errors import InputError, Problem, SqrpError
+from sqrp_cli.errors import SqrpError, bad_input
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.detector import BUILT_IN, GROUP, installed_detectors, package_of
@@ -70,7 +70,7 @@ def check_plugins(workspace: Workspace) -> None:
                 load_detector(detector.kind)
             except PluginError as error:
                 place = workspace.places.get(f"detectors.{name}.kind")
-                raise InputError(Problem("broken-detector", str(error), place)) from error
+                raise bad_input("broken-detector", str(error), place) from error
 
 
 def load_detector(kind: str) -> MakeDetector:

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import cv2
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import Place, bad_input
 from sqrp_cli.geometry import Array
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.runtime.image import CameraImage, ImageArray
@@ -46,8 +46,7 @@ class Film:
     def __init__(self, path: Path, cameras: Sequence[str], rate: float) -> None:
         """rate: images per second of the fastest camera. Raises InputError for a path that is not UTF-8."""
         if not is_utf8(path):
-            message = "OpenCV can write a film only to a path that is UTF-8"
-            raise InputError(Problem("cannot-write", message, Place(path)))
+            raise bad_input("cannot-write", "OpenCV can write a film only to a path that is UTF-8", Place(path))
         self._path = path
         self._video = _Video(path, rate)
         self._tiles: dict[str, ImageArray] = {name: np.zeros((_TILE[1], _TILE[0], 3), np.uint8) for name in cameras}
@@ -66,7 +65,7 @@ class Film:
         self._video.add(self._mosaic())
         if not self._video.close():
             message = "this film could not be written, or not as a whole; is the disk full?"
-            raise InputError(Problem("cannot-write", message, Place(self._path)))
+            raise bad_input("cannot-write", message, Place(self._path))
 
     def _mosaic(self) -> ImageArray:
         tiles = list(self._tiles.values())

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.errors import InputError, Place, bad_input, expected_names
 from sqrp_cli.knowledge.text.input_file import NOT_THERE, missing_file, read_text
 from sqrp_cli.knowledge.text.source import describe
 from sqrp_cli.knowledge.text.units import LONGEST
@@ -55,7 +55,7 @@ class FrameFolder:
         make_folder(folder)
         if any(folder.iterdir()):
             message = "this folder is not empty, and nothing is ever overwritten; expected the name of a new folder"
-            raise InputError(Problem("not-empty", message, Place(folder)))
+            raise bad_input("not-empty", message, Place(folder))
         self._folder, self._index = folder, folder / INDEX
         with naming(self._index):
             self._file = self._index.open("w", newline="", encoding="utf-8")
@@ -82,12 +82,12 @@ def read_frames(folder: Path, cameras: Sequence[str], steps: int) -> Iterator[Fr
     """The rows of a folder's index. Raises InputError for one that is missing or wrong, with its line."""
     path = folder / INDEX
     if folder.is_file():
-        raise InputError(Problem("no-frames", _FILE, Place(folder)))
+        raise bad_input("no-frames", _FILE, Place(folder))
     if not folder.exists():
         raise InputError(missing_file(folder))
     if not path.is_file():
         message = f"there is no {INDEX} in this folder, and no metadata.yaml of a rosbag2; expected one of them"
-        raise InputError(Problem("no-frames", message, Place(folder)))
+        raise bad_input("no-frames", message, Place(folder))
     rows = csv.reader(io.StringIO(table_text(path), newline=""))
     try:
         _check_header(next(rows, []), Place(path, 1))
@@ -95,7 +95,7 @@ def read_frames(folder: Path, cameras: Sequence[str], steps: int) -> Iterator[Fr
             if row:
                 yield _entry(row, folder, cameras, steps, Place(path, rows.line_num))
     except csv.Error as error:
-        raise InputError(Problem("wrong-value", f"this is no CSV: {error}", Place(path, rows.line_num))) from error
+        raise bad_input("wrong-value", f"this is no CSV: {error}", Place(path, rows.line_num)) from error
 
 
 def table_text(path: Path) -> str:
@@ -103,31 +103,28 @@ def table_text(path: Path) -> str:
     text = read_text(path, MAX_INDEX)
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
-        raise InputError(Problem("wrong-value", "this is no CSV: it has a NUL character", Place(path, line)))
+        raise bad_input("wrong-value", "this is no CSV: it has a NUL character", Place(path, line))
     return text
 
 
 def _check_header(header: Sequence[str], place: Place) -> None:
     if not header:
         message = f"this file is empty: the run was stopped before it kept an image; expected `{', '.join(_COLUMNS)}`"
-        raise InputError(
-            Problem("wrong-columns", message, place, mend="record again: sqrp run PROGRAM --sim --frames DIR")
-        )
+        raise bad_input("wrong-columns", message, place, mend="record again: sqrp run PROGRAM --sim --frames DIR")
     if tuple(header) != _COLUMNS:
         # What has none of them may be another file, linked here to see what it says.
         found = f"`{', '.join(header)}`" if {*header} & {*_COLUMNS} else "others"
-        message = f"the columns are {found}, expected `{', '.join(_COLUMNS)}`"
-        raise InputError(Problem("wrong-columns", message, place))
+        raise bad_input("wrong-columns", f"the columns are {found}, expected `{', '.join(_COLUMNS)}`", place)
 
 
 def _entry(row: Sequence[str], folder: Path, cameras: Sequence[str], steps: int, place: Place) -> FrameEntry:
     if len(row) != len(_COLUMNS):
         message = f"this row has {len(row)} columns, expected {len(_COLUMNS)}: {', '.join(_COLUMNS)}"
-        raise InputError(Problem("wrong-columns", message, place))
+        raise bad_input("wrong-columns", message, place)
     camera, name, step, t = row
     if camera not in cameras:
         message = f"there is no camera {describe(camera)}; {expected_names(camera[:LONGEST_NAME], cameras)}"
-        raise InputError(Problem("unknown-camera", message, place))
+        raise bad_input("unknown-camera", message, place)
     return FrameEntry(camera, file_in(folder, name, place), _step(step, steps, place), _seconds(t, place))
 
 
@@ -136,9 +133,9 @@ def file_in(folder: Path, name: str, place: Place) -> Path:
     path = folder / name
     if not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
         message = f"the file {describe(name)} is not in this folder; expected a path that does not leave it"
-        raise InputError(Problem("outside-folder", message, place))
+        raise bad_input("outside-folder", message, place)
     if not os.path.isfile(path):  # noqa: PTH113 - Path.is_file raises for a name that is too long
-        raise InputError(Problem("missing-file", f"{describe(name)}: {NOT_THERE}", place))
+        raise bad_input("missing-file", f"{describe(name)}: {NOT_THERE}", place)
     return path
 
 
@@ -146,7 +143,7 @@ def _step(text: str, steps: int, place: Place) -> int:
     number = int(text) if text.isdecimal() and len(text) < LONGEST_NAME else 0
     if not 1 <= number <= steps:
         message = f"`step` is {describe(text)}, expected a whole number from 1 to {steps}, the steps of the program"
-        raise InputError(Problem("wrong-value", message, place))
+        raise bad_input("wrong-value", message, place)
     return number
 
 
@@ -157,5 +154,5 @@ def _seconds(text: str, place: Place) -> float | None:
         t = math.nan
     if not 0.0 <= t <= LONGEST:
         message = f"`t` is {describe(text)}, expected seconds from 0 to {LONGEST:g}, or nothing"
-        raise InputError(Problem("wrong-value", message, place))
+        raise bad_input("wrong-value", message, place)
     return t if text else None

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, bad_input
 from sqrp_cli.knowledge.text.input_file import open_input
 from sqrp_cli.knowledge.text.json_file import json_name, parse_json
 from sqrp_cli.knowledge.text.source import describe
@@ -90,7 +90,7 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
         for number, line in enumerate(iter(partial(file.readline, MAX_LINE + 1), b""), 1):
             if len(line) > MAX_LINE or number > MAX_LINES:
                 message = f"this log is too large: the limit is {MAX_LINES:,} lines of {MAX_LINE:,} bytes"
-                raise InputError(Problem("file-too-large", message, Place(path, number)))
+                raise bad_input("file-too-large", message, Place(path, number))
             try:
                 yield number, line.decode("utf-8")
             except UnicodeDecodeError as error:
@@ -155,4 +155,4 @@ def _first_words(error: ValidationError) -> str:
 
 
 def _no_log(message: str, place: Place) -> InputError:
-    return InputError(Problem("no-log", message, place, mend="make one: sqrp run PROGRAM --sim --log FILE"))
+    return bad_input("no-log", message, place, mend="make one: sqrp run PROGRAM --sim --log FILE")

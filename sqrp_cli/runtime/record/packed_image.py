@@ -11,7 +11,7 @@ from tempfile import TemporaryFile
 import cv2
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.ros.messages import Message
 from sqrp_cli.runtime.image import ImageArray
@@ -134,4 +134,4 @@ def _damaged(message: str, place: Place) -> DamagedImageError:
 
 
 def _refused(code: str, message: str, place: Place) -> InputError:
-    return InputError(Problem(code, message, place))
+    return bad_input(code, message, place)

@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import Place, bad_input
 from sqrp_cli.knowledge.text.input_file import read_input
 from sqrp_cli.runtime.image import ImageArray
 
@@ -77,7 +77,7 @@ def read_png(path: Path, expected: ImageSize, camera: str) -> bytes:
     content = read_input(path, _BYTES_PER_PIXEL * expected.width * expected.height + _SPARE_BYTES)
     found = _stated_size(path, content)
     if found != expected:
-        raise InputError(Problem("wrong-size", f"this image is {found}, {camera} has {expected}", Place(path)))
+        raise bad_input("wrong-size", f"this image is {found}, {camera} has {expected}", Place(path))
     return content
 
 
@@ -171,12 +171,11 @@ def png_size(content: bytes) -> ImageSize | None:
 def _stated_size(path: Path, content: bytes) -> ImageSize:
     """The size that a PNG file says."""
     if not content.startswith(_SIGNATURE):
-        mend = "convert it to PNG"
-        raise InputError(Problem("unreadable", "this image is no PNG file", Place(path), mend=mend))
+        raise bad_input("unreadable", "this image is no PNG file", Place(path), mend="convert it to PNG")
     found = png_size(content)
     if found is None:
-        raise InputError(Problem("unreadable", "this PNG file is damaged in its header", Place(path)))
+        raise bad_input("unreadable", "this PNG file is damaged in its header", Place(path))
     if b"acTL" in content[: content.find(b"IDAT")]:
         mend = "write each of its images into a file of its own"
-        raise InputError(Problem("unreadable", "this PNG file is animated, expected one image", Place(path), mend=mend))
+        raise bad_input("unreadable", "this PNG file is animated, expected one image", Place(path), mend=mend)
     return found

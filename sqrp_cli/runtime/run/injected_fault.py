@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from sqrp_cli.errors import MOST_NAMES, InputError, Problem, expected_names, nearest
+from sqrp_cli.errors import MOST_NAMES, InputError, bad_input, expected_names, nearest
 from sqrp_cli.knowledge.text.units import TIME, expected_quantity, read_quantity
 from sqrp_cli.program.check import SAME_TIME
 from sqrp_cli.program.record import ProgramPrimitive, Step
@@ -118,7 +118,7 @@ class _FaultText:
         if form is not None and self.bare != self.text:
             form = f"`{self.text.removesuffix(self.bare)}` and then {form}"
         mend = mend or (f"write {form}" if form else f"give one of: {'; '.join(self.forms.values())}")
-        return InputError(Problem("bad-fault", f"{self.option} {self.text}: {message}", mend=mend))
+        return bad_input("bad-fault", f"{self.option} {self.text}: {message}", mend=mend)
 
 
 def parse_fault(

@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import InputError, bad_input
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Program, ProgramPrimitive, Replanner, Step
 from sqrp_cli.runtime.cell.interface import RunnableCell
@@ -201,7 +201,7 @@ class Run:
         refused = ""
         try:
             if self._report.steps[-1].attempts > 1:
-                raise InputError(Problem("bad-fault", "a fault happens in the first try of a step"))
+                raise bad_input("bad-fault", "a fault happens in the first try of a step")
             fault = parse_fault(text, self._program.steps, (), np.random.default_rng(0), "slip")
             self._lockstep.schedule(Due(start + (fault.t or 0.0), "fault", partial(self._inject, fault)))
         except InputError as error:
