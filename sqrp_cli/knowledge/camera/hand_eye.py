@@ -8,8 +8,8 @@ its base (eye on base); its transform is the pose of the tracking frame, usually
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Literal
@@ -17,26 +17,13 @@ from typing import Literal
 from sqrp_cli.errors import InputError, Place, bad_input
 from sqrp_cli.geometry import Array, pose, read_only
 from sqrp_cli.knowledge.camera import static_transforms
-from sqrp_cli.knowledge.camera.static_transforms import StaticTransform, unit_quaternion
-from sqrp_cli.knowledge.text.entries import ForeignEntry, Length, Number, Text, completed
+from sqrp_cli.knowledge.camera.static_transforms import HandEye, StaticTransform
+from sqrp_cli.knowledge.text.entries import ForeignEntry, Length, Number, Text
 from sqrp_cli.knowledge.text.input_file import decoded, read_input
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.text.validation import validate
 from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, parse_yaml
 from sqrp_cli.ros.bag import Bag, is_bag
-from sqrp_cli.ros.messages import Message
-
-
-@dataclass(frozen=True, eq=False)
-class HandEye(static_transforms.Seat):
-    """Where a camera is, and the file that says it."""
-
-    pose_file: str
-    """The format of the file."""
-    content: bytes
-    """What was read of it."""
-    document: SourceDocument | None = None
-    """Its keys and values, of easy_handeye."""
 
 
 class _Parameters(ForeignEntry):
@@ -84,41 +71,32 @@ def read_hand_eye(
     says so. Raises InputError, with the line, for missing keys, values of the wrong kind, and a quaternion whose length
     is not 1.
     """
+    pose_file, content, transforms = "/tf_static of a recording", b"", None
     if is_bag(path):
-        return _seated(read_bag(path), path, camera, carriers, asked, "/tf_static of a recording", None)
-    content = read_input(path, MAX_BYTES)
-    text = decoded(path, content)
-    launched = static_transforms.read_launch(path, content, text)
-    if launched is not None:
-        return _seated(launched, path, camera, carriers, asked, "static_transform_publisher", content)
-    if re.search(r"^[ \t]*child_frame_id:|^transforms:", text, re.MULTILINE):
-        return _seated(
-            static_transforms.read_messages(path, text), path, camera, carriers, asked, "TF messages", content
-        )
-    document = parse_yaml(path, content, keys=_KEYS)
+        transforms = read_bag(path)
+    else:
+        content = read_input(path, MAX_BYTES)
+        text = decoded(path, content)
+        pose_file, transforms = "static_transform_publisher", static_transforms.read_launch(path, content, text)
+        if transforms is None and re.search(r"^[ \t]*child_frame_id:|^transforms:", text, re.MULTILINE):
+            pose_file, transforms = "TF messages", static_transforms.read_messages(path, text)
+    if transforms is None:
+        return _of_easy_handeye(parse_yaml(path, content, keys=_KEYS))
+    seat = static_transforms.camera_seat(transforms, path, camera, carriers, asked)
+    # A recording may be large: of that, what was read.
+    read = content or repr([(one.parent, one.child, one.X_PC.tolist()) for one in transforms]).encode()
+    return replace(seat, pose_file=pose_file, content=read)
+
+
+def _of_easy_handeye(document: SourceDocument) -> HandEye:
     if not any(key in document.data for key in _KEYS):
         message = "found no camera pose; expected a result of easy_handeye, TF messages, a launch file or a recording"
-        raise bad_input("unknown-calibration", message, Place(path))
+        raise bad_input("unknown-calibration", message, Place(document.path))
     if "tracking_base_frame" in document.data:
         flat = validate(document, _FlatFile)
         return _hand_eye(document, flat, flat, ())
     file = validate(document, _File)
     return _hand_eye(document, file, file.parameters, ("parameters",))
-
-
-def _seated(
-    transforms: Sequence[static_transforms.StaticTransform],
-    path: Path,
-    camera: str | None,
-    carriers: Collection[str],
-    asked: str,
-    pose_file: str,
-    content: bytes | None,
-) -> HandEye:
-    """The pose of a camera among static transforms; content: None for a recording, which may be large."""
-    seat = static_transforms.camera_seat(transforms, path, camera, carriers, asked)
-    read = repr([(one.parent, one.child, one.X_PC.tolist()) for one in transforms]).encode()
-    return completed(HandEye, seat, pose_file=pose_file, content=read if content is None else content)
 
 
 def _hand_eye(document: SourceDocument, result: _Result, parameters: _Parameters, owner: KeyPath) -> HandEye:
@@ -180,18 +158,14 @@ def read_bag(path: Path) -> list[StaticTransform]:
     """The static transforms of a recording, the last of each frame. Raises InputError where it cannot be read."""
     with Bag(path) as bag:
         packed = islice((one for one in bag.messages([TOPIC]) if one.type == _TYPE), MOST_MESSAGES)
-        found = {one.child: one for message in packed for one in _of_message(bag.read(message), path)}
+        stamped = [one for message in packed for one in bag.read(message).transforms]
+    found: dict[str, StaticTransform] = {}
+    for one in stamped:
+        transform = StaticTransform.of(one, Place(path))
+        if transform is None:
+            why = f"the quaternion of `{one.child_frame_id}` is not of length 1"
+            raise bad_input("not-a-rotation", why, Place(path))
+        found[transform.child] = transform
     if not found:
         raise bad_input("missing-key", f"the recording has no static transforms on `{TOPIC}`", Place(path))
     return list(found.values())
-
-
-def _of_message(message: Message, path: Path) -> Iterator[StaticTransform]:
-    for stamped in message.transforms:
-        t, r = stamped.transform.translation, stamped.transform.rotation
-        R = unit_quaternion((r.x, r.y, r.z, r.w))
-        if R is None:
-            why = f"the quaternion of `{stamped.child_frame_id}` is not of length 1"
-            raise bad_input("not-a-rotation", why, Place(path))
-        frames = (stamped.header.frame_id.lstrip("/"), stamped.child_frame_id.lstrip("/"))
-        yield StaticTransform(*frames, pose(R, (t.x, t.y, t.z)), Place(path))

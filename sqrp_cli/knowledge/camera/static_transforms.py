@@ -13,13 +13,14 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, takewhile
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
 from sqrp_cli.errors import Place, bad_input, expected_names
 from sqrp_cli.geometry import Array, pose, quaternion_to_matrix, read_only, rpy_to_matrix
+from sqrp_cli.knowledge.camera.camera import Seat
 from sqrp_cli.knowledge.text.entries import ForeignEntry, Length, Number, Text
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.validation import validate
@@ -50,19 +51,27 @@ class StaticTransform(NamedTuple):
     """Shape (4, 4)."""
     place: Place
 
+    @classmethod
+    def of(cls, stamped: Any, place: Place) -> StaticTransform | None:  # noqa: ANN401 - of a file, or a ROS message
+        """What a `geometry_msgs/TransformStamped` says; None if its quaternion is not of length 1."""
+        t, r = stamped.transform.translation, stamped.transform.rotation
+        R = unit_quaternion((r.x, r.y, r.z, r.w))
+        frames = (stamped.header.frame_id.lstrip("/"), stamped.child_frame_id.lstrip("/"))
+        return None if R is None else cls(*frames, pose(R, (t.x, t.y, t.z)), place)
 
-@dataclass(frozen=True, eq=False)
-class Seat:
-    """Where a camera is."""
 
-    frame: str
-    """The frame that carries it."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class HandEye(Seat):
+    """Where a camera is by a file."""
+
     camera_frame: str
-    """The frame at pose `X_FC` in that frame."""
-    X_FC: Array
-    """Shape (4, 4)."""
+    """The frame at pose `X_FC`, as the file calls it."""
     place: Place
-    """Where the file names the frame."""
+    """Where the file names the frame that carries it."""
+    content: bytes = b""
+    """What was read of the file."""
+    document: SourceDocument | None = None
+    """Its keys and values, of easy_handeye."""
 
 
 class Vector(ForeignEntry):
@@ -111,7 +120,7 @@ def unit_quaternion(quaternion: Sequence[float]) -> Array | None:
 
 def camera_seat(
     transforms: Sequence[StaticTransform], path: Path, wanted: str | None, carriers: Collection[str], asked: str
-) -> Seat:
+) -> HandEye:
     """The pose of a camera's frame in the first frame above it that is among the carriers, else in the topmost.
 
     wanted: the camera's frame; None: the only one without frames on it, or the only one of these that is optical.
@@ -125,7 +134,7 @@ def camera_seat(
     X, at, last = np.eye(4), frame, above[frame]
     for _ in range(len(above) + 1):
         if at not in above or (at in carriers and at != frame):
-            return Seat(at, frame, read_only(X), last.place)
+            return HandEye(frame=at, camera_frame=frame, X_FC=read_only(X), place=last.place)
         last = above[at]
         X, at = last.X_PC @ X, last.parent
     raise bad_input("wrong-value", f"the frames above `{frame}` lead back to it", last.place)
@@ -164,14 +173,11 @@ def _of_message(document: SourceDocument) -> Iterator[StaticTransform]:
 
 
 def _of_stamped(document: SourceDocument, stamped: _Stamped, at: tuple[str | int, ...]) -> StaticTransform:
-    t, r = stamped.transform.translation, stamped.transform.rotation
-    R = unit_quaternion((r.x, r.y, r.z, r.w))
-    if R is None:
+    found = StaticTransform.of(stamped, document.value_place((*at, "header", "frame_id")))
+    if found is None:
         message = "the quaternion is not of length 1 (order x, y, z, w)"
         raise document.error("not-a-rotation", (*at, "transform", "rotation"), message)
-    place = document.value_place((*at, "header", "frame_id"))
-    frames = (stamped.header.frame_id.lstrip("/"), stamped.child_frame_id.lstrip("/"))
-    return StaticTransform(*frames, pose(R, (t.x, t.y, t.z)), place)
+    return found
 
 
 def read_launch(path: Path, content: bytes, text: str) -> list[StaticTransform] | None:

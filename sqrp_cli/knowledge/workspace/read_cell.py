@@ -8,16 +8,16 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
-from typing import NamedTuple
 
 import numpy as np
 
 from sqrp_cli.errors import InputError, Problem, expected_names, no_such
 from sqrp_cli.geometry import Array, inverse, pose, read_only
 from sqrp_cli.knowledge.camera.calibration import check_image, doubtful_projection, read_calibration
-from sqrp_cli.knowledge.camera.camera import Camera, CameraEntry, PoseFile
+from sqrp_cli.knowledge.camera.camera import Camera, CameraEntry, PoseFile, Seat
 from sqrp_cli.knowledge.camera.detector import Detector
-from sqrp_cli.knowledge.camera.hand_eye import HandEye, read_hand_eye
+from sqrp_cli.knowledge.camera.hand_eye import read_hand_eye
+from sqrp_cli.knowledge.camera.static_transforms import HandEye
 from sqrp_cli.knowledge.fixture.fixture_file import FixturesEntry, read_fixtures
 from sqrp_cli.knowledge.frames import TOOL, WORLD, link_called
 from sqrp_cli.knowledge.markers import Marker
@@ -39,15 +39,6 @@ R_BODY_OPTICAL = ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))
 """Axes of an optical frame (x right, y down, z forward) in a body frame (x forward, y left, z up); REP 103."""
 
 _FACT = re.compile(r"\s*([A-Za-z][\w-]*)\s*(?:\(\s*([^()]*?)\s*\))?\s*")
-
-
-class _Seat(NamedTuple):
-    """Where a camera is, and from what kind of file that comes."""
-
-    frame: str
-    X_FC: Array
-    """Of its optical frame, shape (4, 4)."""
-    pose_file: str | None
 
 
 @dataclass(kw_only=True)
@@ -138,9 +129,9 @@ class CellReader(EntryReader):
             assert entry.image is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
             intrinsics = entry.image.intrinsics()
             check_image(self.document, (*path, "image"), intrinsics)
-        return completed(Camera, entry, intrinsics, name=name, **seat._asdict())
+        return completed(Camera, entry, intrinsics, seat, name=name)
 
-    def _seat(self, path: KeyPath, entry: CameraEntry) -> _Seat:
+    def _seat(self, path: KeyPath, entry: CameraEntry) -> Seat:
         """Where a camera is."""
         found = None if entry.pose_file is None else self._hand_eye(path, entry, entry.pose_file)
         if found is None:
@@ -156,7 +147,7 @@ class CellReader(EntryReader):
             mend = f"say `frame:` for `{dotted(path)}`, which goes before what the file says"
             self.problems.append(Problem("unknown-frame", message, at, mend=None if found is None else mend))
         X_FC = read_only(X_FC @ pose(R_BODY_OPTICAL) if entry.convention == "body" else X_FC)
-        return _Seat(frame, X_FC, None if found is None else found.pose_file)
+        return Seat(frame=frame, X_FC=X_FC, pose_file=None if found is None else found.pose_file)
 
     def _hand_eye(self, path: KeyPath, entry: CameraEntry, stated: PoseFile) -> HandEye:
         """What the file says that has the pose of a camera."""

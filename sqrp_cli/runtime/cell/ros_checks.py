@@ -6,13 +6,14 @@ import time
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
-from sqrp_cli.errors import expected_names
+from sqrp_cli.errors import Place, expected_names
 from sqrp_cli.geometry import Array, inverse, pose
 from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.knowledge.camera.static_transforms import unit_quaternion
+from sqrp_cli.knowledge.camera.static_transforms import StaticTransform
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.ros.messages import Message
 from sqrp_cli.ros.transport import Inbox, Topic
@@ -35,6 +36,7 @@ ANOTHER_CLOCK = 1e7
 """Times that are further from ours are none of this computer's clock [s]."""
 
 _TF = "tf2_msgs/msg/TFMessage"
+_ON_TF = Place(Path("/tf"))
 _INFO = "sensor_msgs/msg/CameraInfo"
 
 
@@ -83,16 +85,13 @@ class _Listening:
         senders = cell.transport.senders()
         return all(inbox.count or inbox.topic.name not in senders for inbox in self.transforms if inbox.topic.latched)
 
-    def poses(self) -> dict[str, tuple[str, Array]]:
-        """Parent of each frame, and its pose in that, shape (4, 4)."""
+    def poses(self) -> dict[str, StaticTransform]:
+        """The pose of each frame in its parent, by its name."""
         found = {}
         for inbox in self.transforms:
             for one in (one for arrived in inbox.take() for one in arrived.message.transforms):
-                t, r = one.transform.translation, one.transform.rotation
-                R = unit_quaternion((r.x, r.y, r.z, r.w))
-                if R is not None:
-                    child, parent = one.child_frame_id.lstrip("/"), one.header.frame_id.lstrip("/")
-                    found[child] = (parent, pose(R, (t.x, t.y, t.z)))
+                if (transform := StaticTransform.of(one, _ON_TF)) is not None:
+                    found[transform.child] = transform
         return found
 
 
@@ -256,7 +255,7 @@ def _info(cell: RosCell, camera: Camera, info: Message | None, about: ImageTopic
 
 
 def _camera_pose(
-    cell: RosCell, camera: Camera, transforms: Mapping[str, tuple[str, Array]], frame: str | None
+    cell: RosCell, camera: Camera, transforms: Mapping[str, StaticTransform], frame: str | None
 ) -> Iterator[CellCheck]:
     """Whether TF has a camera where the workspace does."""
     carrier = cell.file.world if camera.frame == WORLD else camera.frame
@@ -275,7 +274,7 @@ def _camera_pose(
     yield CellCheck(camera.name, "pose", f"{1e3 * far:.1f} mm, {np.degrees(turned):.2f} deg off", expected, problem)
 
 
-def _between(transforms: Mapping[str, tuple[str, Array]], frame: str, child: str) -> Array | None:
+def _between(transforms: Mapping[str, StaticTransform], frame: str, child: str) -> Array | None:
     """The pose of a frame in another one, shape (4, 4), by way of the root that they share."""
     to_frame, to_child = _to_root(transforms, frame), _to_root(transforms, child)
     if to_frame[0] != to_child[0] or (frame == child):
@@ -283,11 +282,10 @@ def _between(transforms: Mapping[str, tuple[str, Array]], frame: str, child: str
     return inverse(to_frame[1]) @ to_child[1]
 
 
-def _to_root(transforms: Mapping[str, tuple[str, Array]], frame: str) -> tuple[str, Array]:
+def _to_root(transforms: Mapping[str, StaticTransform], frame: str) -> tuple[str, Array]:
     X = pose()
     for _ in range(len(transforms) + 1):
         if frame not in transforms:
             break
-        frame, X_PC = transforms[frame]
-        X = X_PC @ X
+        X, frame = transforms[frame].X_PC @ X, transforms[frame].parent
     return frame, X
