@@ -55,8 +55,7 @@ def calibrate(
 
 
 def _labelled(folder: Path, workspace: Path | None, program: Path | None) -> tuple[OpenCell, list[LabelledImages]]:
-    from sqrp_cli.calibrating.labelled import of_labels, of_program
-    from sqrp_cli.calibrating.labels_file import LABELS
+    from sqrp_cli.calibrating.labelled import LABELS, of_labels, of_program
     from sqrp_cli.knowledge.text.input_file import missing_file
     from sqrp_cli.ros.bag import check_kind
 

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sqrp_cli.calibrating.labelled import of_labels
-from sqrp_cli.calibrating.labels_file import Label, read_labels
+from sqrp_cli.calibrating.labelled import Label, of_labels, read_labels
 from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from tests.detectors.frames import EXPOSURE, write_workspace

@@ -5,7 +5,7 @@ import signal
 
 import pytest
 
-from sqrp_cli.platform.interrupts import interrupts_later
+from sqrp_cli.platform.processes import interrupts_later
 
 pytestmark = pytest.mark.usefixtures("heeded_ctrl_c")
 

@@ -13,13 +13,14 @@ import numpy as np
 import pytest
 
 from sqrp_cli.errors import InputError
+from sqrp_cli.knowledge.camera.camera import PixelSize
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.runtime.image import check_recorded, check_simulated
-from sqrp_cli.runtime.record.png import ImageSize, decoded, read_png
+from sqrp_cli.runtime.record.png import decoded, read_png
 
 WATCH = Path(__file__).parents[1] / "cases" / "watch"
-SIZE = ImageSize(40, 30)
+SIZE = PixelSize(40, 30)
 PIXELS = np.random.default_rng(0).integers(0, 255, (30, 40, 3), dtype=np.uint8)
 
 

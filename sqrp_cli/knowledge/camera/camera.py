@@ -56,6 +56,11 @@ class PixelSize(NamedTuple):
         """A size that may be stated; None unless both numbers are."""
         return None if width is None or height is None else cls(width, height)
 
+    @property
+    def short(self) -> str:
+        """As in `640x480`."""
+        return f"{self.width}x{self.height}"
+
     def __str__(self) -> str:
         return f"{self.width} x {self.height}"
 

@@ -68,7 +68,7 @@ class SourceDocument:
 
     def error(self, code: str, path: KeyPath, message: str, mend: str | None = None) -> InputError:
         """The error of that problem alone."""
-        return self.error(code, path, message, mend)
+        return InputError(self.problem(code, path, message, mend))
 
 
 def dotted(path: KeyPath) -> str:

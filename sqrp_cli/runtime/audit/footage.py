@@ -14,13 +14,13 @@ import numpy as np
 
 from sqrp_cli.errors import Place, bad_input
 from sqrp_cli.geometry import Array, Mask
-from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.camera.camera import Camera, PixelSize
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Program
 from sqrp_cli.runtime.image import CameraImage, check_recorded
 from sqrp_cli.runtime.monitor.nominal_step import planned_joints
 from sqrp_cli.runtime.record.frame_folder import read_frames
-from sqrp_cli.runtime.record.png import ImageSize, bare_png, decoded, png_damage, read_png
+from sqrp_cli.runtime.record.png import bare_png, decoded, png_damage, read_png
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class FolderFootage:
 
 def read_image(file: Path, camera: Camera, t: float) -> CameraImage:
     """The image of a camera in a PNG file, taken at time t [s]. Raises InputError for one that cannot be used."""
-    content = read_png(file, ImageSize(camera.width, camera.height), camera.name)
+    content = read_png(file, PixelSize(camera.width, camera.height), camera.name)
     damage = png_damage(content)
     image = None if damage else decoded(bare_png(content))
     if image is None:

@@ -17,21 +17,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from xml.etree import ElementTree as Xml
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, inverse, pose, quaternion_to_matrix
+from sqrp_cli.geometry import Array, inverse, matrix_to_rpy, pose, quaternion_to_matrix
 from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.knowledge.frames import WORLD
+from sqrp_cli.knowledge.frames import WORLD, WORLD_LINK
 from sqrp_cli.knowledge.paint import COLORS
+from sqrp_cli.knowledge.robot.robot import Robot
+from sqrp_cli.knowledge.robot.urdf import UrdfModel
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.ros.bag import BagWriter
-from sqrp_cli.ros.messages import Message, pose_message, transform_message
+from sqrp_cli.ros.messages import Message, MessageTypes, pose_message, transform_message
 from sqrp_cli.runtime.image import CameraImage
 from sqrp_cli.runtime.record import events
 from sqrp_cli.runtime.record.png import jpeg_of
-from sqrp_cli.runtime.record.robot_description import robot_description
 from sqrp_cli.runtime.robot_body import RobotBody
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 
@@ -71,7 +73,9 @@ class BagRecorder:
         self._writer.add("/robot_description", _at(0.0), description, latched=True)
         self._add_static_frames()
         for camera in workspace.cameras.values():
-            self._writer.add(f"/{camera.name}/camera_info", _at(0.0), self._info(camera), latched=True)
+            self._writer.add(
+                f"/{camera.name}/camera_info", _at(0.0), camera_info(self._types, camera, _at(0.0)), latched=True
+            )
 
     def __call__(self, event: events.Event) -> None:
         """Keep an event."""
@@ -89,7 +93,7 @@ class BagRecorder:
         """Keep an image; planned: whether all went as the program says when it was taken."""
         self._holds_run = True
         self.tell_planned(frame.t, planned=planned)
-        header = self._types.header(_at(frame.t), _optical(frame.camera))
+        header = self._types.header(_at(frame.t), optical_frame(frame.camera))
         data = np.frombuffer(jpeg_of(frame.image), np.uint8)
         message = self._types.make("sensor_msgs/msg/CompressedImage", header=header, format="jpeg", data=data)
         self._writer.add(f"/{frame.camera}/image_raw/compressed", _at(frame.t), message)
@@ -113,7 +117,7 @@ class BagRecorder:
         for child, parent in self._links.items():
             if child not in self._moving:
                 frames.append((parent, child, inverse(rest[parent]) @ rest[child]))
-        frames += [(one.frame, _optical(one.name), one.X_FC) for one in self._workspace.cameras.values()]
+        frames += [(one.frame, optical_frame(one.name), one.X_FC) for one in self._workspace.cameras.values()]
         self._add_frames("/tf_static", 0.0, frames, latched=True)
 
     def _add_frames(self, topic: str, t: float, frames: list[tuple[str, str, Array]], *, latched: bool = False) -> None:
@@ -226,21 +230,24 @@ class BagRecorder:
         r, g, b = rgb
         return self._types.make("std_msgs/msg/ColorRGBA", r=r, g=g, b=b, a=alpha)
 
-    def _info(self, camera: Camera) -> Message:
-        numbers = {
-            "d": np.zeros(5) if camera.distortion_model == "none" else np.array(camera.distortion),
-            "k": camera.matrix.ravel(),
-            "r": np.eye(3).ravel(),
-            "p": np.column_stack([camera.matrix, np.zeros(3)]).ravel(),
-        }
-        return self._types.make(
-            "sensor_msgs/msg/CameraInfo",
-            header=self._types.header(_at(0.0), _optical(camera.name)),
-            width=camera.width,
-            height=camera.height,
-            distortion_model="plumb_bob" if camera.distortion_model == "none" else camera.distortion_model,
-            **{name.upper() if self._types.ros == 1 else name: value for name, value in numbers.items()},
-        )
+
+def camera_info(types: MessageTypes, camera: Camera, ns: int) -> Message:
+    """The `sensor_msgs/CameraInfo` of a camera; ns: the stamp [ns]."""
+    plain = camera.distortion_model == "none"
+    numbers = {
+        "d": np.zeros(5) if plain else np.array(camera.distortion),
+        "k": camera.matrix.ravel(),
+        "r": np.eye(3).ravel(),
+        "p": np.column_stack([camera.matrix, np.zeros(3)]).ravel(),
+    }
+    return types.make(
+        "sensor_msgs/msg/CameraInfo",
+        header=types.header(ns, optical_frame(camera.name)),
+        width=camera.width,
+        height=camera.height,
+        distortion_model="plumb_bob" if plain else camera.distortion_model,
+        **{name.upper() if types.ros == 1 else name: value for name, value in numbers.items()},
+    )
 
 
 def _at(t: float) -> int:
@@ -248,7 +255,8 @@ def _at(t: float) -> int:
     return (EPOCH * 1_000_000_000) + round(t * 1_000_000_000)
 
 
-def _optical(camera: str) -> str:
+def optical_frame(camera: str) -> str:
+    """What TF calls the optical frame of a camera."""
     return f"{camera}_optical_frame"
 
 
@@ -284,3 +292,57 @@ def _drawn(shape: Shape) -> tuple[int, tuple[float, float, float], str]:
             return _CYLINDER, (2 * radius, 2 * radius, length + 2 * radius), ""
         case Mesh(path, scale):
             return _MESH, scale, path.resolve().as_uri()
+
+
+def robot_description(robot: Robot) -> str:
+    """The URDF of a robot, its tool fixed to it. Meshes beside a file get their full path, packages stay named."""
+    root = _described(robot.urdf)
+    if robot.tool is not None:
+        root.extend(_described(robot.tool.urdf))
+        joint = Xml.SubElement(root, "joint", name=f"{robot.tool.link}_to_{robot.tool.urdf.root}", type="fixed")
+        Xml.SubElement(joint, "parent", link=robot.tool.link)
+        Xml.SubElement(joint, "child", link=robot.tool.urdf.root)
+        joint.append(_origin(robot.tool.X_LT))
+    return Xml.tostring(root, encoding="unicode")
+
+
+def _described(urdf: UrdfModel) -> Xml.Element:
+    if not urdf.content:
+        return _of_boxes(urdf)
+    root = Xml.fromstring(urdf.content)  # noqa: S314 - it was read, and found harmless, with the workspace
+    for mesh in root.iter("mesh"):
+        name = mesh.get("filename", "")
+        if "://" not in name:
+            mesh.set("filename", (urdf.path.parent / name).resolve().as_uri())
+    # A link of the name `world` is not where the cell's frame of that name is.
+    for element in root.iter():
+        for key in ("name", "link"):
+            if element.tag in ("link", "parent", "child") and element.get(key) == WORLD:
+                element.set(key, WORLD_LINK)
+    return root
+
+
+def _of_boxes(urdf: UrdfModel) -> Xml.Element:
+    """The description of a tool that the workspace gives as boxes."""
+    root = Xml.Element("robot", name=urdf.name)
+    for link in urdf.links.values():
+        element = Xml.SubElement(root, "link", name=link.name)
+        for piece in link.geometry("collision"):
+            if isinstance(piece.shape, Box):
+                visual = Xml.SubElement(element, "visual")
+                visual.append(_origin(piece.X_LG))
+                Xml.SubElement(Xml.SubElement(visual, "geometry"), "box", size=_numbers(piece.shape.size))
+    for one in urdf.joints.values():
+        joint = Xml.SubElement(root, "joint", name=one.name, type="fixed")
+        Xml.SubElement(joint, "parent", link=one.parent)
+        Xml.SubElement(joint, "child", link=one.child)
+        joint.append(_origin(one.X_PJ))
+    return root
+
+
+def _origin(X: Array) -> Xml.Element:
+    return Xml.Element("origin", xyz=_numbers(X[:3, 3].tolist()), rpy=_numbers(matrix_to_rpy(X[:3, :3])))
+
+
+def _numbers(values: list[float] | tuple[float, ...]) -> str:
+    return " ".join(f"{value:.9g}" for value in values)

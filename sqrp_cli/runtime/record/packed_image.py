@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem, bad_input
-from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.camera.camera import Camera, PixelSize
 from sqrp_cli.ros.messages import Message
 from sqrp_cli.runtime.image import ImageArray
-from sqrp_cli.runtime.record.png import ImageSize, bare_png, decoded, png_damage, png_size
+from sqrp_cli.runtime.record.png import bare_png, decoded, png_damage, png_size
 
 _JPEG, _JPEG_END = b"\xff\xd8\xff", b"\xff\xd9"
 
@@ -57,7 +57,7 @@ def image_of(message: Message, camera: Camera, place: Place, where: str) -> Imag
     place, where: the file, and the message in it. Raises DamagedImageError for one that is damaged, and InputError for
     one that has another size than the camera, or is packed in a way that is not read.
     """
-    expected = ImageSize(camera.width, camera.height)
+    expected = PixelSize(camera.width, camera.height)
     if hasattr(message, "encoding"):
         return _unpacked(message, expected, place, where)
     content = bytes(message.data)
@@ -91,25 +91,25 @@ def _complaints() -> Iterator[list[str]]:
         said += os.pread(file.fileno(), 10_000, 0).decode(errors="replace").splitlines()
 
 
-def _unpacked(message: Message, expected: ImageSize, place: Place, where: str) -> ImageArray:
+def _unpacked(message: Message, expected: PixelSize, place: Place, where: str) -> ImageArray:
     encoding = message.encoding
     if encoding not in _CONVERSIONS:
         known = ", ".join(_CONVERSIONS)
         raise _refused("unreadable", f"the image of {where} has the encoding `{encoding}`; read are {known}", place)
-    found, channels = ImageSize(message.width, message.height), _CHANNELS.get(encoding, 1)
+    found, channels = PixelSize(message.width, message.height), _CHANNELS.get(encoding, 1)
     _check_size(found, expected, place, where)
     if channels == 2 and found.width % 2:
         raise _refused("unreadable", f"the image of {where} has the encoding `{encoding}`, but an odd width", place)
     row = found.width * channels
     if message.step < row or len(message.data) < message.step * found.height:
-        raise _damaged(f"the image of {where} has fewer bytes than its {found} pixels need", place)
+        raise _damaged(f"the image of {where} has fewer bytes than its {found.short} pixels need", place)
     rows = np.asarray(message.data, np.uint8)[: message.step * found.height].reshape(found.height, message.step)
     pixels = np.ascontiguousarray(rows[:, :row]).reshape(found.height, found.width, -1).squeeze()
     conversion = _CONVERSIONS[encoding]
     return pixels if conversion is None else cv2.cvtColor(pixels, conversion)
 
 
-def _jpeg_size(content: bytes) -> ImageSize | None:
+def _jpeg_size(content: bytes) -> PixelSize | None:
     """The size in the frame header of a JPEG; None for what is no JPEG, or one that is cut off."""
     at = 2
     if not content.startswith(_JPEG) or _JPEG_END not in content[-1024:]:
@@ -117,16 +117,18 @@ def _jpeg_size(content: bytes) -> ImageSize | None:
     while at + 9 <= len(content) and content[at] == 0xFF:
         kind = content[at + 1]
         if 0xC0 <= kind <= 0xCF and kind not in (0xC4, 0xC8, 0xCC):
-            return ImageSize(
+            return PixelSize(
                 int.from_bytes(content[at + 7 : at + 9], "big"), int.from_bytes(content[at + 5 : at + 7], "big")
             )
         at += 2 + int.from_bytes(content[at + 2 : at + 4], "big")
     return None
 
 
-def _check_size(found: ImageSize, expected: ImageSize, place: Place, where: str) -> None:
+def _check_size(found: PixelSize, expected: PixelSize, place: Place, where: str) -> None:
     if found != expected:
-        raise _refused("wrong-size", f"the image of {where} is {found}, the workspace says {expected}", place)
+        raise _refused(
+            "wrong-size", f"the image of {where} is {found.short}, the workspace says {expected.short}", place
+        )
 
 
 def _damaged(message: str, place: Place) -> DamagedImageError:

@@ -8,13 +8,13 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from sqrp_cli.errors import Place, bad_input
+from sqrp_cli.knowledge.camera.camera import PixelSize
 from sqrp_cli.knowledge.text.input_file import read_input
 from sqrp_cli.runtime.image import ImageArray
 
@@ -32,17 +32,6 @@ _HEADER_CHUNK = 25
 
 _BYTES_PER_PIXEL, _SPARE_BYTES = 8, 10_000_000
 """Largest size of an image file: so much for each pixel (four values of 16 bits), and so much for the rest."""
-
-
-@dataclass(frozen=True)
-class ImageSize:
-    """Width and height [pixels]."""
-
-    width: int
-    height: int
-
-    def __str__(self) -> str:
-        return f"{self.width}x{self.height}"
 
 
 def png_of(image: ImageArray) -> bytes:
@@ -69,7 +58,7 @@ def decoded(content: bytes) -> ImageArray | None:
     return None if image is None else cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
-def read_png(path: Path, expected: ImageSize, camera: str) -> bytes:
+def read_png(path: Path, expected: PixelSize, camera: str) -> bytes:
     """The content of a PNG file, still packed, whose header says that it has the expected size.
 
     Raises InputError for what is no PNG file, one that is animated or much larger than its pixels, and another size.
@@ -77,7 +66,7 @@ def read_png(path: Path, expected: ImageSize, camera: str) -> bytes:
     content = read_input(path, _BYTES_PER_PIXEL * expected.width * expected.height + _SPARE_BYTES)
     found = _stated_size(path, content)
     if found != expected:
-        raise bad_input("wrong-size", f"this image is {found}, {camera} has {expected}", Place(path))
+        raise bad_input("wrong-size", f"this image is {found.short}, {camera} has {expected.short}", Place(path))
     return content
 
 
@@ -159,16 +148,16 @@ def _inflated(data: bytes, most: int) -> bytes:
         raise _DamagedError(f"its image data (`IDAT`) cannot be unpacked: {error}") from error
 
 
-def png_size(content: bytes) -> ImageSize | None:
+def png_size(content: bytes) -> PixelSize | None:
     """The size that the first chunk of a PNG says; None for a damaged one."""
     chunk = content[len(_SIGNATURE) : len(_SIGNATURE) + _HEADER_CHUNK]
     whole = len(chunk) == _HEADER_CHUNK and chunk[:8] == b"\0\0\0\x0dIHDR"
     if not whole or zlib.crc32(chunk[4:21]) != int.from_bytes(chunk[21:], "big"):
         return None
-    return ImageSize(int.from_bytes(chunk[8:12], "big"), int.from_bytes(chunk[12:16], "big"))
+    return PixelSize(int.from_bytes(chunk[8:12], "big"), int.from_bytes(chunk[12:16], "big"))
 
 
-def _stated_size(path: Path, content: bytes) -> ImageSize:
+def _stated_size(path: Path, content: bytes) -> PixelSize:
     """The size that a PNG file says."""
     if not content.startswith(_SIGNATURE):
         raise bad_input("unreadable", "this image is no PNG file", Place(path), mend="convert it to PNG")

@@ -1,14 +1,16 @@
-"""Running a program in a cell that is reached by messages."""
+"""Running a program in a cell that is reached by messages, at its speed or a share of it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
-from sqrp_cli.knowledge.workspace.workspace import Workspace
-from sqrp_cli.program.record import Program, Replanner
-from sqrp_cli.program.slowed import SlowedReplanner, slowed
+from sqrp_cli.knowledge.text.entries import Entry
+from sqrp_cli.knowledge.workspace.workspace import Workspace, World
+from sqrp_cli.program.record import Program, Replanner, Step
 from sqrp_cli.ros.connect import connect
 from sqrp_cli.runtime.cell.robot_file import RobotFile
 from sqrp_cli.runtime.cell.ros_cell import RosCell
@@ -21,6 +23,7 @@ from sqrp_cli.runtime.robot_body import RobotBody
 from sqrp_cli.runtime.run.ground_truth import PlannedTruth
 from sqrp_cli.runtime.run.injected_fault import InjectedFault
 from sqrp_cli.runtime.run.program_run import Recording, Run, Workcell
+from sqrp_cli.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,3 +69,56 @@ def connected(program: Program, workspace: Workspace, file: RobotFile, speed: fl
     transport = connect(file.transport, domain=file.domain, network=file.network, master=file.master)
     with RosCell(file, file.joint_names(program), workspace, transport) as cell:
         yield ConnectedRobot(slowed(program, speed), workspace, cell, speed)
+
+
+_INTERVAL = re.compile(r"(?<=\[)[^\[\]]*(?=\])")
+"""The bounds of an interval in the text of a formula."""
+
+_TIMES = ("time", "start", "end", "x", "shown", "seen")
+"""Fields with times that are as many times as long; how late an image is, how often one is taken, and how long a
+literal may lag stay as they are."""
+
+
+def slowed(program: Program, speed: float) -> Program:
+    """The program at a share of its speed, in 0..1, with its predictions: the same paths, and all times longer."""
+    if speed == 1.0:
+        return program
+    return program.model_copy(update={"steps": tuple(_slowed_step(step, 1.0 / speed) for step in program.steps)})
+
+
+@dataclass(frozen=True)
+class SlowedReplanner:
+    """A replanner whose steps are slowed, too."""
+
+    replanner: Replanner
+    speed: float
+
+    def replan(self, step: Step, world: World) -> Step | None:
+        """As `Replanner` says."""
+        planned = self.replanner.replan(step, world)
+        return None if planned is None else _slowed_step(planned, 1.0 / self.speed)
+
+
+def _slowed_step(step: Step, factor: float) -> Step:
+    """A step `factor` times as slow. How late faults are noticed is known by its sights alone."""
+    found: Step = _longer(step, "", factor)
+    return found.model_copy(update={"faults": {}})
+
+
+def _longer(value: Any, name: str, factor: float) -> Any:  # noqa: ANN401 - of any field of a step
+    """The value of a field of that name with all times in it `factor` times as long."""
+    match value:
+        case float() if name in _TIMES:
+            return value * factor
+        case str() if name == "formula":
+            return _INTERVAL.sub(lambda bounds: ", ".join(repr(float(t) * factor) for t in bounds[0].split(",")), value)
+        case tuple():
+            return tuple(_longer(part, name, factor) for part in value)
+        case Mapping():
+            return {key: _longer(part, name, factor) for key, part in value.items()}
+        case Trajectory():
+            return Trajectory(value.path, value.law.stretched(factor))
+        case Entry():
+            fields = ((field, getattr(value, field)) for field in type(value).model_fields)
+            return value.model_copy(update={field: _longer(part, field, factor) for field, part in fields})
+    return value

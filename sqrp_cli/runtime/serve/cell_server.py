@@ -13,17 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Step
-from sqrp_cli.ros.messages import Message, MessageError, MessageTypes, nanoseconds, transform_message
+from sqrp_cli.ros.messages import Message, MessageError, nanoseconds, transform_message
 from sqrp_cli.ros.ros1 import Ros1Transport, TrajectoryActionServer
 from sqrp_cli.ros.transport import Inbox, Send, Topic, Transport
 from sqrp_cli.runtime.cell.robot_file import ImageTopicEntry, RobotFile, ToolTopicEntry
 from sqrp_cli.runtime.cell.ros_cell import CLOCK
 from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 from sqrp_cli.runtime.image import ImageArray
+from sqrp_cli.runtime.record.bag_recorder import camera_info, optical_frame
 from sqrp_cli.runtime.run.injected_fault import InjectedFault
 from sqrp_cli.runtime.serve.followed import FollowedTrajectory, RefusedTrajectory
 
@@ -282,28 +281,6 @@ class CellServer:
             for name, camera in self._workspace.cameras.items()
         ]
         self._tf(self._types.make(_TF, transforms=transforms))
-
-
-def optical_frame(camera: str) -> str:
-    """What TF calls the optical frame of a camera of the served cell."""
-    return f"{camera}_optical_frame"
-
-
-def camera_info(types: MessageTypes, camera: Camera, ns: int) -> Message:
-    """The `CameraInfo` of a camera; ns: the stamp [ns]."""
-    K, P = camera.matrix, np.hstack([camera.matrix, np.zeros((3, 1))])
-    model = "plumb_bob" if camera.distortion_model == "none" else camera.distortion_model
-    d: Array = np.zeros(5) if camera.distortion_model == "none" else np.asarray(camera.distortion)
-    names = ("K", "D", "R", "P") if types.ros == 1 else ("k", "d", "r", "p")
-    values = (K.reshape(-1), d, np.eye(3).reshape(-1), P.reshape(-1))
-    return types.make(
-        _INFO,
-        header=types.header(ns, optical_frame(camera.name)),
-        height=camera.height,
-        width=camera.width,
-        distortion_model=model,
-        **dict(zip(names, values, strict=True)),
-    )
 
 
 class Faults:

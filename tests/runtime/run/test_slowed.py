@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sqrp_cli.program.record import Program, ProgramOnset, ProgramSight, ProgramWindow
-from sqrp_cli.program.slowed import SlowedReplanner, slowed
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
+from sqrp_cli.runtime.run.robot_run import SlowedReplanner, slowed
 from tests.runtime.steps import formula, played, step
 
 LIMITS = MotionLimits(np.array([0.2]), np.array([1.0]), np.array([10.0]))
