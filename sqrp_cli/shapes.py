@@ -6,6 +6,7 @@ a mesh is read where it is needed: `programming.sensing.solids` and `runtime.sur
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot
 from pathlib import Path
@@ -183,6 +184,24 @@ class Mesh:
 
 
 Shape = Box | Sphere | Cylinder | Capsule | Mesh
+
+FIGURES = {
+    "box": {"size": 3},
+    "sphere": {"radius": 1},
+    "cylinder": {"radius": 1, "length": 1},
+    "capsule": {"radius": 1, "length": 1},
+}
+"""What each kind of shape needs, and of how many numbers it is, in the order of `shape_of`."""
+
+_ROUND: dict[str, type[Sphere | Cylinder | Capsule]] = {"sphere": Sphere, "cylinder": Cylinder, "capsule": Capsule}
+
+
+def shape_of(kind: str, figures: Sequence[float]) -> Box | Sphere | Cylinder | Capsule:
+    """The shape of a kind, such as `cylinder`, from its full extents, or its radius and length, if any [m]."""
+    if kind == "box":
+        x, y, z = figures
+        return Box((x, y, z))
+    return _ROUND[kind](*figures)
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ from sqrp_cli.errors import Place, bad_input, expected_names
 from sqrp_cli.geometry import Array, pose, quaternion_to_matrix, read_only
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.knowledge.text.source import describe
-from sqrp_cli.knowledge.text.units import LARGEST
+from sqrp_cli.knowledge.text.units import LARGEST, as_number
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Program, ProgramTarget
 from sqrp_cli.runtime.audit.footage import Footage, Frame, ImageSource, read_image
@@ -248,10 +248,7 @@ class _LabelRow:
 
     def _number(self, name: str) -> float:
         text = self._text(name)
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
+        value = as_number(text)
         if not abs(value) <= LARGEST:
             message = f"`{name}` is {describe(text)}, expected a number of at most {LARGEST:g} in size"
             self._refuse("wrong-value", message)

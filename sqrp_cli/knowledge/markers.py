@@ -61,41 +61,43 @@ def _dictionary(value: object) -> str:
     return name
 
 
+_SETS = "Which set it is from: aruco_original, 4x4_50 to 7x7_1000, apriltag_36h11 and others."
+
 DictionaryName = Annotated[str, PlainValidator(_dictionary), WithJsonSchema({"type": "string"})]
 
 MarkerNumber = Annotated[int, Field(strict=True, ge=0, le=max(one.ids for one in DICTIONARIES.values()) - 1)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Marker(Stored):
-    """A printed marker: on a link around the origin of the link's frame, facing along its z axis."""
+class _Code(Stored):
+    """What a marker shows."""
 
-    id: MarkerNumber
-    """Its number in the dictionary."""
-    dictionary: DictionaryName = ORIGINAL
-    """Which set it is from: aruco_original, 4x4_50 to 7x7_1000, apriltag_36h11 and others."""
-    side: Size
-    """Side of the printed black square."""
+    id: Annotated[MarkerNumber, Field(description="Its number in the dictionary.")]
+    dictionary: Annotated[DictionaryName, Field(description=_SETS)] = ORIGINAL
 
     def __post_init__(self) -> None:
         """Raises PydanticCustomError for an id that the dictionary does not have."""
-        _check_id(self.id, self.dictionary)
+        last = DICTIONARIES[self.dictionary].ids - 1
+        if self.id > last:
+            message = "found id {id}, expected one of `{dictionary}`: 0 to {last}"
+            found = {"id": self.id, "dictionary": self.dictionary, "last": last}
+            raise PydanticCustomError("wrong-value", message, found)
 
 
 @dataclass(frozen=True, kw_only=True)
-class ObjectMarker(Stored):
+class Marker(_Code):
+    """A printed marker: on a link around the origin of the link's frame, facing along its z axis."""
+
+    side: Size
+    """Side of the printed black square."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObjectMarker(_Code):
     """A printed marker in the middle of the top (+z) of an object."""
 
-    id: MarkerNumber
-    """Its number in the dictionary."""
-    dictionary: DictionaryName = ORIGINAL
-    """Which set it is from: aruco_original, 4x4_50 to 7x7_1000, apriltag_36h11 and others."""
     side: Size | None = None
     """Side of the printed black square; by default as large as fits there with a margin."""
-
-    def __post_init__(self) -> None:
-        """Raises PydanticCustomError for an id that the dictionary does not have."""
-        _check_id(self.id, self.dictionary)
 
     def on(self, size: tuple[float, float, float]) -> Marker:
         """The marker on an object of a size [m], with its side."""
@@ -104,13 +106,6 @@ class ObjectMarker(Stored):
     def _largest(self, size: tuple[float, float, float]) -> float:
         modules = DICTIONARIES[self.dictionary].modules
         return min(size[:2]) * modules / (modules + 2)
-
-
-def _check_id(number: int, dictionary: str) -> None:
-    count = DICTIONARIES[dictionary].ids
-    if number >= count:
-        message = "found id {id}, expected one of `{dictionary}`: 0 to {last}"
-        raise PydanticCustomError("wrong-value", message, {"id": number, "dictionary": dictionary, "last": count - 1})
 
 
 StatedMarker = Annotated[

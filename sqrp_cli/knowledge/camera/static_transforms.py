@@ -23,6 +23,7 @@ from sqrp_cli.geometry import Array, pose, quaternion_to_matrix, read_only, rpy_
 from sqrp_cli.knowledge.camera.camera import Seat
 from sqrp_cli.knowledge.text.entries import ForeignEntry, Length, Number, Text
 from sqrp_cli.knowledge.text.source import SourceDocument
+from sqrp_cli.knowledge.text.units import as_number
 from sqrp_cli.knowledge.text.validation import validate
 from sqrp_cli.knowledge.text.xml_file import Element, parse_xml
 from sqrp_cli.knowledge.text.yaml_file import parse_yaml
@@ -271,10 +272,7 @@ def _of_options(words: Sequence[str], place: Place) -> StaticTransform:
 def _transform(values: Mapping[str, str], parent: str, child: str, place: Place) -> StaticTransform:
     def number(name: str) -> float:
         text = values.get(name, "1" if name == "qw" else "0")
-        try:
-            value = float(text)
-        except ValueError:
-            value = np.nan
+        value = as_number(text)
         if not abs(value) <= LARGEST_TRANSLATION:
             message = f"`{name}` is `{text}`, expected a number of at most {LARGEST_TRANSLATION:g}"
             raise bad_input("wrong-value", message, place)

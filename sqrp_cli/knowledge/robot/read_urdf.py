@@ -20,7 +20,7 @@ from sqrp_cli.knowledge.robot.robot_xml import read_robot_xml
 from sqrp_cli.knowledge.robot.urdf import LEAST_MOMENT, as_meant
 from sqrp_cli.knowledge.text.units import LARGEST_LENGTH, NO_LIMIT, SMALLEST_LIMIT, SMALLEST_SIZE
 from sqrp_cli.knowledge.text.xml_file import Element
-from sqrp_cli.shapes import Box, Capsule, Cylinder, Sphere
+from sqrp_cli.shapes import FIGURES, Box, Capsule, Cylinder, Sphere, shape_of
 
 MAX_LINKS = 2000
 """Most links of a robot."""
@@ -166,21 +166,15 @@ def _geometry(element: Element) -> urdf.LinkGeometry:
 
 
 def _shape(element: Element) -> Box | Sphere | Cylinder | Capsule | urdf.MeshReference:
-    match element.tag:
-        case "box":
-            return Box(_triple(_positive(element, "size", 3)))
-        case "sphere":
-            return Sphere(_positive(element, "radius", 1)[0])
-        case "cylinder":
-            return Cylinder(_positive(element, "radius", 1)[0], _positive(element, "length", 1)[0])
-        case "capsule":
-            return Capsule(_positive(element, "radius", 1)[0], _positive(element, "length", 1)[0])
-        case "mesh":
-            scale = _triple(element.numbers("scale", 3, (1.0, 1.0, 1.0)))
-            if 0.0 in scale:
-                raise element.error("wrong-value", "the mesh's `scale` has a zero, which would flatten it")
-            return urdf.MeshReference(element.text("filename"), scale)
-    expected = expected_names(element.tag, ("box", "sphere", "cylinder", "capsule", "mesh"))
+    if element.tag in FIGURES:
+        figures = FIGURES[element.tag].items()
+        return shape_of(element.tag, [number for key, count in figures for number in _positive(element, key, count)])
+    if element.tag == "mesh":
+        x, y, z = element.numbers("scale", 3, (1.0, 1.0, 1.0))
+        if 0.0 in (x, y, z):
+            raise element.error("wrong-value", "the mesh's `scale` has a zero, which would flatten it")
+        return urdf.MeshReference(element.text("filename"), (x, y, z))
+    expected = expected_names(element.tag, (*FIGURES, "mesh"))
     raise element.error("unknown-shape", f"unknown shape {element}; {expected}")
 
 
@@ -278,11 +272,6 @@ def _positive(element: Element, attribute: str, count: int) -> tuple[float, ...]
         found = f"{element}: `{attribute}` is `{element.text(attribute)}`"
         raise element.error("wrong-value", f"{found}, expected it above 0, at least {SMALLEST_SIZE:g}")
     return numbers
-
-
-def _triple(numbers: tuple[float, ...]) -> tuple[float, float, float]:
-    x, y, z = numbers
-    return x, y, z
 
 
 def _check_references(

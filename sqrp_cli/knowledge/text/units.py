@@ -80,6 +80,14 @@ DIMENSIONS = (
 )  # fmt: skip
 
 
+def as_number(text: str | bytes) -> float:
+    """The number that a text is, which may be infinite; NaN for any other text."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
 @dataclass(frozen=True)
 class Quantity:
     """A number in SI units and its dimension, which is None for a plain number (it fits every dimension)."""

@@ -12,7 +12,7 @@ from xml.parsers import expat
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, nearest
 from sqrp_cli.knowledge.text.input_file import read_input
 from sqrp_cli.knowledge.text.source import excerpt, too_deep
-from sqrp_cli.knowledge.text.units import LARGEST
+from sqrp_cli.knowledge.text.units import LARGEST, as_number
 
 LONGEST_TAG = 60
 """Most letters of a tag in messages."""
@@ -78,10 +78,7 @@ class Element:
         if default is not None and attribute not in self.attributes:
             return default
         text = self.text(attribute)
-        try:
-            numbers = tuple(float(word) for word in text.split())
-        except ValueError:
-            numbers = ()
+        numbers = tuple(map(as_number, text.split()))
         if len(numbers) != count or not all(math.isfinite(number) for number in numbers):
             expected = "a finite number" if count == 1 else f"{count} finite numbers"
             raise self.error("wrong-value", f"{self}: `{attribute}` is `{text}`, expected {expected}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -27,7 +27,7 @@ class Payload:
     carrier: int
 
 
-class _Follower(NamedTuple):
+class Follower(NamedTuple):
     """A joint that mimics another one, by their numbers in the model."""
 
     joint: int
@@ -53,7 +53,7 @@ class Controller:
         joint_ids = model.actuator_trnid[:, 0]
         self._joint_ids, self._efforts = joint_ids, model.jnt_actfrcrange[joint_ids].copy()
         self._position, self._velocity = model.jnt_qposadr[joint_ids], model.jnt_dofadr[joint_ids]
-        self._followers = _followers(model)
+        self._followers = followers(model)
         self._moved = self._motion_by_motors()
         inertia = np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, data, inertia)
@@ -110,9 +110,7 @@ class Controller:
         model, scratch = self._model, self._scratch
         scratch.qpos[:], scratch.qvel[:], scratch.qacc[:] = self._data.qpos, 0.0, 0.0
         scratch.qpos[self._position] = self.wanted
-        for one in self._followers:
-            leader, follower = model.jnt_qposadr[one.leader], model.jnt_qposadr[one.joint]
-            scratch.qpos[follower] = one.offset + one.multiplier * scratch.qpos[leader]
+        move_followers(model, self._followers, scratch.qpos)
         scratch.qvel[:], scratch.qacc[:] = self._moved @ velocity, self._moved @ acceleration
         mujoco.mj_kinematics(model, scratch)
         mujoco.mj_comPos(model, scratch)
@@ -136,10 +134,10 @@ class Controller:
         return moved
 
 
-def _followers(model: mujoco.MjModel) -> tuple[_Follower, ...]:
+def followers(model: mujoco.MjModel) -> tuple[Follower, ...]:
     """The joints that mimic another one, each after that one."""
     found = [
-        _Follower(int(model.eq_obj1id[i]), int(model.eq_obj2id[i]), *model.eq_data[i, :2].tolist())
+        Follower(int(model.eq_obj1id[i]), int(model.eq_obj2id[i]), *model.eq_data[i, :2].tolist())
         for i in np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_JOINT)
     ]
     leaders = {one.joint: one.leader for one in found}
@@ -148,3 +146,10 @@ def _followers(model: mujoco.MjModel) -> tuple[_Follower, ...]:
         return 1 + depth(leaders[joint]) if joint in leaders else 0
 
     return tuple(sorted(found, key=lambda one: depth(one.joint)))
+
+
+def move_followers(model: mujoco.MjModel, joints: Iterable[Follower], qpos: Array) -> None:
+    """Put joints that mimic others, each after that one, where those have them, in MuJoCo's qpos."""
+    for one in joints:
+        leader, follower = model.jnt_qposadr[one.leader], model.jnt_qposadr[one.joint]
+        qpos[follower] = one.offset + one.multiplier * qpos[leader]

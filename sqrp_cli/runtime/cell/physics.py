@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import Array, inverse, pose
 from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
-from sqrp_cli.runtime.cell.controller import Controller, Payload
+from sqrp_cli.runtime.cell.controller import Controller, Payload, followers, move_followers
 from sqrp_cli.runtime.cell.engine import mujoco
 from sqrp_cli.runtime.cell.interface import ArmReference
 from sqrp_cli.runtime.cell.mujoco_model import FRICTION, TIME_STEP, TIP, TIP_RADIUS, build_model, quaternion
@@ -170,9 +170,7 @@ def body_pose(data: mujoco.MjData, body: int) -> Array:
 def _with_followers(model: mujoco.MjModel, leaders: Mapping[str, float]) -> list[int]:
     """The joints with those names, and those that mimic them."""
     joints = [model.joint(name).id for name in leaders]
-    mimics = model.eq_type == mujoco.mjtEq.mjEQ_JOINT
-    followers = [int(model.eq_obj1id[i]) for i in np.flatnonzero(mimics) if model.eq_obj2id[i] in joints]
-    return joints + followers
+    return joints + [one.joint for one in followers(model) if one.leader in joints]
 
 
 def finger_bodies(model: mujoco.MjModel, joints: Sequence[int]) -> NDArray[np.int64]:
@@ -329,12 +327,7 @@ class Physics:
         for name, limits in robot.limits.items():
             rest = float(np.clip(0.0, limits.lower, limits.upper))
             self._data.joint(name).qpos[0] = world.joints.get(name, rest)
-        mimics = np.flatnonzero(self.model.eq_type == mujoco.mjtEq.mjEQ_JOINT)
-        for follower, leader, data in zip(
-            self.model.eq_obj1id[mimics], self.model.eq_obj2id[mimics], self.model.eq_data[mimics], strict=True
-        ):
-            position = self.model.jnt_qposadr
-            self._data.qpos[position[follower]] = data[0] + data[1] * self._data.qpos[position[leader]]
+        move_followers(self.model, followers(self.model), self._data.qpos)
         mujoco.mj_forward(self.model, self._data)
 
     def _place(self, obj: str, X_WO: Array) -> None:

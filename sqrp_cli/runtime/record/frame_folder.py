@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -17,7 +16,7 @@ from pathlib import Path
 from sqrp_cli.errors import InputError, Place, bad_input, expected_names
 from sqrp_cli.knowledge.text.input_file import NOT_THERE, missing_file, read_text
 from sqrp_cli.knowledge.text.source import describe
-from sqrp_cli.knowledge.text.units import LONGEST
+from sqrp_cli.knowledge.text.units import LONGEST, as_number
 from sqrp_cli.platform.files import make_folder, naming
 from sqrp_cli.runtime.image import CameraImage
 from sqrp_cli.runtime.record.png import png_of
@@ -148,10 +147,7 @@ def _step(text: str, steps: int, place: Place) -> int:
 
 
 def _seconds(text: str, place: Place) -> float | None:
-    try:
-        t = float(text) if text else 0.0
-    except ValueError:
-        t = math.nan
+    t = as_number(text) if text else 0.0
     if not 0.0 <= t <= LONGEST:
         message = f"`t` is {describe(text)}, expected seconds from 0 to {LONGEST:g}, or nothing"
         raise bad_input("wrong-value", message, place)

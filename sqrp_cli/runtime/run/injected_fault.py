@@ -40,8 +40,26 @@ SWEPT = ("slip",)
 
 _STEP = re.compile(r"(?P<number>[0-9]{1,9}):(?P<bare>.*)", re.DOTALL)
 _SLIP = re.compile(r"(?P<primitive>[A-Za-z_]\w*)(?:\+(?P<offset>.+)|(?P<random>:random))?|(?P<time>[.\d].*)")
-_CAMERA_AT = re.compile(r"(?P<camera>[^@=]+)@(?P<time>.+)")
-_CAMERA_BY = re.compile(r"(?P<camera>[^@=]+)=(?P<delay>.+)")
+
+
+class _Timed(NamedTuple):
+    """A fault that happens at a time, or makes something late by one: what follows its name."""
+
+    kind: FaultKind
+    form: re.Pattern[str]
+    expected: str
+
+
+_CAMERA_AT = re.compile(r":(?P<camera>[^@=]+)@(?P<time>.+)")
+_TIMED = (
+    _Timed("camera-loss", _CAMERA_AT, "the camera and when it happens"),
+    _Timed("frozen", _CAMERA_AT, "the camera and when it happens"),
+    _Timed("perception-crash", _CAMERA_AT, "the camera and when it happens"),
+    _Timed("latency", re.compile(r":(?P<camera>[^@=]+)=(?P<delay>.+)"), "the camera and by how much it is late"),
+    _Timed("joints-loss", re.compile(r"@(?P<time>.*)", re.DOTALL), "when it happens"),
+    _Timed("joints-frozen", re.compile(r"@(?P<time>.*)", re.DOTALL), "when it happens"),
+    _Timed("joints-latency", re.compile(r"=(?P<delay>.*)", re.DOTALL), "by how much joint states are late"),
+)
 
 
 @dataclass(frozen=True)
@@ -143,34 +161,21 @@ def parse_fault(
             raise written.refused(f"`{head}` is what monitors look for, and cannot be made to happen as such")
         raise written.refused(f"there is no fault `{head}`; {expected_names(head, written.forms)}")
     rest, number = written.bare[len(head) :], places[0].number
-    match head:
-        case "slip":
-            return _slip(written, rest, places, rng)
-        case "miss-pick":
-            if rest:
-                raise written.refused(f"expected just `{head}`")
-            return InjectedFault("miss-pick", text, step=_grasping(written, places).number)
-        case "latency":
-            found = _CAMERA_BY.fullmatch(rest.removeprefix(":")) if rest.startswith(":") else None
-            if found is None:
-                raise written.refused("expected the camera and by how much it is late")
-            camera = _camera(written, found["camera"], cameras)
-            return InjectedFault("latency", text, 0.0, camera, _time(written, found["delay"]), number)
-        case "joints-latency":
-            if not rest.startswith("="):
-                raise written.refused("expected by how much joint states are late")
-            return InjectedFault("joints-latency", text, 0.0, None, _time(written, rest[1:]), number)
-        case "joints-loss" | "joints-frozen":
-            if not rest.startswith("@"):
-                raise written.refused("expected when it happens")
-            joints: FaultKind = "joints-loss" if head == "joints-loss" else "joints-frozen"
-            return InjectedFault(joints, text, _time(written, rest[1:]), step=number)
-    found = _CAMERA_AT.fullmatch(rest.removeprefix(":")) if rest.startswith(":") else None
+    if head == "slip":
+        return _slip(written, rest, places, rng)
+    if head == "miss-pick":
+        if rest:
+            raise written.refused(f"expected just `{head}`")
+        return InjectedFault("miss-pick", text, step=_grasping(written, places).number)
+    kind, form, expected = next(one for one in _TIMED if one.kind == head)
+    found = form.fullmatch(rest)
     if found is None:
-        raise written.refused("expected the camera and when it happens")
-    kind: FaultKind = "camera-loss" if head == "camera-loss" else "frozen" if head == "frozen" else "perception-crash"
-    camera = _camera(written, found["camera"], cameras)
-    return InjectedFault(kind, text, _time(written, found["time"]), camera, step=number)
+        raise written.refused(f"expected {expected}")
+    figures = found.groupdict()
+    camera = _camera(written, figures["camera"], cameras) if "camera" in figures else None
+    if "delay" in figures:
+        return InjectedFault(kind, text, 0.0, camera, _time(written, figures["delay"]), number)
+    return InjectedFault(kind, text, _time(written, figures["time"]), camera, step=number)
 
 
 class MeantPrimitive(NamedTuple):
