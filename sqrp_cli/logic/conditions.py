@@ -119,16 +119,13 @@ def ground_condition(
                 return All(()) if holds else Some((), _text(part, bound, positive))
             case pddl.Negation(inner):
                 return ground(inner, bound, not positive)
-            case pddl.Conjunction(parts):
-                return combine((ground(inner, bound, positive) for inner in parts), every=positive)
-            case pddl.Disjunction(parts):
-                return combine((ground(inner, bound, positive) for inner in parts), every=not positive)
-            case pddl.ForAll(variables, body):
+            case pddl.Combination(parts):
+                every = isinstance(part, pddl.Conjunction) == positive
+                return combine((ground(inner, bound, positive) for inner in parts), every)
+            case pddl.Quantified(variables, body):
+                every = isinstance(part, pddl.ForAll) == positive
                 bindings = _extensions(bound, variables, objects, domain)
-                return combine((ground(body, inner, positive) for inner in bindings), every=positive)
-            case pddl.Exists(variables, body):
-                bindings = _extensions(bound, variables, objects, domain)
-                return combine((ground(body, inner, positive) for inner in bindings), every=not positive)
+                return combine((ground(body, inner, positive) for inner in bindings), every)
 
     return ground(condition, binding, True)
 
@@ -153,9 +150,9 @@ def literal_count(condition: pddl.Condition, objects: Objects, domain: pddl.Doma
     match condition:
         case pddl.Negation(part):
             return literal_count(part, objects, domain)
-        case pddl.Conjunction(parts) | pddl.Disjunction(parts):
+        case pddl.Combination(parts):
             return sum(literal_count(part, objects, domain) for part in parts)
-        case pddl.ForAll(variables, body) | pddl.Exists(variables, body):
+        case pddl.Quantified(variables, body):
             return prod(domain_sizes(variables, objects, domain)) * literal_count(body, objects, domain)
     return 1
 
@@ -169,16 +166,7 @@ def largest_quantifier(
     condition: pddl.Condition, objects: Objects, domain: pddl.Domain
 ) -> pddl.ForAll | pddl.Exists | None:
     """The quantifier whose variables have the largest product of domain sizes; None if there is no quantifier."""
-    match condition:
-        case pddl.Negation(part):
-            return largest_quantifier(part, objects, domain)
-        case pddl.Conjunction(parts) | pddl.Disjunction(parts):
-            found = [largest_quantifier(part, objects, domain) for part in parts]
-        case pddl.ForAll(_, body) | pddl.Exists(_, body):
-            found = [condition, largest_quantifier(body, objects, domain)]
-        case _:
-            return None
-    quantifiers = [quantifier for quantifier in found if quantifier is not None]
+    quantifiers = (part for part in pddl.nested(condition) if isinstance(part, pddl.ForAll | pddl.Exists))
     return max(quantifiers, key=lambda q: prod(domain_sizes(q.variables, objects, domain)), default=None)
 
 
@@ -212,11 +200,7 @@ def _substitute(condition: pddl.Condition, replace: Callable[[pddl.Term], pddl.T
             return pddl.Equal(replace(left), replace(right))
         case pddl.Negation(part):
             return pddl.Negation(_substitute(part, replace))
-        case pddl.Conjunction(parts):
-            return pddl.Conjunction(tuple(_substitute(part, replace) for part in parts))
-        case pddl.Disjunction(parts):
-            return pddl.Disjunction(tuple(_substitute(part, replace) for part in parts))
-        case pddl.ForAll(variables, body):
-            return pddl.ForAll(variables, _substitute(body, replace))
-        case pddl.Exists(variables, body):
-            return pddl.Exists(variables, _substitute(body, replace))
+        case pddl.Combination(parts):
+            return type(condition)(tuple(_substitute(part, replace) for part in parts))
+        case pddl.Quantified(variables, body):
+            return type(condition)(variables, _substitute(body, replace))

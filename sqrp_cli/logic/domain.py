@@ -5,7 +5,7 @@ PDDL ignores case; every name here is in lower case.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeAlias, TypeVar
@@ -106,48 +106,60 @@ class Negation:
 
 
 @dataclass(frozen=True)
-class Conjunction:
-    """True if all parts are; without parts, always."""
+class Combination:
+    """Conditions taken together."""
 
     parts: tuple[Condition, ...] = ()
+
+
+class Conjunction(Combination):
+    """True if all parts are; without parts, always."""
 
     def __str__(self) -> str:
         return " and ".join(f"({part})" if isinstance(part, Disjunction) else str(part) for part in self.parts)
 
 
-@dataclass(frozen=True)
-class Disjunction:
+class Disjunction(Combination):
     """True if one part is; without parts, never."""
-
-    parts: tuple[Condition, ...] = ()
 
     def __str__(self) -> str:
         return " or ".join(f"({part})" if isinstance(part, Conjunction) else str(part) for part in self.parts)
 
 
 @dataclass(frozen=True)
-class ForAll:
-    """True if the body is true for all objects of the variables' types."""
+class Quantified:
+    """A condition of the objects of some variables' types."""
 
     variables: tuple[Parameter, ...]
     body: Condition
+
+
+class ForAll(Quantified):
+    """True if the body is true for all objects of the variables' types."""
 
     def __str__(self) -> str:
         return f"for all {', '.join(map(str, self.variables))}: {self.body}"
 
 
-@dataclass(frozen=True)
-class Exists:
+class Exists(Quantified):
     """True if the body is true for some objects of the variables' types."""
-
-    variables: tuple[Parameter, ...]
-    body: Condition
 
     def __str__(self) -> str:
         return f"for some {', '.join(map(str, self.variables))}: {self.body}"
 
 
 Condition: TypeAlias = Holds | Equal | Negation | Conjunction | Disjunction | ForAll | Exists
+
+
+def nested(condition: Condition) -> Iterator[Condition]:
+    """A condition, and all in it, from left to right."""
+    yield condition
+    match condition:
+        case Negation(part) | Quantified(body=part):
+            yield from nested(part)
+        case Combination(parts):
+            for part in parts:
+                yield from nested(part)
 
 
 @dataclass(frozen=True)

@@ -21,24 +21,13 @@ def argument_lists(action: pddl.Action) -> ArgumentLists:
     """The predicates of the action's precondition and effect with their arguments."""
     parameters = {parameter.name for parameter in action.parameters}
     lists: dict[str, dict[tuple[str, ...], None]] = {}
-    for use in (*_uses(action.precondition), *action.effect.adds, *action.effect.deletes):
+    conditions = (use for use in pddl.nested(action.precondition) if isinstance(use, pddl.Holds))
+    for use in (*conditions, *action.effect.adds, *action.effect.deletes):
         arguments = tuple(
             term.name if isinstance(term, pddl.Constant) or term.name in parameters else str(term) for term in use.terms
         )
         lists.setdefault(use.predicate, {})[arguments] = None
     return {predicate: tuple(found) for predicate, found in lists.items()}
-
-
-def _uses(condition: pddl.Condition) -> tuple[pddl.Holds, ...]:
-    match condition:
-        case pddl.Holds():
-            return (condition,)
-        case pddl.Equal():
-            return ()
-        case pddl.Negation(part) | pddl.ForAll(body=part) | pddl.Exists(body=part):
-            return _uses(part)
-        case pddl.Conjunction(parts) | pddl.Disjunction(parts):
-            return tuple(use for part in parts for use in _uses(part))
 
 
 def check_formula(
