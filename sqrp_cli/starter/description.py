@@ -91,8 +91,7 @@ def describe_robot(robot: OwnRobot, folder: Path) -> Description:
     urdf = _read(path, source, named=robot.urdf)
     warnings: list[Problem] = []
     if config is None:
-        config, found = moveit_beside(urdf, around)
-        warnings += found
+        config = moveit_beside(urdf, around, warnings)
     limits = None if config is None or config.joint_limits is None else read_moveit_limits(config.joint_limits)
     srdf, semantics = _semantics(config, urdf, source, warnings)
     return Description(

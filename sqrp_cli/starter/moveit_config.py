@@ -72,17 +72,18 @@ def find_moveit(folder: Path) -> MoveitConfig:
     return config
 
 
-def moveit_beside(urdf: UrdfModel, around: tuple[Path, ...]) -> tuple[MoveitConfig | None, tuple[Problem, ...]]:
-    """The configuration of a robot in the folders around its URDF, and a warning where several fit as well."""
+def moveit_beside(urdf: UrdfModel, around: tuple[Path, ...], warnings: list[Problem]) -> MoveitConfig | None:
+    """The configuration of a robot in the folders around its URDF; warnings: gets one where several fit as well."""
     fitting = [config for folder in around for config in _configs_in(folder) if _is_of(config, urdf)]
     named = [config for config in fitting if config.urdf is not None and config.urdf.endswith(f"/{urdf.path.name}")]
     best = named or fitting
     if len({config.folder for config in best}) < 2:
-        return (best[0] if best else None), ()
+        return best[0] if best else None
     names = ", ".join(str(config.folder) for config in best[:5])
     message = f"several configurations of MoveIt are of this robot: {names}"
     mend = f"choose one, such as `--moveit {best[0].folder}`"
-    return None, (Problem("several-configs", message, Place(urdf.path), severity="warning", mend=mend),)
+    warnings.append(Problem("several-configs", message, Place(urdf.path), severity="warning", mend=mend))
+    return None
 
 
 def arm_tip(config: MoveitConfig, srdf: SrdfModel | None, urdf: UrdfModel) -> str | None:

@@ -15,7 +15,7 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Program, Step
 from sqrp_cli.ros.bag import Bag, Packed, RecordedTopic
 from sqrp_cli.ros.messages import Message, nanoseconds
-from sqrp_cli.runtime.audit.footage import Frame
+from sqrp_cli.runtime.audit.footage import Frame, planned_at
 from sqrp_cli.runtime.audit.motion import SPACING, JointTracks, found_steps
 from sqrp_cli.runtime.image import CameraImage, check_recorded
 from sqrp_cli.runtime.monitor.nominal_step import planned_joints
@@ -79,11 +79,12 @@ class BagFootage:
         found = found_steps(program, arm, self._tracks, path)
         self.starts: Sequence[float] = found.starts
         self.runs = found.runs
-        self._until = [start + self._followed(arm, start, step) for start, step in self._steps()]
+        steps = zip(self.starts, program.steps, strict=True)
+        self._until = [start + self._followed(arm, start, step) for start, step in steps]
 
     def joints(self, t: Array) -> Mapping[str, Array]:
         """As recorded; those of a gripper that nobody recorded are as the program wants them."""
-        planned = self._planned(t)
+        planned = planned_at(self._program, self.starts, t)
         return {**planned, **{name: self._tracks.position(name, t) for name in self._tracks.names}}
 
     def as_planned(self, t: Array) -> Mask:
@@ -122,9 +123,6 @@ class BagFootage:
         where = f"{packed.topic} at {frame.t:.3f} s"
         return CameraImage(frame.camera, frame.t, image_of(message, camera, Place(self.path), where))
 
-    def _steps(self) -> Iterator[tuple[float, Step]]:
-        return zip(self.starts, self._program.steps, strict=True)
-
     def _followed(self, arm: Sequence[str], start: float, step: Step) -> float:
         """How long the robot did as planned from the start of a step on [s]."""
         tau = np.append(np.arange(0.0, step.time, SPACING), step.time)
@@ -134,15 +132,6 @@ class BagFootage:
             near &= np.abs(self._tracks.position(name, start + tau) - planned[name]) <= STRAYS
         strayed = np.flatnonzero(~near)
         return float(tau[-1] if not len(strayed) else tau[max(strayed[0] - 1, 0)])
-
-    def _planned(self, t: Array) -> dict[str, Array]:
-        q = np.empty((len(t), len(self._program.joints)))
-        of = np.clip(np.searchsorted(self.starts, t, side="right") - 1, 0, len(self.starts) - 1)
-        for index, (start, step) in enumerate(self._steps()):
-            rows = of == index
-            if rows.any():
-                q[rows] = planned_joints(step, np.clip(t[rows] - start, 0.0, step.time))
-        return dict(zip(self._program.joints, q.T, strict=True))
 
 
 def _cameras_of(

@@ -97,13 +97,7 @@ class FolderFootage:
 
     def joints(self, t: Array) -> Mapping[str, Array]:
         """By the program."""
-        q = np.empty((len(t), len(self._program.joints)))
-        of = np.clip(np.searchsorted(self.starts, np.asarray(t) + _APART / 2) - 1, 0, len(self.starts) - 1)
-        for index, step in enumerate(self._program.steps):
-            rows = of == index
-            if rows.any():
-                q[rows] = planned_joints(step, np.clip(t[rows] - self.starts[index], 0.0, step.time))
-        return dict(zip(self._program.joints, q.T, strict=True))
+        return planned_at(self._program, self.starts, t, _APART / 2)
 
     def as_planned(self, t: Array) -> Mask:
         """It is taken to be."""
@@ -114,6 +108,20 @@ class FolderFootage:
         for frame in frames:
             entry = self._entries[frame.number]
             yield frame, read_image(entry.file, self._workspace.cameras[entry.camera], frame.t)
+
+
+def planned_at(program: Program, starts: Sequence[float], t: Array, early: float = 0.0) -> dict[str, Array]:
+    """Where a program wants its joints at times t (m,) of the robot's clock [s]: (m,) each [rad or m].
+
+    starts: of its steps [s]; what is at most `early` [s] before one belongs to that step.
+    """
+    q = np.empty((len(t), len(program.joints)))
+    of = np.clip(np.searchsorted(starts, np.asarray(t) + early, side="right") - 1, 0, len(starts) - 1)
+    for index, (start, step) in enumerate(zip(starts, program.steps, strict=True)):
+        rows = of == index
+        if rows.any():
+            q[rows] = planned_joints(step, np.clip(t[rows] - start, 0.0, step.time))
+    return dict(zip(program.joints, q.T, strict=True))
 
 
 def read_image(file: Path, camera: Camera, t: float) -> CameraImage:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -82,6 +83,14 @@ class _Place:
 _NOWHERE = _Place(None, 0.0, 0.0, 0.0, 0.0, 0.0, None)
 
 
+class ColorSight(NamedTuple):
+    """What is seen of the boxes in which an object may be, and where it is."""
+
+    boxes: list[BoxDetection]
+    position: Array | None
+    """[m]; None if unknown."""
+
+
 class ColorDetector:
     """The search for one coloured object in one image."""
 
@@ -89,8 +98,8 @@ class ColorDetector:
         self._view, self._background, self._object = view, background, obj
         self._colored = color_mask(view.image, obj.color or "")
 
-    def detect(self, boxes: Sequence[TargetBox]) -> tuple[list[BoxDetection], Array | None]:
-        """What is seen of the boxes in which the object may be, and where it is [m], None if unknown."""
+    def detect(self, boxes: Sequence[TargetBox]) -> ColorSight:
+        """What is seen of the boxes in which the object may be."""
         places = [self._place(box) for box in boxes]
         poses = [self._view.pose(box) for box in boxes]
         at_tool = [self._view.is_at_tool(box) for box in boxes]
@@ -104,7 +113,7 @@ class ColorDetector:
                 inside = i in held if at_tool[i] else _is_inside(position, poses[i], box)
                 evidence = Truth.TRUE if inside else Truth.FALSE
             found.append(place.detect(box, evidence, self._view.cell.detectors[box.detector].min_visible))
-        return found, position
+        return ColorSight(found, position)
 
     def _resting(self, places: Sequence[_Place], poses: Sequence[Array], at_tool: Sequence[bool]) -> Array | None:
         """Where the object rests that the tool does not hold [m]: in one of its boxes, else anywhere."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.projection import Projection
@@ -144,7 +145,16 @@ class ExpectedView:
         return found
 
 
-def extent(crop: Crop) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Shape (rows, columns) and origin (x, y) of a crop, as `filled` wants them."""
+class Extent(NamedTuple):
+    """Of a crop [pixels], as `filled` wants it."""
+
+    shape: tuple[int, int]
+    """Rows and columns."""
+    origin: tuple[int, int]
+    """x and y."""
+
+
+def extent(crop: Crop) -> Extent:
+    """Of a crop of an image."""
     rows, columns = crop
-    return (rows.stop - rows.start, columns.stop - columns.start), (columns.start, rows.start)
+    return Extent((rows.stop - rows.start, columns.stop - columns.start), (columns.start, rows.start))

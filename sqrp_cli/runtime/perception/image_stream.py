@@ -214,26 +214,34 @@ class ImageStreams(Streams):
 
         If some are lost and others late at the same time, the reason names the lost ones.
         """
-        failed = [stream for stream in self._streams.values() if t > stream.fails_at + 1e-9]
-        lost = [stream for stream in failed if not self._is_under_way(stream.camera.name)]
-        if not failed:
-            return None
-        worst = lost or failed
-        cameras, verb = [stream.camera.name for stream in worst], "is" if len(worst) == 1 else "are"
-        ages = listed(sorted({f"{t - stream.newest:.2f} s" for stream in worst}))
-        if lost:
-            return MonitoringLost(f"{listed(cameras)} {verb} lost: no image for {ages}", "camera-loss", cameras)
-        return MonitoringLost(
-            f"the images of {listed(cameras)} come too late: the newest {verb} {ages} old", "latency", cameras
-        )
+        failed = {name: t - one.newest for name, one in self._streams.items() if t > one.fails_at + 1e-9}
+        under_way = {camera for _, _, camera in self._arrivals}
+        lost = {name: age for name, age in failed.items() if name not in under_way}
+        return lost_streams({"camera-loss": lost, "latency": failed})
 
     @property
     def next_check(self) -> float:
         """As `Streams` says."""
         return min(stream.fails_at for stream in self._streams.values()) + 1e-6
 
-    def _is_under_way(self, camera: str) -> bool:
-        return any(name == camera for _, _, name in self._arrivals)
+
+def lost_streams(failed: Mapping[str, Mapping[str, float]]) -> MonitoringLost | None:
+    """The first of some faults that cameras have; None if none has any.
+
+    failed: by the fault's name, how old what is known of each of its cameras is [s].
+    """
+    fault = next((name for name, ages in failed.items() if ages), None)
+    if fault is None:
+        return None
+    cameras = list(failed[fault])
+    names, are = listed(cameras), "is" if len(cameras) == 1 else "are"
+    ages = listed(sorted({f"{age:.2f} s" for age in failed[fault].values()}))
+    reasons = {
+        "camera-loss": f"{names} {are} lost: no image for {ages}",
+        "latency": f"the images of {names} come too late: the newest {are} {ages} old",
+        "perception-late": f"this computer looks too slowly at images of {names}: it knows what they showed {ages} ago",
+    }
+    return MonitoringLost(reasons[fault], fault, cameras)
 
 
 @contextmanager

@@ -16,8 +16,7 @@ from sqrp_cli.runtime.image import CameraImage
 from sqrp_cli.runtime.pauses import Pauses
 from sqrp_cli.runtime.perception.detections import BelievedState, Detection
 from sqrp_cli.runtime.perception.detector_pool import DetectorPool
-from sqrp_cli.runtime.perception.image_stream import OVERDUE_PERIODS, Expose, Streams, lost_if_crashed
-from sqrp_cli.runtime.record.events import listed
+from sqrp_cli.runtime.perception.image_stream import OVERDUE_PERIODS, Expose, Streams, lost_if_crashed, lost_streams
 from sqrp_cli.runtime.record.report import MonitoringLost
 
 LOOKING = 0.005
@@ -175,15 +174,4 @@ class ReceivedStreams(Streams):
         lost = {one.camera.name: t - one.newest for one in old if waited(one.came) > 1.0 / one.camera.rate}
         late = {one.camera.name: t - one.newest for one in old}
         slow = {one.camera.name: t - one.seen for one in streams if t > one.seen + one.patience + LOOKING_SLACK}
-        failed = list(lost or late or slow)
-        if not failed:
-            return None
-        names, are = listed(failed), "is" if len(failed) == 1 else "are"
-        ages = listed(sorted({f"{age:.2f} s" for age in (lost or late or slow).values()}))
-        if lost:
-            return MonitoringLost(f"{names} {are} lost: no image for {ages}", "camera-loss", failed)
-        if late:
-            reason = f"the images of {names} come too late: the newest {are} {ages} old"
-            return MonitoringLost(reason, "latency", failed)
-        reason = f"this computer looks too slowly at images of {names}: it knows what they showed {ages} ago"
-        return MonitoringLost(reason, "perception-late", failed)
+        return lost_streams({"camera-loss": lost, "latency": late, "perception-late": slow})
