@@ -25,8 +25,7 @@ from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.programming.advice.advise import Adviser, Kept
 from sqrp_cli.programming.advice.aiming import Aim
 from sqrp_cli.programming.advice.change import KINDS, Advice, Kind, Miss, ProposedChange
-from sqrp_cli.programming.advice.effects import Effects, TaskWays, is_fastest
-from sqrp_cli.programming.advice.question import Question
+from sqrp_cli.programming.advice.question import Effects, Question, TaskWays, is_fastest
 from sqrp_cli.programming.advice.wish import Wish, read_wish, wish_of
 from sqrp_cli.programming.candidate import THEN
 from sqrp_cli.programming.coverage.assessment import Assessment
@@ -49,7 +48,7 @@ if TYPE_CHECKING:
     from sqrp_cli.api.session import Session
     from sqrp_cli.knowledge.skill.settings import MotionValue
     from sqrp_cli.programming.task import Candidate
-    from sqrp_cli.report.pages.advice_page import AdviceShown
+    from sqrp_cli.report.pages.search_pages import AdviceShown
     from sqrp_cli.scoring.scorecard import Progress
 
 
@@ -127,7 +126,7 @@ class TaskAdvice(Answer[AdviceDocument]):
     @property
     def shown(self) -> AdviceShown:
         """What its page shows."""
-        from sqrp_cli.report.pages.advice_page import AdviceShown
+        from sqrp_cli.report.pages.search_pages import AdviceShown
 
         return AdviceShown(
             document=self.document,
@@ -170,7 +169,7 @@ class TaskAdvice(Answer[AdviceDocument]):
 
     def show(self) -> None:
         """Print what `sqrp advise` prints."""
-        from sqrp_cli.terminal.advice_table import print_advice
+        from sqrp_cli.terminal.search_tables import print_advice
 
         fixed = self.session.assignment.wanted.fastest
         print_advice(self.document, self.wish, fastest=is_fastest(self.before), fixed=fixed)

@@ -155,8 +155,7 @@ def check_ways(value: object) -> WaysOption:
 
 def check_wanted(by: object, ways: object, max_time: object) -> WantedWay:
     """Which way of each candidate is wanted. Raises InputError for values that say nothing sensible."""
-    from sqrp_cli.programming.ways.find import WantedWay
-    from sqrp_cli.programming.ways.time_limit import TimeLimit
+    from sqrp_cli.programming.ways.find import TimeLimit, WantedWay
 
     check_ways(ways)
     if max_time is not None and (isinstance(max_time, bool) or not isinstance(max_time, str | int | float)):

@@ -17,7 +17,7 @@ from sqrp_cli.errors import InputError, Place, Problem, bad_option
 if TYPE_CHECKING:
     from sqrp_cli.calibrating.fit import DetectorLooks
     from sqrp_cli.calibrating.labelled import LabelledImages
-    from sqrp_cli.report.documents.calibration import CalibratedDetector, CalibrateDocument
+    from sqrp_cli.report.documents.runs import CalibratedDetector, CalibrateDocument
     from sqrp_cli.scoring.scorecard import Progress
 
 
@@ -104,7 +104,7 @@ class LearnedCurves(Answer["CalibrateDocument"]):
     @cached_property
     def document(self) -> CalibrateDocument:
         """The document of `sqrp calibrate`."""
-        from sqrp_cli.report.documents.calibration import CalibrateDocument
+        from sqrp_cli.report.documents.runs import CalibrateDocument
 
         return CalibrateDocument(
             workspace=self.cell.workspace.name, images=self.images, detectors=self.detectors, patch=self.patch
@@ -126,14 +126,14 @@ class LearnedCurves(Answer["CalibrateDocument"]):
 
     def show(self) -> None:
         """Print what `sqrp calibrate` prints."""
-        from sqrp_cli.terminal.calibration_table import print_calibration
+        from sqrp_cli.terminal.audit_view import print_calibration
 
         print_calibration(self.document)
 
 
 def _calibrated(cell: OpenCell, name: str, looks: DetectorLooks) -> CalibratedDetector:
     from sqrp_cli.calibrating.fit import LEAST_LOOKS, fit, held_out, judge
-    from sqrp_cli.report.documents.calibration import CalibratedDetector
+    from sqrp_cli.report.documents.runs import CalibratedDetector
 
     detector, seen = cell.workspace.detectors[name], int(looks.seen.sum())
     reason = None

@@ -370,7 +370,7 @@ class OpenCell:
     ) -> Scores:
         """Score all tasks of the workspace. out: a folder that keeps results for a later call."""
         from sqrp_cli.programming.coverage.sampling import Adaptive
-        from sqrp_cli.scoring.cells import read_cells
+        from sqrp_cli.scoring.score import read_cells
         from sqrp_cli.scoring.scorecard import score_cells
         from sqrp_cli.scoring.work.compute import Means, open_computer
 

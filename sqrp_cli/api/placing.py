@@ -18,13 +18,13 @@ from sqrp_cli.knowledge.workspace.mounts import place_file, read_mounts
 from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.programming.advice.wish import Wish, read_wish
+from sqrp_cli.programming.candidate import split_steps
 from sqrp_cli.programming.placing.place import Placer
 from sqrp_cli.programming.placing.placement import PlaceQuestion
 from sqrp_cli.programming.placing.problem import OBJECTIVES, Demand, FewestPossible
 from sqrp_cli.programming.placing.solver import check_solver
 from sqrp_cli.programming.placing.tensor import LocalVerdicts, Verdicts
 from sqrp_cli.programming.task import read_task
-from sqrp_cli.programming.whole_task import split_steps
 from sqrp_cli.report.documents.placing import PlaceDocument, in_words, placed
 from sqrp_cli.scoring.work.looks import ClusterVerdicts, KeptVerdicts
 from sqrp_cli.scoring.work.results import Results
@@ -97,7 +97,7 @@ class CellPlacement(Answer[PlaceDocument]):
 
     def show(self) -> None:
         """Print what `sqrp place` prints."""
-        from sqrp_cli.terminal.place_table import print_placement
+        from sqrp_cli.terminal.search_tables import print_placement
 
         print_placement(self.document, self.found.question.demand.wish, written=self.written)
 

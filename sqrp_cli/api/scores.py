@@ -12,9 +12,8 @@ from sqrp_cli.errors import Problem
 from sqrp_cli.platform.files import check_not_read
 from sqrp_cli.platform.memory import keep_all_so_far
 from sqrp_cli.scoring.baselines.baseline import Baseline, baseline_of, save_baseline
-from sqrp_cli.scoring.cells import ScoredCell, find_workspaces, read_cells
 from sqrp_cli.scoring.ci_files import write_junit, write_summary
-from sqrp_cli.scoring.score import wanted_of
+from sqrp_cli.scoring.score import ScoredCell, find_workspaces, read_cells, wanted_of
 from sqrp_cli.scoring.scorecard import CoverageLookup, Progress, Scorecard, compare_with, score_cells
 from sqrp_cli.scoring.work.compute import Computer, Means, open_computer
 

@@ -19,8 +19,8 @@ from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.likelihood import Shutter, likelihoods
+from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.scene_states import SceneStates, fixed_frame
 from sqrp_cli.programming.targets import SoughtBox, Target
 from sqrp_cli.runtime.audit.frame_audit import detected

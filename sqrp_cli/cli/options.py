@@ -246,7 +246,7 @@ def _is_given(value: object) -> bool:
 def check_report(path: Path) -> None:
     """Raises InputError, before anything is computed, where a page cannot be written or a library is missing."""
     from sqrp_cli.platform.files import check_writable
-    from sqrp_cli.report.pages.libraries import check_libraries
+    from sqrp_cli.report.pages.assembly import check_libraries
 
     check_writable(path)
     check_libraries()
@@ -398,7 +398,7 @@ def page_is_written(file: Path, write: Callable[..., None], arguments: Sequence[
 
 def check_max_time(text: str | None) -> None:
     """Raises InputError for a text that is no limit of time."""
-    from sqrp_cli.programming.ways.time_limit import TimeLimit
+    from sqrp_cli.programming.ways.find import TimeLimit
 
     if text is not None:
         TimeLimit.read(text)

@@ -12,8 +12,7 @@ from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study, WaysFound, study
 from sqrp_cli.programming.coverage.certificate import certify
-from sqrp_cli.programming.coverage.expected import expected_quality
-from sqrp_cli.programming.coverage.robustness import Calibration, under_calibration_errors
+from sqrp_cli.programming.coverage.robustness import Calibration, expected_quality, under_calibration_errors
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.verdict import verdict, verdicts
 from sqrp_cli.programming.program_update import world_after

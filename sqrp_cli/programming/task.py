@@ -20,7 +20,7 @@ from sqrp_cli.logic.domain import Parameter
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.candidate import Candidate as Candidate
 from sqrp_cli.programming.candidate import Task as Task
-from sqrp_cli.programming.whole_task import split_steps, whole_task
+from sqrp_cli.programming.candidate import split_steps, whole_task
 
 MAX_CANDIDATES = 100_000
 """A task with more candidates than this is refused."""

@@ -14,7 +14,7 @@ from weakref import WeakKeyDictionary
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.formula_time import Stretch
-from sqrp_cli.programming.candidate import Candidate
+from sqrp_cli.programming.candidate import Candidate, whole_candidate
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
 from sqrp_cli.programming.coverage.certificate import Certificate
@@ -23,7 +23,6 @@ from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.program_update import world_after
 from sqrp_cli.programming.ranking import Ranked
-from sqrp_cli.programming.whole_task import whole_candidate
 
 Assess = Callable[[World, Candidate], Assessment]
 """Finds the figures of a candidate that starts in a world."""

@@ -15,8 +15,7 @@ from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.scoring.baselines.baseline import Baseline, TaskRecord, VanishedTask, baseline_of, identified, vanished
 from sqrp_cli.scoring.baselines.changes import Change, workspace_changes
 from sqrp_cli.scoring.baselines.comparison import Comparison, changed_ways, compare
-from sqrp_cli.scoring.cells import ScoredCell, read_cell
-from sqrp_cli.scoring.score import TaskScore, score, scores_of
+from sqrp_cli.scoring.score import ScoredCell, TaskScore, read_cell, score, scores_of
 from sqrp_cli.scoring.work.compute import Computer, Wanted
 
 Progress = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]

@@ -21,7 +21,7 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import study
 from sqrp_cli.programming.coverage.blind_spans import cause_totals
 from sqrp_cli.programming.coverage.sampling import Adaptive
-from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.starter import search
 from sqrp_cli.starter.arm_guess import ArmGuess, guess_arm

@@ -37,8 +37,8 @@ from sqrp_cli.report.pages.page import row
 from sqrp_cli.report.sentences import summary
 from sqrp_cli.studio.messages import findings, message
 from sqrp_cli.studio.moves import moved
-from sqrp_cli.studio.questions import Choose, Hold, Question, Rank
 from sqrp_cli.studio.ranking_run import RankingRun, let_others_go_first
+from sqrp_cli.studio.requests import Choose, Hold, Question, Rank
 from sqrp_cli.studio.sketch import Sketch, Steps
 
 KEPT_PLANS = 64

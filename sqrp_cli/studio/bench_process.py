@@ -10,7 +10,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from sqrp_cli.platform.processes import Foreman, forked
-from sqrp_cli.studio.questions import Question
+from sqrp_cli.studio.requests import Question
 
 
 class Bench:

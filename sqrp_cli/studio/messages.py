@@ -1,10 +1,11 @@
-"""What browsers are told: texts in JSON with `do` first; what can be moved, and which values a task may state."""
+"""What browsers get: the page, and texts in JSON with `do` first, such as what can be moved."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Sequence
+from importlib import resources
 from typing import Any
 
 from sqrp_cli.errors import Problem
@@ -12,7 +13,7 @@ from sqrp_cli.geometry import matrix_to_rpy
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.task import in_words
 from sqrp_cli.report.documents.checks import ReportedProblem
-from sqrp_cli.report.pages.assembly import tidy
+from sqrp_cli.report.pages.assembly import assembled, tidy
 from sqrp_cli.studio.moves import Move, aim, way_up
 
 
@@ -68,3 +69,23 @@ def handles(workspace: Workspace) -> dict[str, Any]:
     frames = {name: camera.frame for name, camera in workspace.cameras.items()}
     ups = {name: way_up(workspace, camera).tolist() for name, camera in workspace.cameras.items()}
     return {"camera": cameras, "object": objects, "base": {"": base}, "frames": frames, "ups": ups}
+
+
+SCRIPTS = ("gizmo", "fields", "runs", "studio")
+"""Its own scripts, each after those that it needs."""
+
+
+def studio_page(title: str, socket: str) -> str:
+    """The text of the page. socket: where its scripts may connect to."""
+    return assembled(
+        title,
+        "\n".join(_asset(f"{name}.js") for name in SCRIPTS),
+        data={},
+        style=_asset("studio.css"),
+        further=_asset("studio.html"),
+        policy=f"; connect-src {socket}; img-src data:; base-uri 'none'; form-action 'none'",
+    )
+
+
+def _asset(name: str) -> str:
+    return resources.files("sqrp_cli.studio").joinpath("browser", name).read_text(encoding="utf-8")

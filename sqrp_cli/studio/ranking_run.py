@@ -15,7 +15,7 @@ from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.ranking import Ranked, rank
 from sqrp_cli.programming.sensing.sight_memory import Seen, SightMemory
-from sqrp_cli.studio.questions import Rank
+from sqrp_cli.studio.requests import Rank
 
 LOWER_PRIORITY = 10
 """By how much processes that take longer are nicer than others."""

@@ -13,7 +13,7 @@ from sqrp_cli.platform.memory import give_back_memory
 from sqrp_cli.studio.bench_process import Bench
 from sqrp_cli.studio.messages import kind_of
 from sqrp_cli.studio.moves import Move
-from sqrp_cli.studio.questions import Choose, Hold, Rank
+from sqrp_cli.studio.requests import Choose, Hold, Rank
 from sqrp_cli.studio.server import Live
 
 if TYPE_CHECKING:

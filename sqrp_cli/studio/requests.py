@@ -1,13 +1,18 @@
-"""What a browser may ask for: one record each, told apart by `do`."""
+"""What a browser may ask for, and what the process that computes is asked: one record each."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.studio.moves import Move
+
+if TYPE_CHECKING:
+    from sqrp_cli.programming.ranking import Criterion
+
 
 Words = Annotated[str, Field(max_length=2000)]
 
@@ -106,3 +111,35 @@ def read_request(text: str) -> Request:
         first = error.errors(include_url=False, include_input=False)[0]
         where = ".".join(map(str, first["loc"]))
         raise InputError(Problem("bad-option", f"this request is not understood: {where}: {first['msg']}")) from None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rank:
+    """To rank a task in the cell of a text."""
+
+    content: bytes
+    """Of the workspace file."""
+    task: str
+    by: Criterion
+    number: int
+    """Of the question; answers carry it."""
+    of_saved: bool = False
+    """Whether only figures are wanted, to compare others with."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choose:
+    """To show a candidate over time."""
+
+    name: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hold:
+    """To sketch the chosen candidate while a hand holds something."""
+
+    move: Move
+    number: int
+
+
+Question = Rank | Choose | Hold

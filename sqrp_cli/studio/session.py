@@ -23,11 +23,9 @@ from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document,
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.studio.bench_process import Bench
 from sqrp_cli.studio.draft import Draft, DraftChange
-from sqrp_cli.studio.errands import Errands
-from sqrp_cli.studio.jobs import Play, Search, Write
-from sqrp_cli.studio.messages import findings, handles, message, parameters
+from sqrp_cli.studio.jobs import Errands, Play, Search, Write
+from sqrp_cli.studio.messages import findings, handles, message, parameters, studio_page
 from sqrp_cli.studio.moves import written
-from sqrp_cli.studio.page import studio_page
 from sqrp_cli.studio.rankings import Asked, Rankings
 from sqrp_cli.studio.requests import (
     Apply,

@@ -20,7 +20,7 @@ from sqrp_cli.programming.coverage.quality import Qualities
 from sqrp_cli.programming.coverage.sampling import FixedStep, first_samples
 from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.coverage.timeline import Timeline
-from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.whole_study import mean_quality

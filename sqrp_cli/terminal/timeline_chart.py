@@ -15,7 +15,7 @@ from sqrp_cli.programming.coverage.robustness import without_each_camera
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.pipeline import Explained
 from sqrp_cli.programming.ranking import Ranked
-from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.whole_study import StepShown
 from sqrp_cli.report.sentences import accuracy, part_shares_in_words, way_of, what_to_move
 from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table, say, terminal_width, unbroken

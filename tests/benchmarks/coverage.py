@@ -7,7 +7,7 @@ from textwrap import fill
 import numpy as np
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.limits import Cause
 from tests.benchmarks import oracle
 from tests.benchmarks.peers import EmbreePeer, MujocoPeer, Peer
 from tests.benchmarks.scene import BenchmarkScene, lattice, make_scene

@@ -88,7 +88,7 @@ def print_stages(imports: float) -> None:
     from sqrp_cli.knowledge.workspace.load import load_workspace
     from sqrp_cli.programming.arm.kinematics import RobotModel
     from sqrp_cli.programming.cell import Cell
-    from sqrp_cli.programming.coverage import look, timeline
+    from sqrp_cli.programming.coverage import observation, timeline
     from sqrp_cli.programming.coverage.sampling import Adaptive
     from sqrp_cli.programming.pipeline import Assignment
     from sqrp_cli.programming.ranking import rank
@@ -115,7 +115,7 @@ def print_stages(imports: float) -> None:
     watch(find, "observed", "the best: exact coverage")
     watch(timeline, "all_first_samples", "all candidates: where to sample")
     watch(timeline, "look_at", "all candidates: states and coverage")
-    watch(look, "states_of", "- of this, and of looks, kinematics of the samples")
+    watch(observation, "states_of", "- of this, and of looks, kinematics of the samples")
     watch(observer.WatchedBoxes, "limits", "- of this limits")
     watch(observer, "near_pairs", "- of this culling")
     watch(observer.HullTester, "met", "- of this view hulls in coal")

@@ -676,7 +676,7 @@ def test_a_folder_that_cannot_be_used_is_refused(sqrp, tmp_path):
 
 @pytest.mark.usefixtures("heeded_ctrl_c")
 def test_ctrl_c_while_the_page_is_written_keeps_the_advice_and_writes_nothing(sqrp, own, tmp_path, monkeypatch):
-    monkeypatch.setattr("sqrp_cli.report.pages.advice_page.write_advice", press_ctrl_c)
+    monkeypatch.setattr("sqrp_cli.report.pages.search_pages.write_advice", press_ctrl_c)
     page, before = tmp_path / "page.html", (own / "workspace.yaml").read_bytes()
     outcome = sqrp("advise", own, TASK, "--kinds", "way", "--report", page, "--apply", 1)
     assert outcome.code == 130

@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from sqrp_cli.report.pages import libraries
+from sqrp_cli.report.pages import assembly
 from sqrp_cli.report.pages.assembly import packed
 from sqrp_cli.report.pages.page import CellScene, PageContent, PageRow, page
 from tests.cli.browser import Opened, click_at_random, walk
@@ -99,8 +99,8 @@ def test_a_report_that_cannot_be_written_is_refused_before_anything_is_computed(
 
 
 def test_a_missing_library_is_named_with_the_command_that_installs_it(sqrp, watch, tmp_path, monkeypatch):
-    real = libraries.find_spec
-    monkeypatch.setattr(libraries, "find_spec", lambda name: None if name == "fast_simplification" else real(name))
+    real = assembly.find_spec
+    monkeypatch.setattr(assembly, "find_spec", lambda name: None if name == "fast_simplification" else real(name))
     outcome = sqrp("rank", watch, "watch green", "--report", tmp_path / "page.html")
     assert (outcome.code, outcome.out) == (2, "")
     assert "pip install trimesh fast-simplification" in outcome.err

@@ -27,7 +27,7 @@ from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.targets import SoughtBox, Target
 from sqrp_cli.runtime.cell.physics import Physics

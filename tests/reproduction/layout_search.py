@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import displacement, look_at
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.programming.coverage.assessment import Study
-from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.solids import Solid
 

@@ -17,7 +17,7 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
 from sqrp_cli.programming.coverage.sampling import Adaptive, FixedCount, Sampling
 from sqrp_cli.programming.ranking import rank
-from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.scene_states import SceneStates, fixed_frame
 from sqrp_cli.programming.targets import Target
 from sqrp_cli.programming.task import Candidate, read_task

@@ -11,7 +11,7 @@ from sqrp_cli.programming.coverage.assessment import Study, study
 from sqrp_cli.programming.coverage.quality import Qualities
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.timeline import observe
-from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.task import Candidate
 
 

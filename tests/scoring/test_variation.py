@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.scoring.variation import read_variation, variants
+from sqrp_cli.scoring.sweep import read_variation, variants
 
 
 def grid(*texts: str, draws: int | None = None, seed: int = 0):

@@ -10,8 +10,7 @@ import pytest
 from sqrp_cli.logic.formula_time import union_length
 from sqrp_cli.programming.coverage.blind_spans import difference
 from sqrp_cli.programming.coverage.sampling import Adaptive
-from sqrp_cli.scoring.cells import ScoredCell, read_cell
-from sqrp_cli.scoring.score import wanted_of
+from sqrp_cli.scoring.score import ScoredCell, read_cell, wanted_of
 from sqrp_cli.scoring.scorecard import Scorecard
 from sqrp_cli.scoring.scorecard import difference as changed
 from sqrp_cli.scoring.work.compute import Means, open_computer

@@ -14,7 +14,7 @@ from websockets.asyncio.client import connect
 from sqrp_cli.studio import bench_process, jobs, server
 from sqrp_cli.studio.bench_process import Bench
 from sqrp_cli.studio.jobs import Play, Running, Search
-from sqrp_cli.studio.questions import Rank
+from sqrp_cli.studio.requests import Rank
 from sqrp_cli.studio.server import MOST_AT_ONCE, MOST_PER_SECOND, MOST_UNREAD, MOST_WAITING, Live, _Browser
 
 

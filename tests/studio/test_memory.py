@@ -16,7 +16,7 @@ from sqrp_cli.studio import bench
 from sqrp_cli.studio.bench import _Bench
 from sqrp_cli.studio.draft import MOST_CHANGES, MOST_KEPT, Draft, DraftChange
 from sqrp_cli.studio.moves import Move, written
-from sqrp_cli.studio.questions import Rank
+from sqrp_cli.studio.requests import Rank
 from tests.studio.conftest import TASK
 
 FEW = 200

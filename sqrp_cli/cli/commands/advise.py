@@ -97,7 +97,7 @@ def command(
     )
     interrupted = found.interrupted
     if report is not None and not interrupted:
-        from sqrp_cli.report.pages.advice_page import write_advice
+        from sqrp_cli.report.pages.search_pages import write_advice
 
         write = partial(write_advice, found.shown)
         interrupted = not page_is_written(report, write, context.obj, job_count(jobs))

@@ -166,7 +166,7 @@ def _say_more(
     from sqrp_cli.programming.coverage.quality import falls_short
     from sqrp_cli.programming.coverage.verdict import HELP
     from sqrp_cli.terminal.console import say_command
-    from sqrp_cli.terminal.ways_table import print_ways
+    from sqrp_cli.terminal.rank_table import print_ways
 
     found = explanation.explained[0].ranked.assessment
     if not explanation.several and HELP in found.verdict:

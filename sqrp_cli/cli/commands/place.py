@@ -94,7 +94,7 @@ def command(
     from sqrp_cli.scoring.work.cluster import connected
     from sqrp_cli.scoring.work.compute import Means
     from sqrp_cli.terminal.console import note, progress
-    from sqrp_cli.terminal.place_table import Bounds
+    from sqrp_cli.terminal.search_tables import Bounds
 
     sampling = read_sampling(samples, dt, tolerance)
     patch = _only(patches)
@@ -119,7 +119,7 @@ def command(
         note(f"the patch is in {patch}")
     interrupted = found.interrupted
     if report is not None and not interrupted:
-        from sqrp_cli.report.pages.place_page import write_placement
+        from sqrp_cli.report.pages.search_pages import write_placement
 
         write = partial(write_placement, found.found, found.document)
         interrupted = not page_is_written(report, write, context.obj, job_count(jobs))

@@ -193,10 +193,8 @@ def _vary(
     from sqrp_cli.api.scores import nothing_scored, why_not_scored
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.report.documents.scores import VaryDocument
-    from sqrp_cli.scoring.cells import find_workspaces, short_names
-    from sqrp_cli.scoring.score import wanted_of
-    from sqrp_cli.scoring.sweep import read_variants, sweep
-    from sqrp_cli.scoring.variation import grid_shape, read_variation, variants
+    from sqrp_cli.scoring.score import find_workspaces, short_names, wanted_of
+    from sqrp_cli.scoring.sweep import grid_shape, read_variants, read_variation, sweep, variants
     from sqrp_cli.scoring.work.compute import open_computer
     from sqrp_cli.terminal.console import note, print_problems, progress, say_raw
     from sqrp_cli.terminal.score_table import print_sweep

@@ -39,7 +39,7 @@ def command(
 
     The page is for this machine only. Ctrl-C closes it; what was not saved is lost.
     """
-    from sqrp_cli.report.pages.libraries import check_libraries
+    from sqrp_cli.report.pages.assembly import check_libraries
     from sqrp_cli.studio.bench_process import Bench
     from sqrp_cli.studio.server import check_server
 

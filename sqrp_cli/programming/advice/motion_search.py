@@ -14,16 +14,14 @@ from sqrp_cli.knowledge.skill.settings import SEEN, MotionValue, Reference
 from sqrp_cli.knowledge.skill.skill import JointMove
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.advice.change import Miss, ProposedChange
-from sqrp_cli.programming.advice.effects import finely_met
-from sqrp_cli.programming.advice.question import Found, Met, Near, Question
+from sqrp_cli.programming.advice.question import Found, Met, Near, Question, finely_met
+from sqrp_cli.programming.candidate import whole_candidate
 from sqrp_cli.programming.coverage.assessment import Study, WayFigures, study
 from sqrp_cli.programming.program_update import world_after
 from sqrp_cli.programming.task import Candidate
-from sqrp_cli.programming.ways.find import WantedWay, find_way, studied_ways
-from sqrp_cli.programming.ways.time_limit import TimeLimit
+from sqrp_cli.programming.ways.find import TimeLimit, WantedWay, find_way, studied_ways
 from sqrp_cli.programming.ways.words import choice_in_words
 from sqrp_cli.programming.whole_study import WholeStudy, whole_study, worst_seen
-from sqrp_cli.programming.whole_task import whole_candidate
 
 MOST_TOGETHER = 12
 """Ways of the first steps that are followed further: a third of them the fastest, the others those seen best."""

@@ -14,14 +14,13 @@ from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.advice.camera_moves import whole
 from sqrp_cli.programming.advice.change import Margin, Miss, ProposedChange
-from sqrp_cli.programming.advice.effects import finely_met
 from sqrp_cli.programming.advice.least import least_beyond
-from sqrp_cli.programming.advice.question import Found, Met, Near, Question
+from sqrp_cli.programming.advice.question import Found, Met, Near, Question, finely_met
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study
 from sqrp_cli.programming.coverage.in_the_way import hidden_views, to_move
 from sqrp_cli.programming.motion.collision.collision_body import CLEARANCE, distance_within, placement_at
-from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.whole_study import WholeStudy, whole_study
 

@@ -19,7 +19,7 @@ from sqrp_cli.logic.formula_time import Stretch, merge
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study
-from sqrp_cli.programming.sensing.cause import SIDES, Cause
+from sqrp_cli.programming.sensing.limits import SIDES, Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts
 
 

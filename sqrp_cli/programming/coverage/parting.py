@@ -28,7 +28,7 @@ from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.logic.image_time import Onset
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.programming.coverage.stage import Samples, Stage
-from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.targets import SoughtBox, Target

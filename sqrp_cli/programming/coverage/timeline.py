@@ -11,8 +11,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, Indices, Mask, ranges
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.programming.coverage.look import Look, look_at
-from sqrp_cli.programming.coverage.observation import Observation, full_observation
+from sqrp_cli.programming.coverage.observation import Look, Observation, full_observation, look_at
 from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling, all_first_samples
 from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.pieces import Piece

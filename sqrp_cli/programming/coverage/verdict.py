@@ -18,7 +18,7 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study
 from sqrp_cli.programming.coverage.blind_spans import by_name, first_failing
 from sqrp_cli.programming.coverage.stage import Samples, states_of
-from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, sees_all
 from sqrp_cli.programming.targets import Target
 

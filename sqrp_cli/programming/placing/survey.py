@@ -21,12 +21,19 @@ from sqrp_cli.programming.placing.cover import Cover
 from sqrp_cli.programming.placing.placement import PlaceQuestion, UnseenTarget
 from sqrp_cli.programming.placing.problem import Choice, Hiding, Placing, unusable
 from sqrp_cli.programming.placing.refine import CameraSeat
-from sqrp_cli.programming.placing.room import blocked, hidden_by, pairs_apart
 from sqrp_cli.programming.placing.scenes import JudgedWay, judged, middle_of, of_first_grip, varied
 from sqrp_cli.programming.placing.tensor import LocalVerdicts, joined_items, seen_by, view_batches
-from sqrp_cli.programming.placing.views import Option, View, options_of, price_of, views_of
-from sqrp_cli.programming.ways.find import planned_ways
-from sqrp_cli.programming.ways.time_limit import TimeLimit
+from sqrp_cli.programming.placing.views import (
+    Option,
+    View,
+    blocked,
+    hidden_by,
+    options_of,
+    pairs_apart,
+    price_of,
+    views_of,
+)
+from sqrp_cli.programming.ways.find import TimeLimit, planned_ways
 
 MOST_ADDED = 24
 """Most samples that a round adds to a way."""

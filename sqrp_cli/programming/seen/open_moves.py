@@ -16,8 +16,7 @@ from sqrp_cli.programming.feasibility import skill_use
 from sqrp_cli.programming.motion.ground_primitives import ground_primitives
 from sqrp_cli.programming.motion.paths.position_limits import near_limits
 from sqrp_cli.programming.motion.timing import MotionLimits
-from sqrp_cli.programming.seen.move_search import MoveSpace, SeenPath
-from sqrp_cli.programming.seen.move_watch import WatchedMove
+from sqrp_cli.programming.seen.move_search import MoveSpace, SeenPath, WatchedMove
 from sqrp_cli.trajectory import JointPath, Trajectory
 
 

@@ -13,7 +13,7 @@ from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Rehearsal, Study, study
-from sqrp_cli.programming.coverage.look import Look, look_at
+from sqrp_cli.programming.coverage.observation import Look, look_at
 from sqrp_cli.programming.coverage.quality import average_quality
 from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling
 from sqrp_cli.programming.coverage.stage import Samples

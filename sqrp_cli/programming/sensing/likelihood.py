@@ -12,8 +12,7 @@ from sqrp_cli.geometry import Array, box_corners, inverse, transform
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.curve import BoxSights
 from sqrp_cli.knowledge.camera.projection import Projection
-from sqrp_cli.programming.sensing.cause import Cause
-from sqrp_cli.programming.sensing.limits import aspects, exact_hull_areas
+from sqrp_cli.programming.sensing.limits import Cause, aspects, exact_hull_areas
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.targets import SoughtBox, Target

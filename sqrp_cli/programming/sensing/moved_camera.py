@@ -9,8 +9,7 @@ import numpy as np
 from sqrp_cli.geometry import Array, Indices, Mask, box_corners, inverse, transform
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.light import Light
-from sqrp_cli.programming.sensing.cause import Cause
-from sqrp_cli.programming.sensing.limits import check_limits
+from sqrp_cli.programming.sensing.limits import Cause, check_limits
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.sensing.sight_lines import SightLines, WatchedBoxes, shrink
 from sqrp_cli.programming.sensing.visibility.backdrop import backdrop_of

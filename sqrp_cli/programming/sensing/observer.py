@@ -17,18 +17,16 @@ from sqrp_cli.geometry import Array, Indices, Mask, begins_run
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.light import Light
-from sqrp_cli.programming.sensing.cause import Cause
-from sqrp_cli.programming.sensing.limits import LimitVerdicts
+from sqrp_cli.programming.sensing.limits import Cause, LimitVerdicts
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.sensing.sight_lines import BoxViews, Pairs, SightLines, WatchedBoxes
 from sqrp_cli.programming.sensing.sight_memory import SEEN, UNKNOWN, UNSEEN, SightMemory, Sights
 from sqrp_cli.programming.sensing.visibility.backdrop import backdrop_of
 from sqrp_cli.programming.sensing.visibility.culprit import find_hidden, find_largest
-from sqrp_cli.programming.sensing.visibility.cut import cut_shares, shares_within
 from sqrp_cli.programming.sensing.visibility.lighting import lighting_of
 from sqrp_cli.programming.sensing.visibility.occlusion import HullTester, near_pairs
 from sqrp_cli.programming.sensing.visibility.part_shares import part_shares
-from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
+from sqrp_cli.programming.sensing.visibility.visible_share import cut_shares, shares_within, visible_shares
 from sqrp_cli.programming.solids import Solid, Solids
 from sqrp_cli.programming.targets import SoughtBox, Target
 

@@ -16,10 +16,10 @@ from sqrp_cli.knowledge.skill.skill import HOME, GraspWaypoint, PutWaypoint, Ski
 from sqrp_cli.knowledge.text.entries import Entry
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.candidate import whole_candidate
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.motion.waypoints import setting_value
 from sqrp_cli.programming.task import Candidate
-from sqrp_cli.programming.whole_task import whole_candidate
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Sphere
 
 _Values = Mapping[str, MotionValue]

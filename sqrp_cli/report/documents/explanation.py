@@ -13,7 +13,6 @@ from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study
 from sqrp_cli.programming.coverage.blind_spans import by_name
-from sqrp_cli.programming.coverage.expected import Expectation, expectation
 from sqrp_cli.programming.coverage.in_the_way import (
     HiddenView,
     HiddenViews,
@@ -23,10 +22,10 @@ from sqrp_cli.programming.coverage.in_the_way import (
     to_move,
 )
 from sqrp_cli.programming.coverage.quality import Qualities
-from sqrp_cli.programming.coverage.robustness import without_each_camera
+from sqrp_cli.programming.coverage.robustness import Expectation, expectation, without_each_camera
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.ranking import Ranked
-from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, Occluder
 from sqrp_cli.programming.targets import Target
 from sqrp_cli.report.documents.candidates import CandidateFigures, SamplingDone

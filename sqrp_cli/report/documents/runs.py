@@ -1,4 +1,4 @@
-"""`run` and `audit`: what happened, and which predictions came true."""
+"""`run`, `audit` and `calibrate`: what happened, which predictions came true, and what images say about detectors."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from sqrp_cli.calibrating.fit import Judged
+from sqrp_cli.knowledge.camera.curve import Curve
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.report.documents.document import Record, WorkspaceDocument
 from sqrp_cli.runtime.record.report import Confusion, Disagreement, RunReport, StepRecord
@@ -14,6 +16,7 @@ if TYPE_CHECKING:
     from sqrp_cli.runtime.audit.frame_audit import AuditReport
     from sqrp_cli.runtime.audit.survey import CameraSurvey
     from sqrp_cli.runtime.run.simulation import SweepRun, SweepSummary
+
 
 Counts = Mapping[str, Mapping[str, Confusion]]
 """By literal and camera."""
@@ -270,3 +273,33 @@ class AuditDocument(WorkspaceDocument):
             cameras={name: AuditedCamera.of(one) for name, one in cameras.items()},
             patch=patch,
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibratedDetector(Record):
+    """What frames say about one detector."""
+
+    looks: int
+    """How often it looked at a box that was in range, in the image and not all hidden."""
+    seen: float
+    """Share of them in which it said what was true, in 0..1."""
+    curve: Curve | None
+    """Learned from all frames; null where these are too few."""
+    held_out: Judged | None
+    """The probabilities of each fifth of the poses by the curve that the others teach, compared with what was seen."""
+    limits: Judged | None
+    """The limits of the workspace, as probabilities of 1 and 0, compared with what was seen; null without looks."""
+    reason: str | None
+    """Why there is no curve."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrateDocument(WorkspaceDocument):
+    """What `sqrp calibrate` finds."""
+
+    images: int
+    """How many were looked at."""
+    detectors: Mapping[str, CalibratedDetector]
+    """By name, those that looked for anything."""
+    patch: str
+    """A unified diff that gives the workspace these curves; empty where there are none."""

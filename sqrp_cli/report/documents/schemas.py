@@ -20,13 +20,12 @@ from sqrp_cli.knowledge.text.entries import Entry
 from sqrp_cli.knowledge.workspace.mounts import PlaceFile
 from sqrp_cli.knowledge.workspace.workspace import WorkspaceFile
 from sqrp_cli.report.documents.advice import AdviceDocument
-from sqrp_cli.report.documents.calibration import CalibrateDocument
 from sqrp_cli.report.documents.candidates import RankDocument
 from sqrp_cli.report.documents.checks import CheckDocument, RulesDocument
 from sqrp_cli.report.documents.explanation import ExplainAllDocument, ExplainDocument
 from sqrp_cli.report.documents.placing import PlaceDocument
 from sqrp_cli.report.documents.programs import ProgramDocument
-from sqrp_cli.report.documents.runs import AuditDocument, RunDocument, SweepDocument
+from sqrp_cli.report.documents.runs import AuditDocument, CalibrateDocument, RunDocument, SweepDocument
 from sqrp_cli.report.documents.scene import InitDocument, ShowDocument
 from sqrp_cli.report.documents.scores import ScoreDocument, VaryDocument
 from sqrp_cli.runtime.cell.robot_file import RobotFile

@@ -20,8 +20,7 @@ from sqrp_cli.report.documents.document import Pose, Record
 from sqrp_cli.report.documents.explanation import CandidateStudy
 from sqrp_cli.report.documents.playback import PlayedCandidate
 from sqrp_cli.report.documents.scene import ShowDocument
-from sqrp_cli.report.pages.assembly import packed
-from sqrp_cli.report.pages.libraries import simplified
+from sqrp_cli.report.pages.assembly import packed, simplified
 from sqrp_cli.report.pages.page import CellScene, PageContent, PageRow, write_page
 from sqrp_cli.report.pages.paint import Color, css, solid_colors
 from sqrp_cli.report.sentences import (
@@ -37,8 +36,7 @@ from sqrp_cli.shapes import Triangles
 from sqrp_cli.version import __version__
 
 if TYPE_CHECKING:
-    from sqrp_cli.scoring.cells import ScoredCell
-    from sqrp_cli.scoring.score import TaskScore
+    from sqrp_cli.scoring.score import ScoredCell, TaskScore
     from sqrp_cli.scoring.scorecard import Progress, Scorecard
     from sqrp_cli.scoring.work.compute import Means
 

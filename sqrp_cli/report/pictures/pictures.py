@@ -22,13 +22,12 @@ from sqrp_cli.programming.coverage.blind_spans import Failure, by_name, first_fa
 from sqrp_cli.programming.coverage.in_the_way import HiddenView, HiddenViews, hidden_views
 from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.coverage.verdict import stretches
-from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.targets import Target
 from sqrp_cli.report.pages.paint import COVERED, CULPRIT, HIDDEN, solid_colors
 from sqrp_cli.report.pictures import drawing
-from sqrp_cli.report.pictures.camera_image import Photographer
-from sqrp_cli.report.pictures.rays import check_rays
+from sqrp_cli.report.pictures.camera_image import Photographer, check_rays
 from sqrp_cli.report.sentences import part_shares_in_words
 
 SHEET = "contact-sheet.png"

@@ -24,8 +24,7 @@ from sqrp_cli.programming.coverage.sampling import DEFAULT_TOLERANCE, Adaptive, 
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.ways.words import choice_in_words
 from sqrp_cli.scoring.baselines.changes import WORKSPACE, fields_of
-from sqrp_cli.scoring.cells import ScoredCell
-from sqrp_cli.scoring.score import TaskScore
+from sqrp_cli.scoring.score import ScoredCell, TaskScore
 from sqrp_cli.scoring.work.results import CoverageRecord, Seconds
 from sqrp_cli.shown import json_line
 

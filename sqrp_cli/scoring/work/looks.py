@@ -22,8 +22,7 @@ from sqrp_cli.scoring.work.cluster import Cluster, DaskWorkers
 from sqrp_cli.scoring.work.dispatcher import Dispatcher, Done
 from sqrp_cli.scoring.work.identity import digest_of, program_digest
 from sqrp_cli.scoring.work.job import Job, PackedWorkspace
-from sqrp_cli.scoring.work.records import as_line, from_line
-from sqrp_cli.scoring.work.results import Results
+from sqrp_cli.scoring.work.results import Results, as_line, from_line
 
 
 @dataclass(frozen=True, eq=False)

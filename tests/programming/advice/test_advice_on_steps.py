@@ -13,8 +13,8 @@ from sqrp_cli.api.cell import OpenCell
 from sqrp_cli.geometry import displacement
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.advice.change import ProposedChange
-from sqrp_cli.programming.advice.effects import seen_by
 from sqrp_cli.programming.advice.look import CameraLook, WishedSamples
+from sqrp_cli.programming.advice.question import seen_by
 from sqrp_cli.programming.advice.wish import read_wish
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.task import read_task

@@ -10,8 +10,8 @@ import pytest
 from sqrp_cli.geometry import displacement
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.advice.change import ProposedChange
-from sqrp_cli.programming.advice.effects import seen_by
 from sqrp_cli.programming.advice.look import CameraLook, WishedSamples
+from sqrp_cli.programming.advice.question import seen_by
 from sqrp_cli.programming.advice.wish import read_wish
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment

@@ -16,8 +16,8 @@ from sqrp_cli.knowledge.camera.curve import Curve
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study, study
-from sqrp_cli.programming.coverage.expected import expectation, expected_quality
 from sqrp_cli.programming.coverage.quality import average_quality
+from sqrp_cli.programming.coverage.robustness import expectation, expected_quality
 from sqrp_cli.programming.coverage.sampling import FixedCount
 from sqrp_cli.programming.sensing.likelihood import at_least
 from sqrp_cli.programming.task import read_task

@@ -9,8 +9,8 @@ import pytest
 
 from sqrp_cli.geometry import displacement, pose
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.coverage import look
-from sqrp_cli.programming.coverage.look import Look, look_at
+from sqrp_cli.programming.coverage import observation
+from sqrp_cli.programming.coverage.observation import Look, look_at
 from sqrp_cli.programming.coverage.sampling import Adaptive, FixedCount, first_samples
 from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.coverage.timeline import observe_all
@@ -50,17 +50,17 @@ def _look(watched: WatchedMotion) -> Look:
 def test_a_look_at_many_motions_sees_what_a_look_at_each_sees(
     seed: int, same_place: bool, together: int, ur5: RobotModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(look, "_STATES_TOGETHER", together)
+    monkeypatch.setattr(observation, "_STATES_TOGETHER", together)
     rng = np.random.default_rng(seed)
     first = watched_motion(seed, ur5, min_visible=1.0 if seed % 2 else 0.5)
     motions = [first, *(_variant(first, ur5, rng, same_place=same_place) for _ in range(5))]
     found = look_at(first.observer, list(map(_look, motions)))
     seen = 0
-    for motion, observation in zip(motions, found, strict=True):
+    for motion, looked in zip(motions, found, strict=True):
         alone = motion.timeline(COUNT)
-        assert np.array_equal(observation.required, alone.observation.required)
-        assert np.array_equal(observation.states_covered, alone.covered)
-        looked_at = replace(alone, observation=observation)
+        assert np.array_equal(looked.required, alone.observation.required)
+        assert np.array_equal(looked.states_covered, alone.covered)
+        looked_at = replace(alone, observation=looked)
         assert np.array_equal(fault_response(looked_at, "slip"), fault_response(alone, "slip"), equal_nan=True)
         seen += int(alone.covered.sum())
     assert seen > 0

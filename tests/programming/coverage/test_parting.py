@@ -16,7 +16,7 @@ from sqrp_cli.knowledge.frames import WORLD, FrameName
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.programming.coverage import parting
-from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.targets import SoughtBox

@@ -20,7 +20,7 @@ from sqrp_cli.programming.coverage.verdict import (
     stretches,
     verdict,
 )
-from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.observer import Observer, sees_all
 from sqrp_cli.programming.task import read_task
 

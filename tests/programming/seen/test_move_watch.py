@@ -7,7 +7,7 @@ import pytest
 
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.coverage.assessment import Study
-from sqrp_cli.programming.seen.move_watch import WatchedMove, blind_times
+from sqrp_cli.programming.seen.move_search import WatchedMove, blind_times
 from sqrp_cli.programming.ways.find import WantedWay
 from tests.programming.seen.compared import Compared
 

@@ -16,7 +16,7 @@ from sqrp_cli.geometry import BOX_SIGNS, Array, inverse, look_at, pose, transfor
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.solids import Solid, load_solid, load_solids

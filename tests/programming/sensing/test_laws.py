@@ -25,7 +25,7 @@ from sqrp_cli.programming.coverage.quality import average_quality, interest_qual
 from sqrp_cli.programming.coverage.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount
 from sqrp_cli.programming.coverage.stage import Stage
 from sqrp_cli.programming.pipeline import Assignment, assess_all
-from sqrp_cli.programming.sensing.cause import SIDES, Cause
+from sqrp_cli.programming.sensing.limits import SIDES, Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, CoveredStates, Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.solids import load_solids

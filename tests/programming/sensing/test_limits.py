@@ -16,8 +16,7 @@ from sqrp_cli.geometry import Array, pose, transform
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.detector import Detector
 from sqrp_cli.knowledge.camera.projection import Projection
-from sqrp_cli.programming.sensing.cause import SIDES, Cause
-from sqrp_cli.programming.sensing.limits import LimitVerdicts, check_limits, exact_hull_areas
+from sqrp_cli.programming.sensing.limits import SIDES, Cause, LimitVerdicts, check_limits, exact_hull_areas
 from tests.programming.sensing.views import make_camera, make_detector, random_rotation
 
 CLOSE = 1e-7

@@ -13,8 +13,7 @@ from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.quality import NO_FIGURES, Figures, Qualities
-from sqrp_cli.programming.sensing.cause import Cause
-from sqrp_cli.programming.sensing.limits import check_limits
+from sqrp_cli.programming.sensing.limits import Cause, check_limits
 from sqrp_cli.programming.sensing.scene_states import SceneStates, SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
 from sqrp_cli.programming.sensing.visibility.occlusion import HullTester, near_pairs

@@ -7,8 +7,8 @@ import pytest
 
 from sqrp_cli.errors import InputError
 from sqrp_cli.programming.solids import load_solid
-from sqrp_cli.report.pages import libraries
-from sqrp_cli.report.pages.libraries import MOST_TRIANGLES, simplified, viewer_library
+from sqrp_cli.report.pages import assembly
+from sqrp_cli.report.pages.assembly import MOST_TRIANGLES, simplified, viewer_library
 from sqrp_cli.shapes import Part, Sphere, Triangles
 
 
@@ -41,7 +41,7 @@ def test_a_large_mesh_is_simplified_and_keeps_its_shape():
 
 
 def test_without_the_library_the_command_that_installs_it_is_named(monkeypatch):
-    monkeypatch.setattr(libraries, "find_spec", lambda _: None)
+    monkeypatch.setattr(assembly, "find_spec", lambda _: None)
     with pytest.raises(InputError) as error:
         viewer_library()
     assert error.value.problems[0].mend == "pip install trimesh fast-simplification"

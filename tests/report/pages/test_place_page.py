@@ -16,7 +16,7 @@ from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.programming.coverage.assessment import study
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.sensing.observer import Observer
-from sqrp_cli.report.pages.place_page import write_placement
+from sqrp_cli.report.pages.search_pages import write_placement
 from tests.cli.browser import Opened
 from tests.cli.pages import carried
 

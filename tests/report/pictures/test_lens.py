@@ -8,7 +8,7 @@ import pytest
 from sqrp_cli.geometry import look_at
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.projection import Projection
-from sqrp_cli.report.pictures.rays import CLOSE, directions
+from sqrp_cli.report.pictures.camera_image import CLOSE, directions
 
 LENSES = {
     "none": [],

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sqrp_cli.report.pictures.rays import RayScene
+from sqrp_cli.report.pictures.camera_image import RayScene
 from sqrp_cli.shapes import Triangles
 
 SQUARE = np.array([[0, 1, 2], [0, 2, 3]])

@@ -16,8 +16,7 @@ from sqrp_cli.knowledge.camera.marker_range import MarkerRange, least_pixels
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.markers import DICTIONARIES, Marker, opencv_name
 from sqrp_cli.knowledge.workspace.load import load_workspace
-from sqrp_cli.programming.sensing.cause import Cause
-from sqrp_cli.programming.sensing.limits import check_limits
+from sqrp_cli.programming.sensing.limits import Cause, check_limits
 from sqrp_cli.runtime.perception.vision import find_markers
 from tests.detectors.ranges import Case
 from tests.runtime.cell.scenes import ROOT, camera, thing

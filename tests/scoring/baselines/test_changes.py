@@ -11,7 +11,7 @@ from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.scoring.baselines.baseline import baseline_of
 from sqrp_cli.scoring.baselines.changes import workspace_changes
-from sqrp_cli.scoring.cells import read_cell
+from sqrp_cli.scoring.score import read_cell
 from sqrp_cli.scoring.work.identity import content_digest
 
 CELL = Path(__file__).parents[2] / "cases" / "cell"

@@ -12,7 +12,7 @@ from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.scoring.baselines.baseline import WayRecord
 from sqrp_cli.scoring.baselines.comparison import Loss, Shift, WayChange
-from sqrp_cli.scoring.cells import ScoredCell, read_cell
+from sqrp_cli.scoring.score import ScoredCell, read_cell
 from sqrp_cli.scoring.scorecard import difference
 from sqrp_cli.scoring.work.compute import Means, open_computer
 

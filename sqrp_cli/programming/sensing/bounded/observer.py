@@ -19,8 +19,7 @@ from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 from sqrp_cli.programming.sensing.bounded.centres import ViewedBoxes
 from sqrp_cli.programming.sensing.bounded.hulls import AnyHullTester, common_hulls
 from sqrp_cli.programming.sensing.bounded.shares import NearSolids, visible_enough
-from sqrp_cli.programming.sensing.cause import Cause
-from sqrp_cli.programming.sensing.limits import LimitVerdicts, bend, entries_at, hull_areas, to_pixels
+from sqrp_cli.programming.sensing.limits import Cause, LimitVerdicts, bend, entries_at, hull_areas, to_pixels
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.sensing.sight_lines import BoxViews, Pairs, SightLines, WatchedBoxes

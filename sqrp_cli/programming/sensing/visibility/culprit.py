@@ -19,7 +19,7 @@ from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import TOUCH, Pairs, SightLines
 from sqrp_cli.programming.sensing.visibility.hull_spaces import HullSpaces
 from sqrp_cli.programming.sensing.visibility.occlusion import HullTester
-from sqrp_cli.programming.sensing.visibility.triangulation import Triangulation
+from sqrp_cli.programming.sensing.visibility.silhouette import Triangulation
 from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
 from sqrp_cli.programming.solids import Solid
 

@@ -17,8 +17,15 @@ from sqrp_cli.geometry import Array, Indices, Mask, begins_run, cross, inverse, 
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
 from sqrp_cli.programming.sensing.visibility.seen_boxes import BEFORE, SeenBoxes, in_all
-from sqrp_cli.programming.sensing.visibility.silhouette import COLUMNS, ROWS, SHIFT, MetRays, Silhouette, facing
-from sqrp_cli.programming.sensing.visibility.triangulation import Triangulation
+from sqrp_cli.programming.sensing.visibility.silhouette import (
+    COLUMNS,
+    ROWS,
+    SHIFT,
+    MetRays,
+    Silhouette,
+    Triangulation,
+    facing,
+)
 
 _TRIANGLES = 400_000
 """Triangles to compare with rays at once, counted for each sight line, to bound the memory."""

@@ -20,11 +20,11 @@ from sqrp_cli.programming.sensing.visibility.silhouette import (
     Bends,
     MetRays,
     RayGrid,
+    Triangulation,
     beyond_sides,
     signs,
     turns,
 )
-from sqrp_cli.programming.sensing.visibility.triangulation import Triangulation
 from sqrp_cli.shapes import BOX_TRIANGLES
 
 _ROUNDING = 1e-9

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from sqrp_cli.geometry import Array, Mask, look_at, pose
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates, fixed_frame
 from sqrp_cli.programming.solids import Solid, load_solid

@@ -15,7 +15,7 @@ from sqrp_cli.knowledge.light import Light, brightness_of
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 from sqrp_cli.programming.sensing.bounded.observer import BoundedObserver
-from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates, fixed_frame
 from sqrp_cli.programming.solids import Solid, load_solid

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.geometry import BOX_SIGNS, Array, axis_rotation, pose, transform
-from sqrp_cli.programming.sensing.visibility.triangulation import Triangulation
+from sqrp_cli.programming.sensing.visibility.silhouette import Triangulation
 from sqrp_cli.shapes import BOX_TRIANGLES
 
 X_WO = pose(axis_rotation(0, 0.4) @ axis_rotation(2, 1.1), [0.3, -2.0, 1.0])

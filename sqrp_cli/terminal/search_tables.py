@@ -1,0 +1,207 @@
+"""The output of `sqrp advise` and `sqrp place`: changes that meet a wish, and cameras with what is proven of them."""
+
+from __future__ import annotations
+
+from itertools import groupby
+from time import monotonic
+
+from sqrp_cli.programming.advice.wish import Wish
+from sqrp_cli.report.documents import advice, placing
+from sqrp_cli.report.sentences import KIND_WORDS, shown_size
+from sqrp_cli.terminal.console import (
+    Column,
+    Styled,
+    joined,
+    note,
+    numbers,
+    percent,
+    plain,
+    print_table,
+    say,
+    say_command,
+    seconds,
+)
+from sqrp_cli.terminal.progress_lines import PERIOD, wanted
+
+_FIGURES = ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nafter", "up to")
+
+
+def print_advice(found: advice.AdviceDocument, wish: Wish, *, fastest: bool, fixed: bool) -> None:
+    """The table with a row for each change that meets the wish, why other kinds do not, and what to do.
+
+    fastest: whether the figures of before are those with `--ways fastest`, else of the best way. fixed: whether the
+    motion stays as it is.
+    """
+    say(joined([(found.task, "bold"), f" in {found.workspace}: {found.candidate} is to have {wish}\n"]))
+    as_it_is = "As it moves with --ways fastest" if fastest else "In its best way, as rank takes it"
+    say(f"{as_it_is}, it has {_figures(found.before)}.")
+    if found.met:
+        say("\nThat is met already: nothing has to change.")
+        return
+    if found.advice:
+        say()
+        columns = [*numbers("#"), Column("change", shrink=True), *numbers(*_FIGURES)]
+        print_table(columns, [_row(number, one) for number, one in enumerate(found.advice, 1)])
+    for number, one in enumerate(found.advice, 1):
+        for cost in advice.costs(one.tasks):
+            say(joined([(f"#{number} costs", "red"), f" {cost}"]), indent=4)
+    if held := advice.held_ways(found.advice, fixed=fixed):
+        say(held)
+    for why, same in groupby((one for one in found.kinds if not one.found), key=lambda one: one.why):
+        outcomes = list(same)
+        names = ", ".join(KIND_WORDS[outcome.kind] for outcome in outcomes)
+        say(joined([("no   ", "dim"), f" {names}: {why}"]), indent=6)
+        for outcome in outcomes:
+            _print_nearest(outcome)
+    say()
+    _conclude(found)
+
+
+def _conclude(found: advice.AdviceDocument) -> None:
+    """One sentence that says what to do."""
+    if found.interrupted:
+        say("Interrupted before all kinds were searched.")
+    if not found.advice:
+        _conclude_without(found)
+        return
+    motion = ("way", "path")
+    number = next((n for n, one in enumerate(found.advice, 1) if one.kind in motion or not one.worse), 1)
+    one = found.advice[number - 1]
+    cost = "no task gets worse" if not one.worse else "what it costs is said above"
+    words = one.words
+    say(f"{words[0].upper()}{words[1:]}: {found.candidate} then has {_figures(one)}, and {cost}.")
+    if one.patch:
+        say_command("To have it, add", f"--apply {number}")
+    elif one.unwritten:
+        say(f"No patch: {one.unwritten}.")
+
+
+def _conclude_without(found: advice.AdviceDocument) -> None:
+    """What comes nearest, and what has to be done before, where nothing was found."""
+    nothing = "Nothing that was searched so far" if found.interrupted else "Nothing"
+    if found.nearest is not None:
+        say(f"{nothing} meets the wish. {advice.nearest_in_words(found.nearest)}.")
+    elif found.first:
+        say(f"No change helps: {found.first}.")
+        say_command("These steps as a program:", "sqrp check WORKSPACE TASK --program FILE")
+    elif found.kinds:
+        say("Nothing that was tried meets the wish.")
+
+
+def _row(number: int, one: advice.AdviceFound) -> list[Styled]:
+    room = "-" if one.margin is None else shown_size(one.size + one.margin.more, one.unit)
+    figures = [percent(one.q_eoi), percent(one.q_avg), seconds(one.time), seconds(one.delay_worst)]
+    return [str(number), one.words, *figures, room]
+
+
+def _print_nearest(outcome: advice.KindOutcome) -> None:
+    nearest = outcome.nearest
+    if nearest is not None:
+        then = f"nearest: {nearest.words}, then {'; '.join(nearest.missing)}"
+        near = then if nearest.nearer else "nothing comes nearer"
+        limit = f" ({nearest.limit})" if nearest.limit else ""
+        say(plain(f"      {near}{limit}", "dim"), indent=6)
+
+
+def _figures(found: advice.AdvisedFigures) -> str:
+    parts = [f"Q_eoi {100 * found.q_eoi:.1f} %"] if found.q_eoi is not None else []
+    parts += [f"Q_avg {100 * found.q_avg:.1f} %"] if found.q_avg is not None else []
+    if found.time is None:
+        return "no feasible motion"
+    return ", ".join([*parts, f"{found.time:.1f} s"])
+
+
+MOST_UNSEEN = 8
+"""Most targets that are named where a wish cannot be met."""
+
+
+class Bounds:
+    """Lines on stderr about a search that is long: what is sought, the best so far, and the bound."""
+
+    def __init__(self) -> None:
+        """The first line comes after a while."""
+        self._told = monotonic()
+
+    def __call__(self, title: str, best: float | None, bound: float) -> None:
+        """Tell it, if the last line is old enough."""
+        if wanted.get() and monotonic() - self._told >= PERIOD:
+            self._told = monotonic()
+            known = "none" if best is None else f"{abs(best):.4g}"
+            note(f"{title}: best so far {known}, bound {abs(bound):.4g}")
+
+
+def print_placement(found: placing.PlaceDocument, wish: Wish | None, *, written: bool = False) -> None:
+    """The cameras, the figures of the candidates with them, and the proof. written: whether a patch was written."""
+    tasks = ", ".join(found.tasks)
+    say(joined([(tasks, "bold"), f" in {found.workspace}\n"]))
+    say(placing.compared_in_words(found))
+    if placing.unmet_in_words(found, wish):
+        _print_unmet(found, wish)
+    if found.cameras:
+        say()
+        _print_cameras(found)
+        say()
+        _print_candidates(found)
+    for one in found.infeasible:
+        say(joined([("no   ", "dim"), f" {one.task}: {one.candidate}: {one.reason}"]), indent=6)
+    say()
+    say(found.proof)
+    if found.survive:
+        say("Counted is only what is still seen if any one of the cameras fails.")
+        _print_price(found)
+    for words in filter(
+        None, (placing.moved_in_words(found), placing.ranked_in_words(found), placing.scope_in_words(found))
+    ):
+        say(words)
+    if found.patch and not written:
+        say_command("To have it, add", "--patch FILE")
+
+
+def _print_price(found: placing.PlaceDocument) -> None:
+    """What it costs that a camera may fail."""
+    without = found.without_spare
+    if without is None:
+        return
+    more, dearer = len(found.cameras) - without.cameras, found.price - without.price
+    worse = without.objective - found.objective
+    costs = [f"{placing.in_words(more)} more camera{'' if more == 1 else 's'}"] if more > 0 else []
+    costs += [f"a price of {dearer:g}"] if dearer > 1e-9 else []
+    costs += [f"{100 * worse:.1f} points of the {found.by} Q"] if worse > 5e-4 else []
+    if costs:
+        have = f"{placing.in_words(without.cameras)} with a {found.by} Q of {100 * without.objective:.1f} % would do"
+        say(f"That costs {' and '.join(costs)}: if none could fail, {have}.")
+    else:
+        say(f"That costs nothing: if none could fail, it would be {placing.in_words(without.cameras)}, too.")
+
+
+def _print_unmet(found: placing.PlaceDocument, wish: Wish | None) -> None:
+    say()
+    say(placing.unmet_in_words(found, wish), style="red")
+    for one in found.unseen[:MOST_UNSEEN]:
+        say(f"  {one.candidate}: {one}", indent=4)
+    if len(found.unseen) > MOST_UNSEEN:
+        say(f"  and {len(found.unseen) - MOST_UNSEEN} more, see --json", indent=4)
+
+
+def _print_cameras(found: placing.PlaceDocument) -> None:
+    columns = [Column("camera"), Column("mount"), Column("lens", shrink=True), Column("where [m]")]
+    columns += numbers("alone\n[%]", "loss if it\nfails [points]")
+    if any(one.price for one in found.cameras):
+        columns.append(Column("price", right=True))
+    rows = []
+    for one in found.cameras:
+        where = " ".join(f"{row[3]:.3f}" for row in one.pose[:3]) + ("" if one.frame == "world" else f" {one.frame}")
+        row = [one.name, one.mount, one.lens, where, f"{100 * one.alone:.1f}", f"{100 * one.loss:.1f}"]
+        rows.append([*row, f"{one.price:g}"][: len(columns)])
+    print_table(columns, rows)
+
+
+def _print_candidates(found: placing.PlaceDocument) -> None:
+    several = len(found.tasks) > 1
+    columns = [*([Column("task")] if several else []), Column("candidate")]
+    columns += numbers("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nafter")
+    rows = []
+    for one in found.candidates:
+        figures = [percent(one.q_eoi), percent(one.q_avg), seconds(one.time), seconds(one.delay_worst)]
+        rows.append([*([one.task] if several else []), one.candidate, *figures])
+    print_table(columns, rows)
