@@ -1,4 +1,4 @@
-"""What to score: every task of the workspaces of folders, files and patterns; its best candidate, and if it is enough."""
+"""What to score: every task of the workspaces of folders, files and patterns; its best candidate, and if it passes."""
 
 from __future__ import annotations
 
