@@ -28,12 +28,12 @@ from sqrp_cli.api.session import Session
 from sqrp_cli.geometry import Array, Indices, Mask, displacement, ranges
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.programming.candidate import Candidate
-from sqrp_cli.programming.coverage.assessment import Rehearsal, rehearsal
+from sqrp_cli.programming.coverage.assessment import rehearsal
 from sqrp_cli.programming.coverage.certificate import Certificate
 from sqrp_cli.programming.coverage.quality import ROUNDING, Qualities
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.coverage.stage import Samples
-from sqrp_cli.programming.coverage.timeline import Timeline, Watch, observe_all
+from sqrp_cli.programming.coverage.timeline import Rehearsal, Timeline, Watch, observe_all
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds

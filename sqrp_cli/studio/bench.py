@@ -300,7 +300,7 @@ def _steps(cell: Cell, assessment: Assessment) -> Steps | None:
 def _sketched(cell: Cell, way: Candidate, world: World) -> Sketch | Infeasible:
     """The motion of a way in a cell, from a world."""
     motion = feasible_motion(cell, way, world)
-    return motion if isinstance(motion, Infeasible) else Sketch(cell, rehearsal(cell, way, world, motion))
+    return motion if isinstance(motion, Infeasible) else Sketch.of(cell, rehearsal(cell, way, world, motion))
 
 
 def _figures(sketch: Steps) -> Mapping[str, float | None]:

@@ -13,16 +13,13 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Mask
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Rehearsal
 from sqrp_cli.programming.coverage.blind_spans import by_name
 from sqrp_cli.programming.coverage.observation import observation_of
 from sqrp_cli.programming.coverage.quality import Qualities
 from sqrp_cli.programming.coverage.sampling import FixedStep, first_samples
-from sqrp_cli.programming.coverage.stage import Samples
-from sqrp_cli.programming.coverage.timeline import Timeline
+from sqrp_cli.programming.coverage.timeline import Rehearsal, SampledScene, Timeline
 from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer
-from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.whole_study import mean_quality
 from sqrp_cli.report.documents.document import Record
 from sqrp_cli.report.documents.explanation import Verdict
@@ -65,27 +62,16 @@ class CoverageShown(Record):
 
 
 @dataclass(frozen=True, eq=False)
-class Sketch:
+class Sketch(SampledScene):
     """A motion, with what every camera sees of it at fixed times."""
 
     cell: Cell
-    scene: Rehearsal
 
-    @cached_property
-    def samples(self) -> Samples:
-        """The instants."""
-        step = FixedStep(max(SHORTEST, self.scene.motion.time / MOST))
-        return first_samples(step, self.scene.stage, self.cell.observer, self.scene.targets)
-
-    @cached_property
-    def states(self) -> SceneStates:
-        """Where everything is then."""
-        return self.scene.stage.states(self.samples)
-
-    @cached_property
-    def required(self) -> Mask:
-        """Whether a state holds the atom of each target, shape (m, targets)."""
-        return self.scene.stage.requires(self.scene.targets, self.samples)
+    @classmethod
+    def of(cls, cell: Cell, scene: Rehearsal) -> Sketch:
+        """The sketch of a motion in a cell."""
+        step = FixedStep(max(SHORTEST, scene.motion.time / MOST))
+        return cls(scene, first_samples(step, scene.stage, cell.observer, scene.targets), cell)
 
     @cached_property
     def matrix(self) -> Matrix:

@@ -37,7 +37,7 @@ def test_what_is_shown_briefly_is_what_is_shown_in_full_but_for_boxes(explained)
 def test_a_sketch_of_the_cell_as_it_is_has_the_verdicts_of_these_samples(explained):
     assignment, whole = explained
     study = whole.steps[0].study
-    shown = Sketch(assignment.cell, study).seen_by(assignment.cell)
+    shown = Sketch.of(assignment.cell, study).seen_by(assignment.cell)
     assert shown.t == study.timeline.samples.t.tolist()
     assert shown.q_avg == pytest.approx(whole.ranked.assessment.q_avg)
     exact = tidy(played(*explained, brief=True), digits=None)["samples"]
@@ -73,7 +73,7 @@ def test_steps_one_after_another_have_the_verdicts_and_qualities_of_these_sample
 
 def test_a_camera_that_moves_is_sketched_as_if_all_were_looked_at_anew(explained):
     assignment, whole = explained
-    sketch = Sketch(assignment.cell, whole.steps[0].study)
+    sketch = Sketch.of(assignment.cell, whole.steps[0].study)
     camera = assignment.cell.workspace.cameras["cam1"]
     there = (camera.X_FC[:3, 3] + np.array([0.1, 0.05, 0.0])).tolist()
     move = Move(kind="camera", name="cam1", position=there)

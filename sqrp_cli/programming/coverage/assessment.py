@@ -15,7 +15,6 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.logic.image_time import Onset, Window, Windows, delays
-from sqrp_cli.logic.literal import Literal
 from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.certificate import Certificate
@@ -23,19 +22,15 @@ from sqrp_cli.programming.coverage.fault_sights import all_fault_windows, fault_
 from sqrp_cli.programming.coverage.quality import NO_FIGURES, Figures, Qualities, figures_of
 from sqrp_cli.programming.coverage.sampling import MAX_SAMPLES, Sampling, sample_count
 from sqrp_cli.programming.coverage.stage import Stage
-from sqrp_cli.programming.coverage.timeline import Timeline, Watch, observe, observe_all
+from sqrp_cli.programming.coverage.timeline import Rehearsal, Timeline, observe, observe_all
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.grounding import TargetGrounder, formulas_outside, ground_formulas
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.stop_and_return import Recovery, recovery_over
 from sqrp_cli.programming.pieces import (
-    GroundFormula,
     cut_into_pieces,
     fault_intervals,
-    interesting_time,
-    monitored_time,
 )
-from sqrp_cli.programming.targets import Target
 from sqrp_cli.programming.task import Candidate
 
 _PROMPT = 1e-3
@@ -207,54 +202,6 @@ class Assessment(Figures):
     def delay_worst(self) -> float | None:
         """The longest time that any fault may remain unnoticed [s]; None without faults."""
         return max((fault.delay_worst for fault in self.faults.values()), default=None)
-
-
-@dataclass(frozen=True, eq=False)
-class Rehearsal:
-    """A feasible candidate with its motion, and what must be seen during it."""
-
-    candidate: Candidate
-    world: World
-    """That it starts from."""
-    motion: Motion
-    formulas: tuple[GroundFormula, ...]
-    targets: tuple[Target, ...]
-    stage: Stage
-
-    @property
-    def faults(self) -> Mapping[str, tuple[int, ...]]:
-        """The columns of each fault's atoms, by its name: indices into `targets`."""
-        columns: dict[str, dict[int, None]] = {}
-        index = {target.atom: column for column, target in enumerate(self.targets)}
-        for formula in self.formulas:
-            if formula.fault is not None and formula.operator.literals:
-                found = {index[literal.atom]: None for literal in formula.operator.literals}
-                columns.setdefault(formula.fault, {}).update(found)
-        return {fault: tuple(found) for fault, found in columns.items()}
-
-    @property
-    def fault_literals(self) -> Mapping[str, tuple[Literal, ...]]:
-        """All literals of each fault, by its name."""
-        found: dict[str, dict[Literal, None]] = {}
-        for formula in self.formulas:
-            if formula.fault is not None and formula.operator.literals:
-                found.setdefault(formula.fault, {}).update(dict.fromkeys(formula.operator.literals))
-        return {fault: tuple(literals) for fault, literals in found.items()}
-
-    @property
-    def T(self) -> float:
-        """Duration of the union of all formulas' intervals [s]."""
-        return monitored_time(self.formulas)
-
-    @property
-    def T_eoi(self) -> float:
-        """Duration of the union of the events of interest [s]."""
-        return interesting_time(self.formulas)
-
-    @property
-    def watch(self) -> Watch:
-        """What a timeline of it is about."""
-        return Watch(stage=self.stage, targets=self.targets, faults=self.faults, T=self.T, T_eoi=self.T_eoi)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, repeat
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,43 +22,10 @@ from sqrp_cli.logic.literal import Literal
 from sqrp_cli.programming.coverage.parting import held_in, least_delays, onset
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.stage import Stage
-from sqrp_cli.programming.coverage.timeline import Timeline, Watch, observe_all
-from sqrp_cli.programming.pieces import GroundFormula, Piece, fault_intervals
+from sqrp_cli.programming.coverage.timeline import Rehearsal, Timeline, Watch, observe_all
+from sqrp_cli.programming.pieces import Piece, fault_intervals
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.targets import Target
-from sqrp_cli.programming.task import Candidate
-
-
-class WatchedFaults(Protocol):
-    """A motion with its faults, and what must be seen during it."""
-
-    @property
-    def candidate(self) -> Candidate:
-        """What is done."""
-
-    @property
-    def stage(self) -> Stage:
-        """Where everything is."""
-
-    @property
-    def targets(self) -> tuple[Target, ...]:
-        """Of all formulas."""
-
-    @property
-    def formulas(self) -> tuple[GroundFormula, ...]:
-        """All formulas."""
-
-    @property
-    def fault_literals(self) -> Mapping[str, tuple[Literal, ...]]:
-        """All literals of each fault, by its name."""
-
-    @property
-    def T(self) -> float:
-        """Duration of the union of all formulas' intervals [s]."""
-
-    @property
-    def T_eoi(self) -> float:
-        """Duration of the union of the events of interest [s]."""
 
 
 class Clock(NamedTuple):
@@ -151,7 +118,7 @@ class Refuting(NamedTuple):
         return self._replace(targets=tuple(target.usual for target in self.targets))
 
 
-def refuting(scene: WatchedFaults) -> Refuting:
+def refuting(scene: Rehearsal) -> Refuting:
     """What shows the faults of a candidate.
 
     A literal that says that something is not so is shown by any one box of its target: by one with an object, which is
@@ -187,7 +154,7 @@ def _beyond(fault: FaultWatch, pieces: Sequence[Piece]) -> bool:
     )
 
 
-def _unchanged_until(scene: WatchedFaults, fault: str) -> float:
+def _unchanged_until(scene: Rehearsal, fault: str) -> float:
     """When what the tool holds changes first after a fault's last interval, less the time to settle [s]."""
     end = fault_intervals(scene.formulas, fault)[-1].end
     settle = max(one.stated.settle for one in scene.candidate.skill.requirements if one.name == fault)
@@ -208,7 +175,7 @@ def _telling(target: Target, literal: Literal, objects: Mapping[str, Array]) -> 
 class _Look(NamedTuple):
     """What is asked of the images of a motion."""
 
-    scene: WatchedFaults
+    scene: Rehearsal
     stage: Stage
     """The motion as planned, or after a loss."""
     asked: Refuting
@@ -254,7 +221,7 @@ class _Viewer(NamedTuple):
 
 
 def all_fault_windows(
-    scenes: Sequence[WatchedFaults], timelines: Sequence[Timeline], observer: Observer, sampling: Sampling
+    scenes: Sequence[Rehearsal], timelines: Sequence[Timeline], observer: Observer, sampling: Sampling
 ) -> list[dict[str, Windows]]:
     """The windows of every fault of several motions in one cell, by its name.
 
@@ -334,7 +301,7 @@ def after_loss(planned: Sequence[Window], lost: Sequence[Window], intervals: Seq
     return joined([*found, *within(lost, since, np.inf)])
 
 
-def _enough(asked: Refuting, scene: WatchedFaults, viewer: _Viewer, timeline: Timeline) -> Refuting:
+def _enough(asked: Refuting, scene: Rehearsal, viewer: _Viewer, timeline: Timeline) -> Refuting:
     """What shows the faults: the targets of formulas, if images show all faults by them all the time."""
     column = {target.atom: (number,) for number, target in enumerate(scene.targets)}
     whole = [replace(fault, columns=tuple(column[lit.atom] for lit in fault.literals)) for fault in asked.faults]
@@ -349,7 +316,7 @@ def _always_shown(fault: FaultWatch, windows: Sequence[Window]) -> bool:
     return all(shown_until(windows, interval.start) >= interval.end + period for interval in fault.intervals)
 
 
-def _watch(scene: WatchedFaults, stage: Stage, asked: Refuting) -> Watch:
+def _watch(scene: Rehearsal, stage: Stage, asked: Refuting) -> Watch:
     """A look at what shows the faults of a scene, on its stage or another, from when the first may happen."""
     pieces = [_asking(piece, asked.faults) for piece in stage.pieces]
     pieces = [piece for piece in pieces if any(fault.told_in(piece) for fault in asked.faults)]
@@ -364,7 +331,7 @@ def _asking(piece: Piece, faults: Sequence[FaultWatch]) -> Piece:
     return replace(piece, literals=tuple(dict.fromkeys([*piece.literals, *more]))) if more else piece
 
 
-def fault_onsets(scene: WatchedFaults, observer: Observer) -> dict[str, tuple[Onset, ...]]:
+def fault_onsets(scene: Rehearsal, observer: Observer) -> dict[str, tuple[Onset, ...]]:
     """From when on images show each fault, for each interval in which it may happen, by its name."""
     targets = {target.atom: target for target in scene.targets}
     return {
@@ -376,7 +343,7 @@ def fault_onsets(scene: WatchedFaults, observer: Observer) -> dict[str, tuple[On
     }
 
 
-def least_fault_delays(scene: WatchedFaults, observer: Observer, response: float) -> Array:
+def least_fault_delays(scene: Rehearsal, observer: Observer, response: float) -> Array:
     """What the longest delay of any fault is at least with each camera, see `parting.least_delays`."""
     targets = {target.atom: target for target in scene.targets}
     found = [

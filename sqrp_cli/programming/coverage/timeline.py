@@ -1,4 +1,4 @@
-"""The coverage of a candidate over time: sampled, and bisected where it changes."""
+"""A candidate's motion with what must be seen during it, and its coverage: sampled, and bisected where it changes."""
 
 from __future__ import annotations
 
@@ -10,12 +10,16 @@ from typing import NamedTuple
 import numpy as np
 
 from sqrp_cli.geometry import Array, Indices, Mask, ranges
-from sqrp_cli.logic.literal import Atom
+from sqrp_cli.knowledge.workspace.workspace import World
+from sqrp_cli.logic.literal import Atom, Literal
+from sqrp_cli.programming.candidate import Candidate
 from sqrp_cli.programming.coverage.observation import Look, Observation, full_observation, look_at
 from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling, all_first_samples
 from sqrp_cli.programming.coverage.stage import Samples, Stage
-from sqrp_cli.programming.pieces import Piece
+from sqrp_cli.programming.motion.plan_motion import Motion
+from sqrp_cli.programming.pieces import GroundFormula, Piece, interesting_time, monitored_time
 from sqrp_cli.programming.sensing.observer import Observer, sees_all
+from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.targets import Target
 
 SHORTEST_BRACKET = 1e-7
@@ -136,6 +140,72 @@ class Watch:
             T=self.T,
             T_eoi=self.T_eoi,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Rehearsal:
+    """A feasible candidate with its motion, and what must be seen during it."""
+
+    candidate: Candidate
+    world: World
+    """That it starts from."""
+    motion: Motion
+    formulas: tuple[GroundFormula, ...]
+    targets: tuple[Target, ...]
+    stage: Stage
+
+    @property
+    def faults(self) -> Mapping[str, tuple[int, ...]]:
+        """The columns of each fault's atoms, by its name: indices into `targets`."""
+        columns: dict[str, dict[int, None]] = {}
+        index = {target.atom: column for column, target in enumerate(self.targets)}
+        for formula in self.formulas:
+            if formula.fault is not None and formula.operator.literals:
+                found = {index[literal.atom]: None for literal in formula.operator.literals}
+                columns.setdefault(formula.fault, {}).update(found)
+        return {fault: tuple(found) for fault, found in columns.items()}
+
+    @property
+    def fault_literals(self) -> Mapping[str, tuple[Literal, ...]]:
+        """All literals of each fault, by its name."""
+        found: dict[str, dict[Literal, None]] = {}
+        for formula in self.formulas:
+            if formula.fault is not None and formula.operator.literals:
+                found.setdefault(formula.fault, {}).update(dict.fromkeys(formula.operator.literals))
+        return {fault: tuple(literals) for fault, literals in found.items()}
+
+    @property
+    def T(self) -> float:
+        """Duration of the union of all formulas' intervals [s]."""
+        return monitored_time(self.formulas)
+
+    @property
+    def T_eoi(self) -> float:
+        """Duration of the union of the events of interest [s]."""
+        return interesting_time(self.formulas)
+
+    @property
+    def watch(self) -> Watch:
+        """What a timeline of it is about."""
+        return Watch(stage=self.stage, targets=self.targets, faults=self.faults, T=self.T, T_eoi=self.T_eoi)
+
+
+@dataclass(frozen=True, eq=False)
+class SampledScene:
+    """A rehearsal at m samples, where all cameras look."""
+
+    scene: Rehearsal
+    samples: Samples
+
+    @cached_property
+    def states(self) -> SceneStates:
+        """Where everything is in the samples."""
+        return self.scene.stage.states(self.samples)
+
+    @cached_property
+    def required(self) -> Mask:
+        """Whether a state holds the atom of each target, shape (m, targets)."""
+        return self.scene.stage.requires(self.scene.targets, self.samples)
 
 
 def observe(watch: Watch, observer: Observer, sampling: Sampling, *, full: bool) -> Timeline:

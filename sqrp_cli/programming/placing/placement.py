@@ -9,8 +9,9 @@ from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.workspace.mounts import LensChoice, Mounts, Spot
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment, Rehearsal
+from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.sampling import Sampling
+from sqrp_cli.programming.coverage.timeline import Rehearsal
 from sqrp_cli.programming.placing.problem import Demand, Worth
 from sqrp_cli.programming.placing.tensor import Verdicts
 from sqrp_cli.programming.placing.views import View

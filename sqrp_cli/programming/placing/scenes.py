@@ -9,14 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, Indices, Mask, box_corners, transform
+from sqrp_cli.geometry import Array, Indices, box_corners, transform
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Rehearsal
 from sqrp_cli.programming.coverage.sampling import Adaptive, first_samples
 from sqrp_cli.programming.coverage.stage import Samples
+from sqrp_cli.programming.coverage.timeline import Rehearsal, SampledScene
 from sqrp_cli.programming.ranking import compared_time
 from sqrp_cli.programming.sensing.observer import Observer
-from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.task import Candidate
 
 EVERY = 3
@@ -35,32 +34,19 @@ class Items(NamedTuple):
     """Shape (n,)."""
 
 
-@dataclass(frozen=True, eq=False)
-class JudgedWay:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JudgedWay(SampledScene):
     """A way of a candidate with the samples in which mounts are judged."""
 
     task: str
     """As it was asked for."""
     candidate: Candidate
     """As a person chooses it."""
-    scene: Rehearsal
-    samples: Samples
-    """m of them."""
 
     @property
     def name(self) -> str:
         """The task and its candidate."""
         return f"{self.task}: {self.candidate.name}"
-
-    @cached_property
-    def states(self) -> SceneStates:
-        """Where everything is in the samples."""
-        return self.scene.stage.states(self.samples)
-
-    @cached_property
-    def required(self) -> Mask:
-        """Whether a state holds each target's atom, shape (m, a)."""
-        return self.scene.stage.requires(self.scene.targets, self.samples)
 
     @cached_property
     def items(self) -> Items:
@@ -96,7 +82,7 @@ def judged(cell: Cell, task: str, candidate: Candidate, scene: Rehearsal, every:
     ends = (np.diff(piece, prepend=-1) != 0) | (np.diff(piece, append=-1) != 0)
     number = np.arange(len(samples)) - np.maximum.accumulate(np.where(ends, np.arange(len(samples)), 0))
     rows = np.flatnonzero(ends | (number % every == 0))
-    return JudgedWay(task, candidate, scene, Samples(piece[rows], samples.t[rows]))
+    return JudgedWay(scene, Samples(piece[rows], samples.t[rows]), task=task, candidate=candidate)
 
 
 def varied(scenes: Sequence[Rehearsal]) -> list[Rehearsal]:

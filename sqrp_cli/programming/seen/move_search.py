@@ -16,9 +16,9 @@ from typing import Literal
 import numpy as np
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.programming.coverage.assessment import Rehearsal
 from sqrp_cli.programming.coverage.observation import Look, look_at
 from sqrp_cli.programming.coverage.stage import Samples, Stage
+from sqrp_cli.programming.coverage.timeline import Rehearsal
 from sqrp_cli.programming.motion.collision.placed_scene import PlacedScene
 from sqrp_cli.programming.motion.paths.blended_path import motion_through
 from sqrp_cli.programming.motion.timing import MotionLimits

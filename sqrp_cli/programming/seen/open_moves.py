@@ -11,7 +11,8 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Indices
 from sqrp_cli.knowledge.skill.skill import HOME
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import BlindEnd, Rehearsal, Study
+from sqrp_cli.programming.coverage.assessment import BlindEnd, Study
+from sqrp_cli.programming.coverage.timeline import Rehearsal
 from sqrp_cli.programming.feasibility import skill_use
 from sqrp_cli.programming.motion.ground_primitives import ground_primitives
 from sqrp_cli.programming.motion.paths.position_limits import near_limits

@@ -12,11 +12,12 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Rehearsal, Study, study
+from sqrp_cli.programming.coverage.assessment import Study, study
 from sqrp_cli.programming.coverage.observation import Look, look_at
 from sqrp_cli.programming.coverage.quality import average_quality
 from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling
 from sqrp_cli.programming.coverage.stage import Samples
+from sqrp_cli.programming.coverage.timeline import Rehearsal
 from sqrp_cli.programming.seen.move_search import (
     COST_DECIMALS,
     EXACTLY,

@@ -16,7 +16,6 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import (
     Assessment,
     BlindEnd,
-    Rehearsal,
     Study,
     Watched,
     WayFigures,
@@ -28,6 +27,7 @@ from sqrp_cli.programming.coverage.assessment import (
     with_delays,
 )
 from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling
+from sqrp_cli.programming.coverage.timeline import Rehearsal
 from sqrp_cli.programming.feasibility import feasible_motion, impossible_start, skill_use
 from sqrp_cli.programming.motion.plan_motion import Motion, no_such_branch, plan_branches, plan_motion
 from sqrp_cli.programming.ranking import Criterion, Ranked, compared_quality, compared_time, contenders, rank

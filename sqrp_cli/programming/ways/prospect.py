@@ -9,11 +9,11 @@ import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.skill.skill import JointMove
-from sqrp_cli.programming.coverage.assessment import Assessment, Rehearsal
+from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.observation import Look, look_at
 from sqrp_cli.programming.coverage.sampling import within_pieces
 from sqrp_cli.programming.coverage.stage import Samples
-from sqrp_cli.programming.coverage.timeline import Timeline
+from sqrp_cli.programming.coverage.timeline import Rehearsal, Timeline
 from sqrp_cli.programming.sensing.observer import Observer
 
 LOOKS_AT_MOVE, LOOKS_AT_OTHERS = 17, 5

@@ -45,7 +45,8 @@ class LookJob(Job):
         motion = feasible_motion(cell, way, world)
         if isinstance(motion, Infeasible) or self.samples is None:
             raise ValueError(f"{way.name} was feasible a moment ago")
-        judged = JudgedWay(self.task, way, rehearsal(cell, way, world, motion), self.samples)
+        scene = rehearsal(cell, way, world, motion)
+        judged = JudgedWay(scene, self.samples, task=self.task, candidate=way)
         return (as_line(seen_by(cell, judged, self.spots, self.views, self.lenses)),)
 
 

@@ -11,10 +11,11 @@ import numpy as np
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Rehearsal, Study, observed, rehearsal, study
+from sqrp_cli.programming.coverage.assessment import Study, observed, rehearsal, study
 from sqrp_cli.programming.coverage.quality import average_quality
 from sqrp_cli.programming.coverage.robustness import Calibration, perturbed
 from sqrp_cli.programming.coverage.sampling import Adaptive
+from sqrp_cli.programming.coverage.timeline import Rehearsal
 from sqrp_cli.programming.motion.fingers import with_fingers
 from sqrp_cli.programming.motion.paths.way_around import find_way as find_way_around
 from sqrp_cli.programming.motion.plan_motion import Motion
