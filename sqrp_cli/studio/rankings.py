@@ -5,28 +5,13 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.platform.memory import give_back_memory
 from sqrp_cli.studio.bench_process import Bench
 from sqrp_cli.studio.messages import kind_of
-from sqrp_cli.studio.moves import Move
-from sqrp_cli.studio.requests import Choose, Hold, Rank
+from sqrp_cli.studio.requests import Asked, Choose, Hold, Rank
 from sqrp_cli.studio.server import Live
-
-if TYPE_CHECKING:
-    from sqrp_cli.programming.ranking import Criterion
-
-
-@dataclass(frozen=True)
-class Asked:
-    """What is ranked."""
-
-    content: bytes
-    task: str
-    by: Criterion
 
 
 class Rankings:
@@ -65,15 +50,15 @@ class Rankings:
         self._asked, self._ranked = asked, None
         self._bench.ask(Rank(**vars(asked), number=self.number))
 
-    def choose(self, name: str) -> None:
+    def choose(self, asked: Choose) -> None:
         """Show a candidate over time."""
         self._live.forget("detail")
-        self._bench.ask(Choose(name=name))
+        self._bench.ask(asked)
 
-    def hold(self, move: Move, number: int) -> None:
+    def hold(self, asked: Hold) -> None:
         """Sketch what a hand moves."""
         self._held, self._comparing = True, None
-        self._bench.ask(Hold(move=move, number=number))
+        self._bench.ask(asked)
 
     @property
     def interrupted(self) -> bool:

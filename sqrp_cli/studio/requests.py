@@ -21,10 +21,10 @@ class _Request(BaseModel):
     model_config = ConfigDict(strict=True, frozen=True, extra="forbid")
 
 
-class HoldAt(_Request):
+class Hold(_Request):
     """A hand holds something, and moves it."""
 
-    do: Literal["hold"]
+    do: Literal["hold"] = "hold"
     move: Move
     number: int
     """Of the sketch that is asked for; its answer carries it."""
@@ -60,10 +60,10 @@ class AskTask(_Request):
     by: Literal["q_eoi", "q_avg", "time", "delay", "expected_time"]
 
 
-class ChooseCandidate(_Request):
+class Choose(_Request):
     """Another candidate is shown over time."""
 
-    do: Literal["choose"]
+    do: Literal["choose"] = "choose"
     name: Words
 
 
@@ -96,9 +96,7 @@ class DropFault(_Request):
     name: Words
 
 
-Request = (
-    HoldAt | PutDown | SetValue | Plain | AskTask | ChooseCandidate | Apply | WriteProgram | RunProgram | DropFault
-)
+Request = Hold | PutDown | SetValue | Plain | AskTask | Choose | Apply | WriteProgram | RunProgram | DropFault
 
 _REQUEST: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="do")])
 
@@ -113,33 +111,25 @@ def read_request(text: str) -> Request:
         raise InputError(Problem("bad-option", f"this request is not understood: {where}: {first['msg']}")) from None
 
 
-@dataclass(frozen=True, kw_only=True)
-class Rank:
-    """To rank a task in the cell of a text."""
+@dataclass(frozen=True)
+class Asked:
+    """What is ranked: a task in the cell of a text."""
 
     content: bytes
     """Of the workspace file."""
     task: str
     by: Criterion
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rank(Asked):
+    """To rank it."""
+
     number: int
     """Of the question; answers carry it."""
     of_saved: bool = False
     """Whether only figures are wanted, to compare others with."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Choose:
-    """To show a candidate over time."""
-
-    name: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class Hold:
-    """To sketch the chosen candidate while a hand holds something."""
-
-    move: Move
-    number: int
-
-
 Question = Rank | Choose | Hold
+"""What the process that computes is asked."""

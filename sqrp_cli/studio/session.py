@@ -26,13 +26,14 @@ from sqrp_cli.studio.draft import Draft, DraftChange
 from sqrp_cli.studio.jobs import Errands, Play, Search, Write
 from sqrp_cli.studio.messages import findings, handles, message, parameters, studio_page
 from sqrp_cli.studio.moves import written
-from sqrp_cli.studio.rankings import Asked, Rankings
+from sqrp_cli.studio.rankings import Rankings
 from sqrp_cli.studio.requests import (
     Apply,
+    Asked,
     AskTask,
-    ChooseCandidate,
+    Choose,
     DropFault,
-    HoldAt,
+    Hold,
     Plain,
     PutDown,
     RunProgram,
@@ -157,9 +158,9 @@ class Studio:
 
     async def _obey(self, text: str) -> None:
         match read_request(text):
-            case HoldAt(move=move, number=number):
-                self.live.tell(message("move", move=move))
-                self._rankings.hold(move, number)
+            case Hold() as asked:
+                self.live.tell(message("move", move=asked.move))
+                self._rankings.hold(asked)
             case PutDown(move=move):
                 try:
                     label = move.in_words(handles(self._workspace)[move.kind].get(move.name))
@@ -170,8 +171,8 @@ class Studio:
                 self._edit(f"{path} = {value}", lambda: with_values(self._document(), {path: value}))
             case AskTask(text=task, by=by):
                 self._ask(task, by)
-            case ChooseCandidate(name=name):
-                self._choose(name)
+            case Choose() as asked:
+                self._choose(asked)
             case Apply(number=number):
                 self._apply(number)
             case WriteProgram(file=file):
@@ -244,10 +245,10 @@ class Studio:
         self._rank()
         self._tell_state()
 
-    def _choose(self, name: str) -> None:
-        self._chosen = name
-        self._rankings.choose(name)
-        self._note("shown", self._command("explain", self._task, "--choose", name))
+    def _choose(self, asked: Choose) -> None:
+        self._chosen = asked.name
+        self._rankings.choose(asked)
+        self._note("shown", self._command("explain", self._task, "--choose", asked.name))
         self._tell_state()
 
     def difference(self) -> None:

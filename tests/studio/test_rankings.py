@@ -14,8 +14,8 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
 from sqrp_cli.studio.jobs import Offer
 from sqrp_cli.studio.moves import Move, written
-from sqrp_cli.studio.rankings import Asked, Rankings
-from sqrp_cli.studio.requests import Hold, Rank
+from sqrp_cli.studio.rankings import Rankings
+from sqrp_cli.studio.requests import Asked, Hold, Rank
 from sqrp_cli.studio.server import Live
 from sqrp_cli.studio.session import Studio
 from tests.studio.conftest import TASK
@@ -74,9 +74,10 @@ def test_the_saved_file_is_ranked_once_all_is_shown(bench, answered):
 def test_nothing_is_compared_while_a_hand_holds_something(bench, answered):
     rankings = answered(do="ranking", number=1, entries=[{"name": "g1"}])
     move = Move(kind="camera", name="cam1", position=[0.0, 0.0, 1.0])
-    rankings.hold(move, 1)
+    asked = Hold(move=move, number=1)
+    rankings.hold(asked)
     answered(do="detail", name="g1", detail=None)
-    assert bench.asked[1:] == [Hold(move=move, number=1)]
+    assert bench.asked[1:] == [asked]
 
 
 def test_figures_of_the_file_before_it_was_saved_are_not_those_of_the_saved_file(bench, answered):
