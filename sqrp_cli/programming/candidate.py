@@ -11,7 +11,7 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.skill.settings import ANY, DIRECT, SEEN, MotionValue, Reference
 from sqrp_cli.knowledge.skill.skill import JointMove, Skill
 from sqrp_cli.knowledge.workspace.workspace import Workspace
-from sqrp_cli.logic.conditions import apply_effect, failing_literals
+from sqrp_cli.logic.conditions import UnmetPart, apply_effect, failing_literals
 from sqrp_cli.logic.literal import Atom
 
 THEN = " then "
@@ -53,6 +53,10 @@ class Candidate:
         if self.steps:
             return THEN.join(step.task for step in self.steps)
         return " ".join([self.skill.name, *self.binding.values()])
+
+    def lacks(self, workspace: Workspace, facts: frozenset[Atom]) -> tuple[UnmetPart, ...]:
+        """The parts of its precondition that do not hold in a workspace with these facts; empty if it holds."""
+        return failing_literals(self.skill.action, self.binding, facts, workspace.types, self.skill.domain)
 
     @property
     def leaves_free(self) -> bool:
@@ -165,13 +169,12 @@ def _possible(
     if not steps:
         yield ()
         return
-    objects = {name: frozenset(obj.types) for name, obj in workspace.objects.items()}
     for candidate in steps[0].candidates:
-        skill, after = candidate.skill, facts
+        after = facts
         if facts is not None:
-            if failing_literals(skill.action, candidate.binding, facts, objects, skill.domain):
+            if candidate.lacks(workspace, facts):
                 continue
-            after = apply_effect(skill.action, candidate.binding, facts)
+            after = apply_effect(candidate.skill.action, candidate.binding, facts)
         for others in _possible(steps[1:], workspace, after):
             yield (candidate, *others)
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from sqrp_cli.errors import Infeasible, InputError
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.knowledge.workspace.workspace import World
-from sqrp_cli.logic.conditions import failing_literals
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.motion.ground_primitives import SkillUse
 from sqrp_cli.programming.motion.plan_motion import Motion, plan_motion
@@ -48,10 +47,8 @@ def skill_use(cell: Cell, candidate: Candidate, world: World) -> SkillUse:
 
 def unmet_preconditions(cell: Cell, candidate: Candidate, world: World) -> tuple[str, ...]:
     """Sentences about the failing parts of the candidate's precondition in a world; empty if it holds."""
-    objects = {name: frozenset(obj.types) for name, obj in cell.workspace.objects.items()}
-    skill = candidate.skill
-    failing = failing_literals(skill.action, candidate.binding, world.facts, objects, skill.domain)
-    return tuple(f"`{skill.name}` needs `{literal}`, which does not hold" for literal in failing)
+    failing = candidate.lacks(cell.workspace, world.facts)
+    return tuple(f"`{candidate.skill.name}` needs `{literal}`, which does not hold" for literal in failing)
 
 
 MOST_WAYS = 4

@@ -6,9 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
-from sqrp_cli.logic.conditions import failing_literals
 from sqrp_cli.logic.domain import merge_domains
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.planner import AlreadySatisfied, GaveUp, Plan, Planner, PlanningResult, ProvenImpossible, find_plan
@@ -17,12 +15,12 @@ from sqrp_cli.programming.candidate import THEN, Candidate, Task
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.sampling import Adaptive
-from sqrp_cli.programming.feasibility import feasible_motion, unmet_preconditions
+from sqrp_cli.programming.feasibility import unmet_preconditions
 from sqrp_cli.programming.pipeline import Assignment, assess_all
-from sqrp_cli.programming.program_update import world_after
 from sqrp_cli.programming.ranking import rank
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.programming.ways.find import WantedWay
+from sqrp_cli.programming.whole_study import world_left
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,9 +127,8 @@ class Suggester:
     def _plan(self, candidate: Candidate) -> PlanningResult:
         key = (candidate.skill.name, *candidate.binding.values())
         if key not in self._plans:
-            objects = {name: frozenset(obj.types) for name, obj in self.cell.workspace.objects.items()}
-            goal = candidate.skill.action.precondition
-            self._plans[key] = self._planner(self._domain, objects, self.world.facts, goal, candidate.binding)
+            goal, types = candidate.skill.action.precondition, self.cell.workspace.types
+            self._plans[key] = self._planner(self._domain, types, self.world.facts, goal, candidate.binding)
         return self._plans[key]
 
     def _after(self, steps: tuple[PlanStep, ...]) -> tuple[SuggestedStep, World | None]:
@@ -147,7 +144,7 @@ class Suggester:
             return SuggestedStep(task.text, str(step), None, None), None
         assignment = Assignment(self.cell, world, Adaptive())
         best = rank(tuple(assess_all(assignment, task.candidates, self.jobs)), "q_eoi")[0].assessment
-        return SuggestedStep.of(best, world), self._world_after(best, world)
+        return SuggestedStep.of(best, world), world_left(self.cell, best, world)
 
     def _last(self, candidate: Candidate, world: World | None) -> SuggestedStep:
         if world is None:
@@ -156,18 +153,10 @@ class Suggester:
         assignment = Assignment(self.cell, world, Adaptive(), wanted=self._wanted)
         return SuggestedStep.of(assignment.assess(candidate), world)
 
-    def _world_after(self, assessment: Assessment, world: World) -> World | None:
-        if not assessment.feasible:
-            return None
-        motion = feasible_motion(self.cell, assessment.way, world)
-        return None if isinstance(motion, Infeasible) else world_after(assessment.way, motion, world)
-
     def _task(self, step: PlanStep) -> Task:
         """The task of a step, with all its candidates."""
         workspace = self.cell.workspace
-        skill = next(skill for skill in workspace.skills.values() if skill.action.name == step.action)
-        bound = zip((parameter.name for parameter in skill.action.parameters), step.arguments, strict=True)
-        task = read_task(" ".join([skill.name, *(f"{name}={value}" for name, value in bound)]), workspace)
+        task = read_task(_text(step, workspace), workspace)
         return Task(task.candidates[0].task, task.skill, task.candidates)
 
 
@@ -182,7 +171,7 @@ def with_first_steps(task: Task, workspace: Workspace, facts: frozenset[Atom] | 
     hold before it, by default those of the workspace.
     """
     facts = workspace.state if facts is None else facts
-    if task.candidates[0].steps or any(not _lacks(one, workspace, facts) for one in task.candidates):
+    if task.candidates[0].steps or any(not one.lacks(workspace, facts) for one in task.candidates):
         return task
     plans = sorted(_plans(task, workspace, facts), key=lambda found: len(found[0]))
     if not plans:
@@ -194,20 +183,13 @@ def with_first_steps(task: Task, workspace: Workspace, facts: frozenset[Atom] | 
     return read_task(THEN.join([*steps, " ".join([last.skill.name, *names, *kept])]), workspace, facts)
 
 
-def _lacks(candidate: Candidate, workspace: Workspace, facts: frozenset[Atom]) -> bool:
-    objects = {name: frozenset(obj.types) for name, obj in workspace.objects.items()}
-    action = candidate.skill.action
-    return bool(failing_literals(action, candidate.binding, facts, objects, candidate.skill.domain))
-
-
 def _plans(task: Task, workspace: Workspace, facts: frozenset[Atom]) -> Iterator[tuple[list[str], Candidate]]:
     """Plans for the different choices of objects: the tasks to do first, and the candidate."""
     domain = merge_domains([skill.domain for skill in workspace.skills.values()])
-    objects = {name: frozenset(obj.types) for name, obj in workspace.objects.items()}
     different = {tuple(one.binding.values()): one for one in reversed(task.candidates)}
     for candidate in list(reversed(different.values()))[:MOST_PLANNED]:
         goal = candidate.skill.action.precondition
-        found = find_plan(domain, objects, facts, goal, candidate.binding)
+        found = find_plan(domain, workspace.types, facts, goal, candidate.binding)
         if isinstance(found, Plan):
             yield [_text(step, workspace) for step in found.steps], candidate
 

@@ -68,7 +68,7 @@ def steps_done(
         known = _known.setdefault(before, {})
         if key not in known:
             assessment = assess(before, step)
-            known[key] = StepDone(assessment, before, _after(cell, assessment, before))
+            known[key] = StepDone(assessment, before, world_left(cell, assessment, before))
         done.append(known[key])
         before = done[-1].after
     return done
@@ -139,7 +139,8 @@ _known: WeakKeyDictionary[World, dict[tuple[str, ...], StepDone]] = WeakKeyDicti
 """Steps that several candidates share, by the world that they start from."""
 
 
-def _after(cell: Cell, assessment: Assessment, world: World) -> World | None:
+def world_left(cell: Cell, assessment: Assessment, world: World) -> World | None:
+    """The world that a candidate leaves which begins in another one; None if it cannot be done."""
     if not assessment.feasible:
         return None
     motion = feasible_motion(cell, assessment.way, world)

@@ -172,6 +172,11 @@ class Workspace:
         """Its file as a place, at the path as it was given."""
         return Place(next((place.file for place in self.places.values()), self.path))
 
+    @cached_property
+    def types(self) -> Mapping[str, frozenset[str]]:
+        """The types of every object, by its name."""
+        return {name: frozenset(obj.types) for name, obj in self.objects.items()}
+
     @property
     def stated_world(self) -> World:
         """The world as the file states it: fingers open, and no world pose for a held object.
