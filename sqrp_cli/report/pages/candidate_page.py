@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -36,9 +36,14 @@ from sqrp_cli.shapes import Triangles
 from sqrp_cli.version import __version__
 
 if TYPE_CHECKING:
+    from sqrp_cli.knowledge.workspace.workspace import Workspace
     from sqrp_cli.scoring.score import ScoredCell, TaskScore
     from sqrp_cli.scoring.scorecard import Progress, Scorecard
     from sqrp_cli.scoring.work.compute import Means
+
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 
 def write_ranking(
@@ -54,19 +59,14 @@ def write_ranking(
 ) -> None:
     """Write the page about a ranking. arguments: of the command. jobs: processes to use at most."""
     cell = assignment.cell
-    workspace = cell.workspace
-    with progress("Writing the report", len(ranking)) as advance:
-        details = []
-        for detail in in_processes(lambda ranked: _detail(assignment, ranked), ranking, min(jobs, len(ranking) // 2)):
-            details.append(detail)
-            advance(1)
-    entries = candidate_rows(ranking, details)
-    about = [*origin(arguments), ("workspace", str(workspace.path)), ("digest", workspace.digest)]
+    details = computed(lambda ranked: _detail(assignment, ranked), ranking, min(jobs, len(ranking) // 2), progress)
+    entries = candidate_rows(ranking, list(details))
+    about = origin(arguments, cell.workspace)
     if feasible := [ranked for ranked in ranking if ranked.rank is not None]:
         about.append(("accuracy", accuracy(assignment.sampling, feasible)))
         if assignment.bounds is not None:
             about.append(("proven", proven(assignment.bounds, feasible, by)))
-    title = f"{task} in {workspace.name}"
+    title = f"{task} in {cell.workspace.name}"
     said = f"{summary(ranking, by)}. {why_first(feasible, by) if feasible else ''}".strip()
     write_page(PageContent(title, said, "Candidates", about, entries, [cell_scene(cell)]), path)
 
@@ -88,13 +88,9 @@ def write_scores(
     scores = [result.score for result in findings.results]
     scenes: list[CellScene] = []
     entries: list[PageRow] = [_score(score, None, None) for score in scores if score.task is None]
-    with progress("Writing the report", len(usable)) as advance:
-        for scene, found in in_processes(
-            lambda cell: _scored(cell, scores, means), usable, min(means.jobs, len(usable))
-        ):
-            entries += found if scene is None else [replace(entry, scene=len(scenes)) for entry in found]
-            scenes += [] if scene is None else [scene]
-            advance(1)
+    for scene, found in computed(lambda cell: _scored(cell, scores, means), usable, means.jobs, progress):
+        entries += found if scene is None else [replace(entry, scene=len(scenes)) for entry in found]
+        scenes += [] if scene is None else [scene]
     digests = [(f"digest of {cell.name}", cell.workspace.digest) for cell in usable if cell.workspace is not None]
     about = [*origin(arguments), *digests]
     passed = (
@@ -170,9 +166,18 @@ def cell_scene(cell: Cell) -> CellScene:
     return CellScene(ShowDocument.of(cell), packed(SceneModel.of(cell)))
 
 
-def origin(arguments: Sequence[str]) -> list[tuple[str, str]]:
-    """The command and the version that made the page."""
-    return [("command", shlex.join(["sqrp", *arguments])), ("SQRP", __version__)]
+def origin(arguments: Sequence[str], workspace: Workspace | None = None) -> list[tuple[str, str]]:
+    """The command and the version that made the page, and the workspace that it is about, if it is about one."""
+    about = [("command", shlex.join(["sqrp", *arguments])), ("SQRP", __version__)]
+    return about if workspace is None else [*about, ("workspace", str(workspace.path)), ("digest", workspace.digest)]
+
+
+def computed(work: Callable[[Item], Result], items: Sequence[Item], jobs: int, progress: Progress) -> Iterator[Result]:
+    """What `work` finds of each item of a page, in order, with the progress shown. jobs: processes to use at most."""
+    with progress("Writing the report", len(items)) as advance:
+        for found in in_processes(work, items, min(jobs, len(items))):
+            yield found
+            advance(1)
 
 
 def playback(assignment: Assignment, explained: ExplainedWhole) -> str | None:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
-from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.advice.change import Advice
 from sqrp_cli.programming.advice.question import is_fastest
 from sqrp_cli.programming.advice.wish import Wish
@@ -19,7 +18,7 @@ from sqrp_cli.report.documents import placing
 from sqrp_cli.report.documents.advice import AdviceDocument, costs, held_ways, nearest_in_words
 from sqrp_cli.report.documents.candidates import CandidateFigures
 from sqrp_cli.report.documents.scene import ShowDocument
-from sqrp_cli.report.pages.candidate_page import cell_scene, origin, playback
+from sqrp_cli.report.pages.candidate_page import cell_scene, computed, origin, playback
 from sqrp_cli.report.pages.page import CellScene, MountShown, PageContent, PageRow, PlacementShown, write_page
 from sqrp_cli.report.sentences import KIND_WORDS, accuracy, reasons_by_doing, way_of
 from sqrp_cli.scoring.scorecard import Progress
@@ -55,16 +54,13 @@ def write_advice(shown: AdviceShown, path: Path, *, arguments: Sequence[str], jo
     rows = list(_rows(shown))
     scenes = [cell_scene(original.cell)]
     entries = []
-    with progress("Writing the report", len(rows)) as advance:
-        found = in_processes(lambda row: studied(*row, shown.wish), rows, min(jobs, len(rows)))
-        for (_, _, assignment), row in zip(rows, found, strict=True):
-            same = assignment.cell is original.cell
-            if not same:
-                scenes.append(CellScene(ShowDocument.of(assignment.cell), scenes[0].model))  # cameras are no solids
-            entries.append(replace(row, scene=0 if same else len(scenes) - 1))
-            advance(1)
-    workspace = original.cell.workspace
-    about = [*origin(arguments), ("workspace", str(workspace.path)), ("digest", workspace.digest)]
+    found = computed(lambda row: studied(*row, shown.wish), rows, jobs, progress)
+    for (_, _, assignment), row in zip(rows, found, strict=True):
+        same = assignment.cell is original.cell
+        if not same:
+            scenes.append(CellScene(ShowDocument.of(assignment.cell), scenes[0].model))  # cameras are no solids
+        entries.append(replace(row, scene=0 if same else len(scenes) - 1))
+    about = origin(arguments, original.cell.workspace)
     if feasible := [Ranked(row.found, 1, pareto=False) for row in rows if row.found.feasible]:
         about.append(("accuracy", accuracy(original.sampling, feasible)))
     about += [(KIND_WORDS[kind.kind], kind.why) for kind in document.kinds if kind.why is not None]
@@ -136,18 +132,12 @@ def write_placement(
     """Write the page about a placement. arguments: of the command. jobs: processes to use at most."""
     question = found.question
     assignment = Assignment(found.cell, question.world, question.sampling)
-    entries = []
 
     def shown(one: JudgedCandidate) -> PageRow:
         return studied(_row(found, document, one), one.found, assignment, question.demand.wish)
 
-    with progress("Writing the report", len(found.candidates)) as advance:
-        for row in in_processes(shown, found.candidates, min(jobs, len(found.candidates))):
-            entries.append(row)
-            advance(1)
-    entries += _infeasible(found)
-    workspace = found.cell.workspace
-    about = [*origin(arguments), ("workspace", str(workspace.path)), ("digest", workspace.digest)]
+    entries = [*computed(shown, found.candidates, jobs, progress), *_infeasible(found)]
+    about = origin(arguments, found.cell.workspace)
     about += [("compared", placing.compared_in_words(document)), ("proof", placing.scope_in_words(document))]
     about += [("to have it", "add --patch FILE to the command")] if document.patch else []
     if found.candidates:

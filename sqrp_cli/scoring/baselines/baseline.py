@@ -57,14 +57,8 @@ def _sampling(value: object) -> Sampling:
 
 
 def _sampling_text(sampling: Sampling) -> str:
-    match sampling:
-        case Adaptive(number):
-            kind = "Adaptive(tolerance"
-        case FixedCount(number):
-            kind = "FixedCount(samples"
-        case FixedStep(number):
-            kind = "FixedStep(dt"
-    return f"{kind}={json.dumps(number)})"
+    ((name, number),) = vars(sampling).items()
+    return f"{type(sampling).__name__}({name}={json.dumps(number)})"
 
 
 def _scalar(value: object) -> LeafValue:
