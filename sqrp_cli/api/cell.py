@@ -310,10 +310,9 @@ class OpenCell:
         once. planner: that of this package by default.
         """
         from sqrp_cli.checks.cell_warnings import cell_warnings
-        from sqrp_cli.checks.dependency_check import best_suggestion, check_candidate
         from sqrp_cli.checks.formulas import intervals_outside
         from sqrp_cli.logic.planner import find_plan
-        from sqrp_cli.programming.suggestion import Suggester
+        from sqrp_cli.programming.suggestion import Suggester, best_suggestion, check_candidate
         from sqrp_cli.programming.task import example_task, impossible_tasks
 
         arguments.check_means(jobs, progress)

@@ -19,12 +19,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sqrp_cli.api.session import Session
-    from sqrp_cli.checks.dependency_check import Feasibility
     from sqrp_cli.programming.cell import Cell
     from sqrp_cli.programming.coverage.assessment import Assessment
     from sqrp_cli.programming.pipeline import Explained
     from sqrp_cli.programming.ranking import Criterion, Ranked
-    from sqrp_cli.programming.suggestion import SuggestedStep
+    from sqrp_cli.programming.suggestion import Feasibility, SuggestedStep
     from sqrp_cli.programming.whole_study import StepShown
     from sqrp_cli.report.documents.candidates import CandidateFigures, RankDocument
     from sqrp_cli.report.documents.checks import CheckDocument, CheckedCandidate

@@ -8,10 +8,9 @@ from itertools import groupby
 
 from rich.text import Text
 
-from sqrp_cli.checks.dependency_check import Feasibility
 from sqrp_cli.checks.registry import RuleEntry
 from sqrp_cli.errors import Problem
-from sqrp_cli.programming.suggestion import SuggestedStep
+from sqrp_cli.programming.suggestion import Feasibility, SuggestedStep
 from sqrp_cli.terminal.console import SEVERITY_STYLES, Column, Share, plain, print_table, say, say_command, say_line
 from sqrp_cli.terminal.rank_table import MOST_ROWS, print_infeasible
 

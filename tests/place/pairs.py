@@ -10,8 +10,7 @@ import numpy as np
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.programming.placing.place import Placer
 from sqrp_cli.programming.placing.problem import Placing
-from sqrp_cli.programming.placing.scenes import JudgedWay
-from sqrp_cli.programming.placing.views import camera_of
+from sqrp_cli.programming.placing.scenes import JudgedWay, camera_of
 from sqrp_cli.programming.sensing.observer import Observer, sees_all
 
 

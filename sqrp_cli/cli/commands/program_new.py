@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sqrp_cli.api.session import ChosenStep, Session, add_steps, assess, chosen_steps
-from sqrp_cli.checks.dependency_check import best_suggestion, check_candidate
 from sqrp_cli.cli.options import job_count, open_with_warnings
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem
 from sqrp_cli.knowledge.workspace.workspace import World
@@ -19,7 +18,7 @@ from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.feasibility import Possibility, possibilities
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.ranking import Ranked, rank
-from sqrp_cli.programming.suggestion import Suggester
+from sqrp_cli.programming.suggestion import Suggester, best_suggestion, check_candidate
 from sqrp_cli.programming.task import Task, read_task
 from sqrp_cli.terminal.check_table import print_suggested
 from sqrp_cli.terminal.console import Column, ask, note, print_problems, print_table, progress, say

@@ -27,8 +27,8 @@ from sqrp_cli.programming.placing.placement import (
 )
 from sqrp_cli.programming.placing.problem import Choice, Demand, Placing, obstacle, unusable, worth_of
 from sqrp_cli.programming.placing.refine import CameraSeat, refined
+from sqrp_cli.programming.placing.scenes import blocked, price_of
 from sqrp_cli.programming.placing.survey import Progress, Survey
-from sqrp_cli.programming.placing.views import blocked, price_of
 from sqrp_cli.programming.ways.find import WantedWay, find_way, with_branch
 
 ROUNDS = 8

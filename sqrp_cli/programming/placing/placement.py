@@ -13,8 +13,8 @@ from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.timeline import Rehearsal
 from sqrp_cli.programming.placing.problem import Demand, Worth
+from sqrp_cli.programming.placing.scenes import View
 from sqrp_cli.programming.placing.tensor import Verdicts
-from sqrp_cli.programming.placing.views import View
 from sqrp_cli.programming.task import Candidate, Task
 
 ROUNDED = 1e-6

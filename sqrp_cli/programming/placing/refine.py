@@ -11,8 +11,7 @@ from sqrp_cli.geometry import Array, Mask, read_only
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.workspace.mounts import LensChoice, MountEntry, Spot
 from sqrp_cli.programming.advice.aiming import looking_at
-from sqrp_cli.programming.placing.scenes import JudgedWay
-from sqrp_cli.programming.placing.views import View, camera_of
+from sqrp_cli.programming.placing.scenes import JudgedWay, View, camera_of
 
 _FINEST = 0.005
 """Moves are not tried in smaller steps than this [m]; aims not in less than a degree."""

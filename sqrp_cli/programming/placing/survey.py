@@ -21,18 +21,22 @@ from sqrp_cli.programming.placing.cover import Cover
 from sqrp_cli.programming.placing.placement import PlaceQuestion, UnseenTarget
 from sqrp_cli.programming.placing.problem import Choice, Hiding, Placing, unusable
 from sqrp_cli.programming.placing.refine import CameraSeat
-from sqrp_cli.programming.placing.scenes import JudgedWay, judged, middle_of, of_first_grip, varied
-from sqrp_cli.programming.placing.tensor import LocalVerdicts, joined_items, seen_by, view_batches
-from sqrp_cli.programming.placing.views import (
+from sqrp_cli.programming.placing.scenes import (
+    JudgedWay,
     Option,
     View,
     blocked,
     hidden_by,
+    judged,
+    middle_of,
+    of_first_grip,
     options_of,
     pairs_apart,
     price_of,
+    varied,
     views_of,
 )
+from sqrp_cli.programming.placing.tensor import LocalVerdicts, joined_items, seen_by, view_batches
 from sqrp_cli.programming.ways.find import TimeLimit, planned_ways
 
 MOST_ADDED = 24

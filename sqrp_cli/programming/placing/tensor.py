@@ -14,8 +14,7 @@ from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.workspace.mounts import LensChoice, Spot
 from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.placing.scenes import JudgedWay
-from sqrp_cli.programming.placing.views import View, camera_of
+from sqrp_cli.programming.placing.scenes import JudgedWay, View, camera_of
 from sqrp_cli.programming.sensing.moved_camera import MovedCamera
 from sqrp_cli.programming.sensing.observer import Observer
 

@@ -354,7 +354,7 @@ def _blind_ends(candidate: Candidate, study: Study) -> tuple[BlindEnd, ...]:
     """Those of the joint moves whose paths a candidate leaves open, in the way that was studied."""
     if not candidate.open_paths:
         return ()
-    from sqrp_cli.programming.seen.open_moves import blind_ends
+    from sqrp_cli.programming.seen.seen_ways import blind_ends
 
     return blind_ends(study, candidate.open_paths)
 

@@ -11,9 +11,8 @@ from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.report.documents.document import Document, Record, WorkspaceDocument
 
 if TYPE_CHECKING:
-    from sqrp_cli.checks.dependency_check import Feasibility
     from sqrp_cli.errors import Problem
-    from sqrp_cli.programming.suggestion import SuggestedStep
+    from sqrp_cli.programming.suggestion import Feasibility, SuggestedStep
 
 
 @dataclass(frozen=True, kw_only=True)

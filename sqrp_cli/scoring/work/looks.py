@@ -14,9 +14,8 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import rehearsal
 from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.feasibility import feasible_motion
-from sqrp_cli.programming.placing.scenes import JudgedWay
+from sqrp_cli.programming.placing.scenes import JudgedWay, View
 from sqrp_cli.programming.placing.tensor import Verdicts, ViewBatch, seen_by
-from sqrp_cli.programming.placing.views import View
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.scoring.work.cluster import Cluster, DaskWorkers
 from sqrp_cli.scoring.work.dispatcher import Dispatcher, Done

@@ -9,9 +9,8 @@ import numpy as np
 from sqrp_cli.knowledge.camera.camera import ImageEntry
 from sqrp_cli.knowledge.light import Light
 from sqrp_cli.knowledge.workspace.mounts import LensChoice, Spot
-from sqrp_cli.programming.placing.scenes import Items
+from sqrp_cli.programming.placing.scenes import Items, View
 from sqrp_cli.programming.placing.tensor import seen_by
-from sqrp_cli.programming.placing.views import View
 from tests.programming.sensing.visibility.test_lighting import ABOVE, CUBE, GREEN, STATES
 
 IMAGE = ImageEntry(width=640, height=480, horizontal_fov=1.0)

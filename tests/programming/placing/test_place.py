@@ -19,7 +19,7 @@ from sqrp_cli.programming.placing.gain import greedy
 from sqrp_cli.programming.placing.place import Placer
 from sqrp_cli.programming.placing.placement import Placement, PlaceQuestion
 from sqrp_cli.programming.placing.problem import Choice, Demand, worth_of
-from sqrp_cli.programming.placing.views import camera_of
+from sqrp_cli.programming.placing.scenes import camera_of
 from sqrp_cli.programming.sensing.observer import Observer, sees_all
 from sqrp_cli.programming.task import read_task
 

@@ -11,7 +11,7 @@ from sqrp_cli import open_cell
 from sqrp_cli.geometry import inverse
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.placing.problem import Demand
-from sqrp_cli.programming.placing.views import camera_of
+from sqrp_cli.programming.placing.scenes import camera_of
 from sqrp_cli.programming.sensing.moved_camera import MovedCamera
 from tests.programming.placing.test_place import TABLETOP, placer
 from tests.programming.sensing.renderer import MujocoScene

@@ -19,7 +19,7 @@ from sqrp_cli.programming.coverage.timeline import Rehearsal
 from sqrp_cli.programming.motion.fingers import with_fingers
 from sqrp_cli.programming.motion.paths.way_around import find_way as find_way_around
 from sqrp_cli.programming.motion.plan_motion import Motion
-from sqrp_cli.programming.seen.open_moves import move_spaces, open_moves
+from sqrp_cli.programming.seen.seen_ways import move_spaces, open_moves
 from sqrp_cli.programming.task import Candidate, read_task
 from sqrp_cli.programming.ways.find import WantedWay, find_way
 from sqrp_cli.trajectory import Trajectory

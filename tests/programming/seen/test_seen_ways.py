@@ -19,8 +19,7 @@ from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.timing import phase_samples
-from sqrp_cli.programming.seen.open_moves import blind_ends, move_spaces, open_moves
-from sqrp_cli.programming.seen.seen_ways import way_with_seen_paths
+from sqrp_cli.programming.seen.seen_ways import blind_ends, move_spaces, open_moves, way_with_seen_paths
 from sqrp_cli.programming.ways.find import WantedWay, find_way
 from sqrp_cli.starter.make import make_starter
 from sqrp_cli.starter.random_cell import Crowd
