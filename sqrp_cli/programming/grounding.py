@@ -19,9 +19,9 @@ from sqrp_cli.logic.formula_check import argument_lists, bind
 from sqrp_cli.logic.formula_time import ground_operators, operators_outside
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.coverage.stage import GroundFormula
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.waypoints import WaypointGrounder
+from sqrp_cli.programming.pieces import GroundFormula
 from sqrp_cli.programming.targets import SoughtBox, Target
 from sqrp_cli.programming.task import Candidate
 

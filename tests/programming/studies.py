@@ -13,10 +13,11 @@ from sqrp_cli.logic.formula_time import GroundOperator
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.coverage.sampling import Sampling
-from sqrp_cli.programming.coverage.stage import GroundFormula, Stage, cut_into_pieces, interesting_time, monitored_time
+from sqrp_cli.programming.coverage.stage import Stage
 from sqrp_cli.programming.coverage.timeline import Timeline, Watch, observe
 from sqrp_cli.programming.motion.plan_motion import Motion, TimedPrimitive
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
+from sqrp_cli.programming.pieces import GroundFormula, cut_into_pieces, interesting_time, monitored_time
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.solids import load_solids
 from sqrp_cli.programming.targets import Target

@@ -10,14 +10,9 @@ from hypothesis import strategies as st
 from sqrp_cli.geometry import Array
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.logic.literal import Atom, Literal
-from sqrp_cli.programming.coverage.stage import (
-    GroundFormula,
-    Samples,
-    cut_into_pieces,
-    interesting_time,
-    monitored_time,
-)
+from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.coverage.timeline import Observation, Timeline
+from sqrp_cli.programming.pieces import GroundFormula, cut_into_pieces, interesting_time, monitored_time
 from tests.programming.studies import always, eventually
 
 ATOMS = (Atom("hold"), Atom("placed"))

@@ -18,8 +18,9 @@ from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study
-from sqrp_cli.programming.coverage.stage import Samples, fault_intervals, states_of
+from sqrp_cli.programming.coverage.stage import Samples, states_of
 from sqrp_cli.programming.coverage.timeline import Timeline
+from sqrp_cli.programming.pieces import fault_intervals
 from sqrp_cli.programming.sensing.moved_camera import MovedCamera
 from sqrp_cli.programming.sensing.observer import sees_all
 from sqrp_cli.programming.sensing.scene_states import SceneStates

@@ -21,16 +21,13 @@ from sqrp_cli.programming.coverage.certificate import Certificate
 from sqrp_cli.programming.coverage.fault_sights import all_fault_windows, fault_onsets
 from sqrp_cli.programming.coverage.quality import NO_FIGURES, Figures, Qualities, figures_of
 from sqrp_cli.programming.coverage.sampling import MAX_SAMPLES, Sampling, sample_count
-from sqrp_cli.programming.coverage.stage import (
-    Stage,
-    cut_into_pieces,
-    fault_intervals,
-)
+from sqrp_cli.programming.coverage.stage import Stage
 from sqrp_cli.programming.coverage.timeline import Rehearsal, Timeline, observe, observe_all
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.grounding import TargetGrounder, formulas_outside, ground_formulas
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.stop_and_return import Recovery, recovery_over
+from sqrp_cli.programming.pieces import cut_into_pieces, fault_intervals
 from sqrp_cli.programming.task import Candidate
 
 _PROMPT = 1e-3

@@ -21,8 +21,9 @@ from sqrp_cli.logic.image_time import Onset, Window, Windows, joined, overlaps, 
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.programming.coverage.parting import held_in, least_delays, onset
 from sqrp_cli.programming.coverage.sampling import Sampling
-from sqrp_cli.programming.coverage.stage import Piece, Stage, fault_intervals
+from sqrp_cli.programming.coverage.stage import Stage
 from sqrp_cli.programming.coverage.timeline import Rehearsal, Timeline, Watch, observe_all
+from sqrp_cli.programming.pieces import Piece, fault_intervals
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.targets import Target
 

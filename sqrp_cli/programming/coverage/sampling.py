@@ -9,8 +9,9 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, box_corners
 from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.programming.coverage.stage import Piece, Samples, Stage, states_of
+from sqrp_cli.programming.coverage.stage import Samples, Stage, states_of
 from sqrp_cli.programming.motion.plan_motion import Motion
+from sqrp_cli.programming.pieces import Piece
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.targets import Target
 

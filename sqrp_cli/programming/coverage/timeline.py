@@ -15,8 +15,9 @@ from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.programming.candidate import Candidate
 from sqrp_cli.programming.coverage.observation import Look, Observation, full_observation, look_at
 from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling, all_first_samples
-from sqrp_cli.programming.coverage.stage import GroundFormula, Piece, Samples, Stage, interesting_time, monitored_time
+from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.motion.plan_motion import Motion
+from sqrp_cli.programming.pieces import GroundFormula, Piece, interesting_time, monitored_time
 from sqrp_cli.programming.sensing.observer import Observer, sees_all
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.targets import Target

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from sqrp_cli.geometry import Array, Indices, Mask
-from sqrp_cli.programming.coverage.stage import fault_intervals
+from sqrp_cli.programming.pieces import fault_intervals
 from sqrp_cli.programming.placing.scenes import JudgedWay
 
 NEVER = -1

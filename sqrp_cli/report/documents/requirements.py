@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.programming.coverage.assessment import Study
-from sqrp_cli.programming.coverage.stage import GroundFormula
+from sqrp_cli.programming.pieces import GroundFormula
 from sqrp_cli.programming.targets import SoughtBox
 from sqrp_cli.report.documents.document import LEFT_OUT, Pose, Record
 

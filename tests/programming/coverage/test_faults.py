@@ -24,9 +24,10 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study, fault_metrics, interval_metrics, why_late
 from sqrp_cli.programming.coverage.fault_sights import Clock, FaultWatch, after_loss, fault_windows
 from sqrp_cli.programming.coverage.sampling import Adaptive, first_samples
-from sqrp_cli.programming.coverage.stage import Samples, Stage, cut_into_pieces
+from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.motion.stop_and_return import Recovery, stop
 from sqrp_cli.programming.motion.timing import MotionLimits
+from sqrp_cli.programming.pieces import cut_into_pieces
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.programming.ways.find import WantedWay, find_way
 from tests.programming.studies import always, eventually

@@ -12,8 +12,9 @@ from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.coverage import observation
 from sqrp_cli.programming.coverage.observation import Look, look_at
 from sqrp_cli.programming.coverage.sampling import Adaptive, FixedCount, first_samples
-from sqrp_cli.programming.coverage.stage import Samples, Stage, cut_into_pieces
+from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.coverage.timeline import observe_all
+from sqrp_cli.programming.pieces import cut_into_pieces
 from tests.programming.studies import WatchedMotion, make_motion, watched_motion
 from tests.programming.timelines import fault_response
 

@@ -7,7 +7,7 @@ from hypothesis import given
 
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.programming.coverage.quality import average_quality, interest_quality
-from sqrp_cli.programming.coverage.stage import Piece
+from sqrp_cli.programming.pieces import Piece
 from tests.programming.studies import always, eventually
 from tests.programming.timelines import ATOMS, Story, make_story, stories, stretches
 

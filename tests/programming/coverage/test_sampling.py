@@ -34,15 +34,9 @@ from sqrp_cli.programming.coverage.sampling import (
     first_samples,
     longest_step,
 )
-from sqrp_cli.programming.coverage.stage import (
-    GroundFormula,
-    Samples,
-    Stage,
-    cut_into_pieces,
-    interesting_time,
-    monitored_time,
-)
+from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.coverage.timeline import Timeline, observe
+from sqrp_cli.programming.pieces import GroundFormula, cut_into_pieces, interesting_time, monitored_time
 from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.task import read_task
 from tests.conftest import TABLETOP

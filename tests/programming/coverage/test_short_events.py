@@ -9,7 +9,8 @@ import numpy as np
 from sqrp_cli.geometry import look_at
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.coverage.sampling import MAX_STEP, Adaptive
-from sqrp_cli.programming.coverage.stage import Stage, cut_into_pieces
+from sqrp_cli.programming.coverage.stage import Stage
+from sqrp_cli.programming.pieces import cut_into_pieces
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.solids import load_solids
 from sqrp_cli.trajectory import Trajectory

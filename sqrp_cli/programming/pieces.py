@@ -1,0 +1,108 @@
+"""Pieces of a motion in which the same literals must be observable: the symbolic side of skill states."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from sqrp_cli.logic.formula_time import SAME_INSTANT, GroundOperator, Stretch, events_of_interest, merge, union_length
+from sqrp_cli.logic.literal import Literal
+
+
+@dataclass(frozen=True)
+class GroundFormula:
+    """One temporal operator of a skill's formulas, grounded.
+
+    `fault` names the fault that its formula describes, if any.
+    """
+
+    operator: GroundOperator
+    fault: str | None
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A piece of the motion within one primitive in which the same formulas apply throughout."""
+
+    primitive: int
+    """Index of the primitive."""
+    start: float
+    end: float
+    """[s]; equal where a formula applies at one instant only."""
+    literals: tuple[Literal, ...]
+    """The literals that must be observable, in the order of the formulas."""
+    of_interest: bool
+    """Inside an event of interest."""
+
+    @property
+    def length(self) -> float:
+        """Its duration [s]."""
+        return self.end - self.start
+
+
+def cut_into_pieces(spans: Sequence[tuple[float, float]], formulas: Sequence[GroundFormula]) -> tuple[Piece, ...]:
+    """Cut a motion wherever a primitive or the interval of a formula begins or ends.
+
+    spans: start and end of each primitive [s], one after the other. Neighbouring pieces share an instant, which is
+    sampled once as the end of one and once as the start of the other. A formula that applies at a single instant makes
+    a piece of length 0. There is at least one piece.
+    """
+    operators = [formula.operator for formula in formulas]
+    interest = events_of_interest(operators)
+    edges = _distinct([edge for operator in operators for edge in (operator.start, operator.end)])
+    moments = _distinct([operator.start for operator in operators if _same(operator.start, operator.end)])
+
+    def piece(primitive: int, start: float, end: float) -> Piece:
+        middle = 0.5 * (start + end)
+        applying = [operator for operator in operators if _contains(operator.stretch, middle)]
+        literals = tuple(dict.fromkeys(literal for operator in applying for literal in operator.literals))
+        return Piece(
+            primitive=primitive,
+            start=start,
+            end=end,
+            literals=literals,
+            of_interest=any(_contains(stretch, middle) for stretch in interest),
+        )
+
+    pieces = []
+    for primitive, (start, end) in enumerate(spans):
+        inner = [t for t in edges if start + SAME_INSTANT < t < end - SAME_INSTANT]
+        for left, right in zip([start, *inner], [*inner, end], strict=True):
+            if right - left >= SAME_INSTANT:
+                pieces += [piece(primitive, t, t) for t in moments if _same(t, left)]
+                pieces.append(piece(primitive, left, right))
+    last_primitive, end = len(spans) - 1, spans[-1][1]
+    pieces += [piece(last_primitive, t, t) for t in moments if _same(t, end)]
+    return tuple(pieces) or (piece(last_primitive, end, end),)
+
+
+def monitored_time(formulas: Sequence[GroundFormula]) -> float:
+    """T: duration of the union of all intervals [s]."""
+    return union_length(formula.operator.stretch for formula in formulas)
+
+
+def interesting_time(formulas: Sequence[GroundFormula]) -> float:
+    """T_eoi: duration of the union of the events of interest [s]."""
+    return sum(stretch.length for stretch in events_of_interest(formula.operator for formula in formulas))
+
+
+def fault_intervals(formulas: Sequence[GroundFormula], fault: str) -> tuple[Stretch, ...]:
+    """When a fault may happen: the union of the intervals of its operators that have literals."""
+    return merge(f.operator.stretch for f in formulas if f.fault == fault and f.operator.literals)
+
+
+def _contains(stretch: Stretch, t: float) -> bool:
+    return stretch.start - SAME_INSTANT <= t <= stretch.end + SAME_INSTANT
+
+
+def _same(first: float, second: float) -> bool:
+    return abs(first - second) < SAME_INSTANT
+
+
+def _distinct(instants: list[float]) -> list[float]:
+    """The instants in order, without repetitions."""
+    kept: list[float] = []
+    for t in sorted(instants):
+        if not kept or not _same(t, kept[-1]):
+            kept.append(t)
+    return kept
