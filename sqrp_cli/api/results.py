@@ -204,8 +204,10 @@ class Explanation(Answer["ExplainDocument | ExplainAllDocument"]):
 
         cell, sampling, name = self.session.cell, self.session.assignment.sampling, self.session.workspace.name
         studies = [
-            CandidateStudy.infeasible(one) if found is None else CandidateStudy.of_study(cell, found, one, sampling)
-            for one, found in self.explained
+            CandidateStudy.infeasible(one.ranked)
+            if one.study is None
+            else CandidateStudy.of_study(cell, one.study, one.ranked, sampling)
+            for one in self.explained
         ]
         if self.several:
             return ExplainAllDocument(workspace=name, task=self.task, candidates=studies)
@@ -228,7 +230,7 @@ class Explanation(Answer["ExplainDocument | ExplainAllDocument"]):
         if self.several:
             print_comparison(self.explained, sampling)
         else:
-            print_study(self.session.cell, *self.explained[0], sampling, self.step)
+            print_study(self.session.cell, self.explained[0], sampling, self.step)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -32,15 +32,6 @@ TOGETHER = 8
 """Candidates of which the fastest way is observed, and explained, together."""
 
 
-class Explained(NamedTuple):
-    """A candidate with all that its figures were computed from."""
-
-    ranked: Ranked
-    """With the figures of the study."""
-    study: Study | None
-    """None if the candidate is infeasible."""
-
-
 class ExplainedStep(NamedTuple):
     """A feasible step with all that its figures were computed from."""
 
@@ -49,13 +40,18 @@ class ExplainedStep(NamedTuple):
     study: Study
 
 
-class ExplainedWhole(NamedTuple):
+class Explained(NamedTuple):
     """A candidate of one step or several, with all that its figures were computed from."""
 
     ranked: Ranked
     """With the figures of the studies."""
     steps: tuple[ExplainedStep, ...]
     """Each step, also where there is only one; none if the candidate is infeasible."""
+
+    @property
+    def study(self) -> Study | None:
+        """Of a candidate of one step; None if it is infeasible."""
+        return self.steps[0].study if self.steps else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,36 +123,35 @@ class Assignment:
         )
 
     def explain(self, ranked: Ranked) -> Explained:
-        """A candidate of one step with the full study of its way, and the figures from that."""
+        """A candidate with the full study of each of its steps, and the figures from these."""
+        known = ranked.assessment
         if ranked.rank is None:
-            return Explained(ranked, None)
+            return Explained(ranked, ())
+        if not known.steps:
+            alone = self._explained(ranked)
+            return Explained(alone.ranked, (alone,))
+        steps: list[ExplainedStep] = []
+        world = self.world
+        for step in known.steps:
+            steps.append(replace(self, world=world)._explained(Ranked(step, rank=1, pareto=True)))
+            world = world_after(step.way, steps[-1].study.motion, world)
+        figures = assessment_of_all(known.candidate, [step.ranked.assessment for step in steps])
+        return Explained(replace(ranked, assessment=replace(figures, best_way=known.best_way)), tuple(steps))
+
+    def _explained(self, ranked: Ranked) -> ExplainedStep:
+        """A feasible candidate of one step with the full study of its way, and the figures from that."""
         known = ranked.assessment
         found = study(self.cell, known.way, self.world, self.sampling, full=True)
         if isinstance(found, Infeasible):
             raise ValueError(f"{known.candidate.name} was feasible a moment ago")
-        assessment = found.assessment(verdict(self.cell, found))
-        expected = expected_quality(self.cell, found)
         assessment = replace(
-            assessment, candidate=known.candidate, best_way=known.best_way, ways=known.ways, q_expected=expected
+            found.assessment(verdict(self.cell, found)),
+            candidate=known.candidate,
+            best_way=known.best_way,
+            ways=known.ways,
+            q_expected=expected_quality(self.cell, found),
         )
-        return Explained(replace(ranked, assessment=assessment), found)
-
-    def explain_whole(self, ranked: Ranked) -> ExplainedWhole:
-        """A candidate with the full study of each of its steps, and the figures from these."""
-        known = ranked.assessment
-        if ranked.rank is None or not known.steps:
-            alone, found = self.explain(ranked)
-            return ExplainedWhole(alone, () if found is None else (ExplainedStep(alone, found),))
-        steps: list[ExplainedStep] = []
-        world = self.world
-        for step in known.steps:
-            one, found = replace(self, world=world).explain(Ranked(step, rank=1, pareto=True))
-            assert found is not None  # noqa: S101 - all steps of a feasible candidate are feasible
-            steps.append(ExplainedStep(one, found))
-            world = world_after(step.way, found.motion, world)
-        figures = assessment_of_all(known.candidate, [step.ranked.assessment for step in steps])
-        whole = replace(ranked, assessment=replace(figures, best_way=known.best_way))
-        return ExplainedWhole(whole, tuple(steps))
+        return ExplainedStep(replace(ranked, assessment=assessment), found)
 
 
 def assess_all(assignment: Assignment, candidates: Sequence[Candidate], jobs: int) -> Iterator[Assessment]:

@@ -278,7 +278,7 @@ def _explainer(assignment: Assignment, ranked: Ranked) -> Callable[[str], str]:
     let_others_go_first()
 
     def explain(name: str) -> str:
-        explained = assignment.explain_whole(ranked)
+        explained = assignment.explain(ranked)
         detail = played(assignment, explained, brief=True) if explained.steps else None
         return message("detail", name=name, detail=detail)
 

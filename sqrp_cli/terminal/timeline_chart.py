@@ -63,13 +63,12 @@ SELDOM = {
 """Added to it where a camera cannot see something for that."""
 
 
-def print_study(
-    cell: Cell, ranked: Ranked, study: Study | None, sampling: Sampling, step: StepShown | None = None
-) -> None:
+def print_study(cell: Cell, explained: Explained, sampling: Sampling, step: StepShown | None = None) -> None:
     """The timeline of a candidate, the totals of its causes, the verdict and its accuracy.
 
     For an infeasible candidate, the reasons. step: that it is, of a task of several or of a program.
     """
+    ranked, study = explained.ranked, explained.study
     assessment = ranked.assessment
     if study is None:
         say(f"{_title(assessment, step)} is infeasible:")
@@ -158,9 +157,10 @@ def _print_occluders(cell: Cell, study: Study) -> str:
 
 def print_comparison(explained: Sequence[Explained], sampling: Sampling) -> None:
     """The coverage of every candidate on one time scale, a row each, and the verdicts."""
-    longest = max((study.motion.time for _, study in explained if study is not None), default=0.0)
+    pairs = [(one.ranked, one.study) for one in explained]
+    longest = max((study.motion.time for _, study in pairs if study is not None), default=0.0)
     say(plain(" " * LABEL + _axis(longest)))
-    for ranked, study in explained:
+    for ranked, study in pairs:
         name = ranked.assessment.candidate.name
         if study is None:
             say(joined([*_label(name, ""), (f"infeasible: {ranked.assessment.reasons[0]}", "red")]))
@@ -174,12 +174,12 @@ def print_comparison(explained: Sequence[Explained], sampling: Sampling) -> None
             "On the right Q_eoi and Q_avg [%]. █ covered  - not covered  ! not covered in an event of interest", "dim"
         )
     )
-    if shown := next((study for _, study in explained if study is not None), None):
+    if shown := next((study for _, study in pairs if study is not None), None):
         say(plain(_doings(shown), "dim"))
-    for ranked, study in explained:
+    for ranked, study in pairs:
         if study is not None:
             say(f"\n{ranked.assessment.candidate.name}: {ranked.assessment.verdict}")
-    if feasible := [ranked for ranked, study in explained if study is not None]:
+    if feasible := [ranked for ranked, study in pairs if study is not None]:
         say(plain(f"\n{accuracy(sampling, feasible)}", "dim"))
 
 

@@ -508,7 +508,7 @@ def watch_documents(watch) -> tuple[list[tuple[dict, dict]], dict, dict]:
             tidy(CandidateFigures.of(ranked)),
             tidy(PlayedCandidate.of_candidate(CandidateStudy.of_study(session.cell, study, ranked, Adaptive()))),
         )
-        for ranked, study in explained
+        for ranked, study in ((one.ranked, one.study) for one in explained)
         if study is not None
     ]
     return ranked, tidy(ShowDocument.of(session.cell)), tidy(SceneModel.of(session.cell))

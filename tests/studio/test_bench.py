@@ -22,7 +22,7 @@ def explained():
         "pickup g1", ways="fastest", sampling=FixedStep(SHORTEST)
     )
     assignment = ranking.session.assignment
-    return assignment, assignment.explain_whole(ranking.ranked[0])
+    return assignment, assignment.explain(ranking.ranked[0])
 
 
 def test_what_is_shown_briefly_is_what_is_shown_in_full_but_for_boxes(explained):
@@ -55,7 +55,7 @@ def test_steps_one_after_another_have_the_verdicts_and_qualities_of_these_sample
         "pickup g1 then place g1 crate", ways="fastest", sampling=FixedStep(SHORTEST)
     )
     assignment = ranking.session.assignment
-    whole = assignment.explain_whole(ranking.ranked[0])
+    whole = assignment.explain(ranking.ranked[0])
     assert len(whole.steps) == 2
     sketch = _steps(assignment.cell, ranking.ranked[0].assessment)
     assert sketch is not None

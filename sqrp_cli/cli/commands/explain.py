@@ -124,7 +124,7 @@ def command(
     answer(explanation, as_json=as_json)
     if not as_json:
         _say_more(explanation, workspace, after, task, choice or "best", all_ways=all_ways)
-    studies = [found for _, found in explanation.explained if found is not None]
+    studies = [one.study for one in explanation.explained if one.study is not None]
     if images is not None:
         _write_images(cell.cell, studies, images, several=all_candidates)
     return ExitCode.OK if studies else ExitCode.NONE_FEASIBLE

@@ -12,7 +12,7 @@ import numpy as np
 
 from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.pipeline import Assignment, ExplainedWhole
+from sqrp_cli.programming.pipeline import Assignment, Explained
 from sqrp_cli.programming.ranking import Criterion, Ranked
 from sqrp_cli.programming.task import in_words
 from sqrp_cli.report.documents.candidates import CandidateFigures
@@ -180,12 +180,12 @@ def computed(work: Callable[[Item], Result], items: Sequence[Item], jobs: int, p
             advance(1)
 
 
-def playback(assignment: Assignment, explained: ExplainedWhole) -> str | None:
+def playback(assignment: Assignment, explained: Explained) -> str | None:
     """What is shown of a candidate beside its figures, packed; None for an infeasible one."""
     return packed(played(assignment, explained)) if explained.steps else None
 
 
-def played(assignment: Assignment, explained: ExplainedWhole, *, brief: bool = False) -> PlayedCandidate:
+def played(assignment: Assignment, explained: Explained, *, brief: bool = False) -> PlayedCandidate:
     """What is shown of a feasible candidate beside its figures; brief: see `CandidateStudy.of_study`."""
     cell, sampling = assignment.cell, assignment.sampling
     studies = [CandidateStudy.of_study(cell, one.study, one.ranked, sampling, brief=brief) for one in explained.steps]
@@ -195,7 +195,7 @@ def played(assignment: Assignment, explained: ExplainedWhole, *, brief: bool = F
 
 
 def _detail(assignment: Assignment, ranked: Ranked) -> str | None:
-    return playback(assignment, assignment.explain_whole(ranked))
+    return playback(assignment, assignment.explain(ranked))
 
 
 STEP = 1e-4

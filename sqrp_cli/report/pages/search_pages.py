@@ -112,7 +112,7 @@ def studied(row: PageRow, found: Assessment, assignment: Assignment, wish: Wish 
     Playback has samples where any camera's verdict changes, so it may show what the figures are too coarse for.
     """
     ranked = Ranked(found, 1 if found.feasible else None, pareto=False)
-    explained = assignment.explain_whole(ranked)
+    explained = assignment.explain(ranked)
     shown = explained.ranked.assessment
     figures = CandidateFigures.of(replace(ranked, assessment=replace(found, verdict=shown.verdict)))
     short = wish.missed(shown) if wish is not None and wish.met(found) else ()

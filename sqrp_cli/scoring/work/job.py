@@ -101,7 +101,7 @@ def _outcome(cell: Cell, job: Job, candidate: Candidate) -> Outcome:
     assessment = assignment.assess(candidate)
     if not job.coverage or not assessment.feasible:
         return Outcome(assessment, None)
-    explained = assignment.explain_whole(Ranked(assessment, rank=1, pareto=True))
+    explained = assignment.explain(Ranked(assessment, rank=1, pareto=True))
     coverage = [coverage_of(cell, step.study) for step in explained.steps]
     return Outcome(explained.ranked.assessment, coverage_of_steps(coverage) if candidate.steps else coverage[0])
 
