@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sqrp_cli.programming.ways.time_limit import TimeLimit
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.workspace.load import load_workspace
@@ -20,7 +19,7 @@ from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.timing import phase_samples
 from sqrp_cli.programming.seen.seen_ways import blind_ends, move_spaces, open_moves, way_with_seen_paths
-from sqrp_cli.programming.ways.find import WantedWay, find_way
+from sqrp_cli.programming.ways.find import TimeLimit, WantedWay, find_way
 from sqrp_cli.starter.make import make_starter
 from sqrp_cli.starter.random_cell import Crowd
 from tests.programming.seen.compared import Compared, blind_time
