@@ -49,13 +49,8 @@ def rank(assessments: Sequence[Assessment], by: Criterion) -> tuple[Ranked, ...]
     ignored for all.
     """
     feasible = [assessment for assessment in assessments if assessment.feasible]
-    usable = _columns(feasible, by)
-
-    def key(assessment: Assessment) -> tuple[list[float], list[tuple[float, str]]]:
-        values = [compared_time(value) for column in usable if (value := column(assessment)) is not None]
-        return values, _parameters(assessment)
-
-    ordered = sorted(feasible, key=key)
+    columns = _columns(feasible, by)
+    ordered = sorted(feasible, key=lambda one: (_compared(one, columns), _parameters(one)))
     ranked = [
         Ranked(assessment, place, _undominated(assessment, feasible)) for place, assessment in enumerate(ordered, 1)
     ]
@@ -68,12 +63,9 @@ def contenders(assessments: Sequence[Assessment], by: Criterion) -> list[bool]:
     by: no criterion of delays.
     """
     columns = _columns(assessments, by)
-
-    def values(assessment: Assessment) -> list[float]:
-        return [compared_time(value) for column in columns if (value := column(assessment)) is not None]
-
-    first = min(map(values, assessments))
-    return [values(one) == first or _undominated(one, assessments) for one in assessments]
+    values = [_compared(one, columns) for one in assessments]
+    first = min(values)
+    return [own == first or _undominated(one, assessments) for own, one in zip(values, assessments, strict=True)]
 
 
 def may_overtake(ranking: Sequence[Ranked], by: Criterion) -> list[Assessment]:
@@ -107,6 +99,11 @@ def _columns(feasible: Sequence[Assessment], by: Criterion) -> list[_Figure]:
     """What is compared, in order: all that no candidate lacks."""
     columns: list[_Figure] = [_CRITERIA[by], _CRITERIA["q_avg"], _CRITERIA["time"], lambda one: one.delay_worst]
     return [column for column in columns if all(column(assessment) is not None for assessment in feasible)]
+
+
+def _compared(assessment: Assessment, columns: Sequence[_Figure]) -> list[float]:
+    """The figures of columns as they are compared, the least the best."""
+    return [compared_time(value) for column in columns if (value := column(assessment)) is not None]
 
 
 def winners(assessments: Sequence[Assessment], by: Criterion) -> Counter[str]:

@@ -16,7 +16,7 @@ from sqrp_cli.programming.coverage.sampling import MAX_MOTION, Adaptive, FixedCo
 from sqrp_cli.programming.ranking import Criterion, Ranked, criterion_figure, may_overtake
 from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 from sqrp_cli.programming.task import Candidate
-from sqrp_cli.programming.ways.words import choice_in_words
+from sqrp_cli.programming.ways.grips import choice_in_words
 
 if TYPE_CHECKING:
     from sqrp_cli.programming.advice.change import Kind, ProposedChange

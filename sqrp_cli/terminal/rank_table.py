@@ -17,7 +17,7 @@ from sqrp_cli.programming.coverage.verdict import NOTHING_MISSING
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.ranking import Criterion, Ranked, compared_quality, winners
 from sqrp_cli.programming.task import in_words
-from sqrp_cli.programming.ways.words import way_in_words
+from sqrp_cli.programming.ways.grips import way_in_words
 from sqrp_cli.report.documents.candidates import percentiles
 from sqrp_cli.report.sentences import (
     accuracy,

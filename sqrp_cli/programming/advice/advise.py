@@ -14,7 +14,7 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import inverse, transform
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.frames import WORLD
-from sqrp_cli.programming.advice.aiming import Aim
+from sqrp_cli.programming.advice.aiming import Aim, CameraRoom
 from sqrp_cli.programming.advice.camera_moves import CameraMove, Displacement, Turn, field_of_view
 from sqrp_cli.programming.advice.camera_search import Base, CameraSearch
 from sqrp_cli.programming.advice.change import (
@@ -31,7 +31,6 @@ from sqrp_cli.programming.advice.change import (
 from sqrp_cli.programming.advice.motion_search import MotionSearch, MotionsOfSteps
 from sqrp_cli.programming.advice.object_search import moved_objects
 from sqrp_cli.programming.advice.question import Found, Met, Question, assessed
-from sqrp_cli.programming.advice.room import CameraRoom
 from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.feasibility import unready_world
 from sqrp_cli.programming.task import Candidate

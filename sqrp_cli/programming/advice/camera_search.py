@@ -11,13 +11,12 @@ import numpy as np
 from sqrp_cli.geometry import Array, Mask, inverse, read_only, transform
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.frames import WORLD
-from sqrp_cli.programming.advice.aiming import Aim, looking_at
+from sqrp_cli.programming.advice.aiming import Aim, CameraRoom, looking_at
 from sqrp_cli.programming.advice.camera_moves import LENS_STEP, LENS_STRIDE, CameraMove, Lens, placed, whole
 from sqrp_cli.programming.advice.change import Margin, ProposedChange
 from sqrp_cli.programming.advice.least import LeastSearch, least_beyond, shells
 from sqrp_cli.programming.advice.look import CameraLook, WishedSamples
 from sqrp_cli.programming.advice.question import Met, Near, finely_met, seen_by
-from sqrp_cli.programming.advice.room import CameraRoom
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study

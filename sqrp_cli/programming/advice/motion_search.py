@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from typing import NamedTuple
@@ -20,8 +20,11 @@ from sqrp_cli.programming.coverage.assessment import Study, WayFigures, study
 from sqrp_cli.programming.program_update import world_after
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.find import TimeLimit, WantedWay, find_way, studied_ways
-from sqrp_cli.programming.ways.words import choice_in_words
+from sqrp_cli.programming.ways.grips import choice_in_words
 from sqrp_cli.programming.whole_study import WholeStudy, whole_study, worst_seen
+
+NO_PATH = "no path that was found meets the wish"
+"""Why no change of paths helps."""
 
 MOST_TOGETHER = 12
 """Ways of the first steps that are followed further: a third of them the fastest, the others those seen best."""
@@ -38,13 +41,11 @@ class MotionSearch:
         question, best = self.question, self.question.best
         if not best.feasible or best.ways is None:
             return Miss(kind="way", why=f"none can be done: {'; '.join(best.reasons[:1])}")
-        near = []
-        for one in self._hopeful_ways():
-            change, found = _way_change(best.candidate, one.candidate), WholeStudy(one.candidate, (one,))
-            if meets(question, found):
-                return Found(Met(change, found.assessment))
-            near.append(Near(change, found))
-        return question.nearest("way", f"none of {best.ways.tried} meets the wish", [*near, *self._named_ways()])
+        hopeful = (WholeStudy(one.candidate, (one,)) for one in self._hopeful_ways())
+        tried = (Near(_way_change(best.candidate, one.candidate), one) for one in hopeful)
+        met, near = _first_met(question, tried)
+        why = f"none of {best.ways.tried} meets the wish"
+        return met or question.nearest("way", why, [*near, *self._named_ways()])
 
     def seen_path(self) -> Found | Miss:
         """Paths of joint moves that the cameras can follow."""
@@ -53,20 +54,19 @@ class MotionSearch:
         if not chosen:
             return Miss(kind="path", why="not tried: the skill or the task says which path", tried=False)
         seen = replace(candidate, values={**candidate.values, **chosen})
-        near = []
-        for limit in (None, TimeLimit(question.wish.time))[: 1 if question.wish.time is None else 2]:
-            best = find_way(question.cell, seen, question.world, question.sampling, WantedWay(limit=limit))
-            if isinstance(best, Infeasible):
-                continue
-            found = WholeStudy(best.study.candidate, (best.study,))
-            unwritten = "" if limit is None else f"no task says it: use --max-time {limit.seconds:g}"
-            change = _path_change(candidate, chosen, "with paths that keep sight", unwritten)
-            if meets(question, found):
-                return Found(Met(change, found.assessment))
-            near.append(Near(change, found))
-        if not near:
+
+        def tried() -> Iterator[Near]:
+            for limit in (None, TimeLimit(question.wish.time))[: 1 if question.wish.time is None else 2]:
+                best = find_way(question.cell, seen, question.world, question.sampling, WantedWay(limit=limit))
+                if not isinstance(best, Infeasible):
+                    unwritten = "" if limit is None else f"no task says it: use --max-time {limit.seconds:g}"
+                    change = _path_change(candidate, chosen, "with paths that keep sight", unwritten)
+                    yield Near(change, WholeStudy(best.study.candidate, (best.study,)))
+
+        met, near = _first_met(question, tried())
+        if met is None and not near:
             return Miss(kind="path", why="it cannot be done, or not in that time")
-        return question.nearest("path", "no path that was found meets the wish", near)
+        return met or question.nearest("path", NO_PATH, near)
 
     def _hopeful_ways(self) -> Iterator[Study]:
         """Studies of all ways that may meet the wish, the fastest first."""
@@ -89,6 +89,24 @@ def meets(question: Question, found: WholeStudy) -> bool:
     """Whether a motion meets the wish, also if sampled as finely as may be."""
     met = question.wish.met(found.assessment)
     return met and finely_met(question.wish, question.cell, found, question.sampling)
+
+
+class _Tried(NamedTuple):
+    """What came of changes that were tried one after the other."""
+
+    met: Found | None
+    """The first that meets the wish."""
+    near: list[Near]
+    """Those before it."""
+
+
+def _first_met(question: Question, tried: Iterable[Near]) -> _Tried:
+    near: list[Near] = []
+    for one in tried:
+        if meets(question, one.study):
+            return _Tried(Found(Met(one.change, one.study.assessment)), near)
+        near.append(one)
+    return _Tried(None, near)
 
 
 def with_way(candidate: Candidate, way: WayFigures) -> Candidate:
@@ -122,30 +140,27 @@ class MotionsOfSteps:
         question = self.question
         if not question.best.feasible:
             return Miss(kind="way", why=f"none can be done: {'; '.join(question.best.reasons[:1])}")
-        near = []
-        for found in sorted(self._wholes(), key=lambda whole: whole.assessment.time or 0.0):
-            change = _way_change(question.best.candidate, found.candidate)
-            if meets(question, found):
-                return Found(Met(change, found.assessment))
-            near.append(Near(change, found))
-        return question.nearest("way", f"none of {len(near)} combinations of the steps' ways meets the wish", near)
+        wholes = sorted(self._wholes(), key=lambda whole: whole.assessment.time or 0.0)
+        tried = (Near(_way_change(question.best.candidate, found.candidate), found) for found in wholes)
+        met, near = _first_met(question, tried)
+        why = f"none of {len(near)} combinations of the steps' ways meets the wish"
+        return met or question.nearest("way", why, near)
 
     def seen_path(self) -> Found | Miss:
         """Paths that cameras can follow, in as few steps as that takes, those first that are seen worst."""
-        question, near = self.question, []
+        met, near = _first_met(self.question, self._in_seen_paths())
+        if met is None and not near:
+            return Miss(kind="path", why="not tried: the skills or the task say which paths", tried=False)
+        return met or self.question.nearest("path", NO_PATH, near)
+
+    def _in_seen_paths(self) -> Iterator[Near]:
         for candidate in self._with_seen_paths():
             found = self._in_best_ways(candidate)
-            if found is None:
-                continue
-            chosen = {name: value for name, value in candidate.values.items() if value == SEEN}
-            steps = " and ".join(dict.fromkeys(name.partition(".")[0] for name in chosen))
-            change = _path_change(question.best.candidate, chosen, f"with paths that keep sight in step {steps}")
-            if meets(question, found):
-                return Found(Met(change, found.assessment))
-            near.append(Near(change, found))
-        if not near:
-            return Miss(kind="path", why="not tried: the skills or the task say which paths", tried=False)
-        return question.nearest("path", "no path that was found meets the wish", near)
+            if found is not None:
+                chosen = {name: value for name, value in candidate.values.items() if value == SEEN}
+                steps = " and ".join(dict.fromkeys(name.partition(".")[0] for name in chosen))
+                said = f"with paths that keep sight in step {steps}"
+                yield Near(_path_change(self.question.best.candidate, chosen, said), found)
 
     def _wholes(self) -> Iterator[WholeStudy]:
         """Combinations of the steps' ways, each in the world that those before it leave."""

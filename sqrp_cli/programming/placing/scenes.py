@@ -18,8 +18,7 @@ from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.knowledge.workspace.mounts import SAME, AimsEntry, LensChoice, Spot
-from sqrp_cli.programming.advice.aiming import looking_at
-from sqrp_cli.programming.advice.room import touched
+from sqrp_cli.programming.advice.aiming import looking_at, touched
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.sampling import Adaptive, first_samples
 from sqrp_cli.programming.coverage.stage import Samples

@@ -1,4 +1,7 @@
-"""The choices of what a candidate leaves free, but for branches: sides, yaws, stops at home; what looks the same."""
+"""The choices of what a candidate leaves free, but for branches, and how a way is said in words.
+
+They are sides, yaws and stops; of what looks the same one counts.
+"""
 
 from __future__ import annotations
 
@@ -12,14 +15,14 @@ import numpy as np
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.settings import ANY, DIRECT, FIRST_NUMBER, FIRST_SIDE, MotionValue, Reference, side_of
-from sqrp_cli.knowledge.skill.skill import HOME, GraspWaypoint, PutWaypoint, Skill
+from sqrp_cli.knowledge.skill.skill import HOME, GraspWaypoint, JointMove, PutWaypoint, Skill
 from sqrp_cli.knowledge.text.entries import Entry
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.candidate import whole_candidate
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.motion.waypoints import setting_value
-from sqrp_cli.programming.task import Candidate
+from sqrp_cli.programming.task import Candidate, in_words
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Sphere
 
 _Values = Mapping[str, MotionValue]
@@ -183,3 +186,56 @@ def _turns(part: Part, X: Array, axis: int) -> int:
         first, second = np.delete(part.shape.size, own)
         return 4 if abs(first - second) <= SAME_SIZE else 2
     return 1
+
+
+_ORDER = ("left", "right", "no_flip", "flip", "up", "down")
+"""The words of branches in the order in which they are said; other values follow."""
+
+_UNSAID = ("no_flip", "up", "direct", "+z", "0")
+"""Values that are so usual that only the others are said."""
+
+_SAID = {"flip": "flipped", "down": "elbow down", "home": "via home", "seen": "seen path"}
+
+NOTHING_SPECIAL = "as usual"
+
+
+def way_in_words(skill: Skill, asked: Mapping[str, MotionValue], found: Mapping[str, MotionValue]) -> str:
+    """What a way's parameters say beyond those of its candidate.
+
+    asked, found: the parameters of the candidate, and of the way. Where it chooses for several joint moves, each choice
+    for one of them names it.
+    """
+    values = in_words(skill, found)
+    chosen = [(name, values[name]) for name, value in found.items() if asked.get(name) != value]
+    chosen.sort(key=lambda pair: _ORDER.index(pair[1]) if pair[1] in _ORDER else len(_ORDER))
+    joint_moves = [primitive for primitive in skill.primitives if isinstance(primitive, JointMove)]
+    owners = {name: _owners(joint_moves, name) for name, _ in chosen}
+    several = len(set().union(*owners.values()) & {move.name for move in joint_moves}) > 1
+    said = [_said(name, value, owners[name], several=several) for name, value in chosen if value not in _UNSAID]
+    if asked.get("path", "direct") != found.get("path", "direct") == "direct":
+        said.append("direct path")
+    return ", ".join(said) or NOTHING_SPECIAL
+
+
+def choice_in_words(asked: Candidate, way: Candidate) -> str:
+    """What a way says beyond its candidate, of each step if there are several."""
+    if not asked.steps:
+        return way_in_words(asked.skill, asked.parameters, way.parameters)
+    pairs = enumerate(zip(asked.steps, way.steps, strict=True), 1)
+    return ", ".join(f"step {number} {choice_in_words(one, done)}" for number, (one, done) in pairs)
+
+
+def _said(name: str, value: str, owners: set[str], *, several: bool) -> str:
+    """A choice in words. several: whether there are choices for several joint moves."""
+    _, _, setting = name.rpartition(".")
+    said = f"{setting} {value}" if setting == "solution" else _SAID.get(value, value)
+    named = len(owners) == 1 and (several or setting not in (name, "solution"))
+    return f"{min(owners)} {said}" if named else said
+
+
+def _owners(joint_moves: Sequence[JointMove], parameter: str) -> set[str]:
+    """Names of what a parameter is for: of the move or waypoint that it is called after, or all joint moves with it."""
+    owner, _, _ = parameter.rpartition(".")
+    stated = Reference(parameter)
+    users = {move.name for move in joint_moves if stated in (move.elbow, move.shoulder, move.wrist, move.via)}
+    return {owner} if owner else users

@@ -22,7 +22,7 @@ from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.programming.coverage.blind_spans import Coverage
 from sqrp_cli.programming.coverage.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.programming.ranking import Ranked
-from sqrp_cli.programming.ways.words import choice_in_words
+from sqrp_cli.programming.ways.grips import choice_in_words
 from sqrp_cli.scoring.baselines.changes import WORKSPACE, fields_of
 from sqrp_cli.scoring.score import ScoredCell, TaskScore
 from sqrp_cli.scoring.work.results import CoverageRecord, Seconds

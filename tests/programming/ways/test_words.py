@@ -7,7 +7,7 @@ import pytest
 
 from sqrp_cli.knowledge.skill.settings import Reference
 from sqrp_cli.knowledge.workspace.workspace import Workspace
-from sqrp_cli.programming.ways.words import way_in_words
+from sqrp_cli.programming.ways.grips import way_in_words
 
 FREE = {"object": "g1", "approach_yaw": "any", "elbow": "any", "shoulder": "any", "wrist": "any", "via": "any"}
 

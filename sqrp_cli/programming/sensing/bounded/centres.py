@@ -13,8 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sqrp_cli.geometry import Array, Indices, Mask, cross
-from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
-from sqrp_cli.programming.sensing.bounded.hulls import axes_to_boxes
+from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds, axes_to_boxes
 from sqrp_cli.programming.sensing.bounded.shares import (
     Columns,
     NearSolids,

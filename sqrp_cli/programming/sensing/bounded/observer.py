@@ -15,9 +15,8 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.knowledge.camera.projection import Projection
-from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
+from sqrp_cli.programming.sensing.bounded.bounds import AnyHullTester, PoseBounds, common_hulls
 from sqrp_cli.programming.sensing.bounded.centres import ViewedBoxes
-from sqrp_cli.programming.sensing.bounded.hulls import AnyHullTester, common_hulls
 from sqrp_cli.programming.sensing.bounded.shares import NearSolids, visible_enough
 from sqrp_cli.programming.sensing.limits import Cause, LimitVerdicts, bend, entries_at, hull_areas, to_pixels
 from sqrp_cli.programming.sensing.observer import Observer

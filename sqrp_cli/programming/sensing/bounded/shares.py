@@ -18,8 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sqrp_cli.geometry import Array, Indices, Mask, inverse, ranges, transform
-from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
-from sqrp_cli.programming.sensing.bounded.hulls import axes_to_boxes
+from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds, axes_to_boxes
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
 from sqrp_cli.programming.sensing.visibility.hull_spaces import BOX_FACES, clipped_polygons
