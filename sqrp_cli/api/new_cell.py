@@ -120,10 +120,7 @@ def first_run(folder: Path, task: str, progress: Progress = silent) -> FirstRun 
         ranking = open_cell(folder).rank(task)
     if ranking.best is None:
         return None
-    with (
-        progress("Running the best candidate in the simulated cell", None),
-        TemporaryDirectory(dir=folder) as drafts,
-    ):
+    with progress("Running the best candidate in the simulated cell", None), TemporaryDirectory(dir=folder) as drafts:
         program = Path(drafts) / "first.yaml"
         ranking.write(program)
         report = open_program(program).run(witnessed=False).report

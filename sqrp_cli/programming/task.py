@@ -186,12 +186,7 @@ def _candidates(
             bound = {parameter.name: value for parameter, value in zip(skill.motion_parameters, values, strict=True)}
             shown = {name: value.replace(" ", "") for name, value in in_words(skill, bound).items()}
             words = [*binding.values(), *(f"{name}={shown[name]}" for name in varying)]
-            yield Candidate(
-                skill,
-                binding,
-                bound,
-                " ".join(words) or skill.name,
-            )
+            yield Candidate(skill, binding, bound, " ".join(words) or skill.name)
 
 
 def _solutions(words: Sequence[str], skill: Skill) -> dict[str, MotionValue]:

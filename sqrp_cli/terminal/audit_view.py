@@ -32,10 +32,7 @@ def print_audit(
     what = "; ".join(step.short_task for step in program.steps)
     say(f"{what} in {workspace}: {report.images} images compared, {report.skipped} skipped (not as planned)")
     if report.runs > 1:
-        say(
-            f"The motion is there {report.runs} times (runs, or a retry): the first is compared.",
-            "yellow",
-        )
+        say(f"The motion is there {report.runs} times (runs, or a retry): the first is compared.", "yellow")
     if report.damaged:
         count = "1 image is" if len(report.damaged) == 1 else f"{len(report.damaged)} images are"
         say(f"{count} damaged and left out: {report.damaged[0]}.", "yellow")

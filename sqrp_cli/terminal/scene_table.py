@@ -50,10 +50,7 @@ def _print_joints(model: RobotModel) -> None:
             model.home, strict=True,
         )
     ]  # fmt: skip
-    print_table(
-        [Column("joint [deg, s]"), *numbers("min", "max", "v", "a", "j", "home")],
-        joints,
-    )
+    print_table([Column("joint [deg, s]"), *numbers("min", "max", "v", "a", "j", "home")], joints)
 
 
 def _print_cameras(workspace: Workspace) -> None:

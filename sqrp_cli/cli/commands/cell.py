@@ -37,8 +37,7 @@ RosDomain = Annotated[
     int | None, typer.Option("--domain", metavar="N", min=0, max=232, help="Of ROS 2; by default a free one.")
 ]
 RosNetwork = Annotated[
-    str | None,
-    typer.Option("--network", metavar="NAME", help="Interface or address of ROS 2; loopback by default."),
+    str | None, typer.Option("--network", metavar="NAME", help="Interface or address of ROS 2; loopback by default.")
 ]
 Pace = Annotated[
     float, typer.Option("--pace", metavar="FACTOR", min=0.001, max=100.0, help="How fast its time may pass.")

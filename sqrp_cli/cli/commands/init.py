@@ -50,8 +50,7 @@ CameraCount = Annotated[
     typer.Option("--cameras", metavar="N", min=1, max=200, help="With --random: so many cameras; 4 by default."),
 ]
 RandomSeed = Annotated[
-    int | None,
-    typer.Option("--seed", metavar="N", min=0, help="With --random: seed of what is drawn; 0 by default."),
+    int | None, typer.Option("--seed", metavar="N", min=0, help="With --random: seed of what is drawn; 0 by default.")
 ]
 
 

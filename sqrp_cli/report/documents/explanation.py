@@ -214,11 +214,7 @@ class CandidateStudy(CandidateFigures):
             samples=_samples(cell, study, None if brief else views),
             hidden=[
                 completed(
-                    HiddenTarget,
-                    one,
-                    literal=str(one.atom),
-                    seconds=one.duration,
-                    parts=HidingPart.of(one.parts),
+                    HiddenTarget, one, literal=str(one.atom), seconds=one.duration, parts=HidingPart.of(one.parts)
                 )
                 for one in (() if brief else in_the_way(cell, study, views))
             ],
