@@ -129,7 +129,6 @@ class OpenProgram:
         from sqrp_cli.api.session import Session
         from sqrp_cli.programming.candidate import Task
         from sqrp_cli.programming.cell import Cell
-        from sqrp_cli.programming.coverage.sampling import Adaptive
         from sqrp_cli.programming.pipeline import Assignment
         from sqrp_cli.programming.program_update import candidate_of
         from sqrp_cli.programming.ranking import rank
@@ -141,7 +140,7 @@ class OpenProgram:
         if not 1 <= step <= len(steps):
             raise bad_option(f"--step is {step}, but {self.path} has {len(steps)} steps")
         cell, chosen = Cell.load(self.workspace, self.seed), steps[step - 1]
-        assignment = Assignment(cell, chosen.before, Adaptive())
+        assignment = Assignment(cell=cell, world=chosen.before)
         candidate = candidate_of(chosen, cell)
         task = Task(chosen.short_task, candidate.skill, (candidate,))
         ranking = rank([assignment.assess(candidate)], "q_eoi")

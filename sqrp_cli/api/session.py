@@ -15,14 +15,11 @@ from sqrp_cli.program.file import check_program, load_program, made_for, new_pro
 from sqrp_cli.program.record import Program
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, study
-from sqrp_cli.programming.coverage.robustness import Calibration
 from sqrp_cli.programming.coverage.sampling import Sampling
-from sqrp_cli.programming.pipeline import Assignment, assess_all
+from sqrp_cli.programming.pipeline import Asked, Assignment, assess_all
 from sqrp_cli.programming.program_update import make_step
 from sqrp_cli.programming.ranking import Ranked
-from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 from sqrp_cli.programming.task import Task, read_task
-from sqrp_cli.programming.ways.find import WantedWay
 from sqrp_cli.programming.ways.grips import first_grip
 from sqrp_cli.programming.whole_study import StepDone, StepShown, worst_seen
 
@@ -54,28 +51,17 @@ class Session:
         return f"{self.task.text} in {self.workspace.name}"
 
     @classmethod
-    def begin(
-        cls,
-        cell: Cell,
-        task: str,
-        before: Path | None,
-        sampling: Sampling,
-        calibration: Calibration | None = None,
-        wanted: WantedWay | None = None,
-        bounds: PoseBounds | None = None,
-    ) -> Session:
+    def begin(cls, cell: Cell, task: str, asked: Asked, before: Path | None = None) -> Session:
         """Read the task, and load the world to start from.
 
-        before: a program; the task starts where it ends, by default in the workspace's own state. wanted: which way of
-        each candidate, by default the one that is seen best. bounds: of the camera poses, to prove what holds within
-        them. Raises InputError for input that cannot be used.
+        before: a program; the task starts where it ends, by default in the workspace's own state. Raises InputError for
+        input that cannot be used.
         """
-        wanted = wanted or WantedWay()
         world = cell.initial_world if before is None else _world_after(before, cell)
         read = read_task(task, cell.workspace, world.facts)
-        if wanted.fastest:
+        if asked.wanted.fastest:
             read = replace(read, candidates=tuple(map(first_grip, read.candidates)))
-        return cls(read, Assignment(cell, world, sampling, calibration, bounds, wanted))
+        return cls(read, Assignment(**vars(asked), cell=cell, world=world))
 
 
 def _world_after(path: Path, cell: Cell) -> World:

@@ -13,7 +13,7 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study, WaysFound, study
 from sqrp_cli.programming.coverage.certificate import certify
 from sqrp_cli.programming.coverage.robustness import Calibration, expected_quality, under_calibration_errors
-from sqrp_cli.programming.coverage.sampling import Sampling
+from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling
 from sqrp_cli.programming.coverage.verdict import verdict, verdicts
 from sqrp_cli.programming.program_update import world_after
 from sqrp_cli.programming.ranking import Ranked
@@ -55,19 +55,25 @@ class Explained(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Assignment:
-    """What is to be computed for each candidate."""
+class Asked:
+    """How candidates are asked about."""
 
-    cell: Cell
-    world: World
-    """That every candidate starts from."""
-    sampling: Sampling
+    sampling: Sampling = Adaptive()  # noqa: RUF009 - it is frozen
     calibration: Calibration | None = None
     """Accuracy of the cameras' calibration, to compute its influence on the qualities; None to leave it out."""
     bounds: PoseBounds | None = None
     """How far the cameras may be off, to prove between what the qualities then lie; None to leave it out."""
     wanted: WantedWay = WantedWay()  # noqa: RUF009 - it is frozen
     """Which way of each candidate."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Assignment(Asked):
+    """What is to be computed for each candidate."""
+
+    cell: Cell
+    world: World
+    """That every candidate starts from."""
     plans: Plans | None = None
     """The motions of candidates in this world, if they are to be kept for other cameras."""
 

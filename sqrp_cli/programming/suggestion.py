@@ -15,7 +15,6 @@ from sqrp_cli.logic.planning_task import PlanStep
 from sqrp_cli.programming.candidate import THEN, Candidate, Task
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment
-from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.feasibility import unmet_preconditions
 from sqrp_cli.programming.grounding import formulas_outside
 from sqrp_cli.programming.pipeline import Assignment, assess_all
@@ -145,7 +144,7 @@ class Suggester:
         task = self._task(step)
         if world is None:
             return SuggestedStep(task.text, str(step), None, None), None
-        assignment = Assignment(self.cell, world, Adaptive())
+        assignment = Assignment(cell=self.cell, world=world)
         best = rank(tuple(assess_all(assignment, task.candidates, self.jobs)), "q_eoi")[0].assessment
         return SuggestedStep.of(best, world), world_left(self.cell, best, world)
 
@@ -153,7 +152,7 @@ class Suggester:
         if world is None:
             action = PlanStep(candidate.skill.action.name, tuple(candidate.binding.values()))
             return SuggestedStep(candidate.task, str(action), None, None)
-        assignment = Assignment(self.cell, world, Adaptive(), wanted=self._wanted)
+        assignment = Assignment(cell=self.cell, world=world, wanted=self._wanted)
         return SuggestedStep.of(assignment.assess(candidate), world)
 
     def _task(self, step: PlanStep) -> Task:
@@ -242,7 +241,7 @@ def check_candidate(candidate: Candidate, suggester: Suggester) -> Feasibility:
 def _check_steps(candidate: Candidate, suggester: Suggester) -> Feasibility:
     """Check a candidate of several steps, each in its fastest way after those before it."""
     wanted = WantedWay(fastest=True)
-    found = Assignment(suggester.cell, suggester.world, Adaptive(), wanted=wanted).assess(first_grip(candidate))
+    found = Assignment(cell=suggester.cell, world=suggester.world, wanted=wanted).assess(first_grip(candidate))
     return Feasibility(
         candidate=candidate,
         feasible=found.feasible,
@@ -260,7 +259,7 @@ def best_suggestion(found: Sequence[Feasibility], suggester: Suggester) -> tuple
     """
     now = [feasibility.candidate for feasibility in found if feasibility.feasible]
     if now:
-        assignment = Assignment(suggester.cell, suggester.world, Adaptive())
+        assignment = Assignment(cell=suggester.cell, world=suggester.world)
         best = rank(tuple(assess_all(assignment, now, suggester.jobs)), "q_eoi")[0].assessment
         done = assignment.steps_done(best.candidate)
         return tuple(SuggestedStep.of(one.assessment, one.before) for one in done) or (

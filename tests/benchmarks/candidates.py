@@ -37,7 +37,7 @@ def many(wanted: int) -> None:
         workspace = load_workspace(_crowded(Path(folder)))
         task = read_task("pickup green", workspace)
         fastest = WantedWay(fastest=True)
-        assignment = Assignment(Cell.load(workspace), workspace.stated_world, Adaptive(), wanted=fastest)
+        assignment = Assignment(cell=Cell.load(workspace), world=workspace.stated_world, wanted=fastest)
     starts = np.linspace(0, len(task.candidates) - YAWS, max(1, wanted // YAWS)).astype(int) // YAWS * YAWS
     chosen = [candidate for start in starts for candidate in task.candidates[start : start + YAWS]]
     rows, feasible, wanted, start = [], 0, len(chosen), time.perf_counter()
@@ -67,7 +67,7 @@ def _each_of_tabletop() -> None:
             cell = Cell.load(workspace)
             for other in candidates:
                 if other is not candidate:
-                    Assignment(cell, world, Adaptive()).assess(other)
+                    Assignment(cell=cell, world=world).assess(other)
             start = time.perf_counter()
             result = study(cell, candidate, world, Adaptive(), full=False)
             if isinstance(result, Study):

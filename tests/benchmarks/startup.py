@@ -89,7 +89,6 @@ def print_stages(imports: float) -> None:
     from sqrp_cli.programming.arm.kinematics import RobotModel
     from sqrp_cli.programming.cell import Cell
     from sqrp_cli.programming.coverage import observation, timeline
-    from sqrp_cli.programming.coverage.sampling import Adaptive
     from sqrp_cli.programming.pipeline import Assignment
     from sqrp_cli.programming.ranking import rank
     from sqrp_cli.programming.sensing import observer
@@ -120,7 +119,7 @@ def print_stages(imports: float) -> None:
     watch(observer, "near_pairs", "- of this culling")
     watch(observer.HullTester, "met", "- of this view hulls in coal")
     watch(observer, "visible_shares", "- of this visible shares")
-    assignment = Assignment(cell, workspace.stated_world, Adaptive())
+    assignment = Assignment(cell=cell, world=workspace.stated_world)
     assessments = clock.run("all candidates, whole", lambda: [assignment.assess(c) for c in task.candidates])
     with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
         clock.run("ranking and table", lambda: print_ranking(TASK, assignment, rank(assessments, "q_eoi"), "q_eoi"))

@@ -142,7 +142,7 @@ def _main(workload: str, count: int) -> None:
                 clock.watch(owner, name, stage)
     find = _found("sqrp_cli.programming.ways.find")
     wanted = {} if find is None else {"wanted": find.WantedWay(fastest=workload != "tabletop")}
-    assignment = Assignment(cell, workspace.stated_world, Adaptive(), **wanted)
+    assignment = Assignment(cell=cell, world=workspace.stated_world, sampling=Adaptive(), **wanted)
     found = list(assess_all(assignment, candidates, 1))
     clock.enter("rest")
     tried = [getattr(one, "ways", None) for one in found]

@@ -9,7 +9,6 @@ from unittest.mock import patch
 
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.task import Candidate, read_task
 from sqrp_cli.programming.ways import find
@@ -29,7 +28,7 @@ def ways(runs: int) -> None:
     rows = []
     for candidate in task.candidates:
         cells = (Cell.load(workspace) for _ in range(runs))
-        found = [_spent(Assignment(cell, workspace.stated_world, Adaptive()), candidate) for cell in cells]
+        found = [_spent(Assignment(cell=cell, world=workspace.stated_world), candidate) for cell in cells]
         spent = min(found, key=lambda one: one["all"])
         row = [f"{spent[name]:.0f}" for name in ("tried", "feasible", "all", *STAGES.values())]
         rows.append([candidate.name, *row, f"{1e3 * spent['tried'] / spent['all']:.0f}"])

@@ -279,7 +279,7 @@ def test_velocity_acceleration_jerk_and_position_keep_their_limits(cell: Cell, m
 
 def test_it_is_ranked(cell: Cell) -> None:
     (candidate,) = read_task("pickup lift=0.05", cell.workspace).candidates
-    assessment = Assignment(cell, cell.initial_world, FixedCount(5)).assess(candidate)
+    assessment = Assignment(FixedCount(5), cell=cell, world=cell.initial_world).assess(candidate)
     assert assessment.feasible
     assert assessment.q_avg is not None
 

@@ -32,7 +32,7 @@ def test_a_few_candidates_of_one_way_each_stay_in_one_process(tabletop, monkeypa
 
     monkeypatch.setattr(processes, "in_processes", refused)
     cell = Cell.load(tabletop)
-    assignment = Assignment(cell, cell.initial_world, FixedCount(2))
+    assignment = Assignment(FixedCount(2), cell=cell, world=cell.initial_world)
     few = read_task(f"pickup green {STATED}", cell.workspace).candidates
     assert 4 < len(few) < 2 * WORTH_A_PROCESS
     assert len(list(assess_all(assignment, few, 2))) == len(few)

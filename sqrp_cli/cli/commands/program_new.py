@@ -133,7 +133,7 @@ class _Dialog:
 
     def _choose(self, task: Task) -> list[ChosenStep]:
         """Rank the ways of a task and ask for one; if there is none, propose what to do first."""
-        session = Session(task, Assignment(self.cell, self.world, Adaptive()))
+        session = Session(task, Assignment(cell=self.cell, world=self.world))
         ranking = rank(list(assess(session, job_count(None), progress)), "q_eoi")
         say()
         print_ranking(task.text, session.assignment, ranking, "q_eoi", all_rows=True)

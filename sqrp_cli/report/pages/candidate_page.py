@@ -105,7 +105,7 @@ def _scored(scored: ScoredCell, scores: Sequence[TaskScore], means: Means) -> tu
     if scored.workspace is None or all(score.best is None for score in scores):
         return None, [_score(score, None, None) for score in scores]
     cell = Cell.load(scored.workspace, means.seed)
-    assignment = Assignment(cell, cell.initial_world, means.sampling)
+    assignment = Assignment(means.sampling, cell=cell, world=cell.initial_world)
     details = [None if score.best is None else _detail(assignment, score.best) for score in scores]
     return cell_scene(cell), [_score(score, 0, detail) for score, detail in zip(scores, details, strict=True)]
 

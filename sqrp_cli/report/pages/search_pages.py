@@ -131,7 +131,7 @@ def write_placement(
 ) -> None:
     """Write the page about a placement. arguments: of the command. jobs: processes to use at most."""
     question = found.question
-    assignment = Assignment(found.cell, question.world, question.sampling)
+    assignment = Assignment(question.sampling, cell=found.cell, world=question.world)
 
     def shown(one: JudgedCandidate) -> PageRow:
         return studied(_row(found, document, one), one.found, assignment, question.demand.wish)

@@ -97,7 +97,7 @@ def run_job(job: Job, placed: Callable[[Workspace], Workspace] | None = None) ->
 
 def _outcome(cell: Cell, job: Job, candidate: Candidate) -> Outcome:
     world = cell.initial_world
-    assignment = Assignment(cell, world, job.sampling)
+    assignment = Assignment(job.sampling, cell=cell, world=world)
     assessment = assignment.assess(candidate)
     if not job.coverage or not assessment.feasible:
         return Outcome(assessment, None)

@@ -427,7 +427,7 @@ def test_the_place_of_a_whole_cell_does_not_change_its_quality(
 def test_two_processes_give_what_one_gives(tabletop: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pipeline, "WORTH_WITH_WAYS", 1)
     task = read_task("pickup object=g2,g3", tabletop).candidates
-    assignment = Assignment(Cell.load(tabletop), tabletop.stated_world, FixedCount(20))
+    assignment = Assignment(FixedCount(20), cell=Cell.load(tabletop), world=tabletop.stated_world)
     one, two = ([figures(a) for a in assess_all(assignment, task, jobs)] for jobs in (1, 2))
     assert one == two
 
@@ -435,7 +435,7 @@ def test_two_processes_give_what_one_gives(tabletop: Workspace, monkeypatch: pyt
 def test_candidates_assessed_together_have_the_figures_that_each_has_alone(tabletop: Workspace) -> None:
     task = read_task("pickup", tabletop).candidates
     fastest = WantedWay(fastest=True)
-    assignment = Assignment(Cell.load(tabletop), tabletop.stated_world, Adaptive(), wanted=fastest)
+    assignment = Assignment(cell=Cell.load(tabletop), world=tabletop.stated_world, wanted=fastest)
     together = list(map(figures, assignment.assess_together(task)))
     assert together == [figures(assignment.assess(candidate)) for candidate in task]
     assert sum(one["feasible"] is True for one in together) > 3

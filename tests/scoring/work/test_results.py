@@ -42,7 +42,7 @@ def test_what_is_in_the_place_of_a_result_is_replaced(what: str, tmp_path: Path)
 def test_a_kept_outcome_has_the_way_behind_its_figures(tabletop: Workspace) -> None:
     cell = Cell.load(tabletop)
     candidate = read_task("pickup g4 path=seen", tabletop).candidates[0]
-    assessment = Assignment(cell, cell.initial_world, FixedCount(3)).assess(candidate)
+    assessment = Assignment(FixedCount(3), cell=cell, world=cell.initial_world).assess(candidate)
     text = Outcome(assessment, None).to_text()
     again = Outcome.from_text(text, candidate).assessment
     assert again.ways == assessment.ways
