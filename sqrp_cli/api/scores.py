@@ -17,11 +17,12 @@ from sqrp_cli.checks.formulas import intervals_outside
 from sqrp_cli.errors import Problem
 from sqrp_cli.platform.files import check_not_read, write_atomically
 from sqrp_cli.platform.memory import keep_all_so_far
-from sqrp_cli.scoring.baselines.baseline import Baseline, baseline_of, save_baseline
+from sqrp_cli.scoring.baselines.baseline import baseline_of, save_baseline
 from sqrp_cli.scoring.score import ScoredCell, find_workspaces, read_cells, wanted_of
 from sqrp_cli.scoring.scorecard import (
     ComparedScore,
     CoverageLookup,
+    Expected,
     Progress,
     Scorecard,
     compare_with,
@@ -82,13 +83,10 @@ class ScoreRun:
         parts += ["the others were known"] if not interrupted and computed + failed < total else []
         return ", ".join(parts) + (", then interrupted" if interrupted else "")
 
-    def compare(
-        self, findings: Scorecard, baseline: Baseline, allowance: float, *, may_vanish: bool = False
-    ) -> Scorecard:
-        """The findings compared with a baseline; at Ctrl-C without. allowance, may_vanish: see `compare_with`."""
-        lookup = self._lookup
+    def compare(self, findings: Scorecard, expected: Expected) -> Scorecard:
+        """The findings compared with a baseline; at Ctrl-C without."""
         try:
-            return compare_with(findings, self.cells, baseline, allowance, lookup, self.progress, may_vanish=may_vanish)
+            return compare_with(findings, self.cells, expected, self._lookup, self.progress)
         except KeyboardInterrupt:
             return replace(findings, interrupted=True)
 

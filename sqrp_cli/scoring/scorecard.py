@@ -98,21 +98,25 @@ class CoverageLookup:
         return Wanted(self._workspaces[result.workspace], result.content, way.assessment.candidate)
 
 
+@dataclass(frozen=True, eq=False)
+class Expected:
+    """What scores are compared with."""
+
+    baseline: Baseline
+    allowance: float
+    """What may get worse: points of Q, percent of times."""
+    may_vanish: bool
+    """Whether it is no failure if the baseline has a workspace, task or choice of objects that is no longer there."""
+
+
 def compare_with(
-    scorecard: Scorecard,
-    cells: Sequence[ScoredCell],
-    baseline: Baseline,
-    allowance: float,
-    lookup: CoverageLookup,
-    progress: Progress,
-    *,
-    may_vanish: bool,
+    scorecard: Scorecard, cells: Sequence[ScoredCell], expected: Expected, lookup: CoverageLookup, progress: Progress
 ) -> Scorecard:
     """The scorecard with every task compared with its baseline; a task that got worse has failed.
 
-    allowance: see `compare`. may_vanish: whether it is no failure if the baseline has a workspace, a task or a choice
-    of objects that is no longer there. Raises InputError where results cannot be kept.
+    Raises InputError where results cannot be kept.
     """
+    baseline = expected.baseline
     known = identified(baseline, cells)
     changes = {
         cell.name: workspace_changes(record.digest, record.files, baseline.fields, cell.workspace)
@@ -122,11 +126,8 @@ def compare_with(
     }
     tasks = {name: baseline.workspaces[before].tasks for name, before in known.items()}
     pairs = [(one.score, tasks.get(one.score.workspace, {}).get(one.score.task or "")) for one in scorecard.results]
-    lookup.prepare(list(_ways_to_explain(pairs, allowance)), progress)
-    results = [
-        _compared(one, record, allowance, lookup, changes.get(one.workspace, ()), may_vanish=may_vanish)
-        for one, record in pairs
-    ]
+    lookup.prepare(list(_ways_to_explain(pairs, expected.allowance)), progress)
+    results = [_compared(one, record, expected, lookup, changes.get(one.workspace, ())) for one, record in pairs]
     names = {known.get(cell.name, ""): [task.text for task in cell.tasks] for cell in cells}
     unreadable = {known.get(cell.name) for cell in cells if cell.workspace is None}
     return replace(
@@ -134,7 +135,7 @@ def compare_with(
         results=tuple(results),
         changes=changes,
         vanished=tuple(task for task in vanished(baseline, names) if task.workspace not in unreadable),
-        may_vanish=may_vanish,
+        may_vanish=expected.may_vanish,
         renamed={name: before for name, before in known.items() if name != before},
     )
 
@@ -194,24 +195,18 @@ def difference(
     results_now = (replace(result, score=_expecting_nothing(result.score)) for result in second.results)
     second = replace(second, results=tuple(results_now))
     lookup = CoverageLookup([after], computer)
-    return compare_with(second, [after], baseline, allowance, lookup, progress, may_vanish=True)
+    return compare_with(second, [after], Expected(baseline, allowance, may_vanish=True), lookup, progress)
 
 
 def _compared(
-    result: TaskScore,
-    record: TaskRecord | None,
-    allowance: float,
-    lookup: CoverageLookup,
-    changes: Sequence[Change],
-    *,
-    may_vanish: bool,
+    result: TaskScore, record: TaskRecord | None, expected: Expected, lookup: CoverageLookup, changes: Sequence[Change]
 ) -> ComparedScore:
     if result.status == "error":
         return ComparedScore(result, None)
-    comparison = compare(record, result, allowance, lookup)
+    comparison = compare(record, result, expected.allowance, lookup)
     since = f"; since the baseline {listed(changes)}" if changes else ""
     reasons = [f"{result.task} got worse for {change}{since}" for change in comparison.ways if change.worse]
-    if not may_vanish:
+    if not expected.may_vanish:
         reasons += [f"{result.task} for {way} is in the baseline, and no longer here{since}" for way in comparison.gone]
     if not reasons:
         return ComparedScore(result, comparison)

@@ -52,10 +52,8 @@ def print_audit(
     print_prediction(report.prediction, report.total)
     print_disagreements(report.disagreements, len(report.prediction))
     for one in report.lost:
-        text = (
-            f"From {one.t:.2f} s of step {one.step} on, `{one.atom}` is false in each of the {one.images} images that"
-        )
-        say(f"{text} show it: perhaps the part was lost there, and its detector is right.", "yellow")
+        since = f"From {one.t:.2f} s of step {one.step} on, `{one.atom}` is false in each of the {one.images} images"
+        say(f"{since} that show it: perhaps the part was lost there, and its detector is right.", "yellow")
     say()
     say(_total(report.total.precision, threshold))
 

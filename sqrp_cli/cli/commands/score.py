@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from sqrp_cli.api.scores import ScoreRun
-    from sqrp_cli.scoring.scorecard import Scorecard
+    from sqrp_cli.scoring.scorecard import Expected, Scorecard
     from sqrp_cli.scoring.work.compute import Means
 
 NAME = "score"
@@ -50,17 +50,6 @@ class Outputs:
             check_writable(path)
         if self.report is not None:
             option.check_report(self.report)
-
-
-@dataclass(frozen=True)
-class Expected:
-    """What scores are compared with."""
-
-    baseline: Path | None
-    allowance: float
-    """What may get worse: points of Q, percent of times."""
-    may_vanish: bool
-    """Whether workspaces, tasks and choices of objects of the baseline may be gone."""
 
 
 def command(
@@ -110,12 +99,23 @@ def command(
         means = Means(read_sampling(samples, dt, tolerance), job_count(jobs), workers, out, seed)
         if vary:
             return _vary(paths, vary, draws, patch, means, as_json=as_json)
-        expected = Expected(baseline, allow, allow_missing)
+        from sqrp_cli.scoring.baselines.baseline import load_baseline
+        from sqrp_cli.scoring.scorecard import Expected
+
+        check_not_read(outputs.paths, [baseline])
+        known = None if baseline is None else load_baseline(baseline, means.sampling)
+        expected = None if known is None else Expected(known, allow, may_vanish=allow_missing)
         return _score(paths, expected, outputs, means, context.obj, as_json=as_json)
 
 
 def _score(
-    paths: Sequence[str], expected: Expected, outputs: Outputs, means: Means, arguments: Sequence[str], *, as_json: bool
+    paths: Sequence[str],
+    expected: Expected | None,
+    outputs: Outputs,
+    means: Means,
+    arguments: Sequence[str],
+    *,
+    as_json: bool,
 ) -> ExitCode:
     """Score all, compare with the baseline, write the requested files and print; arguments: of the command.
 
@@ -123,17 +123,14 @@ def _score(
     could be scored, and the rest as errors.
     """
     from sqrp_cli.api.scores import ScoreRun, nothing_scored, why_not_scored
-    from sqrp_cli.scoring.baselines.baseline import load_baseline
     from sqrp_cli.terminal.console import note, progress
 
-    check_not_read(outputs.paths, [expected.baseline])
-    baseline = None if expected.baseline is None else load_baseline(expected.baseline, means.sampling)
     findings = None
     try:
         with ScoreRun.open(paths, outputs.paths, means, progress) as run:
             findings = _findings(run)
-            if baseline is not None and not findings.interrupted:
-                findings = run.compare(findings, baseline, expected.allowance, may_vanish=expected.may_vanish)
+            if expected is not None and not findings.interrupted:
+                findings = run.compare(findings, expected)
                 if findings.interrupted:
                     note("interrupted before everything was compared with the baseline")
             if not findings.interrupted:
