@@ -15,6 +15,12 @@ from sqrp_cli.knowledge.workspace.load import load_workspace
 ROOT = Path(__file__).parents[1]
 
 
+def read_cases(name: str) -> Any:
+    """What a file of tests/cases says; by libyaml where it is there, as the suite reads all cases in every worker."""
+    text = (ROOT / "tests" / "cases" / name).read_text(encoding="utf-8")
+    return yaml.load(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))  # noqa: S506 - both are safe
+
+
 def read_cell(folder: Path) -> dict[str, Any]:
     """What the workspace file of a folder says, with absolute paths of tool and skills."""
     text = (folder / "workspace.yaml").read_text(encoding="utf-8")

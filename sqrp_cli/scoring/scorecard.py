@@ -95,7 +95,7 @@ class CoverageLookup:
         return None if outcome is None else outcome.coverage
 
     def _wanted(self, result: TaskScore, way: Ranked) -> Wanted:
-        return Wanted(self._workspaces[result.workspace], result.content, way.assessment.candidate)
+        return Wanted(self._workspaces[result.workspace], result.content, way.assessment.way)
 
 
 @dataclass(frozen=True, eq=False)

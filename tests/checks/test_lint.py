@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 
 from sqrp_cli.checks.lint import lint
 from sqrp_cli.knowledge.text.units import shown_length
 from sqrp_cli.knowledge.workspace.load import load_workspace
+from tests.cells import read_cases
 
-CASES = yaml.safe_load((Path(__file__).parents[1] / "cases" / "lint.yaml").read_text(encoding="utf-8"))
+CASES = read_cases("lint.yaml")
 Damage = Callable[[dict[str, Any]], Path]
 
 

@@ -17,9 +17,9 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.file import check_program, load_program
-from tests.cells import read_cell, write_cell
+from tests.cells import read_cases, read_cell, write_cell
 
-CASES = yaml.safe_load((Path(__file__).parents[1] / "cases" / "bad_programs.yaml").read_text(encoding="utf-8"))
+CASES = read_cases("bad_programs.yaml")
 
 
 @pytest.fixture(scope="module")

@@ -8,13 +8,13 @@ from random import Random
 from typing import Any
 
 import pytest
-import yaml
 
 from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.workspace.load import load_workspace
+from tests.cells import read_cases
 
 CELL = Path(__file__).parents[1] / "cases" / "cell"
-CASES = yaml.safe_load((Path(__file__).parents[1] / "cases" / "bad_inputs.yaml").read_text(encoding="utf-8"))
+CASES = read_cases("bad_inputs.yaml")
 
 
 @pytest.mark.parametrize("case", CASES, ids=[case["case"] for case in CASES])

@@ -3,7 +3,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -23,9 +22,10 @@ from sqrp_cli.logic.formula import (
 from sqrp_cli.logic.formula_check import check_formula
 from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.logic.pddl_parser import parse_domain
+from tests.cells import read_cases
 
 PLACE = Place(Path("skill.yaml"), 3, 5)
-CASES = yaml.safe_load((Path(__file__).parent.parent / "cases" / "mtl_errors.yaml").read_text())
+CASES = read_cases("mtl_errors.yaml")
 
 
 def parse(text: str) -> Formula:

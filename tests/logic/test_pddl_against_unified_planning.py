@@ -7,15 +7,15 @@ import re
 from pathlib import Path
 
 import pytest
-import yaml
 
 from sqrp_cli.errors import InputError
 from sqrp_cli.logic.pddl_parser import parse_domain
+from tests.cells import read_cases
 
 pytest.importorskip("unified_planning")
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 
-CASES = yaml.safe_load((Path(__file__).parent.parent / "cases" / "pddl_errors.yaml").read_text())
+CASES = read_cases("pddl_errors.yaml")
 
 CONDITIONS = [
     "()",

@@ -3,7 +3,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -24,9 +23,10 @@ from sqrp_cli.logic.domain import (
     merge_domains,
 )
 from sqrp_cli.logic.pddl_parser import parse_domain
+from tests.cells import read_cases
 from tests.logic.planning import read
 
-CASES = yaml.safe_load((Path(__file__).parent.parent / "cases" / "pddl_errors.yaml").read_text())
+CASES = read_cases("pddl_errors.yaml")
 
 TRAYS = """; Several actions, and all that is supported.
 (define (domain Trays)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -16,8 +17,10 @@ from sqrp_cli.logic.planning_task import PlanStep
 from sqrp_cli.logic.unified_planner import engine_planner
 from tests.logic.planning import Problem, assert_reaches, random_problem
 
-pytest.importorskip("up_fast_downward")
-pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
+pytestmark = [
+    pytest.mark.skipif(find_spec("up_fast_downward") is None, reason="no Fast Downward"),  # its import takes seconds
+    pytest.mark.filterwarnings("ignore::UserWarning"),
+]
 
 PROBLEMS = int(os.environ.get("SQRP_PLANNING_PROBLEMS", "16"))
 

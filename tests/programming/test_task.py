@@ -5,15 +5,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-import yaml
 
 from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.task import impossible_tasks, read_task
+from tests.cells import read_cases
 
 ROOT = Path(__file__).parents[2]
-BAD_TASKS = yaml.safe_load((ROOT / "tests/cases/bad_tasks.yaml").read_text())
+BAD_TASKS = read_cases("bad_tasks.yaml")
 
 
 @pytest.fixture(scope="module")

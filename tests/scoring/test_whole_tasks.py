@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -29,10 +30,14 @@ def narrow(degrees: int) -> ScoredCell:
 
 @pytest.fixture(scope="module")
 def outcome() -> Outcome:
+    first = wanted_of(narrow(24))[0]
     with open_computer(Means(Adaptive())) as computer:
-        wanted = wanted_of(narrow(24))
-        computer.compute(wanted, lambda _: None, coverage=True)
-        found = computer.outcome(wanted[0], coverage=True)
+        computer.compute([first], lambda _: None)
+        best = computer.outcome(first)
+        assert best is not None
+        way = replace(first, candidate=best.assessment.way)
+        computer.compute([way], lambda _: None, coverage=True)
+        found = computer.outcome(way, coverage=True)
     assert found is not None
     return found
 

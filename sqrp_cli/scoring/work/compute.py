@@ -93,8 +93,8 @@ class Computer:
     def compute(self, wanted: Sequence[Wanted], advance: Callable[[int], None], *, coverage: bool = False) -> None:
         """Make every candidate available to `outcome`; `advance` is called with the number of finished ones.
 
-        coverage: with their coverage. At Ctrl-C what is under way is finished and kept, then KeyboardInterrupt is
-        raised. Raises InputError if results cannot be kept.
+        coverage: with their coverage; each is then a way, which leaves nothing free. At Ctrl-C what is under way is
+        finished and kept, then KeyboardInterrupt is raised. Raises InputError if results cannot be kept.
         """
         self.begin(wanted, coverage=coverage)
         advance(len(wanted) - len(self._awaited))

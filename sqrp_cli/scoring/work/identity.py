@@ -67,8 +67,9 @@ def says_something(path: str) -> bool:
 def candidate_key(content: str, candidate: Candidate, sampling: Sampling, seed: int, *, coverage: bool) -> str:
     """The key of a candidate's result; content: see `content_digest`. coverage: whether it has its `Coverage`, too."""
     parameters = list(candidate.parameters.items())
+    vias = {name: via.tolist() for name, via in candidate.vias.items()}
     how = [type(sampling).__name__, asdict(sampling), seed, coverage]
-    return digest_of([program_digest(), content, candidate.skill.name, parameters, *how])
+    return digest_of([program_digest(), content, candidate.skill.name, parameters, vias, *how])
 
 
 def digest_of(value: object) -> str:

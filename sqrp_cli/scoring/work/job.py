@@ -16,16 +16,17 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import Infeasible, InputError, Problem
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.platform.memory import collect_seldom, keep_freed_memory
 from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.blind_spans import coverage_of, coverage_of_steps
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.pipeline import Assignment
-from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.task import Candidate
+from sqrp_cli.programming.whole_study import whole_study
 from sqrp_cli.scoring.work.identity import program_digest
 from sqrp_cli.scoring.work.results import Outcome
 
@@ -62,6 +63,7 @@ class Job:
     content: str
     """Digest of what their figures depend on, see `identity.content_digest`."""
     candidates: tuple[Candidate, ...]
+    """With coverage each is a way, which leaves nothing free."""
     sampling: Sampling
     seed: int
     """Of what planning draws at random."""
@@ -97,13 +99,13 @@ def run_job(job: Job, placed: Callable[[Workspace], Workspace] | None = None) ->
 
 def _outcome(cell: Cell, job: Job, candidate: Candidate) -> Outcome:
     world = cell.initial_world
-    assignment = Assignment(job.sampling, cell=cell, world=world)
-    assessment = assignment.assess(candidate)
-    if not job.coverage or not assessment.feasible:
-        return Outcome(assessment, None)
-    explained = assignment.explain(Ranked(assessment, rank=1, pareto=True))
-    coverage = [coverage_of(cell, step.study) for step in explained.steps]
-    return Outcome(explained.ranked.assessment, coverage_of_steps(coverage) if candidate.steps else coverage[0])
+    if not job.coverage:
+        return Outcome(Assignment(job.sampling, cell=cell, world=world).assess(candidate), None)
+    found = whole_study(cell, candidate, world, job.sampling, full=True)
+    if isinstance(found, Infeasible):
+        return Outcome(Assessment.infeasible(candidate, found.reasons), None)
+    coverage = [coverage_of(cell, step) for step in found.steps]
+    return Outcome(found.assessment, coverage_of_steps(coverage) if candidate.steps else coverage[0])
 
 
 _cells: OrderedDict[tuple[str, int], Cell] = OrderedDict()

@@ -16,8 +16,9 @@ from sqrp_cli.knowledge.camera.calibration import read_calibration
 from sqrp_cli.knowledge.camera.camera import CalibrationFile, Camera
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.workspace.load import load_workspace
+from tests.cells import read_cases
 
-CASES = yaml.safe_load((Path(__file__).parents[2] / "cases" / "calibrations.yaml").read_text(encoding="utf-8"))
+CASES = read_cases("calibrations.yaml")
 
 SIZE = (1280, 720)
 PINHOLE = (912.348712, 911.902174, 641.205533, 358.771204)

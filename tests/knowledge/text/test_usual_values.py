@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 
 from sqrp_cli.checks.lint import lint
 from sqrp_cli.errors import Problem
@@ -19,9 +18,10 @@ from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.report.documents.schemas import schema_of
 from sqrp_cli.starter.make import make_starter
 from sqrp_cli.starter.random_cell import Crowd
+from tests.cells import read_cases
 
 ROOT = Path(__file__).parents[3]
-CASES = yaml.safe_load((ROOT / "tests" / "cases" / "unusual_values.yaml").read_text(encoding="utf-8"))
+CASES = read_cases("unusual_values.yaml")
 EVERY_FIELD = ROOT / "tests" / "cases" / "every_field"
 NEW_CODES = {
     "unusual-value",

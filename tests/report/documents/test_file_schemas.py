@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,11 @@ from sqrp_cli.report.documents.schemas import FILES, schema_of
 
 ROOT = Path(__file__).parents[3]
 SHIPPED = sorted([*ROOT.glob("workspaces/*/workspace.yaml"), *ROOT.glob("skills/*/skill.yaml")])
-VALIDATORS = {name: Draft202012Validator(schema_of(name)) for name in FILES}
+
+
+@cache
+def validator_of(name: str) -> Draft202012Validator:
+    return Draft202012Validator(schema_of(name))
 
 
 def mappings(value: object) -> Iterator[dict[str, Any]]:
@@ -36,13 +41,13 @@ def test_a_schema_is_valid_and_describes_every_key(name: str) -> None:
     keys = [(key, value) for entry in entries for key, value in entry["properties"].items()]
     assert [key for key, value in keys if "description" not in value and "$ref" not in value] == []
     defaults = [(key, value) for key, value in keys if value.get("default") is not None]
-    validator = VALIDATORS[name]
+    validator = validator_of(name)
     assert [key for key, value in defaults if not validator.evolve(schema=value).is_valid(value["default"])] == []
 
 
 @pytest.mark.parametrize("file", SHIPPED, ids=lambda file: file.parent.name)
 def test_shipped_files_are_valid_and_a_key_too_many_is_not_anywhere(file: Path) -> None:
-    validator, content = VALIDATORS[file.stem], read_yaml(file).data
+    validator, content = validator_of(file.stem), read_yaml(file).data
     assert [error.message for error in validator.iter_errors(content)] == []
     for place in range(sum(1 for _ in mappings(content))):
         changed = copy.deepcopy(content)
