@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, bad_input
+from sqrp_cli.knowledge.text.units import as_number
 
 MAX_BYTES = 200_000_000
 """Largest STL file that is read."""
@@ -36,10 +37,7 @@ def damaged(message: str, path: Path, line: int | None = None) -> InputError:
 
 def are_numbers(words: Sequence[bytes]) -> bool:
     """Whether all words are finite numbers of single precision."""
-    try:
-        return all(abs(float(word)) <= MAX_NUMBER for word in words)
-    except ValueError:
-        return False
+    return all(abs(as_number(word)) <= MAX_NUMBER for word in words)
 
 
 def check_bytes(path: Path, size: int, limit: int) -> None:

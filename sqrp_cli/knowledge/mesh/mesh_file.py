@@ -21,17 +21,15 @@ import numpy as np
 from sqrp_cli.errors import InputError, Place, bad_input
 from sqrp_cli.geometry import Array, transform
 from sqrp_cli.knowledge.mesh.collada import check_dae
-from sqrp_cli.knowledge.mesh.limits import (
-    MAX_BYTES,
-    MAX_TEXT_BYTES,
-    check_bytes,
-    check_triangles,
-)
+from sqrp_cli.knowledge.mesh.limits import MAX_BYTES, MAX_TEXT_BYTES, check_bytes, check_triangles
 from sqrp_cli.knowledge.mesh.obj import check_obj
 from sqrp_cli.knowledge.mesh.stl import check_stl
 from sqrp_cli.knowledge.text.input_file import open_input
 from sqrp_cli.knowledge.text.units import LARGEST, SMALLEST_SIZE
 from sqrp_cli.shapes import Mesh, Part, Shape
+
+_CHECKS = {".stl": check_stl, ".obj": check_obj, ".dae": check_dae}
+"""What counts the triangles of a file, by its ending, and raises InputError for a damaged one."""
 
 _EXACT = frozenset({".step", ".stp", ".iges", ".igs", ".brep"})
 """Endings of files of CAD programs, whose surfaces are exact and not triangles."""
@@ -90,18 +88,11 @@ def _check(path: Path, size: int, _time: int) -> None:
     """As `check_mesh`; an unchanged file is not checked again."""
     suffix = path.suffix.lower()
     check_bytes(path, size, MAX_BYTES if suffix == ".stl" else MAX_TEXT_BYTES)
-    match suffix:
-        case ".stl":
-            count = check_stl(path, size)
-        case ".obj":
-            count = check_obj(path)
-        case ".dae":
-            count = check_dae(path)
-        case _:
-            message = f"found a mesh with the ending `{path.suffix}`, expected .stl, .obj or .dae"
-            mend = _CONVERSIONS if suffix in _EXACT else "export it as one of these"
-            raise bad_input("unknown-mesh", message, Place(path), mend=mend)
-    check_triangles(path, count)
+    if suffix not in _CHECKS:
+        message = f"found a mesh with the ending `{path.suffix}`, expected .stl, .obj or .dae"
+        mend = _CONVERSIONS if suffix in _EXACT else "export it as one of these"
+        raise bad_input("unknown-mesh", message, Place(path), mend=mend)
+    check_triangles(path, _CHECKS[suffix](path))
 
 
 class _UnitReader:

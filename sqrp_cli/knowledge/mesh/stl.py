@@ -26,8 +26,9 @@ _TRIANGLE = re.compile(_PATTERN + rb"(?:\s+|\Z)")
 _SOLID, _END = re.compile(rb"\s*solid\b[^\r\n]*\s*"), re.compile(rb"endsolid\b[^\r\n]*\s*")
 
 
-def check_stl(path: Path, size: int) -> int:
+def check_stl(path: Path) -> int:
     """The number of triangles. Raises InputError for a damaged file."""
+    size = path.stat().st_size
     with path.open("rb") as file:
         header = file.read(_HEADER)
     stated = int.from_bytes(header[-4:], "little") if len(header) == _HEADER else 0

@@ -95,11 +95,11 @@ def _unpacked(message: Message, expected: PixelSize, place: Place, where: str) -
     encoding = message.encoding
     if encoding not in _CONVERSIONS:
         known = ", ".join(_CONVERSIONS)
-        raise _refused("unreadable", f"the image of {where} has the encoding `{encoding}`; read are {known}", place)
+        raise bad_input("unreadable", f"the image of {where} has the encoding `{encoding}`; read are {known}", place)
     found, channels = PixelSize(message.width, message.height), _CHANNELS.get(encoding, 1)
     _check_size(found, expected, place, where)
     if channels == 2 and found.width % 2:
-        raise _refused("unreadable", f"the image of {where} has the encoding `{encoding}`, but an odd width", place)
+        raise bad_input("unreadable", f"the image of {where} has the encoding `{encoding}`, but an odd width", place)
     row = found.width * channels
     if message.step < row or len(message.data) < message.step * found.height:
         raise _damaged(f"the image of {where} has fewer bytes than its {found.short} pixels need", place)
@@ -126,14 +126,9 @@ def _jpeg_size(content: bytes) -> PixelSize | None:
 
 def _check_size(found: PixelSize, expected: PixelSize, place: Place, where: str) -> None:
     if found != expected:
-        raise _refused(
-            "wrong-size", f"the image of {where} is {found.short}, the workspace says {expected.short}", place
-        )
+        message = f"the image of {where} is {found.short}, the workspace says {expected.short}"
+        raise bad_input("wrong-size", message, place)
 
 
 def _damaged(message: str, place: Place) -> DamagedImageError:
     return DamagedImageError(Problem("unreadable", message, place))
-
-
-def _refused(code: str, message: str, place: Place) -> InputError:
-    return bad_input(code, message, place)
