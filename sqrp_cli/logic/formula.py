@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 from sqrp_cli.logic.literal import Atom
@@ -74,17 +74,18 @@ class Not(_Printed):
 
 
 @dataclass(frozen=True)
-class And(_Printed):
-    """Conjunction of two or more formulas."""
+class Joined(_Printed):
+    """Two or more formulas taken together."""
 
     operands: tuple[Formula, ...]
 
 
-@dataclass(frozen=True)
-class Or(_Printed):
-    """Disjunction of two or more formulas."""
+class And(Joined):
+    """Conjunction."""
 
-    operands: tuple[Formula, ...]
+
+class Or(Joined):
+    """Disjunction."""
 
 
 @dataclass(frozen=True)
@@ -96,21 +97,20 @@ class Implies(_Printed):
 
 
 @dataclass(frozen=True)
-class Always(_Printed):
+class Temporal(_Printed):
+    """What holds of `operand` over `interval`."""
+
+    interval: Interval
+    operand: Formula
+    origin: TextOrigin | None = field(default=None, compare=False, repr=False)
+
+
+class Always(Temporal):
     """`operand` holds at every instant of `interval`."""
 
-    interval: Interval
-    operand: Formula
-    origin: TextOrigin | None = field(default=None, compare=False, repr=False)
 
-
-@dataclass(frozen=True)
-class Eventually(_Printed):
+class Eventually(Temporal):
     """`operand` holds at some instant of `interval`; the interval is an event of interest."""
-
-    interval: Interval
-    operand: Formula
-    origin: TextOrigin | None = field(default=None, compare=False, repr=False)
 
 
 Formula: TypeAlias = Predicate | Not | And | Or | Implies | Always | Eventually
@@ -121,9 +121,9 @@ def children(formula: Formula) -> tuple[Formula, ...]:
     match formula:
         case Predicate():
             return ()
-        case Not(operand) | Always(operand=operand) | Eventually(operand=operand):
+        case Not(operand) | Temporal(operand=operand):
             return (operand,)
-        case And(operands) | Or(operands):
+        case Joined(operands):
             return operands
         case Implies(premise, conclusion):
             return (premise, conclusion)
@@ -134,18 +134,12 @@ def with_children(formula: Formula, parts: tuple[Formula, ...]) -> Formula:
     match formula:
         case Predicate():
             return formula
-        case Not():
-            return Not(parts[0])
-        case And():
-            return And(parts)
-        case Or():
-            return Or(parts)
+        case Joined():
+            return replace(formula, operands=parts)
         case Implies():
-            return Implies(parts[0], parts[1])
-        case Always(interval, _, origin):
-            return Always(interval, parts[0], origin)
-        case Eventually(interval, _, origin):
-            return Eventually(interval, parts[0], origin)
+            return Implies(*parts)
+        case Not() | Temporal():
+            return replace(formula, operand=parts[0])
 
 
 _SIGNS = {Not: "not ", And: " and ", Or: " or ", Implies: " -> ", Always: "always", Eventually: "eventually"}
@@ -164,9 +158,9 @@ def _print(formula: Formula) -> str:
             return name if not arguments else f"{name}({', '.join(arguments)})"
         case Not(operand):
             return sign + enclosed(operand, 3)
-        case Always(interval, operand) | Eventually(interval, operand):
+        case Temporal(interval, operand):
             return f"{sign}{interval} {enclosed(operand, 3)}"
-        case And(operands) | Or(operands):
+        case Joined(operands):
             return sign.join(enclosed(operand, _BINDING[type(formula)] + 1) for operand in operands)
         case Implies(premise, conclusion):
             return enclosed(premise, 1) + sign + enclosed(conclusion, 0)

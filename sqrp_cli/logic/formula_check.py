@@ -42,7 +42,7 @@ def check_formula(
     problems = [
         problem for part in mtl.children(formula) for problem in check_formula(part, domain, action, primitives)
     ]
-    if isinstance(formula, mtl.Always | mtl.Eventually):
+    if isinstance(formula, mtl.Temporal):
         problems = [*_check_interval(formula.interval, primitives), *problems]
     return tuple(problems)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal as OneOf
 
 from sqrp_cli.errors import InputError, Problem
@@ -58,12 +58,8 @@ def with_times(formula: mtl.Formula, spans: Mapping[str, tuple[float, float]]) -
     spans: start and end of each primitive action [s]. Raises InputError for an interval that ends before it starts.
     """
     parts = tuple(with_times(part, spans) for part in mtl.children(formula))
-    match formula:
-        case mtl.Always(interval, _, origin):
-            return mtl.Always(_with_times(interval, spans), parts[0], origin)
-        case mtl.Eventually(interval, _, origin):
-            return mtl.Eventually(_with_times(interval, spans), parts[0], origin)
-    return mtl.with_children(formula, parts)
+    found = mtl.with_children(formula, parts)
+    return replace(found, interval=_with_times(found.interval, spans)) if isinstance(found, mtl.Temporal) else found
 
 
 def ground_operators(
@@ -103,9 +99,9 @@ def operators_outside(formula: mtl.Formula, spans: Mapping[str, tuple[float, flo
     return tuple(index for index, (_, when) in enumerate(timed) if _is_outside(when, total))
 
 
-def operators(formula: mtl.Formula) -> tuple[mtl.Always | mtl.Eventually, ...]:
+def operators(formula: mtl.Formula) -> tuple[mtl.Temporal, ...]:
     """The temporal operators of a formula, outer before inner, from left to right."""
-    own = (formula,) if isinstance(formula, mtl.Always | mtl.Eventually) else ()
+    own = (formula,) if isinstance(formula, mtl.Temporal) else ()
     return (*own, *(operator for part in mtl.children(formula) for operator in operators(part)))
 
 
@@ -137,12 +133,12 @@ def _is_outside(when: Stretch, total: float) -> bool:
 
 def _timed_operators(
     formula: mtl.Formula, spans: Mapping[str, tuple[float, float]], evaluated: Stretch
-) -> Iterator[tuple[mtl.Always | mtl.Eventually, Stretch]]:
+) -> Iterator[tuple[mtl.Temporal, Stretch]]:
     """The operators in a formula that is evaluated at all instants of a stretch, each with its interval, not clipped.
 
     In the order of `operators`.
     """
-    if isinstance(formula, mtl.Always | mtl.Eventually):
+    if isinstance(formula, mtl.Temporal):
         interval = _with_times(formula.interval, spans)
         evaluated = Stretch(evaluated.start + interval.start.offset, evaluated.end + interval.end.offset)
         yield formula, evaluated
@@ -157,13 +153,13 @@ def _own_literals(formula: mtl.Formula, positive: bool) -> Iterator[Literal]:
             yield Literal(formula.atom, positive)
         case mtl.Not(operand):
             yield from _own_literals(operand, not positive)
-        case mtl.And(operands) | mtl.Or(operands):
+        case mtl.Joined(operands):
             for operand in operands:
                 yield from _own_literals(operand, positive)
         case mtl.Implies(premise, conclusion):
             yield from _own_literals(premise, not positive)
             yield from _own_literals(conclusion, positive)
-        case mtl.Always() | mtl.Eventually():
+        case mtl.Temporal():
             pass
 
 

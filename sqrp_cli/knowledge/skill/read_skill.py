@@ -44,8 +44,9 @@ from sqrp_cli.knowledge.text.usual_values import SKILL, unusual_values
 from sqrp_cli.knowledge.text.validation import validate
 from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, read_yaml
 from sqrp_cli.logic.domain import Action, Domain
-from sqrp_cli.logic.formula import Always, Eventually, Formula, children
+from sqrp_cli.logic.formula import Formula
 from sqrp_cli.logic.formula_check import check_formula
+from sqrp_cli.logic.formula_time import operators
 from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.logic.pddl_parser import parse_domain
 
@@ -278,15 +279,11 @@ class _SkillReader:
     def _condition(self, text: str, path: KeyPath) -> Formula | None:
         """A formula without temporal operators."""
         condition = self._formula(text, path)
-        parts = [] if condition is None else [condition]
-        while parts:
-            part = parts.pop()
-            if isinstance(part, Always | Eventually):
-                message = f"`{part}` is about a stretch of time; expected what must be seen now, such as `obj_on_table`"
-                self._report("temporal-condition", path, message)
-                return None
-            parts += children(part)
-        return condition
+        over_time = () if condition is None else operators(condition)
+        if over_time:
+            message = f"`{over_time[0]}` is about a stretch of time; expected what must be seen now, such as"
+            self._report("temporal-condition", path, f"{message} `obj_on_table`")
+        return None if over_time else condition
 
     def _formula(self, text: str, path: KeyPath) -> Formula | None:
         place = self.document.value_place(path)

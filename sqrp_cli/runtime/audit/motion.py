@@ -116,8 +116,7 @@ def found_steps(program: Program, arm: Sequence[str], tracks: JointTracks, path:
         hours = (latest - earliest) / 3600
         message = f"the joint states of this recording span {hours:,.0f} hours, more than {LONGEST / 3600:.0f}"
         raise bad_input("file-too-large", message, Place(path), mend="cut the recording to the run of the program")
-    starts: list[float] = []
-    all_starts: list[Sequence[float]] = []
+    fits: list[_Fit] = []
     for number, step in enumerate(program.steps, 1):
         fit = _best_start(step, columns, arm, tracks, (earliest, latest))
         if fit.share < LEAST_SHARE:
@@ -127,10 +126,10 @@ def found_steps(program: Program, arm: Sequence[str], tracks: JointTracks, path:
                 " expected one that begins before the motion does"
             )
             raise bad_input("other-motion", message, Place(path))
-        starts.append(fit.start)
-        all_starts.append(fit.all_starts)
+        fits.append(fit)
         earliest = fit.start + 0.5 * step.time
-    return FoundMotion(starts, _runs([0.5 * step.time for step in program.steps], all_starts))
+    runs = _runs([0.5 * step.time for step in program.steps], [fit.all_starts for fit in fits])
+    return FoundMotion([fit.start for fit in fits], runs)
 
 
 def _runs(times: Sequence[float], starts: Sequence[Sequence[float]]) -> int:

@@ -160,22 +160,14 @@ def parse_fault(
         if any(head == entry.fault for step in steps for entry in step.formulas):
             raise written.refused(f"`{head}` is what monitors look for, and cannot be made to happen as such")
         raise written.refused(f"there is no fault `{head}`; {expected_names(head, written.forms)}")
-    rest, number = written.bare[len(head) :], places[0].number
+    rest = written.bare[len(head) :]
     if head == "slip":
         return _slip(written, rest, places, rng)
     if head == "miss-pick":
         if rest:
             raise written.refused(f"expected just `{head}`")
         return InjectedFault("miss-pick", text, step=_grasping(written, places).number)
-    kind, form, expected = next(one for one in _TIMED if one.kind == head)
-    found = form.fullmatch(rest)
-    if found is None:
-        raise written.refused(f"expected {expected}")
-    figures = found.groupdict()
-    camera = _camera(written, figures["camera"], cameras) if "camera" in figures else None
-    if "delay" in figures:
-        return InjectedFault(kind, text, 0.0, camera, _time(written, figures["delay"]), number)
-    return InjectedFault(kind, text, _time(written, figures["time"]), camera, step=number)
+    return _timed(written, next(one for one in _TIMED if one.kind == head), rest, cameras, places[0].number)
 
 
 class MeantPrimitive(NamedTuple):
@@ -219,6 +211,17 @@ def _read_step(
 
 def _places(steps: Sequence[Step]) -> list[StepPlace]:
     return [StepPlace(number, steps) for number in range(1, len(steps) + 1)]
+
+
+def _timed(written: _FaultText, fault: _Timed, rest: str, cameras: Collection[str], step: int) -> InjectedFault:
+    found = fault.form.fullmatch(rest)
+    if found is None:
+        raise written.refused(f"expected {fault.expected}")
+    figures = found.groupdict()
+    camera = _camera(written, figures["camera"], cameras) if "camera" in figures else None
+    if "delay" in figures:
+        return InjectedFault(fault.kind, written.text, 0.0, camera, _time(written, figures["delay"]), step)
+    return InjectedFault(fault.kind, written.text, _time(written, figures["time"]), camera, step=step)
 
 
 def _slip(written: _FaultText, rest: str, places: Sequence[StepPlace], rng: np.random.Generator) -> InjectedFault:
