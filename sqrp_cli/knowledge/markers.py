@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
-from pydantic import Field, PlainValidator, Tag, WithJsonSchema
+from pydantic import Field, PlainValidator, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.errors import expected_names
-from sqrp_cli.knowledge.text.entries import Size, Stored, mapping_or_else, refused
+from sqrp_cli.knowledge.text.entries import MappingOr, Size, Stored, refused
 
 
 class MarkerDictionary(NamedTuple):
@@ -108,9 +108,7 @@ class ObjectMarker(_Code):
         return min(size[:2]) * modules / (modules + 2)
 
 
-StatedMarker = Annotated[
-    Annotated[ObjectMarker, Tag("<mapping>")] | Annotated[MarkerNumber, Tag("<else>")], mapping_or_else()
-]
+StatedMarker = MappingOr[ObjectMarker, MarkerNumber]
 """A marker on an object as a file states it: its id alone, or a mapping."""
 
 

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
-from pydantic import AliasChoices, BeforeValidator, Field, Tag, model_validator
+from pydantic import AliasChoices, BeforeValidator, Field, model_validator
 
 from sqrp_cli.errors import expected_names
 from sqrp_cli.knowledge.camera.camera import PixelCount, PixelSize, check_pixels
-from sqrp_cli.knowledge.text.entries import ForeignEntry, Number, mapping_or_else
+from sqrp_cli.knowledge.text.entries import ForeignEntry, MappingOr, Number
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument
 
 COLMAP_PIXEL = 0.5
@@ -33,9 +33,7 @@ class _Matrix(ForeignEntry):
     data: _Numbers
 
 
-_MatrixOrNumbers = Annotated[
-    Annotated[_Matrix, Tag("<mapping>")] | Annotated[_Numbers, Tag("<else>")], mapping_or_else()
-]
+_MatrixOrNumbers = MappingOr[_Matrix, _Numbers]
 
 K_KEYS = ("camera_matrix", "K", "k", "Camera_Matrix", "cameraMatrix", "intrinsic_matrix", "mtx")
 _D_KEYS = (

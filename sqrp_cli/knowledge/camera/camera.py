@@ -12,7 +12,7 @@ from math import radians, tan
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
-from pydantic import BeforeValidator, Field, Tag
+from pydantic import BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.geometry import Array, check_finite, check_poses, read_only
@@ -20,13 +20,13 @@ from sqrp_cli.knowledge.text.entries import (
     CameraPose,
     Entry,
     In,
+    MappingOr,
     Name,
     Number,
     Size,
     Stored,
     Text,
     Time,
-    mapping_or_else,
 )
 from sqrp_cli.knowledge.text.units import ANGLE, FREQUENCY, LARGEST, PIXELS
 
@@ -257,7 +257,7 @@ class CalibrationEntry(Stored):
         CameraPose | None, Field(description="Pose of the optical frame (z forward, x right, y down) in `frame`.")
     ] = None
     hand_eye: Annotated[
-        Annotated[Annotated[PoseFile, Tag("<mapping>")] | Annotated[Text, Tag("<else>")], mapping_or_else()] | None,
+        MappingOr[PoseFile, Text] | None,
         Field(
             description="A file with the pose, instead of `pose`: of easy_handeye, TF messages, a launch file with a "
             "static_transform_publisher, or a recording with /tf_static; as `{file, camera}` where it has several."
@@ -270,8 +270,7 @@ class CalibrationEntry(Stored):
         None
     )
     calibration: Annotated[
-        Annotated[Annotated[CalibrationFile, Tag("<mapping>")] | Annotated[Text, Tag("<else>")], mapping_or_else()]
-        | None,
+        MappingOr[CalibrationFile, Text] | None,
         Field(
             description="A calibration file, instead of `image`: of ROS, OpenCV, Kalibr, VINS or COLMAP; as "
             "`{file, camera, width, height}` where it has several cameras or no image size."

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field, Tag, model_validator
+from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.geometry import Array, check_poses
@@ -24,10 +24,10 @@ from sqrp_cli.knowledge.text.entries import (
     Entry,
     Extents,
     In,
+    MappingOr,
     Pose,
     Size,
     Text,
-    mapping_or_else,
 )
 from sqrp_cli.knowledge.text.units import Dimension
 from sqrp_cli.shapes import Geometry, Part
@@ -176,9 +176,7 @@ MOST_TOLERANCE = math.radians(10)
 AXES_OF_A_POSE = 6
 """An arm with this many axes takes any pose within its reach, exactly."""
 
-PositionsEntry = Annotated[
-    Annotated[dict[str, AnyQuantity], Tag("<mapping>")] | Annotated[Text, Tag("<else>")], mapping_or_else()
-]
+PositionsEntry = MappingOr[dict[str, AnyQuantity], Text]
 """Positions of joints by name, or the name of a state of the SRDF that has them."""
 
 
@@ -216,9 +214,7 @@ _Acceleration = LimitKind(units.ANGULAR_ACCELERATION, units.ACCELERATION, assume
 _Jerk = LimitKind(units.ANGULAR_JERK, units.JERK, assumed=50.0)
 
 
-PerJoint = Annotated[
-    Annotated[dict[str, AnyQuantity], Tag("<mapping>")] | Annotated[AnyQuantity, Tag("<else>")], mapping_or_else()
-]
+PerJoint = MappingOr[dict[str, AnyQuantity], AnyQuantity]
 """A limit of joints by name, or of all of them."""
 
 Factor = Annotated[float, In(None, 1e-3, 1.0)]

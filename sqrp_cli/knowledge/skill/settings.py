@@ -12,7 +12,7 @@ from pydantic_core.core_schema import no_info_after_validator_function
 
 from sqrp_cli.errors import nearest
 from sqrp_cli.knowledge.text import units
-from sqrp_cli.knowledge.text.entries import Entry, mapping_or_else, one_of, refused
+from sqrp_cli.knowledge.text.entries import Entry, MappingOr, one_of, refused
 from sqrp_cli.knowledge.text.source import describe
 from sqrp_cli.knowledge.text.units import (
     LARGEST,
@@ -196,14 +196,11 @@ class ValueRange(Entry):
     count: Annotated[int, Field(strict=True, ge=2, le=MAX_VALUES, description="How many.")]
 
 
-MotionValues = Annotated[
+MotionValues = MappingOr[
     Annotated[
-        Annotated[ListedValues, Tag("<values>")] | Annotated[ValueRange, Tag("<from>")],
-        one_of("values", "from"),
-        Tag("<mapping>"),
-    ]
-    | Annotated[Value, Tag("<else>")],
-    mapping_or_else(),
+        Annotated[ListedValues, Tag("<values>")] | Annotated[ValueRange, Tag("<from>")], one_of("values", "from")
+    ],
+    Value,
 ]
 """The values of a motion parameter as a file states them: a list, a range or a single one."""
 

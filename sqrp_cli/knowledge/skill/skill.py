@@ -20,7 +20,7 @@ from sqrp_cli.knowledge.frames import TOOL, WORLD
 from sqrp_cli.knowledge.skill import settings
 from sqrp_cli.knowledge.skill.settings import Kind, MotionParameter, MotionValue, MotionValues
 from sqrp_cli.knowledge.skill.target_box import TargetSpec
-from sqrp_cli.knowledge.text.entries import Entry, Name, Pose, Text, Time, list_or_else, mapping_or_else, one_of
+from sqrp_cli.knowledge.text.entries import Entry, ListOr, MappingOr, Name, Pose, Text, Time, one_of
 from sqrp_cli.knowledge.text.source import KeyPath, dotted
 from sqrp_cli.logic.domain import Action, Domain
 from sqrp_cli.logic.formula import Formula
@@ -237,11 +237,9 @@ class StraightMove(ToolMove):
     """The tool moves to a waypoint on a straight line, or through several, with a stop at each."""
 
     _kind = "straight"
-    to: Annotated[
-        Annotated[Annotated[list[WaypointName], Field(min_length=1, max_length=100)], Tag("<list>")]
-        | Annotated[WaypointName, Tag("<else>")],
-        list_or_else(),
-    ] = Field(alias="straight_move", description="The waypoint to go to, or a list of them.")
+    to: ListOr[Annotated[list[WaypointName], Field(min_length=1, max_length=100)], WaypointName] = Field(
+        alias="straight_move", description="The waypoint to go to, or a list of them."
+    )
     until_contact: ParameterName | None = Field(
         default=None,
         description="The skill parameter of an object: the move ends where tool or held object touch it, at the "
@@ -335,9 +333,7 @@ class RetryEntry(Entry):
     when: Text | None = Field(default=None, description="What must be seen before a retry starts, as a formula.")
 
 
-ResponseEntry = Annotated[
-    Annotated[RetryEntry, Tag("<mapping>")] | Annotated[Literal["stop", "continue"], Tag("<else>")], mapping_or_else()
-]
+ResponseEntry = MappingOr[RetryEntry, Literal["stop", "continue"]]
 
 
 class FormulaEntry(Entry):
@@ -348,7 +344,7 @@ class FormulaEntry(Entry):
     settle: Time = Field(default=0.5, description="Time that a literal may lag behind its expected change.")
 
 
-FormulaOrText = Annotated[Annotated[FormulaEntry, Tag("<mapping>")] | Annotated[Text, Tag("<else>")], mapping_or_else()]
+FormulaOrText = MappingOr[FormulaEntry, Text]
 
 
 MOST_ENTRIES = 200

@@ -166,15 +166,20 @@ def one_of(*keys: str) -> Discriminator:
     )
 
 
-def list_or_else() -> Discriminator:
-    """Chooses between a list (tag `<list>`) and anything else (tag `<else>`)."""
-    return Discriminator(lambda data: "<list>" if isinstance(data, list) else "<else>")
+_This = TypeVar("_This")
+_Else = TypeVar("_Else")
 
+ListOr = Annotated[
+    Annotated[_This, Tag("<list>")] | Annotated[_Else, Tag("<else>")],
+    Discriminator(lambda data: "<list>" if isinstance(data, list) else "<else>"),
+]
+"""The first type where a file has a list, else the second."""
 
-def mapping_or_else() -> Discriminator:
-    """Chooses between a mapping (tag `<mapping>`) and anything else (tag `<else>`)."""
-    return Discriminator(lambda data: "<mapping>" if isinstance(data, dict) else "<else>")
-
+MappingOr = Annotated[
+    Annotated[_This, Tag("<mapping>")] | Annotated[_Else, Tag("<else>")],
+    Discriminator(lambda data: "<mapping>" if isinstance(data, dict) else "<else>"),
+]
+"""The first type where a file has a mapping, else the second."""
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")]
 """A name that logic formulas can use: letters, digits, `_` and `-`, starting with a letter."""
@@ -357,7 +362,5 @@ class XacroEntry(Entry):
     args: dict[str, XacroArgument] = Field(default={}, description="Values of its arguments, by name.")
 
 
-DescriptionEntry = Annotated[
-    Annotated[XacroEntry, Tag("<mapping>")] | Annotated[Text, Tag("<else>")], mapping_or_else()
-]
+DescriptionEntry = MappingOr[XacroEntry, Text]
 """A robot description: the path of a plain file or a xacro, or a xacro with arguments."""
