@@ -12,7 +12,7 @@ from typing import Any
 from sqrp_cli.errors import InputError, Problem, bad_input, expected_names
 from sqrp_cli.knowledge.robot.urdf import UrdfModel
 from sqrp_cli.knowledge.text.input_file import read_input
-from sqrp_cli.knowledge.text.source import Data, KeyPath, SourceDocument, describe
+from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, describe
 from sqrp_cli.knowledge.text.units import NO_LIMIT, SMALLEST_LIMIT
 from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, parse_yaml
 
@@ -70,7 +70,7 @@ def read_moveit_limits(path: Path) -> MoveitLimits:
     document = parse_yaml(path, content, keys=_TOPS)
     base, above = _find_top(document)
     reader = _LimitsReader(document)
-    joints = {name: reader.joint((*base, name), entry) for name, entry in _at(document.data, base).items()}
+    joints = {name: reader.joint((*base, name), entry) for name, entry in document.at(base).items()}
     scaling = {kind: reader.factor((*above, f"default_{kind}_scaling_factor")) for kind in SCALED}
     if reader.problems:
         raise InputError(*reader.problems)
@@ -113,12 +113,6 @@ def _find_top(document: SourceDocument) -> tuple[KeyPath, KeyPath]:
     raise bad_input("missing-key", message, document.key_place((TOP,)))
 
 
-def _at(data: Any, path: KeyPath) -> Data:  # noqa: ANN401
-    for key in path:
-        data = data[key]
-    return dict(data)
-
-
 class _LimitsReader:
     """Reads joints and collects problems."""
 
@@ -148,9 +142,7 @@ class _LimitsReader:
 
     def factor(self, path: KeyPath) -> float:
         """A scaling factor, above 0 and at most 1; 1 if it is not stated."""
-        data: Any = self.document.data
-        for key in path:
-            data = data.get(key) if isinstance(data, dict) else None
+        data = self.document.at(path)
         if data is None:
             return 1.0
         value = self._number(path, data, 1e-3)

@@ -48,6 +48,16 @@ class SourceDocument:
         """Every value that is neither a mapping nor a list (or an empty one, as None), by its dotted path."""
         return {dotted(path): value for path, value in _leaves(self.data, ())}
 
+    def at(self, path: KeyPath) -> Any:  # noqa: ANN401 - whatever the file has
+        """The value at a path; None where there is none."""
+        found: Any = self.data
+        try:
+            for key in path:
+                found = found[key]
+        except (LookupError, TypeError):
+            return None
+        return found
+
     def name(self, path: KeyPath) -> str:
         """How messages name a key."""
         return dotted(path)

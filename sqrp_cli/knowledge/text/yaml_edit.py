@@ -59,16 +59,10 @@ def _with_value(document: SourceDocument, path: str, text: str) -> bytes:
         keys = known[path]
         return respelled(document, keys, str(keys[-1]), text)
     parent, _, key = path.rpartition(".")
-    if not key or not isinstance(_found(document.data, known.get(parent)), dict):
+    if not key or parent not in known or not isinstance(document.at(known[parent]), dict):
         message = f"the file has no value `{path}`; {expected_names(path, known)}"
         raise bad_input("unknown-value", message, Place(document.path))
     return appended(document, known[parent], f"{key}: {text}")
-
-
-def _found(data: object, path: KeyPath | None) -> object:
-    for key in path or ():
-        data = data[key]  # type: ignore[index] # the path leads through mappings and lists
-    return None if path is None else data
 
 
 def changed_values(before: SourceDocument, content: bytes) -> dict[str, str] | None:

@@ -264,9 +264,7 @@ def _number(stated: object, value: float, dimension: Dimension) -> str:
 
 
 def _at(document: SourceDocument, path: KeyPath) -> Any:  # noqa: ANN401 # a mapping or list of a YAML file
-    value: Any = document.data
-    for key in path:
-        value = value[key]
+    value = document.at(path)
     if isinstance(value, dict | list):
         return value
     raise bad_input("unknown-value", f"`{dotted(path)}` states no pose", Place(document.path))
