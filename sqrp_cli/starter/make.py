@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, permutations
 from pathlib import Path
@@ -184,7 +184,7 @@ def _tried(draft: Path, layout: Layout, arm: ArmGuess) -> list[_Trial]:
     floor = max(0.0, -round(lowest_point(bare), 3))
     down = DownPlaces(seated.model)
     tried: list[_Trial] = []
-    for stand in chain(on_table(floor, reach, side), _lazily(lambda: before_table(seated, reach, down))):
+    for stand in chain(on_table(floor, reach, side), before_table(seated, reach, down)):
         tried.append(_with_work(draft, layout, reach, stand, down))
         if len(tried[-1].layout.cubes) == len(search.COLORS):
             break
@@ -234,11 +234,6 @@ def _told_apart(draft: Path, layout: Layout) -> Layout:
     return replace(
         layout, cubes=[replace(cube, name=f"{color[0]}{number}", color=color) for cube, color, number in painted]
     )
-
-
-def _lazily(stands: Callable[[], Sequence[Stand]]) -> Iterator[Stand]:
-    """Stands that take time to find, found when they are asked for."""
-    yield from stands()
 
 
 def _other_arms(arm: ArmGuess) -> Problem:

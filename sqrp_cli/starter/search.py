@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice, product
 from math import pi
 
 import numpy as np
@@ -218,34 +219,31 @@ def tool_down(model: RobotModel, far: float, direction: float, high: float) -> A
 
 def places_to_try(model: RobotModel, reach: float, direction: float, size: float, stand: Stand) -> Iterator[Cube]:
     """Cubes on the table with some distance between them, the most likely reachable ones first."""
-    chosen: list[Array] = []
-    for share in CUBE_SHARES:
-        for turn in CUBE_TURNS:
-            X_WT = tool_down(model, share * reach, direction + turn, 0.5 * size)
-            place = X_WT[:3, 3].round(2)
-            apart = all(np.linalg.norm(place[:2] - other[:2]) > max(3 * size, 0.1) for other in chosen)
-            on_table = np.abs(place[:2] - stand.at).max() < 0.5 * stand.side - size
-            if apart and on_table:
-                chosen.append(place)
-                position = (float(place[0]), float(place[1]), 0.5 * size)
-                yield Cube(f"c{len(chosen)}", "green", position, _turn_of(model, X_WT, size))
+    ways = product(CUBE_SHARES, CUBE_TURNS)
+    tools = (tool_down(model, share * reach, direction + turn, 0.5 * size) for share, turn in ways)
+    return _cubes_below(model, tools, size, stand)
 
 
 def other_places(model: RobotModel, reach: float, size: float, stand: Stand, down: DownPlaces) -> Iterator[Cube]:
     """Cubes on the table below places where the arm can point the tool down, for arms that reach few usual places."""
-    chosen: list[Array] = []
     found = down.at(stand.lift)
     low = found[(found[:, 2, 3] > size) & (found[:, 2, 3] < LOW * reach)][:, :3, 3]
     far = np.linalg.norm(low[:, :2] - _root(model), axis=1)
-    for row in np.argsort(np.abs(far - CUBE_SHARES[0] * reach), kind="stable").tolist():
-        place = low[row, :2].round(2)
+    nearest = low[np.argsort(np.abs(far - CUBE_SHARES[0] * reach), kind="stable"), :2].round(2)
+    tools = (pose(axis_rotation(0, pi), (*place, 0.5 * size)) for place in nearest)
+    return islice(_cubes_below(model, tools, size, stand), MORE_CUBES)
+
+
+def _cubes_below(model: RobotModel, tools: Iterable[Array], size: float, stand: Stand) -> Iterator[Cube]:
+    """Cubes below poses of the tool, (4, 4) each, as far as they are on the table and apart from those before."""
+    chosen: list[Array] = []
+    for X_WT in tools:
+        place = X_WT[:2, 3].round(2)
         apart = all(np.linalg.norm(place - other) > max(3 * size, 0.1) for other in chosen)
         if apart and np.abs(place - stand.at).max() < 0.5 * stand.side - size:
             chosen.append(place)
-            X_WT = pose(axis_rotation(0, pi), (*place, 0.5 * size))
-            yield Cube(f"c{len(chosen)}", "green", (*place.tolist(), 0.5 * size), _turn_of(model, X_WT, size))
-        if len(chosen) == MORE_CUBES:
-            return
+            x, y = place.tolist()
+            yield Cube(f"c{len(chosen)}", "green", (x, y, 0.5 * size), _turn_of(model, X_WT, size))
 
 
 def _turn_of(model: RobotModel, X_WT: Array, size: float) -> float:

@@ -78,8 +78,11 @@ class DownPlaces:
         return pose(position=(0.0, 0.0, lift)) @ self._poses
 
 
-def before_table(cell: Cell, reach: float, down: DownPlaces) -> list[Stand]:
-    """Beside a table that is wholly before the robot, the most promising first; cell: with the root at height 0."""
+def before_table(cell: Cell, reach: float, down: DownPlaces) -> Iterator[Stand]:
+    """Beside a table that is wholly before the robot, the most promising first; cell: with the root at height 0.
+
+    They take time to find, which nobody spends who needs none.
+    """
     places = down.at(0.0)[:, :3, 3]
     shoulder = shoulder_of(cell.model)
     found = []
@@ -98,7 +101,7 @@ def before_table(cell: Cell, reach: float, down: DownPlaces) -> list[Stand]:
             at = (round(float(middle[0]), 3), round(float(middle[1]), 3))
             found.append((int(above.sum()), Stand(round(float(-top), 3), side, at, (direction,))))
     found.sort(key=lambda one: -one[0])  # stable: the preferred direction first
-    return [stand for count, stand in found[:MOST_BEFORE] if count]
+    yield from (stand for count, stand in found[:MOST_BEFORE] if count)
 
 
 def places_pointing_down(model: RobotModel) -> Array:
