@@ -69,13 +69,12 @@ class BagRecorder:
         self._boxes: dict[str, list[Message]] = {}
         self._planned: bool | None = None
         self._holds_run = False
-        description = self._types.make("std_msgs/msg/String", data=robot_description(workspace.robot))
-        self._writer.add("/robot_description", _at(0.0), description, latched=True)
+        description = robot_description(workspace.robot)
+        self._add("/robot_description", 0.0, "std_msgs/msg/String", latched=True, data=description)
         self._add_static_frames()
         for camera in workspace.cameras.values():
-            self._writer.add(
-                f"/{camera.name}/camera_info", _at(0.0), camera_info(self._types, camera, _at(0.0)), latched=True
-            )
+            info = camera_info(self._types, camera, _at(0.0))
+            self._writer.add(f"/{camera.name}/camera_info", _at(0.0), info, latched=True)
 
     def __call__(self, event: events.Event) -> None:
         """Keep an event."""
@@ -93,16 +92,15 @@ class BagRecorder:
         """Keep an image; planned: whether all went as the program says when it was taken."""
         self._holds_run = True
         self.tell_planned(frame.t, planned=planned)
-        header = self._types.header(_at(frame.t), optical_frame(frame.camera))
+        topic, header = f"/{frame.camera}/image_raw/compressed", self._header(frame.t, optical_frame(frame.camera))
         data = np.frombuffer(jpeg_of(frame.image), np.uint8)
-        message = self._types.make("sensor_msgs/msg/CompressedImage", header=header, format="jpeg", data=data)
-        self._writer.add(f"/{frame.camera}/image_raw/compressed", _at(frame.t), message)
+        self._add(topic, frame.t, "sensor_msgs/msg/CompressedImage", header=header, format="jpeg", data=data)
 
     def tell_planned(self, t: float, *, planned: bool) -> None:
         """Keep whether all goes as the program says from time t [s] on."""
         if planned != self._planned:
             self._planned = planned
-            self._writer.add(AS_PLANNED, _at(t), self._types.make("std_msgs/msg/Bool", data=planned))
+            self._add(AS_PLANNED, t, "std_msgs/msg/Bool", data=planned)
 
     def close(self) -> None:
         """Finish the recording; of a run that was ended before its first image, nothing is kept."""
@@ -110,6 +108,13 @@ class BagRecorder:
             self._writer.close()
         else:
             self._writer.discard()
+
+    def _add(self, topic: str, t: float, kind: str, *, latched: bool = False, **fields: Message) -> None:
+        """Write a message of a type."""
+        self._writer.add(topic, _at(t), self._types.make(kind, **fields), latched=latched)
+
+    def _header(self, t: float, frame: str = "") -> Message:
+        return self._types.header(_at(t), frame)
 
     def _add_static_frames(self) -> None:
         robot, rest = self._workspace.robot, self._body.link_poses({})
@@ -122,20 +127,14 @@ class BagRecorder:
 
     def _add_frames(self, topic: str, t: float, frames: list[tuple[str, str, Array]], *, latched: bool = False) -> None:
         transforms = [transform_message(self._types, _at(t), *frame) for frame in frames]
-        self._writer.add(
-            topic, _at(t), self._types.make("tf2_msgs/msg/TFMessage", transforms=transforms), latched=latched
-        )
+        self._add(topic, t, "tf2_msgs/msg/TFMessage", latched=latched, transforms=transforms)
 
     def _add_state(self, state: events.State) -> None:
         names = getattr(state, "joints", list(self._joints))
         if state.q:
             self._joints = dict(zip(names, state.q, strict=True))
-        position = np.array(list(self._joints.values()))
-        header = self._types.header(_at(state.t))
-        message = self._types.make(
-            "sensor_msgs/msg/JointState", header=header, name=list(self._joints), position=position
-        )
-        self._writer.add("/joint_states", _at(state.t), message)
+        joints, position, header = list(self._joints), np.array(list(self._joints.values())), self._header(state.t)
+        self._add("/joint_states", state.t, "sensor_msgs/msg/JointState", header=header, name=joints, position=position)
         X_WL = self._body.link_poses(self._joints)
         moved = [(parent, child, inverse(X_WL[parent]) @ X_WL[child]) for child, parent in self._moving.items()]
         self._add_frames("/tf", state.t, moved)
@@ -179,27 +178,22 @@ class BagRecorder:
                 )
             )
             for marker in self._boxes.get(atom, ()):
-                marker.header = self._types.header(_at(event.t), marker.header.frame_id)
+                marker.header = self._header(event.t, marker.header.frame_id)
                 marker.color = self._color(_SHOWN[shown.value], 0.35)
-        header = self._types.header(_at(event.exposed))
-        verdicts = self._types.make("diagnostic_msgs/msg/DiagnosticArray", header=header, status=status)
-        self._writer.add("/verdicts", _at(event.t), verdicts)
+        header = self._header(event.exposed)
+        self._add("/verdicts", event.t, "diagnostic_msgs/msg/DiagnosticArray", header=header, status=status)
         self._add_markers("/boxes", event.t, [one for atom in event.literals for one in self._boxes.get(atom, ())])
 
     def _say(self, t: float, text: str, *, warns: bool = False) -> None:
-        make, level = self._types.make, _LOG_LEVELS[self._types.ros][warns]
+        said: dict[str, Message] = {"level": _LOG_LEVELS[self._types.ros][warns], "name": "sqrp", "msg": text}
         if self._types.ros == 2:
-            stamp = self._types.time(_at(t))
-            message = make("rcl_interfaces/msg/Log", stamp=stamp, level=level, name="sqrp", msg=text)
+            self._add("/rosout", t, "rcl_interfaces/msg/Log", stamp=self._types.time(_at(t)), **said)
         else:
-            message = make(
-                "rosgraph_msgs/msg/Log", header=self._types.header(_at(t)), level=level, name="sqrp", msg=text
-            )
-        self._writer.add("/rosout", _at(t), message)
+            self._add("/rosout", t, "rosgraph_msgs/msg/Log", header=self._header(t), **said)
 
     def _add_markers(self, topic: str, t: float, markers: list[Message]) -> None:
         if markers:
-            self._writer.add(topic, _at(t), self._types.make("visualization_msgs/msg/MarkerArray", markers=markers))
+            self._add(topic, t, "visualization_msgs/msg/MarkerArray", markers=markers)
 
     def _marker(
         self,
@@ -216,7 +210,7 @@ class BagRecorder:
         scale = dict(zip("xyz", map(float, size), strict=True))
         return self._types.make(
             "visualization_msgs/msg/Marker",
-            header=self._types.header(_at(t), frame),
+            header=self._header(t, frame),
             ns=name[0],
             id=name[1],
             type=kind,
@@ -299,10 +293,8 @@ def robot_description(robot: Robot) -> str:
     root = _described(robot.urdf)
     if robot.tool is not None:
         root.extend(_described(robot.tool.urdf))
-        joint = Xml.SubElement(root, "joint", name=f"{robot.tool.link}_to_{robot.tool.urdf.root}", type="fixed")
-        Xml.SubElement(joint, "parent", link=robot.tool.link)
-        Xml.SubElement(joint, "child", link=robot.tool.urdf.root)
-        joint.append(_origin(robot.tool.X_LT))
+        name = f"{robot.tool.link}_to_{robot.tool.urdf.root}"
+        _fix(root, name, robot.tool.link, robot.tool.urdf.root, robot.tool.X_LT)
     return Xml.tostring(root, encoding="unicode")
 
 
@@ -333,11 +325,16 @@ def _of_boxes(urdf: UrdfModel) -> Xml.Element:
                 visual.append(_origin(piece.X_LG))
                 Xml.SubElement(Xml.SubElement(visual, "geometry"), "box", size=_numbers(piece.shape.size))
     for one in urdf.joints.values():
-        joint = Xml.SubElement(root, "joint", name=one.name, type="fixed")
-        Xml.SubElement(joint, "parent", link=one.parent)
-        Xml.SubElement(joint, "child", link=one.child)
-        joint.append(_origin(one.X_PJ))
+        _fix(root, one.name, one.parent, one.child, one.X_PJ)
     return root
+
+
+def _fix(root: Xml.Element, name: str, parent: str, child: str, X_PC: Array) -> None:
+    """Add a joint that does not move."""
+    joint = Xml.SubElement(root, "joint", name=name, type="fixed")
+    Xml.SubElement(joint, "parent", link=parent)
+    Xml.SubElement(joint, "child", link=child)
+    joint.append(_origin(X_PC))
 
 
 def _origin(X: Array) -> Xml.Element:
