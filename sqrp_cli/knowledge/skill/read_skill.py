@@ -125,9 +125,8 @@ class _SkillReader:
         self.implicit: dict[str, MotionParameter] = {}
 
     def read(self, folder: Path) -> Skill:
-        for name in self.file.motion:
-            if name in self.objects:
-                self._report("ambiguous-name", ("motion", name), "the PDDL action has a parameter of this name too")
+        for name in (name for name in self.file.motion if name in self.objects):
+            self._report("ambiguous-name", ("motion", name), "the PDDL action has a parameter of this name too")
         for name, waypoint in self.file.waypoints.items():
             self._check_fields(waypoint, ("waypoints", name))
         self._check_origins()
