@@ -142,7 +142,8 @@ def _print_usage_error(error: Exception) -> None:
         typer.echo(message, err=True)
         return
     context = getattr(error, "ctx", None)
-    told = _number_expected(error) or _value_expected(error, message, context) or _command_expected(message) or message
+    told = _number_expected(error) or _value_expected(error, message, context) or _command_expected(message)
+    told = told or _too_many(message, context) or message
     _print_error(f"error: {told}")
     if context is not None:
         _print_error(f"  to see what is expected: {context.command_path} --help")
@@ -152,6 +153,16 @@ def _command_expected(message: str) -> str:
     """The message about a word that is no command, with those that are; empty for any other message."""
     found = re.match(r"No such command '(.*?)'\.", message)
     return "" if found is None else f"there is no command `{found[1]}`; {expected_names(found[1], _NAMES)}"
+
+
+def _too_many(message: str, context: Any) -> str:  # noqa: ANN401 # has no public name
+    """The message about words that are more than a command takes, mostly of a task without quotes; else empty."""
+    found = re.match(r"Got unexpected extra argument.* \((.*)\)", message)
+    if found is None:
+        return ""
+    task = context.params.get("task")
+    hint = f'; a task is one argument: "{task} {found[1]}"' if isinstance(task, str) else ""
+    return f"found `{found[1]}`, which is more than `{context.command_path}` takes{hint}"
 
 
 def _value_expected(error: Exception, message: str, context: Any) -> str:  # noqa: ANN401 # has no public name

@@ -123,11 +123,18 @@ def test_a_long_check_shows_the_fastest_of_each_object(sqrp, tabletop):
         (["rank", "none"], "TASK is missing: A skill and what to do it with"),
         (["explain", "TABLETOP"], "so a task is missing\n  to mend it: sqrp explain TABLETOP 'pickup green'"),
         (["explain", "README"], "README is no program, so a task is missing\n  to mend it: sqrp explain README TASK"),
+        (
+            ["rank", "TABLETOP", "pickup", "green", "cube"],
+            "found `green cube`, which is more than `sqrp rank` takes; a ",
+        ),
+        (["rank", "TABLETOP", "pickup", "green", "cube"], '; a task is one argument: "pickup green cube"\n'),
         (["audit"], "PROGRAM is missing: A program file"),
         (["run", "pick.yaml", "--sweep"], "[STEP:]slip@PRIMITIVE is missing after --sweep: Many runs"),
     ],
 )
-def test_what_is_left_out_is_named_with_an_example_of_this_cell(sqrp, tabletop, tmp_path, monkeypatch, words, says):
+def test_what_is_left_out_or_too_much_is_named_with_an_example_of_this_cell(
+    sqrp, tabletop, tmp_path, monkeypatch, words, says
+):
     monkeypatch.chdir(tmp_path)
     Path("README").write_text("Nothing of a cell.\n")
     outcome = sqrp(*(tabletop if word == "TABLETOP" else word for word in words))
