@@ -140,6 +140,8 @@ class RobotReader(EntryReader):
         on_tool: list[UrdfJoint] = []
         if self.tool is not None and self.entry.tool is not None and frame not in self.urdf.links:
             on_tool, frame = self.tool.chain(frame), link_called(self.entry.tool.link, self.urdf.links)
+            if frame not in self.urdf.links:
+                return []  # `_tool` says so
         chain = (*self.urdf.chain(frame), *on_tool)
         arm = driving_joints(chain, [*self.urdf.movable_joints, *(self.tool.movable_joints if self.tool else ())])
         if not arm:
@@ -205,7 +207,7 @@ class RobotReader(EntryReader):
     def _positions(
         self, entry: Mapping[str, Quantity] | str, joints: Sequence[UrdfJoint], path: KeyPath, what: str
     ) -> dict[str, float] | None:
-        """Positions within limits of the joints that an entry names, in their order; None if a name is wrong.
+        """Positions within limits of the joints that an entry names, in their order; None if a name or unit is wrong.
 
         what: describes a joint that is not among them, in a message. Other joints of an SRDF state are left out.
         """
@@ -243,7 +245,8 @@ class RobotReader(EntryReader):
             elif quantity.dimension is None and dimension is units.ANGLE and abs(quantity.value) > units.TURN:
                 message = f"found {quantity.value:g}, which would be radians; expected {expected_quantity(dimension)}"
                 self._report("wrong-unit", path, message)
-            positions[name] = quantity.value
+            else:
+                positions[name] = quantity.value
         return positions
 
     def _limits(self, joints: Sequence[UrdfJoint]) -> dict[str, robot.JointLimits]:
