@@ -113,7 +113,7 @@ def _image_doubts(camera: Camera, view_is_stated: bool) -> Iterator[tuple[str, s
     """Message and remedy of each doubt; view_is_stated: the file gives the field of view, not `fx`."""
     fx, fy = float(camera.matrix[0, 0]), float(camera.matrix[1, 1])
     if not 1 / MOST_STRETCHED <= fx / fy <= MOST_STRETCHED:
-        message = f"the focal lengths {fx:g} and {fy:g} make pixels {max(fx / fy, fy / fx):.3g} times as long as wide"
+        message = f"the focal lengths {fx:g} and {fy:g} make pixels {max(fx / fy, fy / fx):,.4g} times as long as wide"
         yield message, "check `fx` and `fy`; both are in pixels"
     fisheye = camera.distortion_model == "equidistant"
     usual, half = FISHEYE_VIEW if fisheye else FIELD_OF_VIEW, 0.5 * camera.width / fx

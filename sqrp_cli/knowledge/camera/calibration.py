@@ -20,7 +20,7 @@ from sqrp_cli.knowledge.camera import calibration_formats as formats
 from sqrp_cli.knowledge.camera.calibration_text import CalibrationText, no_calibration, part_of, read_calibration_text
 from sqrp_cli.knowledge.camera.camera import DISTORTION_LENGTHS, CalibrationFile, DistortionModel, Intrinsics, PixelSize
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument
-from sqrp_cli.knowledge.text.validation import validate
+from sqrp_cli.knowledge.text.validation import misspelt, validate
 
 _MODELS: Mapping[str, tuple[DistortionModel, tuple[int, ...]]] = {
     "plumb_bob": ("plumb_bob", (5,)),
@@ -192,7 +192,8 @@ def _size(camera: formats.StatedCamera, part: SourceDocument, wanted: Calibratio
     at = next(((key,) for key in (*formats.SIZES, *formats.WIDTHS, *formats.HEIGHTS) if key in part.data), ())
     if camera.size is None and at:
         missing = "image_height" if at[0] in formats.WIDTHS else "image_width"
-        raise bad_input("missing-key", f"the file lacks the key `{missing}`", part.key_place(at))
+        message = f"the file lacks the key `{missing}`{misspelt(missing, part.data)}"
+        raise bad_input("missing-key", message, part.key_place(at))
     size = camera.size or stated
     if size is None:
         message = "the file does not say how large the image is"

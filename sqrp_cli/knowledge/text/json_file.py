@@ -63,7 +63,7 @@ def parse_json(path: Path, text: str, line: int = 1) -> Any:  # noqa: ANN401 - J
             text, object_pairs_hook=_unique, parse_float=_finite, parse_int=_short, parse_constant=_refuse
         )
     except json.JSONDecodeError as error:
-        message = f"this is no JSON: {error.msg[:1].lower()}{error.msg[1:]}"
+        message = f"this is no JSON: {error.msg[:1].lower()}{error.msg[1:].removesuffix(' at')}"
         raise bad_input("json-syntax", message, Place(path, line + error.lineno - 1, error.colno)) from None
     except _Unfit:
         raise InputError(_unfit(path, text, line)) from None

@@ -15,6 +15,9 @@ from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, describe
 
 Model = TypeVar("Model", bound=BaseModel)
 
+_SPELLING = 0.85
+"""Likeness from which a key is taken for a misspelt one: `image_width` and `image_height` have 0.7."""
+
 _QUOTED = re.compile(r"`(\w+)`")
 
 _EXPECTED = {
@@ -70,7 +73,7 @@ def _problems(document: SourceDocument, details: ErrorDetails) -> list[Problem]:
     if kind == "missing":
         owner = f"`{document.name(path)}`" if path else "the file"
         lack = f"the key `{absent}`" if absent else f"entry {details['loc'][-1]} (the first is 0)"
-        return [Problem("missing-key", f"{owner} lacks {lack}", document.key_place(path))]
+        return [Problem("missing-key", f"{owner} lacks {lack}{misspelt(absent, given)}", document.key_place(path))]
     if kind == "no-mapping":
         keys = ", ".join(f"`{key}`" for key in context["keys"])
         return [document.problem("wrong-type", path, f"found {describe(given)}, expected a mapping with {keys}")]
@@ -82,6 +85,13 @@ def _problems(document: SourceDocument, details: ErrorDetails) -> list[Problem]:
         return [document.problem(kind, path, details["msg"] + _found_instead(list(given), details["msg"]))]
     code = "wrong-value" if kind == "value_error" else kind.replace("_", "-")
     return [document.problem(code, path, details["msg"].removeprefix("Value error, "))]
+
+
+def misspelt(absent: str, given: object) -> str:
+    """Which key of a mapping, where any may stand, is probably meant to be an absent one."""
+    keys = [key for key in given if isinstance(key, str)] if isinstance(given, dict) else []
+    close = next((key for key in keys if SequenceMatcher(None, key, absent).ratio() > _SPELLING), None)
+    return "" if close is None else f"; did you mean it by `{close}`?"
 
 
 def _unknown_key(document: SourceDocument, path: KeyPath, expected: str) -> Problem:

@@ -199,7 +199,7 @@ class _Tree:
     def _syntax_message(self, error: expat.ExpatError, recognised: bool) -> str:
         """The error in words; for a wrong closing tag, the element that it leaves open."""
         if error.code != _TAG_MISMATCH or not self._open:
-            return expat.ErrorString(error.code)
+            return expat.ErrorString(error.code).removeprefix("not well-formed ").strip("()")
         element = self._open[-1]
         shown = element if recognised else f"<{element.shown_tag}>"
         return f"{shown} of line {element.place.line} is not closed before another closing tag"

@@ -97,6 +97,8 @@ def test_the_projection_matrix_of_the_rectified_image_is_not_used(tmp_path: Path
         ("d:\n- -0.055\n", "d:\n", "found 4 distortion coefficients, expected 5 for `plumb_bob`"),
         ("plumb_bob", "inverse_brown_conrady", "no known distortion model"),
         ("k:\n", "kk:\n", "lacks the key `camera_matrix`"),
+        ("k:\n", "camera_matrx:\n", "lacks the key `camera_matrix`; did you mean it by `camera_matrx`?"),
+        ("width:", "image_wdth:", "lacks the key `image_width`; did you mean it by `image_wdth`?"),
     ],
 )
 def test_a_printed_message_with_a_mistake_is_refused_where_that_stands(

@@ -42,12 +42,14 @@ def refusal(text: str, line: int = 1) -> Problem:
         ("", "json-syntax", 1, "this is no JSON: expecting value"),
         ('{"a": "b', "json-syntax", 1, "this is no JSON: unterminated string"),
         ("[0, 01]", "json-syntax", 1, "this is no JSON: "),
+        ('["a\tb"]', "json-syntax", 1, "this is no JSON: invalid control character"),
     ],
     ids=lambda value: value[:20] if isinstance(value, str) else "",
 )
 def test_what_is_not_accepted_is_reported_with_line_and_key(text: str, code: str, line: int, says: str) -> None:
     problem = refusal(text)
     assert (problem.code, problem.place and problem.place.line) == (code, line)
+    assert not problem.message.endswith(" at"), "where it is, its place says"
     assert says in problem.message
     assert len(problem.message) < 200
 

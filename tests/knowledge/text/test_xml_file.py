@@ -18,6 +18,16 @@ def test_an_encoding_that_cannot_be_read_is_refused(tmp_path: Path, encoding: st
         read_xml(path, "robot")
 
 
+def test_a_file_of_another_kind_is_said_once_to_be_no_xml(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text("root:x:0:0")
+    with pytest.raises(InputError, match=r"arm\.urdf:1:1: not well-formed XML: (syntax error|invalid token)$"):
+        read_xml(path, "robot")
+    path.write_text("<robot &>")
+    with pytest.raises(InputError, match=r"arm\.urdf:1:8: not well-formed XML: invalid token"):
+        read_xml(path, "robot")
+
+
 @pytest.mark.parametrize("text", ["<robot><{tag}></robot>", "<{tag}/>"])
 def test_a_tag_of_a_million_letters_is_named_by_its_beginning(tmp_path: Path, text: str) -> None:
     path = tmp_path / "arm.urdf"
