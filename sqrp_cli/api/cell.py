@@ -112,7 +112,7 @@ class OpenCell:
         """A task in the cell, with nothing computed yet; see `rank`."""
         from sqrp_cli.api.session import Session
         from sqrp_cli.programming.coverage.sampling import Adaptive
-        from sqrp_cli.programming.pipeline import Asked
+        from sqrp_cli.programming.pipeline import Inquiry
 
         arguments.check_text(task, "task", "a skill and what to do it with, such as `pickup green`")
         arguments.check_sampling(sampling)
@@ -120,7 +120,7 @@ class OpenCell:
         arguments.check_bounds(certify, sampling)
         before = arguments.optional_path(after, "after")
         wanted = arguments.check_wanted(by, ways, max_time)
-        return Session.begin(self.cell, task, Asked(sampling or Adaptive(), calibration, certify, wanted), before)
+        return Session.begin(self.cell, task, Inquiry(sampling or Adaptive(), calibration, certify, wanted), before)
 
     def rank(
         self,

@@ -16,7 +16,7 @@ from sqrp_cli.program.record import Program
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, study
 from sqrp_cli.programming.coverage.sampling import Sampling
-from sqrp_cli.programming.pipeline import Asked, Assignment, assess_all
+from sqrp_cli.programming.pipeline import Assignment, Inquiry, assess_all
 from sqrp_cli.programming.program_update import make_step
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.task import Task, read_task
@@ -51,7 +51,7 @@ class Session:
         return f"{self.task.text} in {self.workspace.name}"
 
     @classmethod
-    def begin(cls, cell: Cell, task: str, asked: Asked, before: Path | None = None) -> Session:
+    def begin(cls, cell: Cell, task: str, inquiry: Inquiry, before: Path | None = None) -> Session:
         """Read the task, and load the world to start from.
 
         before: a program; the task starts where it ends, by default in the workspace's own state. Raises InputError for
@@ -59,9 +59,9 @@ class Session:
         """
         world = cell.initial_world if before is None else _world_after(before, cell)
         read = read_task(task, cell.workspace, world.facts)
-        if asked.wanted.fastest:
+        if inquiry.wanted.fastest:
             read = replace(read, candidates=tuple(map(first_grip, read.candidates)))
-        return cls(read, Assignment(**vars(asked), cell=cell, world=world))
+        return cls(read, Assignment(**vars(inquiry), cell=cell, world=world))
 
 
 def _world_after(path: Path, cell: Cell) -> World:

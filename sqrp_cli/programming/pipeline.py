@@ -55,7 +55,7 @@ class Explained(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
+class Inquiry:
     """How candidates are asked about."""
 
     sampling: Sampling = Adaptive()  # noqa: RUF009 - it is frozen
@@ -68,7 +68,7 @@ class Asked:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Assignment(Asked):
+class Assignment(Inquiry):
     """What is to be computed for each candidate."""
 
     cell: Cell

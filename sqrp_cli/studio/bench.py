@@ -24,7 +24,7 @@ from sqrp_cli.programming.candidate import Candidate
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, rehearsal
 from sqrp_cli.programming.feasibility import feasible_motion
-from sqrp_cli.programming.pipeline import Asked, Assignment
+from sqrp_cli.programming.pipeline import Assignment, Inquiry
 from sqrp_cli.programming.program_update import world_after
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.sensing.sight_memory import SightMemory
@@ -166,7 +166,7 @@ class _Bench:
             _, before, plans = self._task
             assignment = replace(before.assignment, cell=cell, wanted=WantedWay(asked.by, alone=True))
             return Session(before.task, assignment), plans
-        session = Session.begin(cell, asked.task, Asked(wanted=WantedWay(asked.by, alone=True)))
+        session = Session.begin(cell, asked.task, Inquiry(wanted=WantedWay(asked.by, alone=True)))
         if len(session.task.candidates) > KEPT_PLANS:
             return session, None
         plans = Plans()

@@ -491,7 +491,7 @@ def watch_documents(watch) -> tuple[list[tuple[dict, dict]], dict, dict]:
     from sqrp_cli.knowledge.workspace.load import load_workspace
     from sqrp_cli.programming.cell import Cell
     from sqrp_cli.programming.coverage.sampling import Adaptive
-    from sqrp_cli.programming.pipeline import Asked, assess_all
+    from sqrp_cli.programming.pipeline import Inquiry, assess_all
     from sqrp_cli.programming.ranking import rank
     from sqrp_cli.report.documents.candidates import CandidateFigures
     from sqrp_cli.report.documents.explanation import CandidateStudy
@@ -500,7 +500,7 @@ def watch_documents(watch) -> tuple[list[tuple[dict, dict]], dict, dict]:
     from sqrp_cli.report.pages.assembly import tidy
     from sqrp_cli.report.pages.candidate_page import SceneModel
 
-    session = Session.begin(Cell.load(load_workspace(watch)), "watch green", Asked())
+    session = Session.begin(Cell.load(load_workspace(watch)), "watch green", Inquiry())
     assessments = list(assess_all(session.assignment, session.task.candidates, 1))
     explained = [session.assignment.explain(ranked) for ranked in rank(assessments, "q_eoi")]
     ranked = [

@@ -80,7 +80,7 @@ class ChoiceProgram:
         self._objectives()
 
     def _objectives(self) -> None:
-        z = self.program.variable(0.0, 1.0)
+        z = self.program.variable()
         weights, mean = self.problem.weights, dict[int, float]()
         total = max(float(weights.sum()), 1e-12)
         for weight, pair in zip(weights.tolist(), self.qualities, strict=True):
@@ -158,7 +158,7 @@ class ChoiceProgram:
 
     def values_of(self, choice: Choice) -> Array:
         """The values of all variables for a choice."""
-        values = np.zeros(len(self.program.lower))
+        values = np.zeros(len(self.program.whole))
         covered = choice.covered(self.problem)
         values[[self.free[option] for option in choice.options]] = 1.0
         values[[self.taken[way] for way in choice.ways if way in self.taken]] = 1.0

@@ -188,7 +188,7 @@ class ChoiceSearch:
 
     def _next(self, title: str, terms: Terms) -> Solution:
         """Improve one aim; keeps the values if there are better ones."""
-        known = self._values if self._values is not None and len(self._values) == len(self._program.lower) else None
+        known = self._values if self._values is not None and len(self._values) == len(self._program.whole) else None
         found = self._program.maximized(terms, known, partial(self._watch, title))
         if found.values is not None:
             self._values = found.values
@@ -301,7 +301,7 @@ class ChoiceSearch:
         high = int(np.searchsorted(values, self._delay() + SLACK, side="right")) - 1
         while low < high and not self._interrupted:
             middle = (low + high) // 2
-            rows, count = len(self._program.rows), len(self._program.lower)
+            rows, count = len(self._program.rows), len(self._program.whole)
             self._parts.no_later_than(float(values[middle]))
             self._watch("delay", float(values[high]), float(values[low]))
             found = self._program.maximized({})
@@ -316,9 +316,9 @@ class ChoiceSearch:
                 low = high
             self._program.cut(rows, count)
         if self._values is not None:
-            count = len(self._program.lower)
+            count = len(self._program.whole)
             self._parts.no_later_than(float(values[high]))
-            if len(self._program.lower) > count:
+            if len(self._program.whole) > count:
                 solved = self._program.maximized({})
                 self._values = solved.values if solved.values is not None else self._values
 

@@ -84,13 +84,13 @@ class JudgedWay(SampledScene):
         return np.concatenate(found) if found else np.zeros((0, 3))
 
 
-def judged(cell: Cell, task: str, candidate: Candidate, scene: Rehearsal, every: int = EVERY) -> JudgedWay:
+def judged(cell: Cell, task: str, candidate: Candidate, scene: Rehearsal) -> JudgedWay:
     """A way with its first samples: they do not depend on cameras."""
     samples = first_samples(Adaptive(), scene.stage, Observer((), cell.observer.solids), scene.targets)
     piece = samples.piece
     ends = (np.diff(piece, prepend=-1) != 0) | (np.diff(piece, append=-1) != 0)
     number = np.arange(len(samples)) - np.maximum.accumulate(np.where(ends, np.arange(len(samples)), 0))
-    rows = np.flatnonzero(ends | (number % every == 0))
+    rows = np.flatnonzero(ends | (number % EVERY == 0))
     return JudgedWay(scene, Samples(piece[rows], samples.t[rows]), task=task, candidate=candidate)
 
 

@@ -40,19 +40,15 @@ class Solution:
 
 @dataclass(eq=False)
 class LinearProgram:
-    """Variables between bounds and linear rows between limits, built step by step."""
+    """Variables in 0..1 and linear rows between limits, built step by step."""
 
-    lower: list[float] = field(default_factory=list)
-    upper: list[float] = field(default_factory=list)
     whole: list[bool] = field(default_factory=list)
     rows: list[tuple[float, dict[int, float], float]] = field(default_factory=list)
 
-    def variable(self, lower: float = 0.0, upper: float = 1.0, *, whole: bool = False) -> int:
+    def variable(self, *, whole: bool = False) -> int:
         """A new variable; its number. whole: whether it takes whole numbers only."""
-        self.lower.append(lower)
-        self.upper.append(upper)
         self.whole.append(whole)
-        return len(self.lower) - 1
+        return len(self.whole) - 1
 
     def row(self, terms: Terms, *, least: float = -inf, most: float = inf) -> None:
         """A limit on an expression."""
@@ -61,7 +57,7 @@ class LinearProgram:
     def cut(self, rows: int, variables: int) -> None:
         """Keep so many of the first rows and variables."""
         del self.rows[rows:]
-        del self.lower[variables:], self.upper[variables:], self.whole[variables:]
+        del self.whole[variables:]
 
     def maximized(self, objective: Terms, start: Array | None = None, watch: Watch | None = None) -> Solution:
         """The values with the greatest objective; always the same for the same program. start: values to begin with.
@@ -80,13 +76,13 @@ class LinearProgram:
 
     def _model(self, objective: Terms) -> Any:  # noqa: ANN401 # of a library without types
         library = _library()
-        model, count = library.HighsLp(), len(self.lower)
+        model, count = library.HighsLp(), len(self.whole)
         cost = np.zeros(count)
         for number, factor in objective.items():
             cost[number] = factor
         model.num_col_, model.num_row_ = count, len(self.rows)
         model.sense_ = library.ObjSense.kMaximize
-        model.col_cost_, model.col_lower_, model.col_upper_ = cost, np.array(self.lower), np.array(self.upper)
+        model.col_cost_, model.col_lower_, model.col_upper_ = cost, np.zeros(count), np.ones(count)
         model.row_lower_ = np.array([least for least, _, _ in self.rows])
         model.row_upper_ = np.array([most for _, _, most in self.rows])
         matrix = model.a_matrix_
