@@ -16,12 +16,12 @@ from sqrp_cli.program.record import Program
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, study
 from sqrp_cli.programming.coverage.sampling import Sampling
-from sqrp_cli.programming.pipeline import Assignment, Inquiry, assess_all
+from sqrp_cli.programming.pipeline import Assignment, Inquiry, StepDone, assess_all
 from sqrp_cli.programming.program_update import make_step
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.task import Task, read_task
 from sqrp_cli.programming.ways.grips import first_grip
-from sqrp_cli.programming.whole_study import StepDone, StepShown, worst_seen
+from sqrp_cli.programming.whole_study import StepShown, worst_seen
 
 if TYPE_CHECKING:
     from sqrp_cli.programming.suggestion import SuggestedStep

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import chain
 from typing import NamedTuple, TypeVar
+from weakref import WeakKeyDictionary
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.workspace.workspace import World
@@ -20,7 +21,7 @@ from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.find import BestWay, Plans, WantedWay, find_ways
-from sqrp_cli.programming.whole_study import StepDone, assessment_of_all, steps_done
+from sqrp_cli.programming.whole_study import assessment_of_all, world_left
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -52,6 +53,20 @@ class Explained(NamedTuple):
     def study(self) -> Study | None:
         """Of a candidate of one step; None if it is infeasible."""
         return self.steps[0].study if self.steps else None
+
+
+@dataclass(frozen=True, eq=False)
+class StepDone:
+    """A step in its best way, and what it leaves behind."""
+
+    assessment: Assessment
+    before: World
+    after: World | None
+    """None if it is infeasible."""
+
+
+_known: WeakKeyDictionary[World, dict[tuple[str, ...], StepDone]] = WeakKeyDictionary()
+"""Steps that several candidates share, by the world that they start from."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,14 +134,24 @@ class Assignment(Inquiry):
         return assessment
 
     def steps_done(self, candidate: Candidate) -> list[StepDone]:
-        """The steps of a candidate of several, each in its wanted way."""
+        """The steps of a candidate of several, each in its wanted way in the world that those before it leave.
 
-        def assess(world: World, step: Candidate) -> Assessment:
-            return replace(self, world=world, plans=None).assess(step)
-
-        return steps_done(
-            self.cell, candidate, self.world, assess, (self.sampling, self.calibration, self.bounds, self.wanted)
-        )
+        The last is the first infeasible one, if any is. Steps that candidates share are assessed once.
+        """
+        asked = [repr(getattr(self, part.name)) for part in fields(Inquiry)]
+        done: list[StepDone] = []
+        before: World | None = self.world
+        for step in candidate.steps:
+            if before is None:
+                break
+            key = (str(id(self.cell)), step.skill.name, repr(step.all_parameters), *asked)
+            known = _known.setdefault(before, {})
+            if key not in known:
+                assessment = replace(self, world=before, plans=None).assess(step)
+                known[key] = StepDone(assessment, before, world_left(self.cell, assessment, before))
+            done.append(known[key])
+            before = done[-1].after
+        return done
 
     def explain(self, ranked: Ranked) -> Explained:
         """A candidate with the full study of each of its steps, and the figures from these."""

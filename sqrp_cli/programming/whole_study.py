@@ -5,11 +5,10 @@ How the figures of the whole follow from those of its steps is on the page of nu
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
 from typing import NamedTuple, Protocol
-from weakref import WeakKeyDictionary
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.workspace.workspace import World
@@ -18,24 +17,11 @@ from sqrp_cli.programming.candidate import Candidate, whole_candidate
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
 from sqrp_cli.programming.coverage.certificate import Certificate
-from sqrp_cli.programming.coverage.quality import Qualities
+from sqrp_cli.programming.coverage.quality import Figures, Qualities
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.program_update import world_after
 from sqrp_cli.programming.ranking import Ranked
-
-Assess = Callable[[World, Candidate], Assessment]
-"""Finds the figures of a candidate that starts in a world."""
-
-
-@dataclass(frozen=True, eq=False)
-class StepDone:
-    """A step in its best way, and what it leaves behind."""
-
-    assessment: Assessment
-    before: World
-    after: World | None
-    """None if it is infeasible."""
 
 
 class StepShown(NamedTuple):
@@ -49,29 +35,6 @@ class StepShown(NamedTuple):
     """The skill and its objects."""
     whole: Ranked | None
     """The candidate of all steps in its ranking; None in a program, which has no ranking."""
-
-
-def steps_done(
-    cell: Cell, candidate: Candidate, world: World, assess: Assess, settings: tuple[object, ...]
-) -> list[StepDone]:
-    """The steps of a candidate one after the other, each in its wanted way in the world that those before it leave.
-
-    The last is the first infeasible one, if any is. settings: all that `assess` depends on besides cell and world;
-    steps that candidates share are assessed once for the same settings.
-    """
-    done: list[StepDone] = []
-    before: World | None = world
-    for step in candidate.steps:
-        if before is None:
-            break
-        key = (str(id(cell)), step.skill.name, repr(step.all_parameters), *map(repr, settings))
-        known = _known.setdefault(before, {})
-        if key not in known:
-            assessment = assess(before, step)
-            known[key] = StepDone(assessment, before, world_left(cell, assessment, before))
-        done.append(known[key])
-        before = done[-1].after
-    return done
 
 
 def reasons_of_step(candidate: Candidate, number: int, reasons: Sequence[str]) -> tuple[str, ...]:
@@ -91,12 +54,13 @@ def assessment_of_all(candidate: Candidate, done: Sequence[Assessment]) -> Asses
         reasons = reasons_of_step(candidate, len(done), last.reasons)
         return replace(Assessment.infeasible(candidate, reasons, reasons[0]), steps=tuple(done))
     times = [one.time or 0.0 for one in done]
+    seen = mean_qualities(done, done)
     return Assessment(
         candidate=candidate,
         feasible=True,
         time=sum(times),
-        q_avg=mean_quality([(one.q_avg, one.t_total) for one in done]),
-        q_eoi=mean_quality([(one.q_eoi, one.t_eoi) for one in done]),
+        q_avg=seen.q_avg,
+        q_eoi=seen.q_eoi,
         q_expected=mean_quality([(one.q_expected, one.t_total) for one in done]),
         t_total=sum(one.t_total or 0.0 for one in done),
         t_eoi=sum(one.t_eoi or 0.0 for one in done),
@@ -111,7 +75,9 @@ def assessment_of_all(candidate: Candidate, done: Sequence[Assessment]) -> Asses
         ways_around=tuple(f"{n}.{text}" for n, one in enumerate(done, 1) for text in one.ways_around),
         verdict=_verdict(done),
         why_late=max(done, key=lambda one: one.delay_worst or 0.0).why_late,
-        recalibrated=_recalibrated(done),
+        recalibrated=tuple(
+            mean_qualities(draw, done) for draw in zip(*(one.recalibrated for one in done), strict=True)
+        ),
         certificate=_certificate(done),
         best_way=whole_candidate(candidate.skill, [one.way for one in done]),
         steps=tuple(done),
@@ -135,10 +101,6 @@ def worst_seen(steps: Sequence[SeenStep]) -> int:
     return min(range(len(steps)), key=lambda index: (_worth(steps[index].q_eoi), _worth(steps[index].q_avg)))
 
 
-_known: WeakKeyDictionary[World, dict[tuple[str, ...], StepDone]] = WeakKeyDictionary()
-"""Steps that several candidates share, by the world that they start from."""
-
-
 def world_left(cell: Cell, assessment: Assessment, world: World) -> World | None:
     """The world that a candidate leaves which begins in another one; None if it cannot be done."""
     if not assessment.feasible:
@@ -154,15 +116,12 @@ def mean_quality(parts: Sequence[tuple[float | None, float | None]]) -> float | 
     return min(1.0, sum(quality * time for quality, time in known) / total) if known else None
 
 
-def _recalibrated(done: Sequence[Assessment]) -> tuple[Qualities, ...]:
-    """The qualities of the whole for each draw of camera poses, which all steps share."""
-
-    def of(draw: Sequence[Qualities], quality: Callable[[Qualities], float | None], total: str) -> float | None:
-        return mean_quality([(quality(one), getattr(step, total)) for one, step in zip(draw, done, strict=True)])
-
-    return tuple(
-        Qualities(of(draw, lambda one: one.q_avg, "t_total"), of(draw, lambda one: one.q_eoi, "t_eoi"))
-        for draw in zip(*(one.recalibrated for one in done), strict=True)
+def mean_qualities(seen: Sequence[SeenStep], steps: Sequence[Figures]) -> Qualities:
+    """The qualities of the whole from those of its steps; steps: with the times that these are about."""
+    pairs = list(zip(seen, steps, strict=True))
+    return Qualities(
+        mean_quality([(one.q_avg, step.t_total) for one, step in pairs]),
+        mean_quality([(one.q_eoi, step.t_eoi) for one, step in pairs]),
     )
 
 
@@ -172,19 +131,17 @@ def _certificate(done: Sequence[Assessment]) -> Certificate | None:
     if len(proven) < len(done):
         return None
 
-    def of(qualities: Sequence[Qualities]) -> Qualities:
-        return Qualities(
-            mean_quality([(one.q_avg, step.t_total) for one, step in zip(qualities, done, strict=True)]),
-            mean_quality([(one.q_eoi, step.t_eoi) for one, step in zip(qualities, done, strict=True)]),
-        )
-
     starts = accumulate((one.time or 0.0 for one in done), initial=0.0)
     undecided = (
         Stretch(start + stretch.start, start + stretch.end)
         for one, start in zip(proven, starts, strict=False)
         for stretch in one.undecided
     )
-    return Certificate(of([one.least for one in proven]), of([one.most for one in proven]), tuple(undecided))
+    return Certificate(
+        mean_qualities([one.least for one in proven], done),
+        mean_qualities([one.most for one in proven], done),
+        tuple(undecided),
+    )
 
 
 def _verdict(done: Sequence[Assessment]) -> str:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from itertools import accumulate
 from typing import Literal
 
-from sqrp_cli.programming.coverage.quality import Qualities, falls_short
-from sqrp_cli.programming.whole_study import mean_quality, worst_seen
+from sqrp_cli.programming.coverage.quality import falls_short
+from sqrp_cli.programming.whole_study import mean_qualities, worst_seen
 from sqrp_cli.report.documents.candidates import CandidateFigures
 from sqrp_cli.report.documents.document import Pose, Record
 from sqrp_cli.report.documents.explanation import CandidateStudy, Sample
@@ -65,7 +65,10 @@ class PlayedCandidate(CandidateStudy):
             primitives=[shift.span(one) for shift, step in pairs for one in step.primitives],
             formulas=[shift.formula(one) for shift, step in pairs for one in step.formulas],
             cameras=steps[0].cameras,
-            without_camera={name: _without(name, steps) for name in steps[0].without_camera},
+            without_camera={
+                name: mean_qualities([step.without_camera[name] for step in steps], steps)
+                for name in steps[0].without_camera
+            },
             recovery=None,
             sights={},  # pages show none
             targets={shift.literal(name): one for shift, step in pairs for name, one in step.targets.items()},
@@ -74,15 +77,6 @@ class PlayedCandidate(CandidateStudy):
             to_move=[],  # what to move is a matter of each step
         )
         return cls.of_candidate(joined, tuple(_played(figures, steps, starts)))
-
-
-def _without(camera: str, steps: Sequence[CandidateStudy]) -> Qualities:
-    """The qualities of the whole if a camera fails."""
-    each = [(step.without_camera[camera], step) for step in steps]
-    return Qualities(
-        mean_quality([(one.q_avg, step.t_total) for one, step in each]),
-        mean_quality([(one.q_eoi, step.t_eoi) for one, step in each]),
-    )
 
 
 def _played(
