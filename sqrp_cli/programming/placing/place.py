@@ -13,7 +13,7 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Study
+from sqrp_cli.programming.coverage.assessment import Assessment, Study
 from sqrp_cli.programming.placing.choose import ChoiceSearch, Chosen
 from sqrp_cli.programming.placing.gain import qualities_alone
 from sqrp_cli.programming.placing.placement import (
@@ -97,8 +97,7 @@ class Placer:
         """Whether a fault may be noticed later than wished with a choice, by the exact delays."""
         if demand.wish is None or demand.wish.delay is None:
             return False
-        found = (study.assessment("").delay_worst for study in self.survey.studies(choice))
-        return any(delay is not None and delay > demand.wish.delay + 1e-9 for delay in found)
+        return _is_late([study.assessment("") for study in self.survey.studies(choice)], demand.wish)
 
     def _nearest(self, demand: Demand) -> Placement:
         """The answer where the wish cannot be met: as many cameras more as it takes, or what comes nearest."""
@@ -382,7 +381,7 @@ class Placer:
             self._judged(cell, problem, choice, number, study)
             for number, study in zip(choice.ways, studies, strict=True)
         )
-        late = _is_late(candidates, self.question.demand.wish)
+        late = _is_late([one.found for one in candidates], self.question.demand.wish)
         return replace(
             found,
             cameras=cameras,
@@ -398,10 +397,10 @@ class Placer:
         )
 
 
-def _is_late(candidates: Sequence[JudgedCandidate], wish: Wish | None) -> bool:
+def _is_late(exact: Sequence[Assessment], wish: Wish | None) -> bool:
     """Whether a fault is noticed later than wished, by the exact figures: the search has simpler ones, at samples."""
-    delays = [fault.delay_worst for one in candidates for fault in one.found.faults.values()]
-    return wish is not None and wish.delay is not None and max(delays, default=0.0) > wish.delay + 1e-9
+    latest = max((one.delay_worst or 0.0 for one in exact), default=0.0)
+    return wish is not None and wish.delay is not None and latest > wish.delay + 1e-9
 
 
 def _least(studies: Sequence[Study]) -> float:
