@@ -209,8 +209,7 @@ def _inner_jumps(
 
 
 def _derivatives(trajectory: Trajectory, t: float) -> tuple[Array, ...]:
-    rates = (trajectory.derivatives([t], order)[0] for order in (1, 2))
-    return trajectory.positions([t])[0], *rates
+    return tuple(values[0] for values in trajectory.motion([t], 2))
 
 
 def _jump(

@@ -89,15 +89,13 @@ def points(program: Program, rate: float) -> Iterator[Point]:
             times = _times(begin + primitive.start, begin + primitive.end, rate)
             trajectory = primitive.trajectory
             local = times - begin - primitive.start
-            states = (trajectory.positions(local), *(trajectory.derivatives(local, order) for order in (1, 2)))
-            for time, q, v, a in zip(times.tolist(), *states, strict=True):
+            for time, q, v, a in zip(times.tolist(), *trajectory.motion(local, 2), strict=True):
                 due = tuple(command for command in waiting if command.start <= time)
                 waiting = waiting[len(due) :]
                 yield Point(time, number, primitive, due, primitive.held, q, v, a)
         begin += step.time
-    end = np.array([trajectory.duration])
-    states = (trajectory.positions(end), *(trajectory.derivatives(end, order) for order in (1, 2)))
-    yield Point(begin, number, primitive, tuple(waiting), step.after.held, *(state[0] for state in states))
+    at_end = (state[0] for state in trajectory.motion([trajectory.duration], 2))
+    yield Point(begin, number, primitive, tuple(waiting), step.after.held, *at_end)
 
 
 def as_csv(program: Program, joints: Sequence[str], rate: float) -> str:

@@ -173,10 +173,7 @@ def _title(known: formats.CalibrationFormat, part: SourceDocument, syntax: str) 
 
 def _name(document: SourceDocument, at: KeyPath) -> str:
     """What a camera of a file is called: its `camera_name` in a list, else its key."""
-    value: Any = document.data
-    for key in at:
-        value = value[key]
-    own = _own_name(value)
+    own = _own_name(document.at(at))
     return own if isinstance(at[-1], int) and own is not None else str(at[-1])
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -129,19 +129,13 @@ def _numbers(text: str, place: Place) -> list[float]:
 def _xml(path: Path, content: bytes) -> SourceDocument:
     """OpenCV's FileStorage in XML."""
     tags: dict[str, bool] = {}
-    for element in _elements(parse_xml(path, content, "opencv_storage")):
+    for element in parse_xml(path, content, "opencv_storage").inside():
         tags[element.tag] = tags.get(element.tag, True) and not element.children
     root = parse_xml(path, content, "opencv_storage", frozenset(tag for tag, is_leaf in tags.items() if is_leaf))
     builder = _Builder(path, content)
     for child in root.children:
         builder.put(builder.data, (child.tag,), _xml_value(builder, child, (child.tag,)), child.place)
     return builder.document()
-
-
-def _elements(root: Element) -> Iterator[Element]:
-    for child in root.children:
-        yield child
-        yield from _elements(child)
 
 
 def _xml_value(builder: _Builder, element: Element, at: KeyPath) -> object:

@@ -25,7 +25,7 @@ from sqrp_cli.knowledge.text.entries import ForeignEntry, Length, Number, Text
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.units import as_number
 from sqrp_cli.knowledge.text.validation import validate
-from sqrp_cli.knowledge.text.xml_file import Element, parse_xml
+from sqrp_cli.knowledge.text.xml_file import parse_xml
 from sqrp_cli.knowledge.text.yaml_file import parse_yaml
 
 PUBLISHER = "static_transform_publisher"
@@ -189,17 +189,12 @@ def read_launch(path: Path, content: bytes, text: str) -> list[StaticTransform] 
     if PUBLISHER not in text:
         return None
     if text.lstrip().startswith("<"):
-        return list(_of_xml(parse_xml(path, content, "launch")))
+        nodes = parse_xml(path, content, "launch").inside()
+        published = (one for one in nodes if PUBLISHER in (one.attributes.get("type"), one.attributes.get("exec")))
+        return [_of_words(one.text("args").split(), one.place) for one in published]
     if re.search(r"^[ \t]*(from|import)\s", text, re.MULTILINE):
         return list(_of_python(path, text))
     return list(_of_commands(path, text))
-
-
-def _of_xml(element: Element) -> Iterator[StaticTransform]:
-    for child in element.children:
-        yield from _of_xml(child)
-    if PUBLISHER in (element.attributes.get("type"), element.attributes.get("exec")):
-        yield _of_words(element.text("args").split(), element.place)
 
 
 def _of_commands(path: Path, text: str) -> Iterator[StaticTransform]:

@@ -6,7 +6,6 @@ The format: https://www.khronos.org/files/collada_spec_1_4.pdf.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -95,7 +94,7 @@ class _Collada:
     def load(self) -> _Load:
         """The load of all scenes together."""
         self._check_places(self._root)
-        for element in _all(self._root):
+        for element in self._root.inside():
             if element.tag == "source" and any(
                 child.tag in (*_ARRAYS, "technique_common") for child in element.children
             ):
@@ -297,12 +296,6 @@ def _check_range(element: Element, corners: Integers, inputs: list[_Input]) -> N
             at = int((column >= entry.count).argmax())
             message = f"corner {at + 1:,} of {element} refers to {entry.semantic} {column[at]:,}"
             raise _wrong(element, f"{message}, expected one from 0 to {entry.count - 1:,}")
-
-
-def _all(element: Element) -> Iterator[Element]:
-    for child in element.children:
-        yield child
-        yield from _all(child)
 
 
 def _wrong(element: Element, message: str) -> InputError:

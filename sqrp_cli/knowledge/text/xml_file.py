@@ -58,6 +58,12 @@ class Element:
             raise self.error("missing-element", f"{self} has no <{tag}>")
         return child
 
+    def inside(self) -> Iterator[Element]:
+        """All elements in it, in the order of the file."""
+        for child in self.children:
+            yield child
+            yield from child.inside()
+
     def text(self, attribute: str) -> str:
         """The value of an attribute, without spaces around it; raises InputError if it is missing or empty."""
         value = self.attributes.get(attribute, "").strip()
