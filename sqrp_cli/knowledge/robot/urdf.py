@@ -97,7 +97,7 @@ class Mimic:
     offset: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class UrdfJoint:
     """A joint between two links."""
 
@@ -109,15 +109,15 @@ class UrdfJoint:
     """Pose of the joint, and of the child link when the joint is at 0, in the parent link, shape (4, 4)."""
     axis: Array
     """Unit vector in the joint's frame, shape (3,); meaningless for a fixed joint."""
-    lower: float
+    lower: float = 0.0
     """Position limit [rad or m], infinite for a continuous joint."""
-    upper: float
+    upper: float = 0.0
     """Likewise."""
-    velocity: float | None
+    velocity: float | None = None
     """Limit [rad/s or m/s]; None if the URDF gives none (0 means the same)."""
-    effort: float | None
+    effort: float | None = None
     """Limit [Nm or N], likewise."""
-    mimic: Mimic | None
+    mimic: Mimic | None = None
     """Never set for a fixed joint."""
     place: Place
 
@@ -249,11 +249,6 @@ def tool_of_boxes(
         child=TOOL_TIP,
         X_PJ=read_only(X_BT),
         axis=read_only([1.0, 0.0, 0.0]),
-        lower=0.0,
-        upper=0.0,
-        velocity=None,
-        effort=None,
-        mimic=None,
         place=place,
     )
     return UrdfModel("tool", path, links, {tip.name: tip}, TOOL_BODY)
