@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Collection
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.knowledge.text.input_file import decoded, read_input
@@ -80,14 +80,11 @@ class _Part(SourceDocument):
 
 def part_of(document: SourceDocument, at: KeyPath) -> SourceDocument:
     """The mapping at a path of a file, with its places."""
-    data: Any = document.data
-    for key in at:
-        data = data[key]
     keys, values = (
         {path[len(at) :]: place for path, place in places.items() if path[: len(at)] == at}
         for places in (document.keys, document.values)
     )
-    part = _Part(document.path, document.content, data, keys, values)
+    part = _Part(document.path, document.content, document.at(at), keys, values)
     object.__setattr__(part, "within", at)
     return part
 

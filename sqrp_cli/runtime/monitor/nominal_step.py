@@ -53,9 +53,7 @@ def values_when_open(step: Step) -> dict[str, bool]:
     return {atom: (Atom.of(atom) in step.before.facts) == (step.before.held is None) for atom in step.targets}
 
 
-def _is_in(name: str | None, box: TargetBox, situation: Situation) -> bool:
-    if name is None:
-        return False
+def _is_in(name: str, box: TargetBox, situation: Situation) -> bool:
     if box.frame in situation.X_WL:
         return situation.held == name
     X_WB = frame_poses({}, situation.X_WO, situation.starts)[box.frame] @ box.X_FB
