@@ -31,18 +31,7 @@ def print_audit(
     """What a recording says about a program's predictions; unsurveyed: why nothing is known of the cameras."""
     what = "; ".join(step.short_task for step in program.steps)
     say(f"{what} in {workspace}: {report.images} images compared, {report.skipped} skipped (not as planned)")
-    if report.runs > 1:
-        say(f"The motion is there {report.runs} times (runs, or a retry): the first is compared.", "yellow")
-    if report.damaged:
-        count = "1 image is" if len(report.damaged) == 1 else f"{len(report.damaged)} images are"
-        say(f"{count} damaged and left out: {report.damaged[0]}.", "yellow")
-    for name, after in report.apart.items():
-        when = f"{abs(after):,.0f} s {'after' if after > 0 else 'before'} the robot's motion"
-        say(f"All images of {name} are, by their stamps, {when} or more: its clock is not the robot's.", "red")
-    if report.missing:
-        say(_without(report.missing, report.other_topics), "yellow")
-    if report.repeated:
-        say(f"{report.repeated} images are bit by bit the same as the one before them; they count as blind.", "yellow")
+    _print_left_out(report)
     say()
     if unsurveyed:
         say(f"Whether cameras have moved is not known: {unsurveyed}.", "yellow")
@@ -56,6 +45,22 @@ def print_audit(
         say(f"{since} that show it: perhaps the part was lost there, and its detector is right.", "yellow")
     say()
     say(_total(report.total.precision, threshold))
+
+
+def _print_left_out(report: AuditReport) -> None:
+    """What of a recording is not compared, or counts as blind."""
+    if report.runs > 1:
+        say(f"The motion is there {report.runs} times (runs, or a retry): the first is compared.", "yellow")
+    if report.damaged:
+        count = "1 image is" if len(report.damaged) == 1 else f"{len(report.damaged)} images are"
+        say(f"{count} damaged and left out: {report.damaged[0]}.", "yellow")
+    for name, after in report.apart.items():
+        when = f"{abs(after):,.0f} s {'after' if after > 0 else 'before'} the robot's motion"
+        say(f"All images of {name} are, by their stamps, {when} or more: its clock is not the robot's.", "red")
+    if report.missing:
+        say(_without(report.missing, report.other_topics), "yellow")
+    if report.repeated:
+        say(f"{report.repeated} images are bit by bit the same as the one before them; they count as blind.", "yellow")
 
 
 def _total(precision: float | None, threshold: float) -> str:
