@@ -161,15 +161,18 @@ def write_summary(scorecard: Scorecard, path: Path) -> None:
         "",
     ]
     for result in scorecard.results:
-        lines += [f"- **{result.score.status}** {_name(result)}: {_text(reason)}" for reason in result.score.reasons]
+        lines += [
+            f"- **{result.score.status}** {_text(result.score.named)}: {_text(reason)}"
+            for reason in result.score.reasons
+        ]
     lines += [f"- **vanished** {_text(gone.workspace)}, {_text(gone.task)}" for gone in scorecard.vanished]
     lines += [f"- **renamed** {_text(name)} is {_text(was)} of the baseline" for name, was in scorecard.renamed.items()]
     for result in scorecard.results:
         comparison = result.comparison
         if comparison is not None and comparison.verdict == "new":
-            lines.append(f"- **new** {_name(result)}")
+            lines.append(f"- **new** {_text(result.score.named)}")
         ways = comparison.ways if comparison is not None else ()
-        lines += [f"- **improved** {_name(result)} for {_text(str(way))}" for way in ways if not way.worse]
+        lines += [f"- **improved** {_text(result.score.named)} for {_text(str(way))}" for way in ways if not way.worse]
     lines += [
         f"- changed in {_text(name)}: {_text(listed(changes))}"
         for name, changes in scorecard.changes.items()
@@ -207,24 +210,15 @@ def _case(suite: Xml.Element, result: ComparedScore) -> None:
 
 
 def _row(result: ComparedScore) -> str:
+    from sqrp_cli.terminal.console import percent, seconds
+
     score = result.score
     cells = [score.workspace, score.task or "", "", "", "", "", "", score.status]
     if score.best is not None:
         best = score.best.assessment
-        delay = best.delay_worst
-        figures = [None if q is None else 100 * q for q in (best.q_eoi, best.q_avg)]
-        cells[2:7] = [
-            best.candidate.name,
-            *("-" if figure is None else f"{figure:.1f}" for figure in figures),
-            f"{best.time:.2f}",
-            "-" if delay is None else f"{delay:.2f}",
-        ]
+        figures = [percent(best.q_eoi), percent(best.q_avg), seconds(best.time), seconds(best.delay_worst)]
+        cells[2:7] = [best.candidate.name, *figures]
     return "| " + " | ".join(_text(cell) for cell in cells) + " |"
-
-
-def _name(result: ComparedScore) -> str:
-    score = result.score
-    return _text(score.workspace if score.task is None else f"{score.workspace}, {score.task}")
 
 
 def _text(text: str) -> str:

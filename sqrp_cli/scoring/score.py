@@ -164,6 +164,11 @@ class TaskScore:
     content: str = ""
     """Digest of the workspace, see `identity.content_digest`."""
 
+    @property
+    def named(self) -> str:
+        """Workspace and task, for display."""
+        return self.workspace if self.task is None else f"{self.workspace}, {self.task}"
+
 
 def wanted_of(cell: ScoredCell) -> tuple[Wanted, ...]:
     """The candidates of a workspace's tasks, to be computed."""

@@ -38,7 +38,7 @@ def print_report(findings: Scorecard) -> None:
         score = result.score
         for reason in score.reasons:
             named = score.task is None or reason.startswith(score.task)
-            where = score.workspace if named else _name(result)
+            where = score.workspace if named else result.score.named
             say(joined(["\n", (score.status, _STYLES[score.status]), f" {where}: {reason}"]))
     print_comparison(findings)
     if findings.results:
@@ -62,11 +62,11 @@ def print_comparison(findings: Scorecard) -> None:
             continue
         for change in comparison.ways:
             if not change.worse:
-                say(joined(["\n", ("improved", "green"), f" {_name(result)} for {change}"]))
+                say(joined(["\n", ("improved", "green"), f" {result.score.named} for {change}"]))
         if comparison.verdict == "new":
-            say(joined(["\n", ("new", "yellow"), f" {_name(result)} is not in the baseline"]))
+            say(joined(["\n", ("new", "yellow"), f" {result.score.named} is not in the baseline"]))
         for way in comparison.gone:
-            say(joined(["\n", ("gone", "yellow"), f" {_name(result)} for {way}: there is no such way any more"]))
+            say(joined(["\n", ("gone", "yellow"), f" {result.score.named} for {way}: there is no such way any more"]))
     for name, before in findings.renamed.items():
         say(joined(["\n", ("renamed", "yellow"), f" {name} is {before} of the baseline"]))
     style = "yellow" if findings.may_vanish else "red"
@@ -143,11 +143,6 @@ def column_titles(paths: list[str]) -> list[str]:
     """Titles: the end of each path under the name of its owner, such as a camera; whole paths if two look alike."""
     titles = ["\n".join(_owner_and_end(path.split("."))) for path in paths]
     return titles if len(set(titles)) == len(titles) else paths
-
-
-def _name(result: ComparedScore) -> str:
-    score = result.score
-    return score.workspace if score.task is None else f"{score.workspace}, {score.task}"
 
 
 def _row(result: ComparedScore) -> list[Styled]:
