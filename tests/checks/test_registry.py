@@ -23,7 +23,7 @@ TRIED = [rule for rule in rules().values() if rule.file is not None]
 
 CODE = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)+")
 WORD = re.compile(r"[a-z]+")
-CALLS = {"Problem", "problem", "error", "_report", "report", "Flaw"}
+CALLS = {"Problem", "bad_input", "problem", "error", "_report", "report", "Flaw"}
 """Calls whose first argument is a code, which may then be a single word."""
 NO_CODES = {
     "utf-8", "utf-8-sig",  # encodings
