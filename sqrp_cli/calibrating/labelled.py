@@ -29,7 +29,7 @@ from sqrp_cli.program.record import Program, ProgramTarget
 from sqrp_cli.runtime.audit.footage import Footage, Frame, ImageSource, read_image
 from sqrp_cli.runtime.audit.frame_audit import Postures, frames_of
 from sqrp_cli.runtime.image import CameraImage
-from sqrp_cli.runtime.monitor.nominal_step import NominalStep, values_when_open
+from sqrp_cli.runtime.monitor.nominal_step import SPACING, NominalStep, values_when_open
 from sqrp_cli.runtime.perception.detections import BelievedState, DetectionTargets
 from sqrp_cli.runtime.record.frame_folder import LONGEST_NAME, file_in, table_text
 from sqrp_cli.runtime.robot_body import RobotBody
@@ -53,7 +53,7 @@ class LabelledImage:
     closes: BelievedState
     """When it closes."""
     holds: Mapping[str, bool]
-    """The true value of each atom that is looked for."""
+    """The true value of each atom that is looked for, without those that are just changing."""
     pose: int
     """Images with the same number have much the same pose."""
 
@@ -77,7 +77,7 @@ def of_program(program: Program, workspace: Workspace, footage: Footage) -> Iter
         for frame, t in frames_of(footage, index, step, {}).items():
             half = 0.5 * workspace.cameras[frame.camera].exposure
             opens, closes = (postures.at(min(max(t + by, 0.0), step.time)) for by in (-half, half))
-            holds = {atom: nominal.holds(atom, t) for atom in step.targets}
+            holds = {atom: nominal.holds(atom, t) for atom in step.targets if not _changes(atom, t, nominal)}
             images.append(
                 LabelledImage(
                     frame=frame,
@@ -91,6 +91,12 @@ def of_program(program: Program, workspace: Workspace, footage: Footage) -> Iter
         first += int(step.time / SAME_POSE) + 1
         sought = DetectionTargets(dict(step.targets), step.before.X_WO, values_when_open(step))
         yield LabelledImages(footage, sought, images)
+
+
+def _changes(atom: str, t: float, nominal: NominalStep) -> bool:
+    """Whether an atom changes while the tool closes or opens at time t [s]: from when on, nobody knows."""
+    closing = (p for p in nominal.step.primitives if p.action in ("Grasp", "Release") and p.start <= t <= p.end)
+    return any(nominal.holds(atom, p.start) != nominal.holds(atom, p.end + SPACING) for p in closing)
 
 
 def of_labels(workspace: Workspace, folder: Path) -> Iterator[LabelledImages]:

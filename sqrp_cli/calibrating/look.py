@@ -79,7 +79,8 @@ def _of_camera(
     pose = np.array([image.pose for image in images])
     for target, boxes, verdicts in zip(targets, free, limited, strict=True):
         atom = str(target.atom)
-        true = np.array([Truth.TRUE if image.holds[atom] else Truth.FALSE for image in images])
+        is_known = np.array([atom in image.holds for image in images])
+        true = np.array([Truth.TRUE if image.holds.get(atom) else Truth.FALSE for image in images])
         for box, of_box, verdict in zip(target.boxes, boxes, verdicts, strict=True):
             assert of_box.sights is not None  # noqa: S101 - every box has a curve here
             said = np.array([_evidence(detection, atom, box.name) for _, detection in shown])
@@ -89,7 +90,7 @@ def _of_camera(
                 covered=verdict.cause[:, 0] == Cause.NONE,
                 pose=pose,
             )
-            yield _BoxLooks(box.detector, looks.some(of_box.probability[:, 0] > 0))
+            yield _BoxLooks(box.detector, looks.some(is_known & (of_box.probability[:, 0] > 0)))
 
 
 def _evidence(detection: Detection, atom: str, box: str) -> Truth:

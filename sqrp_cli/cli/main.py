@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from contextlib import suppress
 
@@ -17,6 +18,7 @@ INTERRUPTED = 130
 def main() -> None:
     """Run a command and leave with its exit code."""
     code = run(sys.argv[1:])
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # one Ctrl-C more would kill it, with another exit code
     collect_no_more()
     sys.exit(code)
 

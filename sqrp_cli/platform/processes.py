@@ -203,7 +203,7 @@ def _serve(pipe: Connection, prepare: Callable[..., Callable[[Any], Any]], argum
         inherited.close()
     threading.Thread(target=_end_with_parent, daemon=True).start()
     answer = _tried(prepare, *arguments)
-    with suppress(EOFError, ConnectionError):
+    with suppress(EOFError, OSError):
         while True:
             pipe.send(answer if isinstance(answer, _Raised) else _tried(answer, pipe.recv()))
 

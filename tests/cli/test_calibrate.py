@@ -123,3 +123,9 @@ def test_what_cannot_be_used_is_told(sqrp, folder, monkeypatch, arguments, says)
     outcome = sqrp("calibrate", *arguments)
     assert outcome.code == 2
     assert says in outcome.err
+
+
+def test_images_of_a_grasp_do_not_count_against_the_detector(asked, slip_run):
+    cell = slip_run.cell
+    found = asked("calibrate", cell.folder / "frames", "--program", cell.program, "--json").document["detectors"]
+    assert {detector: found[detector]["seen"] for detector in found} == {"color": 1.0}

@@ -63,6 +63,24 @@ def _call(what: tuple[Any, ...]) -> Any:
     return function(*arguments)
 
 
+TORN = """
+import os, struct
+from functools import partial
+from sqrp_cli.platform.processes import Worker, fresh
+
+if __name__ == "__main__":
+    worker = Worker(fresh([]), partial, len)
+    os.write(worker.pipe.fileno(), struct.pack("!i", 100) + b"half of it")
+    worker.close()
+"""
+
+
+def test_a_process_whose_message_was_torn_off_by_ctrl_c_ends_silently(tmp_path: Path) -> None:
+    (tmp_path / "torn.py").write_text(TORN, encoding="utf-8")
+    found = subprocess.run([sys.executable, str(tmp_path / "torn.py")], check=True, capture_output=True, text=True)
+    assert found.stderr == ""
+
+
 def test_sending_much_to_a_process_that_was_killed_does_not_wait_for_ever() -> None:
     executors = [ProcessExecutor(_call), ProcessExecutor(_call)]  # the second one inherits what is open when it begins
     first, second = (executor.submit((os.getpid,)).result(PATIENCE) for executor in executors)
