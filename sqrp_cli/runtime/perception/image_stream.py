@@ -217,7 +217,7 @@ class ImageStreams(Streams):
         failed = {name: t - one.newest for name, one in self._streams.items() if t > one.fails_at + 1e-9}
         under_way = {camera for _, _, camera in self._arrivals}
         lost = {name: age for name, age in failed.items() if name not in under_way}
-        return lost_streams({"camera-loss": lost, "latency": failed})
+        return lost_streams(lost, failed)
 
     @property
     def next_check(self) -> float:
@@ -225,23 +225,25 @@ class ImageStreams(Streams):
         return min(stream.fails_at for stream in self._streams.values()) + 1e-6
 
 
-def lost_streams(failed: Mapping[str, Mapping[str, float]]) -> MonitoringLost | None:
-    """The first of some faults that cameras have; None if none has any.
+_REASONS = (
+    ("camera-loss", "{names} {are} lost: no image for {ages}"),
+    ("latency", "the images of {names} come too late: the newest {are} {ages} old"),
+    ("perception-late", "this computer looks too slowly at images of {names}: it knows what they showed {ages} ago"),
+)
+"""How streams fail, the worst first."""
 
-    failed: by the fault's name, how old what is known of each of its cameras is [s].
+
+def lost_streams(*failed: Mapping[str, float]) -> MonitoringLost | None:
+    """The worst failure; None where there is none.
+
+    failed: in the order of `_REASONS`, the cameras that fail so, with how old what is known of each is [s].
     """
-    fault = next((name for name, ages in failed.items() if ages), None)
-    if fault is None:
-        return None
-    cameras = list(failed[fault])
-    names, are = listed(cameras), "is" if len(cameras) == 1 else "are"
-    ages = listed(sorted({f"{age:.2f} s" for age in failed[fault].values()}))
-    reasons = {
-        "camera-loss": f"{names} {are} lost: no image for {ages}",
-        "latency": f"the images of {names} come too late: the newest {are} {ages} old",
-        "perception-late": f"this computer looks too slowly at images of {names}: it knows what they showed {ages} ago",
-    }
-    return MonitoringLost(reasons[fault], fault, cameras)
+    for (fault, reason), found in zip(_REASONS, failed, strict=False):
+        if found:
+            ages = listed(sorted({f"{age:.2f} s" for age in found.values()}))
+            text = reason.format(names=listed(list(found)), are="is" if len(found) == 1 else "are", ages=ages)
+            return MonitoringLost(text, fault, list(found))
+    return None
 
 
 @contextmanager

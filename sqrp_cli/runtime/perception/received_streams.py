@@ -174,4 +174,4 @@ class ReceivedStreams(Streams):
         lost = {one.camera.name: t - one.newest for one in old if waited(one.came) > 1.0 / one.camera.rate}
         late = {one.camera.name: t - one.newest for one in old}
         slow = {one.camera.name: t - one.seen for one in streams if t > one.seen + one.patience + LOOKING_SLACK}
-        return lost_streams({"camera-loss": lost, "latency": late, "perception-late": slow})
+        return lost_streams(lost, late, slow)
