@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.logic.truth import Truth
@@ -12,7 +13,7 @@ from sqrp_cli.program.record import Program
 from sqrp_cli.report.sentences import short_times
 from sqrp_cli.runtime.record import events
 from sqrp_cli.runtime.record.report import Confusion, Disagreement, FaultRecord, Prediction, RunReport, excess
-from sqrp_cli.terminal.console import Column, Show, joined, live, numbers, plain, print_table, say, seconds
+from sqrp_cli.terminal.console import Column, Show, fits, joined, live, numbers, plain, print_table, say, seconds
 
 if TYPE_CHECKING:
     from sqrp_cli.runtime.run.simulation import SweepRun, SweepSummary
@@ -206,9 +207,11 @@ def print_prediction(prediction: Sequence[Prediction], total: Confusion) -> None
     for number, step in enumerate(prediction, 1):
         for atom, cameras in step.items():
             shown = {name: found for name, found in cameras.items() if found.tp + found.fp + found.fn}
-            for index, (name, found) in enumerate(shown.items()):
-                label = atom if len(prediction) == 1 else f"{number}: {atom}"
-                rows.append([label if index == 0 else "", name, *_cells(found)])
+            label = atom if len(prediction) == 1 else f"{number}: {atom}"
+            rows += [[label, name, *_cells(found)] for name, found in shown.items()]
+    if fits(columns, rows):  # else each row says for itself what it is about
+        for above, row in reversed(list(pairwise(rows))):
+            row[0] = "" if row[0] == above[0] else row[0]
     rows.append([plain("all", "bold"), "", *_cells(total)])
     print_table(columns, rows)
 

@@ -11,10 +11,10 @@ from rich.console import Console
 
 from sqrp_cli.report.sentences import short_times
 from sqrp_cli.runtime.record.log import read_log
-from sqrp_cli.runtime.record.report import Disagreement, FaultRecord, RunReport, StepRecord
+from sqrp_cli.runtime.record.report import Confusion, Disagreement, FaultRecord, RunReport, StepRecord
 from sqrp_cli.terminal import console
 from sqrp_cli.terminal.console import Column, print_table
-from sqrp_cli.terminal.run_view import LiveView, print_run
+from sqrp_cli.terminal.run_view import LiveView, print_prediction, print_run
 
 FORMULA = (
     "eventually[3.0587515199468918, 4.9454181866135585] (not held(b1) and always[0, 2.5e-05] at(b2.123456, a4.98))"
@@ -161,3 +161,14 @@ def test_a_log_that_does_not_tell_what_was_predicted_is_shown_live(
             view(event)
     shown = out.getvalue()
     assert all(words in shown for words in ("a1", "held", "blind", "cam1", "0.20 s: tries again (1 of 2)"))
+
+
+@pytest.mark.parametrize("width", [80, 40])
+def test_a_literal_is_named_once_in_a_table_and_in_every_paragraph(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, width: int
+) -> None:
+    monkeypatch.setattr(console, "output", lambda: Console(width=width))
+    found = Confusion(tp=8, tn=2, fp=0, fn=0)
+    print_prediction([{"held(b1)": {"cam1": found, "cam2": found}, "at(b1)": {"cam1": found}}], found)
+    shown = capsys.readouterr().out
+    assert (shown.count("held(b1)"), shown.count("at(b1)")) == ((1, 1) if width == 80 else (2, 1))
