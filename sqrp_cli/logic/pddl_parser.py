@@ -327,7 +327,8 @@ class _Reader:
             self.report("pddl-arity", mismatch, node)
         else:
             for item, (term, found), parameter in zip(node.items[1:], terms, signature.parameters, strict=True):
-                if found is not None and parameter.type not in pddl.with_ancestors(found, self.types):
+                known = found is not None and self.declared(found) and self.declared(parameter.type)
+                if found is not None and known and parameter.type not in pddl.with_ancestors(found, self.types):
                     message = f"`{term}` is of type `{found}`, but `{word.text}` expects `{parameter.type}`"
                     self.report("pddl-type", message, item)
         return pddl.Holds(word.text, tuple(term for term, _ in terms))
@@ -349,10 +350,13 @@ class _Reader:
     def type_of(self, word: Word | None) -> str:
         if word is None:
             return pddl.OBJECT
-        if word.text != pddl.OBJECT and word.text not in self.types:
+        if not self.declared(word.text):
             self.report("pddl-unknown-type", self.unknown("type", word.text, [*self.types, pddl.OBJECT]), word)
-            return pddl.OBJECT
         return word.text
+
+    def declared(self, type_name: str) -> bool:
+        """Whether there is such a type."""
+        return type_name == pddl.OBJECT or type_name in self.types
 
     def need(self, node: Node, what: str, *requirements: str) -> None:
         """Records a problem, once per requirement, unless one of the requirements is declared."""

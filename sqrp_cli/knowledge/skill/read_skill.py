@@ -123,6 +123,8 @@ class _SkillReader:
         self.values = {name: self._motion_values(name) for name in file.motion}
         self.kinds: dict[str, list[Kind]] = {name: [] for name in file.motion}
         self.implicit: dict[str, MotionParameter] = {}
+        self._refused: set[str] = set()
+        """Motion parameters with values that a setting refuses."""
 
     def read(self, folder: Path) -> Skill:
         for name in (name for name in self.file.motion if name in self.objects):
@@ -215,9 +217,9 @@ class _SkillReader:
         """Report the first value of a parameter that does not fit the setting at `path`."""
         complaints = (kind.complaint(value) for value in self.values[parameter])
         if (complaint := next(filter(None, complaints), None)) is not None:
-            self._report(
-                complaint.code, ("motion", parameter), f"{complaint.message}, because `{dotted(path)}` uses it"
-            )
+            if parameter not in self._refused:  # once, however many settings use it
+                self._report(complaint.code, ("motion", parameter), f"{complaint.message} (`{dotted(path)}` uses it)")
+            self._refused.add(parameter)
 
     def _parameters(self) -> tuple[MotionParameter, ...]:
         """The motion parameters with their values in SI units; call it after all settings are checked."""
