@@ -1,11 +1,15 @@
-"""Text that is parsed, and positions and excerpts in it."""
+"""Text that a grammar parses, positions and excerpts in it, and lark's trees."""
 
 from __future__ import annotations
 
 import unicodedata
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeGuard
 
 from sqrp_cli.errors import Place, Problem
+
+if TYPE_CHECKING:
+    from lark import Token, Tree
 
 LONGEST = 160
 """Characters of a line that an excerpt shows whole."""
@@ -75,3 +79,18 @@ class TextOrigin:
     def problem(self, code: str, message: str, mend: str | None = None) -> Problem:
         """An error at this character."""
         return self.source.problem(code, message, self.offset, mend)
+
+
+def is_token(node: Tree[Token] | Token) -> TypeGuard[Token]:
+    """Whether a node is a token, not a tree."""
+    return isinstance(node, str)
+
+
+def depth(tree: Tree[Token]) -> int:
+    """Levels of the tree; found without recursion, so that no input exhausts the stack."""
+    deepest, open_trees = 0, [(tree, 1)]
+    while open_trees:
+        top, level = open_trees.pop()
+        deepest = max(deepest, level)
+        open_trees += [(part, level + 1) for part in top.children if not is_token(part)]
+    return deepest

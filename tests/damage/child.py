@@ -29,6 +29,7 @@ _SOURCES += (
     "embreex",
     "PIL",
     "fast_simplification",
+    "lark",
     "rich",
     "yaml",
     "pydantic",

@@ -37,12 +37,12 @@ def program_digest() -> str:
 
 
 def code_digest(root: Path) -> str:
-    """Digest of all code of a package, however its folders are named.
+    """Digest of all code and grammars of a package, however its folders are named.
 
     Code that only prints counts too: a list of what figures depend on would go stale.
     """
     hashed = hashlib.sha256()
-    for file in sorted(root.rglob("*.py")):
+    for file in sorted(path for path in root.rglob("*") if path.suffix in (".py", ".lark")):
         hashed.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes())
     return hashed.hexdigest()
 
