@@ -46,6 +46,8 @@ def run(arguments: list[str]) -> int:
 def _prepare() -> None:
     # Processes share the cores already; threads of linear algebra would get in each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # What other packages plug into it has no say here, and a look for them takes a while.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     keep_freed_memory()
     collect_later()
     prepare_streams()

@@ -16,7 +16,7 @@ print(code, *sorted(set(sys.argv[1].split(",")) & set(sys.modules)), file=sys.st
 """
 
 HEAVY = (
-    "asyncio", "multiprocessing", "distributed", "mujoco", "cv2", "ompl", "rich.progress",
+    "asyncio", "multiprocessing", "distributed", "mujoco", "cv2", "ompl", "rich.progress", "http.client",
     "sqrp_cli.report.documents.scores", "sqrp_cli.scoring",
 )  # fmt: skip
 """Modules that no ranking of cubes on a table needs."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
 
 from sqrp_cli.errors import Problem
 from sqrp_cli.knowledge.text.xml_file import Element
@@ -48,6 +47,8 @@ def as_text(root: Element) -> str:
 
 
 def _lines(element: Element, depth: int) -> Iterator[str]:
+    from xml.sax.saxutils import quoteattr  # loads much of the network's library, and few descriptions are expanded
+
     attributes = "".join(f" {name}={quoteattr(value)}" for name, value in sorted(element.attributes.items()))
     start = f"{'  ' * depth}<{element.tag}{attributes}"
     if not element.children:
