@@ -175,7 +175,7 @@ def print_table(columns: Sequence[Column], rows: Iterable[Sequence[Cell]]) -> No
         named = zip([_title(column) for column in columns[1:]], values, strict=True)
         pairs = [Text.assemble(*_named(title), value) for title, value in named if str(value).strip()]
         name = Text.assemble(*_named(_title(columns[0])), head, style="bold")
-        say(Text.assemble(name, ": " if pairs else "", unbroken(pairs)), indent=2)
+        say(Text.assemble(*((name, ": " if pairs else "") if head.plain.strip() else ()), unbroken(pairs)), indent=2)
 
 
 def fits(columns: Sequence[Column], rows: Sequence[Sequence[Cell]]) -> bool:

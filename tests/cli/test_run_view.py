@@ -172,3 +172,13 @@ def test_a_literal_is_named_once_in_a_table_and_in_every_paragraph(
     print_prediction([{"held(b1)": {"cam1": found, "cam2": found}, "at(b1)": {"cam1": found}}], found)
     shown = capsys.readouterr().out
     assert (shown.count("held(b1)"), shown.count("at(b1)")) == ((1, 1) if width == 80 else (2, 1))
+
+
+def test_a_row_without_a_first_value_begins_with_the_next_one(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(console, "output", lambda: Console(width=20))
+    print_table(
+        [Column("#"), Column("step"), Column("time [s]")], [["1", "a much longer one", "1.0"], ["", "in all", "1.0"]]
+    )
+    assert capsys.readouterr().out == "# 1: step a much\n  longer one,\n  time [s] 1.0\nstep in all,\n  time [s] 1.0\n"
