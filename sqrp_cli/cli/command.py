@@ -36,8 +36,9 @@ class Command(TyperCommand):
         for one in params:
             read = _each(ctx.params.get(one.name))
             if "" in _each(words.get(one.name)) and any(isinstance(value, Path) for value in read):
-                what = one.metavar if one.param_type_name == "argument" else one.opts[0]
-                raise bad_option(f"{what} is empty; expected: {one.help}")
+                is_argument = one.param_type_name == "argument"
+                what, kind = (one.metavar, "") if is_argument else (one.opts[0], f" {one.metavar}")
+                raise bad_option(f"{what} is empty; expected{kind}: {one.help}")
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:  # noqa: ANN401 # as above
         """The words after the command's name in its usage line."""

@@ -10,9 +10,9 @@ import pytest
 BAD = [
     (["chek"], ["there is no command `chek`", "did you mean `check`?"]),
     (["rank", "", "watch seen"], ["WORKSPACE is empty; expected: Folder of a workspace"]),
-    (["rank", "CELL", "watch seen", "--report", ""], ["--report is empty; expected: "]),
-    (["rank", "CELL", "watch seen", "--report="], ["--report is empty; expected: "]),
-    (["rank", ".", "watch seen", "--report", ""], ["--report is empty; expected: "]),
+    (["rank", "CELL", "watch seen", "--report", ""], ["--report is empty; expected FILE: "]),
+    (["rank", "CELL", "watch seen", "--report="], ["--report is empty; expected FILE: "]),
+    (["rank", ".", "watch seen", "--report", ""], ["--report is empty; expected FILE: "]),
     (["check", "./", ""], ["the folder has no workspace.yaml"]),
     (["rank", "CELL", "wach seen"], ["workspace.yaml:", "there is no skill `wach` under `skills`", "`watch`"]),
     (["score", ""], ["no workspace fits ``"]),

@@ -177,7 +177,7 @@ def test_a_literal_is_named_once_in_a_table_and_in_every_paragraph(
 def test_a_row_without_a_first_value_begins_with_the_next_one(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(console, "output", lambda: Console(width=20))
+    monkeypatch.setattr(console, "output", lambda: Console(width=22))
     print_table(
         [Column("#"), Column("step"), Column("time [s]")], [["1", "a much longer one", "1.0"], ["", "in all", "1.0"]]
     )
