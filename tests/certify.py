@@ -98,7 +98,7 @@ class Trial:
         """Those of the candidates, or of some, for one set of camera poses; errors: of each, see `moved`."""
         cameras = tuple(self.moved(camera, error) for camera, error in enumerate(errors))
         chosen = range(len(self.motions)) if some is None else some
-        watches = [self.motions[index].watch for index in chosen]
+        watches = [self.motions[index] for index in chosen]
         found = observe_all(watches, Observer(cameras, self.observer.solids), Adaptive(), full=False)
         return list(map(Qualities.of, found))
 
@@ -134,7 +134,7 @@ class Draws:
         errors = random.normal(size=(cameras, poses, 2, 3))
         errors /= np.linalg.norm(errors, axis=-1, keepdims=True)
         errors[:, ::2] *= random.uniform(size=(*errors[:, ::2].shape[:3], 1)) ** (1 / 3)
-        watches = [motion.watch for motion in trial.motions]
+        watches = list(trial.motions)
         alone = [_alone(watch, target) for watch in watches for target in watch.targets]
         seen = [
             observe_all(alone, Observer((trial.moved(camera, error),), trial.observer.solids), Adaptive(), full=False)

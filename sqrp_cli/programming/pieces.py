@@ -86,6 +86,15 @@ def interesting_time(formulas: Sequence[GroundFormula]) -> float:
     return sum(stretch.length for stretch in events_of_interest(formula.operator for formula in formulas))
 
 
+def fault_literals(formulas: Sequence[GroundFormula]) -> dict[str, tuple[Literal, ...]]:
+    """All literals of each fault, by its name."""
+    found: dict[str, dict[Literal, None]] = {}
+    for formula in formulas:
+        if formula.fault is not None and formula.operator.literals:
+            found.setdefault(formula.fault, {}).update(dict.fromkeys(formula.operator.literals))
+    return {fault: tuple(literals) for fault, literals in found.items()}
+
+
 def fault_intervals(formulas: Sequence[GroundFormula], fault: str) -> tuple[Stretch, ...]:
     """When a fault may happen: the union of the intervals of its operators that have literals."""
     return merge(f.operator.stretch for f in formulas if f.fault == fault and f.operator.literals)

@@ -129,7 +129,7 @@ class Assignment(Inquiry):
             recalibrated = under_calibration_errors(self.cell, study, self.sampling, self.calibration)
             assessment = replace(assessment, recalibrated=recalibrated)
         if self.bounds is not None:
-            proven = certify(study.watch, self.cell.observer, self.sampling, self.bounds)
+            proven = certify(study, self.cell.observer, self.sampling, self.bounds)
             assessment = replace(assessment, certificate=proven)
         return assessment
 

@@ -101,7 +101,7 @@ class Sketch(SampledScene):
     def _shown(self, cell: Cell, matrix: Matrix) -> CoverageShown:
         responses = np.array([camera.response for camera in cell.observer.cameras])
         observation = observation_of(matrix, responses, self.scene.targets, self.required)
-        timeline = self.scene.watch.timeline(self.samples, observation)
+        timeline = Timeline.of(self.scene, self.samples, observation)
         table: dict[Verdict, int] = {}
         names = [camera.name for camera in cell.observer.cameras]
         atoms = {
@@ -142,7 +142,7 @@ class Steps:
         """What is seen of all steps; atoms are called as pages call them."""
         if len(parts) == 1:
             return parts[0]
-        watches = [sketch.scene.watch for sketch in self.sketches]
+        scenes = [sketch.scene for sketch in self.sketches]
         starts = accumulate((sketch.scene.motion.time for sketch in self.sketches[:-1]), initial=0.0)
         verdicts: list[Verdict] = []
         atoms: dict[str, AtomShown] = {}
@@ -164,8 +164,8 @@ class Steps:
             covered=[value for part in parts for value in part.covered],
             verdicts=verdicts,
             atoms=atoms,
-            q_avg=mean_quality([(part.q_avg, watch.T) for part, watch in zip(parts, watches, strict=True)]),
-            q_eoi=mean_quality([(part.q_eoi, watch.T_eoi) for part, watch in zip(parts, watches, strict=True)]),
+            q_avg=mean_quality([(part.q_avg, scene.T) for part, scene in zip(parts, scenes, strict=True)]),
+            q_eoi=mean_quality([(part.q_eoi, scene.T_eoi) for part, scene in zip(parts, scenes, strict=True)]),
             blind=sum(part.blind for part in parts),
         )
 

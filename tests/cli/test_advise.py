@@ -721,7 +721,7 @@ def test_no_point_of_a_fine_grid_is_nearer(advised, every):
         if 0 < np.linalg.norm(offset) <= 0.95 * cam1["size"]:
             X_FC = look_at(camera.X_FC[:3, 3] + offset, (-0.31, -0.027, 0.245))
             observer = Observer((replace(camera, X_FC=X_FC), *others), cell.observer.solids)
-            timeline = observe(replace(found.watch, faults={}), observer, Adaptive(), full=False)
+            timeline = observe(replace(found, faults={}), observer, Adaptive(), full=False)
             if interest_quality(timeline) == 1.0:
                 nearer.append(offset.tolist())
     assert not nearer, json.dumps(nearer)

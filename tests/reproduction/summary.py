@@ -41,7 +41,7 @@ def feasible_study(cell: Cell, candidate: Candidate, sampling: Sampling, *, full
 
 def seen_again(found: Study, cell: Cell, sampling: Sampling, *, full: bool = False) -> Study:
     """The same candidate and motion, before the cameras of a cell."""
-    return replace(found, timeline=observe(found.watch, cell.observer, sampling, full=full))
+    return replace(found, timeline=observe(found, cell.observer, sampling, full=full))
 
 
 def always_in_interest(cell: Cell, found: Study, predicate: str | None, *causes: Cause) -> frozenset[str]:

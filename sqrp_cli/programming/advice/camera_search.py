@@ -108,7 +108,7 @@ class Base:
 def _events_seen(step: Study, events: Stage, observer: Observer, sampling: Sampling) -> Timeline:
     """The timeline of a step's events of interest as cameras see them, in terms of all of its pieces."""
     which = np.array([number for number, piece in enumerate(step.stage.pieces) if piece.of_interest])
-    timeline = observe(replace(step.watch, stage=events, faults={}), observer, sampling, full=False)
+    timeline = observe(replace(step, stage=events, faults={}), observer, sampling, full=False)
     samples = Samples(which[timeline.samples.piece], timeline.samples.t)
     return replace(timeline, pieces=step.stage.pieces, samples=samples)
 

@@ -27,7 +27,13 @@ from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.grounding import TargetGrounder, formulas_outside, ground_formulas
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.stop_and_return import Recovery, recovery_over
-from sqrp_cli.programming.pieces import cut_into_pieces, fault_intervals
+from sqrp_cli.programming.pieces import (
+    cut_into_pieces,
+    fault_intervals,
+    fault_literals,
+    interesting_time,
+    monitored_time,
+)
 from sqrp_cli.programming.task import Candidate
 
 _PROMPT = 1e-3
@@ -269,13 +275,19 @@ def rehearsal(cell: Cell, candidate: Candidate, world: World, motion: Motion) ->
         robot=workspace.robot,
         model=model,
     )
+    targets = grounder.targets(formulas)
+    column = {target.atom: number for number, target in enumerate(targets)}
+    faults = fault_literals(formulas).items()
     return Rehearsal(
         candidate=candidate,
         world=world,
         motion=motion,
         formulas=formulas,
-        targets=grounder.targets(formulas),
+        targets=targets,
         stage=Stage(model, motion, cut_into_pieces(list(spans.values()), formulas), world.X_WO),
+        faults={name: tuple(dict.fromkeys(column[one.atom] for one in literals)) for name, literals in faults},
+        T=monitored_time(formulas),
+        T_eoi=interesting_time(formulas),
     )
 
 
@@ -298,7 +310,7 @@ def all_watched(cell: Cell, scenes: Sequence[Rehearsal], sampling: Sampling, *, 
             raise InputError(
                 Problem("too-many-samples", message, mend="leave it out: the default places samples where they matter")
             )
-    timelines = observe_all([scene.watch for scene in scenes], cell.observer, sampling, full=full)
+    timelines = observe_all(scenes, cell.observer, sampling, full=full)
     return [Watched(**vars(scene), timeline=timeline) for scene, timeline in zip(scenes, timelines, strict=True)]
 
 
@@ -311,7 +323,7 @@ def with_delays(cell: Cell, watched: Sequence[Watched], sampling: Sampling) -> l
 
 def observed_again(cell: Cell, study: Study, sampling: Sampling, *, full: bool) -> Study:
     """The same motion seen by the cameras of another cell; see `study`."""
-    timeline = observe(study.watch, cell.observer, sampling, full=full)
+    timeline = observe(study, cell.observer, sampling, full=full)
     windows = all_fault_windows([study], [timeline], cell.observer, sampling)[0]
     return replace(study, timeline=timeline, windows=windows, onsets=fault_onsets(study, cell.observer))
 

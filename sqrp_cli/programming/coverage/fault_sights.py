@@ -23,7 +23,7 @@ from sqrp_cli.programming.coverage.parting import held_in, least_delays, onset
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.stage import Stage
 from sqrp_cli.programming.coverage.timeline import Rehearsal, Timeline, Watch, observe_all
-from sqrp_cli.programming.pieces import Piece, fault_intervals
+from sqrp_cli.programming.pieces import Piece, fault_intervals, fault_literals
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.targets import Target
 
@@ -127,7 +127,7 @@ def refuting(scene: Rehearsal) -> Refuting:
     by_atom = {target.atom: target for target in scene.targets}
     telling = {
         literal: _telling(by_atom[literal.atom], literal, scene.stage.X_WO)
-        for literals in scene.fault_literals.values()
+        for literals in fault_literals(scene.formulas).values()
         for literal in literals
     }
     more = any(target not in scene.targets for targets in telling.values() for target in targets)
@@ -140,7 +140,7 @@ def refuting(scene: Rehearsal) -> Refuting:
             columns=tuple(tuple(map(asked.index, telling[literal])) for literal in literals),
             until=_unchanged_until(scene, name),
         )
-        for name, literals in scene.fault_literals.items()
+        for name, literals in fault_literals(scene.formulas).items()
     )
     found = tuple(faults)
     return Refuting(tuple(asked), found, more or any(map(_beyond, found, repeat(scene.stage.pieces))))
@@ -339,7 +339,7 @@ def fault_onsets(scene: Rehearsal, observer: Observer) -> dict[str, tuple[Onset,
             onset(scene.stage, observer, literals, targets, interval)
             for interval in fault_intervals(scene.formulas, fault)
         )
-        for fault, literals in scene.fault_literals.items()
+        for fault, literals in fault_literals(scene.formulas).items()
     }
 
 
@@ -348,7 +348,7 @@ def least_fault_delays(scene: Rehearsal, observer: Observer, response: float) ->
     targets = {target.atom: target for target in scene.targets}
     found = [
         least_delays(scene.stage, observer, literals, targets, interval, response)
-        for fault, literals in scene.fault_literals.items()
+        for fault, literals in fault_literals(scene.formulas).items()
         for interval in fault_intervals(scene.formulas, fault)
     ]
     longest: Array = np.max([np.zeros(len(observer.cameras)), *found], axis=0)

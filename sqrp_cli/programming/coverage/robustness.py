@@ -54,7 +54,7 @@ def under_calibration_errors(
 ) -> tuple[Qualities, ...]:
     """The qualities of a candidate for `DRAWS` draws of camera poses; draw i is the same for every candidate."""
     drawn = (perturbed(cell.observer, calibration, draw) for draw in range(DRAWS))
-    timelines = (observe(study.watch, observer, sampling, full=False) for observer in drawn)
+    timelines = (observe(study, observer, sampling, full=False) for observer in drawn)
     return tuple(map(Qualities.of, timelines))
 
 

@@ -11,13 +11,13 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, Indices, Mask, ranges
 from sqrp_cli.knowledge.workspace.workspace import World
-from sqrp_cli.logic.literal import Atom, Literal
+from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.candidate import Candidate
 from sqrp_cli.programming.coverage.observation import Look, Observation, full_observation, look_at
 from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling, all_first_samples
 from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.motion.plan_motion import Motion
-from sqrp_cli.programming.pieces import GroundFormula, Piece, interesting_time, monitored_time
+from sqrp_cli.programming.pieces import GroundFormula, Piece
 from sqrp_cli.programming.sensing.observer import Observer, sees_all
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.targets import Target
@@ -59,6 +59,20 @@ class Timeline:
     """Duration of the union of all formulas' intervals, see `pieces.monitored_time` [s]."""
     T_eoi: float
     """Duration of the union of the events of interest, see `pieces.interesting_time` [s]."""
+
+    @classmethod
+    def of(cls, watch: Watch, samples: Samples, observation: Observation) -> Timeline:
+        """What was seen in samples of a motion."""
+        return cls(
+            pieces=watch.stage.pieces,
+            moving=watch.stage.moving_pieces,
+            samples=samples,
+            atoms=tuple(target.atom for target in watch.targets),
+            observation=observation,
+            faults=watch.faults,
+            T=watch.T,
+            T_eoi=watch.T_eoi,
+        )
 
     @property
     def monitored(self) -> Mask:
@@ -128,22 +142,9 @@ class Watch:
         at_once = max(1, _TOGETHER // max(1, len(samples)))
         return Look(self.stage, self.targets, samples, faults=self.faults, known=known, at_once=at_once)
 
-    def timeline(self, samples: Samples, observation: Observation) -> Timeline:
-        """What was seen in samples."""
-        return Timeline(
-            pieces=self.stage.pieces,
-            moving=self.stage.moving_pieces,
-            samples=samples,
-            atoms=tuple(target.atom for target in self.targets),
-            observation=observation,
-            faults=self.faults,
-            T=self.T,
-            T_eoi=self.T_eoi,
-        )
 
-
-@dataclass(frozen=True, eq=False)
-class Rehearsal:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Rehearsal(Watch):
     """A feasible candidate with its motion, and what must be seen during it."""
 
     candidate: Candidate
@@ -151,43 +152,6 @@ class Rehearsal:
     """That it starts from."""
     motion: Motion
     formulas: tuple[GroundFormula, ...]
-    targets: tuple[Target, ...]
-    stage: Stage
-
-    @property
-    def faults(self) -> Mapping[str, tuple[int, ...]]:
-        """The columns of each fault's atoms, by its name: indices into `targets`."""
-        columns: dict[str, dict[int, None]] = {}
-        index = {target.atom: column for column, target in enumerate(self.targets)}
-        for formula in self.formulas:
-            if formula.fault is not None and formula.operator.literals:
-                found = {index[literal.atom]: None for literal in formula.operator.literals}
-                columns.setdefault(formula.fault, {}).update(found)
-        return {fault: tuple(found) for fault, found in columns.items()}
-
-    @property
-    def fault_literals(self) -> Mapping[str, tuple[Literal, ...]]:
-        """All literals of each fault, by its name."""
-        found: dict[str, dict[Literal, None]] = {}
-        for formula in self.formulas:
-            if formula.fault is not None and formula.operator.literals:
-                found.setdefault(formula.fault, {}).update(dict.fromkeys(formula.operator.literals))
-        return {fault: tuple(literals) for fault, literals in found.items()}
-
-    @property
-    def T(self) -> float:
-        """Duration of the union of all formulas' intervals [s]."""
-        return monitored_time(self.formulas)
-
-    @property
-    def T_eoi(self) -> float:
-        """Duration of the union of the events of interest [s]."""
-        return interesting_time(self.formulas)
-
-    @property
-    def watch(self) -> Watch:
-        """What a timeline of it is about."""
-        return Watch(stage=self.stage, targets=self.targets, faults=self.faults, T=self.T, T_eoi=self.T_eoi)
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +186,7 @@ def observe_all(watches: Sequence[Watch], observer: Observer, sampling: Sampling
         return []
     samples = all_first_samples(sampling, observer, [(watch.stage, watch.targets) for watch in watches])
     seen = _seen(observer, [watch.look(at) for watch, at in zip(watches, samples, strict=True)], full=full)
-    found = [watch.timeline(at, all_seen) for watch, at, all_seen in zip(watches, samples, seen, strict=True)]
+    found = [Timeline.of(watch, at, all_seen) for watch, at, all_seen in zip(watches, samples, seen, strict=True)]
     while isinstance(sampling, Adaptive):
         wide = ((index, _finer(timeline, sampling.tolerance)) for index, timeline in enumerate(found))
         finer = {index: more for index, more in wide if more is not None}

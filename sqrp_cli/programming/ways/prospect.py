@@ -60,7 +60,7 @@ def prospects(observer: Observer, scenes: Sequence[Rehearsal]) -> list[Prospect]
     """
     samples = [_instants(scene) for scene in scenes]
     found = look_at(observer, [Look(s.stage, s.targets, at) for s, at in zip(scenes, samples, strict=True)])
-    timelines = [scene.watch.timeline(at, seen) for scene, at, seen in zip(scenes, samples, found, strict=True)]
+    timelines = [Timeline.of(scene, at, seen) for scene, at, seen in zip(scenes, samples, found, strict=True)]
     for _ in range(ROUNDS):
         timelines = _finer(observer, scenes, timelines)
     return [_prospect(scene, timeline) for scene, timeline in zip(scenes, timelines, strict=True)]

@@ -53,10 +53,9 @@ def drawn(observer: Observer, bounds: PoseBounds, draw: int) -> Observer:
 @pytest.mark.parametrize("sampling", [Adaptive(), FixedCount(30)], ids=["adaptive", "fixed"])
 def test_no_draw_leaves_the_proven_intervals(cell: Cell, sampling: Sampling) -> None:
     found = studied(cell, sampling)
-    proven = certify(found.watch, cell.observer, sampling, BOUNDS)
+    proven = certify(found, cell.observer, sampling, BOUNDS)
     draws = [
-        Qualities.of(observe(found.watch, drawn(cell.observer, BOUNDS, draw), sampling, full=False))
-        for draw in range(DRAWS)
+        Qualities.of(observe(found, drawn(cell.observer, BOUNDS, draw), sampling, full=False)) for draw in range(DRAWS)
     ]
     for name in ("q_avg", "q_eoi"):
         least, most = getattr(proven.least, name), getattr(proven.most, name)
@@ -69,13 +68,13 @@ def test_no_draw_leaves_the_proven_intervals(cell: Cell, sampling: Sampling) -> 
 def test_times_that_one_camera_decides_are_proven_by_one_pose_of_it(cell: Cell) -> None:
     """Six changes of g5's sight depend on one camera; how they move against each other is found by moving only that."""
     found, bounds = studied(cell, Adaptive(), "pickup g5"), PoseBounds(0.002, np.radians(0.2))
-    proven = certify(found.watch, cell.observer, Adaptive(), bounds)
+    proven = certify(found, cell.observer, Adaptive(), bounds)
 
     def from_beside(camera: int, angle: float) -> float:
         cameras = list(cell.observer.cameras)
         off = bounds.position * np.array([np.cos(angle), np.sin(angle), 0.0])
         cameras[camera] = replace(cameras[camera], X_FC=cameras[camera].X_FC @ displacement(off, np.zeros(3)))
-        seen = observe(found.watch, Observer(tuple(cameras), cell.observer.solids), Adaptive(), full=False)
+        seen = observe(found, Observer(tuple(cameras), cell.observer.solids), Adaptive(), full=False)
         return float(Qualities.of(seen).q_avg or 0.0)
 
     named = [camera.name for camera in cell.observer.cameras].index("cam2")
@@ -91,7 +90,7 @@ def test_times_that_one_camera_decides_are_proven_by_one_pose_of_it(cell: Cell) 
 
 def test_undecided_times_are_what_the_qualities_leave_open(cell: Cell) -> None:
     found = studied(cell, FixedCount(30))
-    proven = certify(found.watch, cell.observer, FixedCount(30), BOUNDS)
+    proven = certify(found, cell.observer, FixedCount(30), BOUNDS)
     length = sum(stretch.length for stretch in proven.undecided)
     assert length == pytest.approx((proven.most.q_avg - proven.least.q_avg) * found.T, abs=1e-6)
     assert length > 0
@@ -99,7 +98,7 @@ def test_undecided_times_are_what_the_qualities_leave_open(cell: Cell) -> None:
 
 def test_what_is_seen_throughout_is_proven_to_be_exactly_all(cell: Cell) -> None:
     found = studied(cell, Adaptive(), "pickup g2")
-    proven = certify(found.watch, cell.observer, Adaptive(), BOUNDS)
+    proven = certify(found, cell.observer, Adaptive(), BOUNDS)
     assert (proven.least.q_eoi, proven.most.q_eoi) == (1.0, 1.0)
     assert Qualities.of(found.timeline).q_eoi == 1.0
 
@@ -113,7 +112,7 @@ def test_undecided_times_are_not_those_that_bisection_leaves(cell: Cell) -> None
 def test_bounds_so_wide_that_they_prove_nothing_are_no_numerical_problem(cell: Cell) -> None:
     found = studied(cell, FixedCount(5))
     with np.errstate(all="raise", under="ignore"):
-        proven = certify(found.watch, cell.observer, FixedCount(5), PoseBounds(1.0, 1.0))
+        proven = certify(found, cell.observer, FixedCount(5), PoseBounds(1.0, 1.0))
     assert (proven.least.q_avg, proven.most.q_avg) == (0.0, 1.0)
 
 

@@ -91,7 +91,7 @@ def compare(name: str, adaptive: Timeline, dense: Timeline) -> tuple[Difference,
 
 def again(cell: Cell, studied: Study, sampling: Sampling) -> Timeline:
     """The time line of a candidate with another sampling."""
-    return observe(studied.watch, cell.observer, sampling, full=False)
+    return observe(studied, cell.observer, sampling, full=False)
 
 
 def judge(title: str, found: list[Difference]) -> None:
