@@ -105,7 +105,7 @@ def test_what_is_seen_throughout_is_proven_to_be_exactly_all(cell: Cell) -> None
 
 def test_undecided_times_are_not_those_that_bisection_leaves(cell: Cell) -> None:
     exactly = PoseBounds(0.0, 0.0)
-    proven = certify(studied(cell, Adaptive()).watch, cell.observer, Adaptive(), exactly)
+    proven = certify(studied(cell, Adaptive()), cell.observer, Adaptive(), exactly)
     assert all(stretch.length > 1e-3 for stretch in proven.undecided)
 
 
