@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import typer
@@ -96,7 +97,7 @@ def execute(arguments: list[str]) -> int:
         if for_named_shell([word for word in arguments if word not in ANYWHERE]):
             return ExitCode.OK
         # Calling `app` itself would take system errors for Ctrl-C or for a reader that has left.
-        with typer.main.get_command(app).make_context("sqrp", _with_options_first(arguments), obj=arguments) as context:
+        with _group().make_context("sqrp", _with_options_first(arguments), obj=arguments) as context:
             context.meta[EXECUTE] = execute
             return int(context.command.invoke(context) or ExitCode.OK)
     except typer.Exit as leaving:
@@ -127,6 +128,12 @@ def execute(arguments: list[str]) -> int:
     finally:
         progress_lines.wanted.reset(lines)
         progress_lines.verbosity.set(Verbosity.NORMAL)
+
+
+@cache
+def _group() -> Any:  # noqa: ANN401 # has no public name
+    """All commands as their parser: made once, as `--watch` and scripts run several in one process."""
+    return typer.main.get_command(app)
 
 
 def _with_options_first(arguments: Sequence[str]) -> list[str]:
