@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 from urllib.parse import unquote
 
-from sqrp_cli.errors import InputError, Place, Problem, bad_input, nearest
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, nearest, no_such
 from sqrp_cli.knowledge.text.input_file import missing_file
 
 _PIP_PACKAGES = {"example-robot-data": "example-robot-data"}
@@ -109,6 +109,9 @@ def resolve(reference: str, folder: Path, roots: Sequence[Path], place: Place | 
     path = from_folder(folder, os.path.expanduser(path))  # noqa: PTH111
     if not os.path.isfile(path):  # noqa: PTH113
         problem = missing_file(path)
+        scheme, is_url, _ = reference.partition("://")
+        if is_url and not reference.startswith("file://"):
+            raise bad_input("missing-file", no_such(f"{scheme}://", "way to a file", ("package://", "file://")), place)
         where = f" ({path})" if len(str(path)) < LONGEST_PATH else ""
         raise bad_input("missing-file", f"`{reference}`: {problem.message}{where}", place)
     return path
