@@ -27,7 +27,7 @@ _STYLES = {"passed": "green", "failed": "red", "error": "bold red"}
 ROWS = 20
 """Variants in the table; the document has all."""
 
-_FIGURES = ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nafter", "can be\ndone", "tasks\npassed")
+_FIGURES = ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nat worst", "can be\ndone", "tasks\npassed")
 
 
 def print_report(findings: Scorecard) -> None:
@@ -50,7 +50,7 @@ def print_report(findings: Scorecard) -> None:
 def print_results(results: Sequence[ComparedScore]) -> None:
     """The table with a row per task."""
     columns = [Column("workspace", shrink=True), Column("task", shrink=True), Column("best", shrink=True)]
-    columns += numbers("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nafter")
+    columns += numbers("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nat worst")
     print_table([*columns, Column("")], [_row(result) for result in results])
 
 

@@ -23,7 +23,7 @@ from sqrp_cli.terminal.console import (
 )
 from sqrp_cli.terminal.progress_lines import PERIOD, wanted
 
-_FIGURES = ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nafter", "up to")
+_FIGURES = ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nat worst", "up to")
 
 
 def print_advice(found: advice.AdviceDocument, wish: Wish, *, fastest: bool, fixed: bool) -> None:
@@ -54,10 +54,10 @@ def print_advice(found: advice.AdviceDocument, wish: Wish, *, fastest: bool, fix
         for outcome in outcomes:
             _print_nearest(outcome)
     say()
-    _conclude(found)
+    _conclude(found, fixed=fixed)
 
 
-def _conclude(found: advice.AdviceDocument) -> None:
+def _conclude(found: advice.AdviceDocument, *, fixed: bool) -> None:
     """One sentence that says what to do."""
     if found.interrupted:
         say("Interrupted before all kinds were searched.")
@@ -67,7 +67,7 @@ def _conclude(found: advice.AdviceDocument) -> None:
     motion = ("way", "path")
     number = next((n for n, one in enumerate(found.advice, 1) if one.kind in motion or not one.worse), 1)
     one = found.advice[number - 1]
-    cost = "no task gets worse" if not one.worse else "what it costs is said above"
+    cost = "what it costs is said above" if one.worse else f"no task gets worse{' with --ways fastest' if fixed else ''}"
     words = one.words
     say(f"{words[0].upper()}{words[1:]}: {found.candidate} then has {_figures(one)}, and {cost}.")
     if one.patch:
@@ -199,7 +199,7 @@ def _print_cameras(found: placing.PlaceDocument) -> None:
 def _print_candidates(found: placing.PlaceDocument) -> None:
     several = len(found.tasks) > 1
     columns = [*([Column("task")] if several else []), Column("candidate")]
-    columns += numbers("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nafter")
+    columns += numbers("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nat worst")
     rows = []
     for one in found.candidates:
         figures = [percent(one.q_eoi), percent(one.q_avg), seconds(one.time), seconds(one.delay_worst)]

@@ -128,7 +128,7 @@ def _shifts(effect: ChangedCandidate) -> Iterator[str]:
         ("q_eoi", "Q_eoi", 100.0, "{:.1f} %"),
         ("q_avg", "Q_avg", 100.0, "{:.1f} %"),
         ("time", "time", 1.0, "{:.2f} s"),
-        ("delay_worst", "seen after", 1.0, "{:.2f} s"),
+        ("delay_worst", "seen at worst after", 1.0, "{:.2f} s"),
     ):
         if name in effect.worse:
             old, new = (scale * getattr(figures, name) for figures in (effect.before, effect.after))
