@@ -18,3 +18,12 @@ def test_a_task_that_no_object_fits_is_refused_with_its_place_and_nothing_is_wri
     assert refused.code == 2
     assert "no object that `watch` can use is called or described as `gren`; did you mean `green`?" in refused.err
     assert file.read_bytes() == before
+
+
+def test_a_path_that_is_set_twice_is_refused_and_nothing_is_written(sqrp, own_watch):
+    file = own_watch / "workspace.yaml"
+    before = file.read_bytes()
+    refused = sqrp("set", own_watch, "cameras.eye.rate=5", "cameras.eye.rate=6")
+    assert refused.code == 2
+    assert "`cameras.eye.rate` is set twice" in refused.err
+    assert file.read_bytes() == before

@@ -30,7 +30,11 @@ def command(workspace: WorkspacePath, values: Values) -> ExitCode:
 
     file = workspace_file(workspace)
     document = read_workspace_document(file)
-    content = with_values(document, dict(_pair(text) for text in values))
+    pairs = [_pair(text) for text in values]
+    paths = [path for path, _ in pairs]
+    if twice := [path for path in paths if paths.count(path) > 1]:
+        raise bad_option(f"`{twice[0]}` is set twice; give one value")
+    content = with_values(document, dict(pairs))
     if content == document.content:
         note(f"{file} says so already; nothing was written")
         return ExitCode.OK
