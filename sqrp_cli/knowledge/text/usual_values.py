@@ -113,7 +113,7 @@ WORKSPACE = (
     Usual("tasks.*.min_q_avg", 1e-3, 1.0, units.SHARE, "every candidate reaches that"),
     Usual("tasks.*.min_q_eoi", 1e-3, 1.0, units.SHARE, "every candidate reaches that"),
     Usual("tasks.*.max_time", 0.1, 3600.0, units.TIME, "no motion is shorter, and none takes hours"),
-    Usual("tasks.*.max_delay", 1e-3, 600.0, units.TIME, "no camera is faster, and no skill so long"),
+    Usual("tasks.*.max_delay", 1e-3, 60.0, units.TIME, "no camera is faster, and a fault is sought sooner"),
     Usual("padding", 0.0, 0.5, units.LENGTH, "no motion keeps so far from everything"),
 )  # fmt: skip
 """Usual values of a workspace file."""
