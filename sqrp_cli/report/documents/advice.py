@@ -116,9 +116,15 @@ def held_ways(advice: Sequence[AdviceFound], *, fixed: bool) -> str:
 
 
 def costs(effects: Sequence[TaskEffect]) -> Iterator[str]:
-    """What gets worse by a change, task by task, such as `in pickup green: g4 Q_eoi 63.4 % to 12.8 %`."""
+    """What gets worse by a change, task by task, such as `in pickup green: g4 Q_eoi 63.4 % to 12.8 %`.
+
+    What an earlier task says of a candidate is not said again.
+    """
+    told: set[str] = set()
     for task in effects:
-        worse = [f"{one.candidate} {', '.join(_shifts(one))}" for one in task.candidates if one.worse]
+        found = [f"{one.candidate} {', '.join(_shifts(one))}" for one in task.candidates if one.worse]
+        worse = [words for words in found if words not in told]
+        told.update(worse)
         if worse:
             yield f"in {task.task}: {'; '.join(worse)}"
 
@@ -134,7 +140,7 @@ def _shifts(effect: ChangedCandidate) -> Iterator[str]:
             old, new = (scale * getattr(figures, name) for figures in (effect.before, effect.after))
             yield f"{label} {pattern.format(old)} to {pattern.format(new)}"
     if "feasible" in effect.worse:
-        yield "it can no longer be done"
+        yield "can no longer be done"
 
 
 @dataclass(frozen=True, kw_only=True)
