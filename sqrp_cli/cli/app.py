@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Sequence
 from functools import cache
+from shlex import quote
 from typing import Any
 
 import typer
@@ -168,7 +169,8 @@ def _too_many(message: str, context: Any) -> str:  # noqa: ANN401 # has no publi
     if found is None:
         return ""
     task = context.params.get("task")
-    hint = f'; a task is one argument: "{task} {found[1]}"' if isinstance(task, str) else ""
+    command = f"{context.command_path} {quote(str(context.params.get('workspace')))}"
+    hint = f'; put the task in quotes: `{command} "{task} {found[1]}"`' if isinstance(task, str) else ""
     return f"found `{found[1]}`, which is more than `{context.command_path}` takes{hint}"
 
 

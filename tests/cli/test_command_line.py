@@ -125,9 +125,12 @@ def test_a_long_check_shows_the_fastest_of_each_object(sqrp, tabletop):
         (["explain", "README"], "README is no program, so a task is missing\n  to mend it: sqrp explain README TASK"),
         (
             ["rank", "TABLETOP", "pickup", "green", "cube"],
-            "found `green cube`, which is more than `sqrp rank` takes; a ",
+            "found `green cube`, which is more than `sqrp rank` takes; put ",
         ),
-        (["rank", "TABLETOP", "pickup", "green", "cube"], '; a task is one argument: "pickup green cube"\n'),
+        (
+            ["rank", "TABLETOP", "pickup", "green", "cube"],
+            '; put the task in quotes: `sqrp rank TABLETOP "pickup green cube"`\n',
+        ),
         (["audit"], "PROGRAM is missing: A program file"),
         (["run", "pick.yaml", "--sweep"], "[STEP:]slip@PRIMITIVE is missing after --sweep: Many runs"),
     ],

@@ -11,7 +11,7 @@ import typer
 from sqrp_cli.api.program import open_program
 from sqrp_cli.cli import completion
 from sqrp_cli.cli import options as option
-from sqrp_cli.cli.command import Command
+from sqrp_cli.cli.command import Command, UsageError
 from sqrp_cli.cli.completion import example_task
 from sqrp_cli.cli.options import answer, job_count
 from sqrp_cli.cli.start import Start
@@ -35,7 +35,13 @@ class Parser(Command):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 # its type has no public name
         """Read the words of the command."""
-        return super().parse_args(ctx, list(_with_ways(args)))
+        try:
+            return super().parse_args(ctx, list(_with_ways(args)))
+        except UsageError:
+            after = args[args.index("--ways") + 1 :] if "--ways" in args else []
+            if after and not after[0].startswith("-"):  # it may be a misspelt value rather than a word too much
+                option.read_ways(after[0])
+            raise
 
 
 def _with_ways(words: Sequence[str]) -> Iterator[str]:
@@ -163,6 +169,7 @@ def _say_more(
 
     asked: the task; `explanation` may be about a step of it. choice: of a candidate of that task.
     """
+    from sqrp_cli.programming.advice.wish import Wish, wish_of
     from sqrp_cli.programming.coverage.quality import falls_short
     from sqrp_cli.programming.coverage.verdict import HELP
     from sqrp_cli.terminal.console import say_command
@@ -171,7 +178,9 @@ def _say_more(
     found = explanation.explained[0].ranked.assessment
     if not explanation.several and HELP in found.verdict:
         lost = "q_eoi" if found.q_eoi is not None and falls_short(found.q_eoi, 1.0) else "q_avg"
-        words = ["sqrp", "advise", str(workspace), asked, "--want", f"{lost} 100 %"]
+        listed = next((one for one in explanation.session.workspace.tasks if one.task == asked), None)
+        words = ["sqrp", "advise", str(workspace), asked]
+        words += ["--want", f"{lost} 100 %"] if wish_of(listed) == Wish(q_eoi=1.0) else []  # else the task's thresholds
         if asked != explanation.task:  # a step, which begins where no program ends
             words += ["--choose", choice] if choice != "best" else []
         elif len(explanation.ranking) > 1:
