@@ -138,7 +138,8 @@ class OpenProgram:
         if step is None:
             step = 1 + worst_seen(steps)
         if not 1 <= step <= len(steps):
-            raise bad_option(f"--step is {step}, but {self.path} has {len(steps)} steps")
+            upto = f"{len(steps)} steps; expected 1 to {len(steps)}" if len(steps) > 1 else "1 step; expected 1"
+            raise bad_option(f"--step is {step}, but {self.path} has {upto}")
         cell, chosen = Cell.load(self.workspace, self.seed), steps[step - 1]
         assignment = Assignment(cell=cell, world=chosen.before)
         candidate = candidate_of(chosen, cell)

@@ -63,3 +63,9 @@ def test_a_page_of_scores_shows_the_motions_that_were_scored(
         detail_in(page)["primitives"]
         == tidy(sqrp("explain", walled, "pickup", "--json", *options).document)["primitives"]
     )
+
+
+def test_a_limit_of_time_is_shown_by_a_time_that_motions_take(sqrp, tabletop):
+    refused = sqrp("rank", tabletop, "pickup green", "--max-time", "fast")
+    assert refused.code == 2
+    assert "a time such as `20 s`" in refused.err

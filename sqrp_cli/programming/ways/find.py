@@ -61,7 +61,8 @@ class TimeLimit:
         quantity = read_quantity(text)
         if times is None and quantity is not None and quantity.dimension in (None, TIME) and 0 < quantity.value <= 1e6:
             return cls(quantity.value)
-        expected = f"{expected_quantity(TIME)}, or a multiple of the fastest way's time, at least 1, such as `1.25x`"
+        seconds = expected_quantity(replace(TIME, example="20 s"))
+        expected = f"{seconds}, or a multiple of the fastest way's time, at least 1, such as `1.25x`"
         raise bad_option(f"{option} is `{text}`, expected {expected}")
 
     def longest(self, scenes: Sequence[Rehearsal]) -> float:
