@@ -67,9 +67,8 @@ def _conclude(found: advice.AdviceDocument, *, fixed: bool) -> None:
     motion = ("way", "path")
     number = next((n for n, one in enumerate(found.advice, 1) if one.kind in motion or not one.worse), 1)
     one = found.advice[number - 1]
-    cost = (
-        "what it costs is said above" if one.worse else f"no task gets worse{' with --ways fastest' if fixed else ''}"
-    )
+    judged = " with --ways fastest" if fixed else ""
+    cost = "what it costs is said above" if one.worse else f"no task gets worse{judged}"
     words = one.words
     say(f"{words[0].upper()}{words[1:]}: {found.candidate} then has {_figures(one)}, and {cost}.")
     if one.patch:

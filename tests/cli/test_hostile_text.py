@@ -20,13 +20,13 @@ from hypothesis import strategies as st
 from markdown_it import MarkdownIt
 from rich.console import Console
 
-from sqrp_cli.api.scores import _text as in_markdown
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.file import load_program, save_program
 from sqrp_cli.report.documents.document import as_text
 from sqrp_cli.runtime.record.events import VERSION, EvidenceSeen, FaultHappened, PrimitiveBegan, RunBegan, ShownAtom
 from sqrp_cli.runtime.record.log import LogWriter, read_log
+from sqrp_cli.scoring.ci_files import _text as in_markdown
 from sqrp_cli.shown import one_line
 from sqrp_cli.terminal import console
 from sqrp_cli.terminal.run_view import LiveView

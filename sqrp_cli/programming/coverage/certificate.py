@@ -51,10 +51,8 @@ def settled(watch: Watch, observer: Observer, bounds: PoseBounds, undecided: Seq
     cause = max(_causes(watch, observer, undecided), key=lambda one: one.length, default=None)
     if cause is None or 2.0 * cause.length < sum(time.length for time in undecided):
         return Settled(np.zeros(2), np.zeros(2))  # little would be gained
-    grid, alone = (
-        _Grid.of(watch, cause, longest_step(observer.cameras)),
-        replace(observer, cameras=(observer.cameras[cause.camera],)),
-    )
+    grid = _Grid.of(watch, cause, longest_step(observer.cameras))
+    alone = replace(observer, cameras=(observer.cameras[cause.camera],))
     viewed = BoundedObserver.of(alone, bounds, surely=True).viewed(cause.target, watch.stage.states(grid.samples))
     parts = CentreParts.whole(len(grid.samples), bounds)
     rest = _Rest.of(watch, observer, bounds, grid, cause)
