@@ -52,13 +52,13 @@ SHORTEST_BLIND = 0.05
 
 
 def faster_ways(feasible: Sequence[Ranked], *, all_shown: bool) -> str:
-    """A line about faster ways that see less; empty if there are none. all_shown: whether `print_ways` follows."""
+    """A line about faster ways that are seen less; empty if there are none. all_shown: whether `print_ways` follows."""
     found = [(one.assessment.candidate.name, _fastest(one.assessment)) for one in feasible]
     faster = [f"{name} in {way.time:.1f} s ({_qualities(way)})" for name, way in found if way is not None]
     more = f", and {len(faster) - MOST_NAMED} more" if len(faster) > MOST_NAMED else ""
     named = ", ".join(faster[:MOST_NAMED])
     where = "below" if all_shown else "see --ways all"
-    return f"Faster ways see less: {named}{more}; {where}." if faster else ""
+    return f"Faster ways rank lower: {named}{more}; {where}." if faster else ""
 
 
 def blind_ends(feasible: Sequence[Ranked]) -> str:

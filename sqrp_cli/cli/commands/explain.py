@@ -169,7 +169,7 @@ def _say_more(
 
     asked: the task; `explanation` may be about a step of it. choice: of a candidate of that task.
     """
-    from sqrp_cli.programming.advice.wish import Wish, wish_of
+    from sqrp_cli.programming.advice.wish import wish_of
     from sqrp_cli.programming.coverage.quality import falls_short
     from sqrp_cli.programming.coverage.verdict import HELP
     from sqrp_cli.terminal.console import say_command
@@ -180,7 +180,8 @@ def _say_more(
         lost = "q_eoi" if found.q_eoi is not None and falls_short(found.q_eoi, 1.0) else "q_avg"
         listed = next((one for one in explanation.session.workspace.tasks if one.task == asked), None)
         words = ["sqrp", "advise", str(workspace), asked]
-        words += ["--want", f"{lost} 100 %"] if wish_of(listed) == Wish(q_eoi=1.0) else []  # else the task's thresholds
+        if listed is None or wish_of(listed).met(found):  # else advice is about the thresholds that are missed
+            words += ["--want", f"{lost} 100 %"]
         if asked != explanation.task:  # a step, which begins where no program ends
             words += ["--choose", choice] if choice != "best" else []
         elif len(explanation.ranking) > 1:
