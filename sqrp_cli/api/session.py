@@ -17,7 +17,7 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, study
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.pipeline import Assignment, Inquiry, StepDone, assess_all
-from sqrp_cli.programming.program_update import make_step
+from sqrp_cli.programming.program_update import make_step, with_usual_images
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.task import Task, read_task
 from sqrp_cli.programming.ways.grips import first_grip
@@ -205,7 +205,8 @@ def add_steps(cell: Cell, steps: Sequence[ChosenStep], sampling: Sampling, path:
         found = study(cell, chosen.assessment.way, chosen.world, sampling, full=True)
         if isinstance(found, Infeasible):
             raise ValueError(f"{chosen.assessment.candidate.name} is infeasible: {found.reasons[0]}")
-        added.append(make_step(chosen.task, found, chosen.assessment, cameras))
+        step = make_step(chosen.task, found, chosen.assessment, cameras)
+        added.append(with_usual_images(step, found, cell.observer))
     with alone(path):
         program = _program_at(path, cell).with_steps(added)
         if any(flaws(program)):

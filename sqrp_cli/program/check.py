@@ -75,8 +75,9 @@ def _names_in(step: Step, at: Keys) -> Iterator[tuple[str, str, Keys]]:
         if world.held is not None:
             yield "object", world.held, (*at, moment, "held")
     for atom, target in step.targets.items():
-        for camera in target.seen:
-            yield "camera", camera, (*at, "targets", atom, "seen", camera)
+        for field, intervals in (("seen", target.seen), ("usual", target.usual)):
+            for camera in intervals:
+                yield "camera", camera, (*at, "targets", atom, field, camera)
 
 
 def _flaws_of(step: Step, at: Keys, joints: Sequence[str]) -> Iterator[Flaw]:
@@ -228,10 +229,11 @@ def _jump(
 def _target_flaws(target: ProgramTarget, at: Keys, time: float) -> Iterator[Flaw]:
     for index, box in enumerate(target.boxes):
         yield from _pose_flaws(box.X_FB, (*at, "boxes", index, "pose"))
-    for camera, intervals in target.seen.items():
-        edges = list(chain.from_iterable(intervals))
-        if any(b < a for a, b in pairwise(edges)) or (edges and edges[-1] > time + SAME_TIME):
-            yield Flaw("program-times", (*at, "seen", camera), f"expected times in order from 0 to {time:g} s")
+    for field, seen in (("seen", target.seen), ("usual", target.usual)):
+        for camera, intervals in seen.items():
+            edges = list(chain.from_iterable(intervals))
+            if any(b < a for a, b in pairwise(edges)) or (edges and edges[-1] > time + SAME_TIME):
+                yield Flaw("program-times", (*at, field, camera), f"expected times in order from 0 to {time:g} s")
 
 
 def _break_between(step: Step, following: Step, at: Keys) -> Iterator[Flaw]:

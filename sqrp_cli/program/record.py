@@ -142,6 +142,8 @@ class ProgramTarget(Entry):
     """Where to look."""
     seen: Mapping[str, tuple[tuple[Seconds, Seconds], ...]]
     """Intervals in which a camera sees all boxes, from the start of the step [s], by the camera's name."""
+    usual: Mapping[str, tuple[tuple[Seconds, Seconds], ...]] = {}
+    """Those in which its images usually show them, likewise. Programs of earlier versions lack it."""
 
 
 class ProgramWindow(Entry):

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.geometry import Mask
+from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.skill.settings import ANY
 from sqrp_cli.knowledge.skill.skill import PrimitiveAction, Requirement, RetryEntry
 from sqrp_cli.knowledge.workspace.workspace import World
@@ -24,9 +24,10 @@ from sqrp_cli.program import record
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
 from sqrp_cli.programming.coverage.sampling import Adaptive
+from sqrp_cli.programming.coverage.timeline import Watch, observe
 from sqrp_cli.programming.coverage.verdict import verdict
 from sqrp_cli.programming.motion.plan_motion import Motion, TimedPrimitive
-from sqrp_cli.programming.sensing.observer import sees_all
+from sqrp_cli.programming.sensing.observer import Observer, sees_all
 from sqrp_cli.programming.targets import Target
 from sqrp_cli.programming.task import Candidate
 
@@ -157,19 +158,35 @@ def _response(requirement: Requirement, bound: Callable[[Formula], Formula]) -> 
 
 def _target(study: Study, column: int, cameras: tuple[str, ...]) -> record.ProgramTarget:
     target: Target = study.targets[column]
-    observation = study.timeline.observation
+    observation, t = study.timeline.observation, study.timeline.samples.t
     sees = sees_all(observation.full_matrix[column])
     sees &= observation.required[:, column, None]
     return record.ProgramTarget(
         cameras=target.cameras,
         boxes=target.boxes,
-        seen={name: _intervals(study, sees[:, index]) for index, name in enumerate(cameras)},
+        seen={name: _intervals(t, sees[:, index]) for index, name in enumerate(cameras)},
     )
 
 
-def _intervals(study: Study, seen: Mask) -> tuple[tuple[float, float], ...]:
-    """Intervals of sight: from the first to the last of neighbouring samples in which a camera sees the target [s]."""
-    t = study.timeline.samples.t
+def with_usual_images(step: record.Step, study: Study, observer: Observer) -> record.Step:
+    """The step of a study with the times of usual images, which take as long to find as the study."""
+    usual = {one.name: _usually_seen(study, replace(observer, cameras=(one,))) for one in observer.cameras}
+    targets = {
+        atom: target.model_copy(update={"usual": {name: of[column] for name, of in usual.items()}})
+        for column, (atom, target) in enumerate(step.targets.items())
+    }
+    return step.model_copy(update={"targets": targets})
+
+
+def _usually_seen(study: Study, camera: Observer) -> list[tuple[tuple[float, float], ...]]:
+    """Intervals in which the images of one camera usually show each target of a study [s]."""
+    targets = [replace(target, cameras=1).usual for target in study.targets]
+    found = observe(Watch.of_each(study, study.stage, targets), camera, Adaptive(), full=False)
+    return [_intervals(found.samples.t, covered) for covered in found.observation.covered.T]
+
+
+def _intervals(t: Array, seen: Mask) -> tuple[tuple[float, float], ...]:
+    """Intervals of sight: from the first to the last of neighbouring samples at times t in which it is seen [s]."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], seen, [False]]).astype(np.int8)))
     intervals = [(float(t[first]), float(t[last - 1])) for first, last in edges.reshape(-1, 2)]
     merged: list[tuple[float, float]] = intervals[:1]

@@ -38,7 +38,7 @@ def print_audit(
     else:
         _print_cameras(cameras)
     say()
-    print_prediction(report.prediction, report.total)
+    print_prediction(report.prediction, report.usual)
     print_disagreements(report.disagreements, len(report.prediction))
     for one in report.lost:
         since = f"From {one.t:.2f} s of step {one.step} on, `{one.atom}` is false in each of the {one.images} images"

@@ -12,7 +12,7 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program
 from sqrp_cli.report.sentences import short_times
 from sqrp_cli.runtime.record import events
-from sqrp_cli.runtime.record.report import Confusion, Disagreement, FaultRecord, Prediction, RunReport, excess
+from sqrp_cli.runtime.record.report import Confusion, Disagreement, FaultRecord, Prediction, RunReport, excess, total_of
 from sqrp_cli.terminal.console import Column, Show, fits, joined, live, numbers, plain, print_table, say, seconds
 
 if TYPE_CHECKING:
@@ -143,7 +143,7 @@ def print_run(workspace: str, report: RunReport) -> None:
         _print_faults(report)
         _print_late(report.faults)
     say()
-    print_prediction(report.prediction, report.total)
+    print_prediction(report.prediction, report.usual)
     print_disagreements(report.disagreements, len(report.prediction))
     say()
     times = "once" if report.conflicts == 1 else f"{report.conflicts} times"
@@ -199,40 +199,46 @@ def _print_late(faults: Sequence[FaultRecord]) -> None:
             say(f"The images showed {fault.name} {late:.3f} s later than predicted at worst.", "yellow")
 
 
-def print_prediction(prediction: Sequence[Prediction], total: Confusion) -> None:
-    """How often images showed what they were promised to show."""
-    titles = ("images that were\npromised to show it", "came true", "others that\nshowed it")
+def print_prediction(prediction: Sequence[Prediction], usual: Sequence[Prediction]) -> None:
+    """How often images showed what they were promised to show, or else usually show."""
+    titles = ("images\npromised", "came true", "usual images\nthat showed it", "others that\nshowed it")
     columns = [Column("literal"), Column("camera"), *numbers(*titles)]
     rows = []
-    for number, step in enumerate(prediction, 1):
+    for number, (step, rest) in enumerate(zip(prediction, usual, strict=True), 1):
         for atom, cameras in step.items():
             shown = {name: found for name, found in cameras.items() if found.tp + found.fp + found.fn}
             label = atom if len(prediction) == 1 else f"{number}: {atom}"
-            rows += [[label, name, *_cells(found)] for name, found in shown.items()]
+            rows += [[label, name, *_cells(found, rest[atom][name])] for name, found in shown.items()]
     if fits(columns, rows):  # else each row says for itself what it is about
         for above, row in reversed(list(pairwise(rows))):
             row[0] = "" if row[0] == above[0] else row[0]
-    rows.append([plain("all", "bold"), "", *_cells(total)])
+    rows.append([plain("all", "bold"), "", *_cells(total_of(prediction), total_of(usual))])
     print_table(columns, rows)
+    say("usual images were not promised to show the literal, but such images mostly do", "dim")
 
 
-def _cells(found: Confusion) -> list[Any]:
+def _cells(found: Confusion, rest: Confusion) -> list[Any]:
     share = found.precision
     true = "-" if share is None else f"{found.tp}  {100 * share:5.1f} %"
     style = "" if share is None or share >= 0.97 else "yellow" if share >= 0.9 else "red"
-    return [str(found.tp + found.fp), plain(true, style), f"{found.fn} of {found.tn + found.fn}"]
+    others = (f"{some} of {some + more}" for some, more in ((rest.tp, rest.fp), (rest.fn, rest.tn)))
+    return [str(found.tp + found.fp), plain(true, style), *others]
 
 
 def print_disagreements(found: Sequence[Disagreement], steps: int) -> None:
     """Where predictions were wrong: stretches of images of a camera, the overconfident ones first.
 
+    Not among them are images that were not promised to show what they usually show.
+
     steps: of the program; where there are several, each row names its own.
     """
     groups: dict[tuple[bool, int, str, str, str], list[Disagreement]] = {}
     for entry in found:
+        if entry.usual and not entry.predicted:
+            continue
         groups.setdefault((not entry.predicted, entry.step, entry.atom, entry.camera, entry.seen), []).append(entry)
     listed_groups = sorted(groups.items())[:MOST_DISAGREEMENTS]
-    for unforeseen, title in ((False, "Promised, but not seen:"), (True, "Seen, though not promised:")):
+    for unforeseen, title in ((False, "Promised, but not seen:"), (True, "Seen, though neither promised nor usual:")):
         rows = [_disagreement(entries, steps) for group, entries in listed_groups if group[0] is unforeseen]
         if rows:
             say()

@@ -52,6 +52,17 @@ def test_what_was_predicted_to_be_seen_is_seen(slip: Any) -> None:
     assert all(found.keys() == {"tp", "tn", "fp", "fn"} for found in counts)
 
 
+def test_images_that_were_not_promised_show_what_they_usually_do_and_hardly_anything_else(slip: Any) -> None:
+    (promised,), (usual,) = slip.document["prediction"], slip.document["usual"]
+    assert {atom: set(cameras) for atom, cameras in usual.items()} == {atom: set(of) for atom, of in promised.items()}
+    told, wrong, others = (
+        sum(counts[key] for of in usual.values() for counts in of.values()) for key in ("tp", "fp", "fn")
+    )
+    assert told + others == sum(counts["fn"] for of in promised.values() for counts in of.values())
+    assert told > others
+    assert wrong == 0
+
+
 def test_a_log_shows_the_run_again_without_the_simulator(sqrp: Callable[..., Any], slip: Any, cell: Cell) -> None:
     again = sqrp("run", "--replay", cell.folder / "run.jsonl", "--json")
     assert again.code == 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,7 @@ from sqrp_cli.runtime.record.log import read_log
 from sqrp_cli.runtime.record.report import Confusion, Disagreement, FaultRecord, RunReport, StepRecord
 from sqrp_cli.terminal import console
 from sqrp_cli.terminal.console import Column, print_table
-from sqrp_cli.terminal.run_view import LiveView, print_prediction, print_run
+from sqrp_cli.terminal.run_view import LiveView, print_disagreements, print_prediction, print_run
 
 FORMULA = (
     "eventually[3.0587515199468918, 4.9454181866135585] (not held(b1) and always[0, 2.5e-05] at(b2.123456, a4.98))"
@@ -103,21 +104,24 @@ def test_wrong_predictions_of_several_steps_name_their_step_and_are_a_table_at_8
     found = [
         disagreement(step, "obj_on_table(red1)", predicted=predicted) for step in (0, 1) for predicted in (True, False)
     ]
-    print_run("cell", RunReport("done", None, 9.6, [], prediction=[{}, {}], disagreements=found))
+    print_run("cell", RunReport("done", None, 9.6, [], prediction=[{}, {}], usual=[{}, {}], disagreements=found))
     lines = capsys.readouterr().out.splitlines()
     assert all(len(line) <= 80 for line in lines)
     assert [line.split("  ")[0] for line in lines if "obj_on_table" in line] == 2 * [
         "1: obj_on_table(red1)",
         "2: obj_on_table(red1)",
     ]
-    assert lines.index("Promised, but not seen:") < lines.index("Seen, though not promised:")
+    assert lines.index("Promised, but not seen:") < lines.index("Seen, though neither promised nor usual:")
+
+
+def test_what_images_usually_show_is_no_surprise(capsys: pytest.CaptureFixture[str]) -> None:
+    print_disagreements([replace(disagreement(0, "open", predicted=False), usual=True)], 1)
+    assert capsys.readouterr().out == ""
 
 
 def test_wrong_predictions_of_a_single_step_do_not_number_it(capsys: pytest.CaptureFixture[str]) -> None:
-    print_run(
-        "cell",
-        RunReport("done", None, 9.6, [], prediction=[{}], disagreements=[disagreement(0, "open", predicted=True)]),
-    )
+    found = [disagreement(0, "open", predicted=True)]
+    print_run("cell", RunReport("done", None, 9.6, [], prediction=[{}], usual=[{}], disagreements=found))
     assert any(line.startswith("open  ") for line in capsys.readouterr().out.splitlines())
 
 
@@ -169,7 +173,8 @@ def test_a_literal_is_named_once_in_a_table_and_in_every_paragraph(
 ) -> None:
     monkeypatch.setattr(console, "output", lambda: Console(width=width))
     found = Confusion(tp=8, tn=2, fp=0, fn=0)
-    print_prediction([{"held(b1)": {"cam1": found, "cam2": found}, "at(b1)": {"cam1": found}}], found)
+    prediction = [{"held(b1)": {"cam1": found, "cam2": found}, "at(b1)": {"cam1": found}}]
+    print_prediction(prediction, prediction)
     shown = capsys.readouterr().out
     assert (shown.count("held(b1)"), shown.count("at(b1)")) == ((1, 1) if width == 80 else (2, 1))
 

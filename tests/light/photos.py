@@ -5,21 +5,19 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeAlias
 
 import numpy as np
 
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Step
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study, study
 from sqrp_cli.programming.coverage.sampling import Adaptive
-from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.coverage.verdict import verdict
-from sqrp_cli.programming.program_update import make_step
+from sqrp_cli.programming.program_update import make_step, with_usual_images
 from sqrp_cli.programming.ranking import rank
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.runtime.cell.engine import mujoco
@@ -32,6 +30,7 @@ from sqrp_cli.runtime.monitor.step_monitor import StepMonitor
 from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, Detection, DetectionTargets
 from sqrp_cli.runtime.perception.evidence_buffer import fuse
 from sqrp_cli.runtime.perception.image_detector import ImageDetector
+from sqrp_cli.runtime.record.report import Confusion
 from sqrp_cli.runtime.robot_body import RobotBody
 
 PERIOD = 0.1
@@ -58,36 +57,18 @@ def best_of(cell: Cell, task: str) -> Study | None:
 
 def step_of(cell: Cell, result: Study, task: str) -> Step:
     """The step of a program for a candidate."""
-    return make_step(task, result, result.assessment(verdict(cell, result)), tuple(cell.workspace.cameras))
-
-
-Usual: TypeAlias = Mapping[tuple[str, str], Mask]
-"""By atom and camera, for each instant."""
-
-
-def usually_seen(cell: Cell, result: Study, times: Sequence[float]) -> Usual:
-    """Whether each camera usually sees each target of a candidate, at some instants of it [s]."""
-    starts = [piece.start for piece in result.stage.pieces]
-    pieces = np.maximum(np.searchsorted(starts, times, side="right") - 1, 0)
-    states, rows = result.stage.states(Samples(pieces, np.array(times))), np.arange(len(times))
-    targets = [replace(target, cameras=1).usual for target in result.targets]
-    found: dict[tuple[str, str], Mask] = {}
-    for camera in cell.observer.cameras:
-        alone = replace(cell.observer, cameras=(camera,))
-        for target, seen in zip(targets, alone.coverage(targets, states, [rows] * len(targets)), strict=True):
-            found[str(target.atom), camera.name] = seen.covered
-    return found
+    step = make_step(task, result, result.assessment(verdict(cell, result)), tuple(cell.workspace.cameras))
+    return with_usual_images(step, result, cell.observer)
 
 
 @dataclass(frozen=True)
 class Tally:
     """Images of a motion, each counted for every literal that some formula requires then."""
 
-    counts: Counter[str]
-    """Promised and seen (tp) or not (fp), not promised and not seen (tn) or seen (fn).
-
-    Also of the latter two those that were usually to be seen (usual tn, usual fn).
-    """
+    counts: Confusion
+    """Promised, and seen."""
+    rest: Confusion
+    """Not promised, but usual, and seen."""
     misses: Counter[str]
     """Of the images that differ from the promise: literal, camera and reason."""
     stop: str | None
@@ -135,19 +116,20 @@ class Photos:
             self.shown.append([detectors[image.camera].look(image, believed) for image in images])
         renderer.close()
 
-    def against(self, step: Step, usual: Usual) -> Tally:
-        """What was promised for the same motion against what the images show; usual: see `usually_seen`."""
+    def against(self, step: Step) -> Tally:
+        """What was promised for the same motion against what the images show."""
         nominal = NominalStep(step, self.joints, RobotBody.load(self.workspace.robot))
-        monitor, counts, misses, stop = StepMonitor(nominal, PERIOD), Counter[str](), Counter[str](), None
-        for number, (t, truths, shown) in enumerate(zip(self.times, self.truths, self.shown, strict=True)):
+        monitor, misses, stop = StepMonitor(nominal, PERIOD), Counter[str](), None
+        counts, rest = Confusion(), Confusion()
+        for t, truths, shown in zip(self.times, self.truths, self.shown, strict=True):
             for detection in shown:
                 for atom in monitor.monitored(t):
                     seen = detection.truth(atom) == (Truth.TRUE if truths[atom] else Truth.FALSE)
                     promised = detection.camera in nominal.covering(atom, t)
-                    kind = ("t" if seen == promised else "f") + ("p" if promised else "n")
-                    counts[kind] += 1
-                    if not promised and usual[atom, detection.camera][number]:
-                        counts[f"usual {kind}"] += 1
+                    usual = nominal.usually_shows(atom, detection.camera, t)
+                    counts.add(promised, seen)
+                    if not promised:
+                        rest.add(usual, seen)
                     if seen != promised:
                         reason = detection.miss_reason(atom).value if promised else "more"
                         misses[f"{atom} {detection.camera} {reason} {truths[atom]}"] += 1
@@ -155,7 +137,7 @@ class Photos:
             alarm = monitor.observe(t, values)
             if alarm is not None and alarm.kind == "blindness" and stop is None:
                 stop = f"{t:.1f} s: {alarm.text}"
-        return Tally(counts, misses, stop)
+        return Tally(counts, rest, misses, stop)
 
 
 def _follow(model: mujoco.MjModel, positions: Array) -> None:

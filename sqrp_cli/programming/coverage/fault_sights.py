@@ -320,9 +320,7 @@ def _watch(scene: Rehearsal, stage: Stage, asked: Refuting) -> Watch:
     """A look at what shows the faults of a scene, on its stage or another, from when the first may happen."""
     pieces = [_asking(piece, asked.faults) for piece in stage.pieces]
     pieces = [piece for piece in pieces if any(fault.told_in(piece) for fault in asked.faults)]
-    # Each target is a fault of its own here, so that its changes are located whatever else is seen.
-    alone = {f"{column}": (column,) for column in range(len(asked.targets))}
-    return Watch(stage=stage.with_pieces(pieces), targets=asked.targets, faults=alone, T=scene.T, T_eoi=scene.T_eoi)
+    return Watch.of_each(scene, stage.with_pieces(pieces), asked.targets)
 
 
 def _asking(piece: Piece, faults: Sequence[FaultWatch]) -> Piece:

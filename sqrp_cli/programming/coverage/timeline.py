@@ -137,6 +137,15 @@ class Watch:
     T_eoi: float
     """See `Timeline` [s]."""
 
+    @classmethod
+    def of_each(cls, watch: Watch, stage: Stage, targets: Sequence[Target]) -> Watch:
+        """The same of other targets on another stage: each of their changes is located, whatever else is seen.
+
+        So each is a fault of its own.
+        """
+        faults = {f"{column}": (column,) for column in range(len(targets))}
+        return cls(stage=stage, targets=tuple(targets), faults=faults, T=watch.T, T_eoi=watch.T_eoi)
+
     def look(self, samples: Samples, known: Observation | None = None) -> Look:
         """A look at samples; known: results common to the neighbours of each."""
         at_once = max(1, _TOGETHER // max(1, len(samples)))

@@ -74,6 +74,9 @@ class RunDocument(WorkspaceDocument):
     """Those that were injected or seen."""
     prediction: list[Counts]
     """Per step, of its first attempt."""
+    usual: list[Counts]
+    """Of the images that were not predicted to show a literal: how many of those did that usually do (`tp` of
+    `tp` + `fp`), and of the rest (`fn` of `fn` + `tn`)."""
     disagreements: list[Disagreement]
     """Images in which a prediction was wrong."""
     conflicts: int
@@ -248,6 +251,9 @@ class AuditDocument(WorkspaceDocument):
     where they are."""
     prediction: list[Counts]
     """Per step."""
+    usual: list[Counts]
+    """Of the images that were not predicted to show a literal: how many of those did that usually do (`tp` of
+    `tp` + `fp`), and of the rest (`fn` of `fn` + `tn`)."""
     disagreements: list[Disagreement]
     """Images in which a prediction was wrong."""
 

@@ -20,7 +20,7 @@ from sqrp_cli.runtime.monitor.prediction_check import PredictionCheck
 from sqrp_cli.runtime.monitor.step_monitor import StepMonitor
 from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, Detection, DetectionTargets
 from sqrp_cli.runtime.perception.detector_pool import DetectorPool, PerceptionError
-from sqrp_cli.runtime.record.report import Confusion, Disagreement, Prediction
+from sqrp_cli.runtime.record.report import Confusion, Disagreement, Prediction, total_of
 from sqrp_cli.runtime.robot_body import RobotBody
 
 Known = TypeVar("Known")
@@ -51,6 +51,8 @@ class AuditReport:
     """What recorded images say about a program's predictions."""
 
     prediction: tuple[Prediction, ...]
+    usual: tuple[Prediction, ...]
+    """Of the images that were not predicted to show an atom: whether such images usually do."""
     disagreements: tuple[Disagreement, ...]
     images: int
     """How many were compared."""
@@ -75,7 +77,7 @@ class AuditReport:
     @property
     def total(self) -> Confusion:
         """Over all steps, atoms and cameras."""
-        return sum((c for step in self.prediction for cameras in step.values() for c in cameras.values()), Confusion())
+        return total_of(self.prediction)
 
 
 def audit(
@@ -121,6 +123,7 @@ def audit(
             ]
     return AuditReport(
         tuple(check.counts for check in checks),
+        tuple(check.usual for check in checks),
         tuple(found for check in checks for found in check.disagreements),
         compared,
         len(footage.frames) + footage.unplanned - compared - len(footage.damaged),

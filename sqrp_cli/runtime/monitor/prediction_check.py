@@ -19,15 +19,19 @@ class PredictionCheck:
         self._index, self._nominal = index, nominal
         atoms = nominal.step.targets
         self.counts: Prediction = {atom: {name: Confusion() for name in cameras} for atom in atoms}
+        self.usual: Prediction = {atom: {name: Confusion() for name in cameras} for atom in atoms}
         self.disagreements: list[Disagreement] = []
 
     def add(self, detection: Detection, t: float, atoms: Collection[str], truths: Mapping[str, bool]) -> None:
         """Count an image taken at time t [s] of the step, for the atoms that count then, with their true values."""
         for atom in atoms:
             predicted = detection.camera in self._nominal.covering(atom, t)
+            usual = self._nominal.usually_shows(atom, detection.camera, t)
             seen = detection.truth(atom)
             detected = seen == (Truth.TRUE if truths[atom] else Truth.FALSE)
             self.counts[atom][detection.camera].add(predicted, detected)
+            if not predicted:
+                self.usual[atom][detection.camera].add(usual, detected)
             if predicted != detected:
                 self.disagreements.append(
                     Disagreement(
@@ -40,6 +44,7 @@ class PredictionCheck:
                         true=truths[atom],
                         share=round(detection.share(atom), 3),
                         because=detection.miss_reason(atom).value if predicted else "",
+                        usual=usual,
                     )
                 )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,7 +17,7 @@ from sqrp_cli.knowledge.text.source import describe
 from sqrp_cli.knowledge.text.units import LARGEST
 from sqrp_cli.platform.files import naming
 from sqrp_cli.runtime.record.events import KINDS, VERSION, Event, RunBegan, RunReported, State, StateChanged, WholeState
-from sqrp_cli.runtime.record.report import RunReport
+from sqrp_cli.runtime.record.report import Confusion, Prediction, RunReport
 
 MAX_BYTES = 200_000_000
 """Largest log that is read; with six cameras a second of a run takes some 7 kB, so this is eight hours."""
@@ -142,9 +142,20 @@ def _event(line: _Line, place: Place, *, first_state: bool) -> Event | None:
 
 def _report(line: _Line, place: Place) -> RunReport:
     try:
-        return TypeAdapter(RunReport).validate_python({**line.fields, "wall": {}})
+        report = TypeAdapter(RunReport).validate_python({**line.fields, "wall": {}})
     except ValidationError as error:
         raise _no_log(f"the report at the end of this log is none: {_first_words(error)}", place) from None
+    if _asked(report.usual) != _asked(report.prediction):  # of an earlier version, which knew of no usual images
+        report.usual = [
+            {atom: {name: Confusion(tn=one.tn, fn=one.fn) for name, one in of.items()} for atom, of in step.items()}
+            for step in report.prediction
+        ]
+    return report
+
+
+def _asked(predictions: Sequence[Prediction]) -> list[list[tuple[str, str]]]:
+    """The atoms and cameras of each step."""
+    return [[(atom, name) for atom, cameras in step.items() for name in cameras] for step in predictions]
 
 
 def _first_words(error: ValidationError) -> str:

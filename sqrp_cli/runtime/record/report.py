@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -153,10 +153,17 @@ class Disagreement(_Recorded):
     """Of the boxes that could be judged in the image."""
     because: str
     """Why it was not seen if it was predicted to be: mask border, same colour behind, lighting or detector limit."""
+    usual: bool = False
+    """Whether such an image usually shows it, predicted or not. Logs of earlier versions lack it."""
 
 
 Prediction = dict[str, dict[str, Confusion]]
 """By atom and camera."""
+
+
+def total_of(predictions: Iterable[Prediction]) -> Confusion:
+    """The sum of the predictions of several steps."""
+    return sum((found for step in predictions for cameras in step.values() for found in cameras.values()), Confusion())
 
 
 @dataclass
@@ -175,6 +182,9 @@ class RunReport(_Recorded):
     """Those that were injected or seen."""
     prediction: list[Prediction] = field(default_factory=list)
     """Per step, of its first attempt."""
+    usual: list[Prediction] = field(default_factory=list)
+    """Of the images that were not predicted to show an atom: whether such images usually do. Logs of earlier versions
+    lack it."""
     disagreements: list[Disagreement] = field(default_factory=list)
     """Images in which a prediction was wrong."""
     conflicts: int = 0
@@ -199,6 +209,4 @@ class RunReport(_Recorded):
     @property
     def total(self) -> Confusion:
         """Over all steps, atoms and cameras."""
-        return sum(
-            (found for step in self.prediction for cameras in step.values() for found in cameras.values()), Confusion()
-        )
+        return total_of(self.prediction)

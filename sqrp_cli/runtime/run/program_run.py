@@ -158,6 +158,7 @@ class Run:
         finally:
             if first:
                 self._report.prediction.append(check.counts)
+                self._report.usual.append(check.usual)
                 self._report.disagreements.extend(check.disagreements)
         return attempt, alarm
 

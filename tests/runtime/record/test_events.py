@@ -54,6 +54,7 @@ REPORT = RunReport(
     steps=[StepRecord("pickup", {"object": "g", "speed": 0.1}, "pickup g", 0.0, unseen={"open": None})],
     faults=[FaultRecord("slip", 0.1), FaultRecord("camera-loss", 0.1, camera="cam1")],
     prediction=[{"held": {"cam1": Confusion(1, 2, 3, 4)}}],
+    usual=[{"held": {"cam1": Confusion(3, 2, 0, 1)}}],
     disagreements=[Disagreement(1, 0.1, "held", "cam1", True, "blind", True, 0.5, "lighting")],
     wall={"all": 1.0},
 )
@@ -98,6 +99,14 @@ def test_a_run_with_all_kinds_of_events_is_read_from_its_log_as_it_was_written(t
     assert list(read_log(path)) == RUN
     lines = path.read_text(encoding="utf-8").splitlines()
     assert lines == [json.dumps(event.line()) for event in read_log(path)]
+
+
+def test_a_log_that_knows_of_no_usual_images_has_none(tmp_path: Path) -> None:
+    path, lines = tmp_path / "log", [RUN[0].line(), {**RUN[-1].line(), "usual": []}]
+    path.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
+    *_, reported = read_log(path)
+    assert isinstance(reported, RunReported)
+    assert reported.report.usual == [{"held": {"cam1": Confusion(tn=2, fn=4)}}]
 
 
 @pytest.mark.parametrize("event", RUN, ids=lambda event: type(event).__name__)
