@@ -21,14 +21,14 @@ MADE = {"commands.md", "robot.md", "workspace.md", "skill.md", "findings.md", "u
 """Pages that are made from the code."""
 
 
-SLOW = ROOT / "docs" / "howto" / "audit.md"
-"""A run with all cameras of the tabletop, which is recorded and audited."""
+SLOW = (ROOT / "docs" / "howto" / "audit.md", ROOT / "docs" / "howto" / "run.md")
+"""Runs with all cameras of the tabletop, one of which is recorded and audited."""
 
 
 @pytest.mark.parametrize(
     "page",
     [
-        pytest.param(page, id=str(page.relative_to(ROOT)), marks=[pytest.mark.slow] if page == SLOW else [])
+        pytest.param(page, id=str(page.relative_to(ROOT)), marks=[pytest.mark.slow] if page in SLOW else [])
         for page in RUN
     ],
 )
@@ -58,6 +58,11 @@ def test_links_lead_to_files_that_exist(page: Path) -> None:
 
 def test_the_readme_is_an_overview_of_at_most_ten_kilobytes() -> None:
     assert len((ROOT / "README.md").read_bytes()) <= 10_240
+
+
+def test_the_readme_begins_to_show_the_run_of_its_page() -> None:
+    shown = (ROOT / "README.md").read_text().partition("$ sqrp run ")[2].partition("```")[0]
+    assert f"$ sqrp run {shown}" in (ROOT / "docs" / "howto" / "run.md").read_text()
 
 
 def test_the_readme_shows_every_command() -> None:
