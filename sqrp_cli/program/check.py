@@ -75,7 +75,7 @@ def _names_in(step: Step, at: Keys) -> Iterator[tuple[str, str, Keys]]:
         if world.held is not None:
             yield "object", world.held, (*at, moment, "held")
     for atom, target in step.targets.items():
-        for field, intervals in (("seen", target.seen), ("usual", target.usual)):
+        for field, intervals in _sights(target):
             for camera in intervals:
                 yield "camera", camera, (*at, "targets", atom, field, camera)
 
@@ -226,10 +226,15 @@ def _jump(
             return
 
 
+def _sights(target: ProgramTarget) -> tuple[tuple[str, Mapping[str, tuple[tuple[float, float], ...]]], ...]:
+    """The fields of a target that say when cameras see it."""
+    return ("seen", target.seen), ("usual", target.usual), ("refuted", target.refuted)
+
+
 def _target_flaws(target: ProgramTarget, at: Keys, time: float) -> Iterator[Flaw]:
     for index, box in enumerate(target.boxes):
         yield from _pose_flaws(box.X_FB, (*at, "boxes", index, "pose"))
-    for field, seen in (("seen", target.seen), ("usual", target.usual)):
+    for field, seen in _sights(target):
         for camera, intervals in seen.items():
             edges = list(chain.from_iterable(intervals))
             if any(b < a for a, b in pairwise(edges)) or (edges and edges[-1] > time + SAME_TIME):

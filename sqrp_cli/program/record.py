@@ -144,6 +144,8 @@ class ProgramTarget(Entry):
     """Intervals in which a camera sees all boxes, from the start of the step [s], by the camera's name."""
     usual: Mapping[str, tuple[tuple[Seconds, Seconds], ...]] = {}
     """Those in which its images usually show them, likewise. Programs of earlier versions lack it."""
+    refuted: Mapping[str, tuple[tuple[Seconds, Seconds], ...]] = {}
+    """Those in which they usually show that the atom is false, which one box of several tells; empty for one box."""
 
 
 class ProgramWindow(Entry):

@@ -5,9 +5,9 @@ A failed step is planned again in the same way, from the world after its fault.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 
@@ -20,9 +20,11 @@ from sqrp_cli.logic.conditions import apply_effect
 from sqrp_cli.logic.formula import Formula
 from sqrp_cli.logic.formula_check import argument_lists, bind
 from sqrp_cli.logic.formula_time import with_times
+from sqrp_cli.logic.literal import Literal
 from sqrp_cli.program import record
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
+from sqrp_cli.programming.coverage.fault_sights import telling
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.coverage.timeline import Watch, observe
 from sqrp_cli.programming.coverage.verdict import verdict
@@ -170,19 +172,29 @@ def _target(study: Study, column: int, cameras: tuple[str, ...]) -> record.Progr
 
 def with_usual_images(step: record.Step, study: Study, observer: Observer) -> record.Step:
     """The step of a study with the times of usual images, which take as long to find as the study."""
-    usual = {one.name: _usually_seen(study, replace(observer, cameras=(one,))) for one in observer.cameras}
-    targets = {
-        atom: target.model_copy(update={"usual": {name: of[column] for name, of in usual.items()}})
-        for column, (atom, target) in enumerate(step.targets.items())
-    }
+    cameras = [replace(observer, cameras=(camera,)) for camera in observer.cameras]
+    names = [camera.name for camera in observer.cameras]
+    confirming = [(target,) for target in study.targets]
+    refuting = [telling(target, Literal(target.atom, positive=False), study.stage.X_WO) for target in study.targets]
+    found = [_usually_seen(study, confirming + refuting, camera) for camera in cameras]
+    usual = [dict(zip(names, of_cameras, strict=True)) for of_cameras in zip(*found, strict=True)]
+    targets = {}
+    for column, (atom, target) in enumerate(step.targets.items()):
+        refuted = {} if refuting[column] == confirming[column] else usual[len(confirming) + column]
+        targets[atom] = target.model_copy(update={"usual": usual[column], "refuted": refuted})
     return step.model_copy(update={"targets": targets})
 
 
-def _usually_seen(study: Study, camera: Observer) -> list[tuple[tuple[float, float], ...]]:
-    """Intervals in which the images of one camera usually show each target of a study [s]."""
-    targets = [replace(target, cameras=1).usual for target in study.targets]
-    found = observe(Watch.of_each(study, study.stage, targets), camera, Adaptive(), full=False)
-    return [_intervals(found.samples.t, covered) for covered in found.observation.covered.T]
+def _usually_seen(
+    study: Study, questions: Sequence[tuple[Target, ...]], camera: Observer
+) -> list[tuple[tuple[float, float], ...]]:
+    """Intervals in which the images of one camera usually show any of the targets of each question [s]."""
+    asked = list(dict.fromkeys(chain(*questions)))
+    usual = [replace(target, cameras=1).usual for target in asked]
+    found = observe(Watch.of_each(study, study.stage, usual), camera, Adaptive(), full=False)
+    sees = found.observation.covered.T
+    columns = ([asked.index(target) for target in any_of] for any_of in questions)
+    return [_intervals(found.samples.t, np.logical_or.reduce(sees[of])) for of in columns]
 
 
 def _intervals(t: Array, seen: Mask) -> tuple[tuple[float, float], ...]:

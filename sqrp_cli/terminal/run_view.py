@@ -204,17 +204,19 @@ def print_prediction(prediction: Sequence[Prediction], usual: Sequence[Predictio
     titles = ("images\npromised", "came true", "usual images\nthat showed it", "others that\nshowed it")
     columns = [Column("literal"), Column("camera"), *numbers(*titles)]
     rows = []
-    for number, (step, rest) in enumerate(zip(prediction, usual, strict=True), 1):
+    for number, (step, others) in enumerate(zip(prediction, usual, strict=True), 1):
         for atom, cameras in step.items():
             shown = {name: found for name, found in cameras.items() if found.tp + found.fp + found.fn}
             label = atom if len(prediction) == 1 else f"{number}: {atom}"
-            rows += [[label, name, *_cells(found, rest[atom][name])] for name, found in shown.items()]
+            rows += [[label, name, *_cells(found, others[atom][name])] for name, found in shown.items()]
     if fits(columns, rows):  # else each row says for itself what it is about
         for above, row in reversed(list(pairwise(rows))):
             row[0] = "" if row[0] == above[0] else row[0]
-    rows.append([plain("all", "bold"), "", *_cells(total_of(prediction), total_of(usual))])
+    rest = total_of(usual)
+    rows.append([plain("all", "bold"), "", *_cells(total_of(prediction), rest)])
     print_table(columns, rows)
-    say("usual images were not promised to show the literal, but such images mostly do", "dim")
+    if rest.tp + rest.fp:
+        say("usual images were not promised to show the literal, but such images mostly do", "dim")
 
 
 def _cells(found: Confusion, rest: Confusion) -> list[Any]:

@@ -48,6 +48,13 @@ def test_the_robot_moves_on_to_where_the_retry_can_be_judged(moved_on: Any) -> N
     assert fault["detected"] + fault["moved_on"] < fault["acted"] < fault["recovered"]
 
 
+def test_images_usually_show_that_the_place_between_open_fingers_is_empty(moved_on: Any) -> None:
+    (usual,) = moved_on.document["usual"]
+    told, wrong, others = (sum(counts[key] for counts in usual["hold(red2)"].values()) for key in ("tp", "fp", "fn"))
+    assert wrong == 0
+    assert told > 5 * others  # of images at the edge of a time
+
+
 def test_what_no_image_shows_at_the_end_is_told_with_the_last_that_did(moved_on: Any, folder: Path) -> None:
     events = [json.loads(line) for line in (folder / "run.jsonl").read_text(encoding="utf-8").splitlines()]
     (retry,) = (event["t"] for event in events if event["event"] == "retry")

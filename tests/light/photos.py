@@ -126,7 +126,7 @@ class Photos:
                 for atom in monitor.monitored(t):
                     seen = detection.truth(atom) == (Truth.TRUE if truths[atom] else Truth.FALSE)
                     promised = detection.camera in nominal.covering(atom, t)
-                    usual = nominal.usually_shows(atom, detection.camera, t)
+                    usual = nominal.usually_shows(atom, detection.camera, t, value=truths[atom])
                     counts.add(promised, seen)
                     if not promised:
                         rest.add(usual, seen)

@@ -125,19 +125,19 @@ def refuting(scene: Rehearsal) -> Refuting:
     then not in it, if there are any.
     """
     by_atom = {target.atom: target for target in scene.targets}
-    telling = {
-        literal: _telling(by_atom[literal.atom], literal, scene.stage.X_WO)
+    shown_by = {
+        literal: telling(by_atom[literal.atom], literal, scene.stage.X_WO)
         for literals in fault_literals(scene.formulas).values()
         for literal in literals
     }
-    more = any(target not in scene.targets for targets in telling.values() for target in targets)
-    asked = list(dict.fromkeys(chain(*telling.values()))) if more else list(scene.targets)
+    more = any(target not in scene.targets for targets in shown_by.values() for target in targets)
+    asked = list(dict.fromkeys(chain(*shown_by.values()))) if more else list(scene.targets)
     faults = (
         FaultWatch(
             name=name,
             literals=literals,
             intervals=fault_intervals(scene.formulas, name),
-            columns=tuple(tuple(map(asked.index, telling[literal])) for literal in literals),
+            columns=tuple(tuple(map(asked.index, shown_by[literal])) for literal in literals),
             until=_unchanged_until(scene, name),
         )
         for name, literals in fault_literals(scene.formulas).items()
@@ -164,7 +164,7 @@ def _unchanged_until(scene: Rehearsal, fault: str) -> float:
     return changes[0] - settle if changes else scene.stage.motion.time
 
 
-def _telling(target: Target, literal: Literal, objects: Mapping[str, Array]) -> tuple[Target, ...]:
+def telling(target: Target, literal: Literal, objects: Mapping[str, Array]) -> tuple[Target, ...]:
     """The targets of which each shows a literal by itself."""
     if literal.positive or len(target.boxes) == 1:
         return (target,)

@@ -109,9 +109,11 @@ class NominalStep:
         target = self.step.targets[atom]
         return [name for name, spans in target.seen.items() if _within(spans, t - margin, t + margin)]
 
-    def usually_shows(self, atom: str, camera: str, t: float) -> bool:
-        """Whether a camera's image of time t [s] usually shows an atom, be it promised or not."""
-        return _within(self.step.targets[atom].usual.get(camera, ()), t, t)
+    def usually_shows(self, atom: str, camera: str, t: float, *, value: bool) -> bool:
+        """Whether a camera's image of time t [s] usually shows an atom with this value, be it promised or not."""
+        target = self.step.targets[atom]
+        usual = target.usual if value or not target.refuted else target.refuted
+        return _within(usual.get(camera, ()), t, t)
 
     def is_covered(self, atom: str, t: float, margin: float = 0.0) -> bool:
         """Whether enough cameras were predicted to see an atom from t - margin to t + margin [s]."""

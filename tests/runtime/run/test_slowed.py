@@ -19,8 +19,9 @@ def program() -> Program:
     sight = ProgramSight(windows=(window,), onsets=(ProgramOnset(x=(1.0, 3.0), shown=(1.1, 3.1)),))
     formulas = [formula("eventually[1.5, 2.25] (not held(g1) and on(g1, tray))", "retry", "slip")]
     one = step(formulas, {"held(g1)": {"cam1": [(0.5, 4.0)]}}, move.duration)
-    usual = {"held(g1)": one.targets["held(g1)"].model_copy(update={"usual": {"cam1": ((0.25, 4.0),)}})}
-    one = one.model_copy(update={"primitives": (played(move),), "sights": {"slip": sight}, "targets": usual})
+    sights = {"usual": {"cam1": ((0.25, 4.0),)}, "refuted": {"cam1": ((0.0, 4.0),)}}
+    targets = {"held(g1)": one.targets["held(g1)"].model_copy(update=sights)}
+    one = one.model_copy(update={"primitives": (played(move),), "sights": {"slip": sight}, "targets": targets})
     return Program(workspace="w", digest="d", joints=("a",), steps=(one,))
 
 
@@ -39,7 +40,8 @@ def test_formulas_and_predictions_keep_to_the_motion() -> None:
     slow = slowed(program(), 0.5).steps[0]
     assert slow.formulas[0].formula == "eventually[3.0, 4.5] (not held(g1) and on(g1, tray))"
     target = slow.targets["held(g1)"]
-    assert (target.seen, target.usual) == ({"cam1": ((1.0, 8.0),)}, {"cam1": ((0.5, 8.0),)})
+    assert target.seen == {"cam1": ((1.0, 8.0),)}
+    assert (target.usual, target.refuted) == ({"cam1": ((0.5, 8.0),)}, {"cam1": ((0.0, 8.0),)})
     sight = slow.sights["slip"]
     assert (sight.windows[0].start, sight.windows[0].end) == (2.0, 6.0)
     assert (sight.windows[0].period, sight.windows[0].lag) == (0.1, 0.05)  # of cameras, which stay as fast
