@@ -15,9 +15,16 @@ from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.programming.candidate import Candidate, whole_candidate
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
+from sqrp_cli.programming.coverage.assessment import (
+    Assessment,
+    Study,
+    Watched,
+    all_watched,
+    rehearsal,
+    with_delays,
+)
 from sqrp_cli.programming.coverage.certificate import Certificate
-from sqrp_cli.programming.coverage.quality import Figures, Qualities
+from sqrp_cli.programming.coverage.quality import Figures, Qualities, average_quality, interest_quality
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.program_update import world_after
@@ -175,12 +182,30 @@ class WholeStudy:
 
 def whole_study(cell: Cell, way: Candidate, world: World, sampling: Sampling, *, full: bool) -> WholeStudy | Infeasible:
     """Study a way that starts in `world`, of one step or several; see `study`."""
-    done: list[Study] = []
+    watched = whole_watched(cell, way, world, sampling, full=full)
+    if isinstance(watched, Infeasible):
+        return watched
+    return WholeStudy(way, tuple(with_delays(cell, watched, sampling)))
+
+
+def whole_watched(
+    cell: Cell, way: Candidate, world: World, sampling: Sampling, *, full: bool
+) -> tuple[Watched, ...] | Infeasible:
+    """The steps of `whole_study` without delays, which take as long as all the rest."""
+    done: list[Watched] = []
     for step in way.steps or (way,):
-        found = study(cell, step, world, sampling, full=full)
-        if isinstance(found, Infeasible):
-            return Infeasible(reasons_of_step(way, len(done) + 1, found.reasons), found.tried)
-        done.append(found)
+        motion = feasible_motion(cell, step, world)
+        if isinstance(motion, Infeasible):
+            return Infeasible(reasons_of_step(way, len(done) + 1, motion.reasons), motion.tried)
+        done += all_watched(cell, [rehearsal(cell, step, world, motion)], sampling, full=full)
         if len(done) < len(way.steps):
-            world = world_after(step, found.motion, world)
-    return WholeStudy(way, tuple(done))
+            world = world_after(step, motion, world)
+    return tuple(done)
+
+
+def qualities_of(steps: Sequence[Watched]) -> Qualities:
+    """How well the steps of a way are seen, in all."""
+    return Qualities(
+        mean_quality([(average_quality(step.timeline), step.T) for step in steps]),
+        mean_quality([(interest_quality(step.timeline), step.T_eoi) for step in steps]),
+    )

@@ -17,12 +17,12 @@ from sqrp_cli.programming.advice.change import Margin, Miss, ProposedChange
 from sqrp_cli.programming.advice.least import least_beyond
 from sqrp_cli.programming.advice.question import Found, Met, Near, Question, finely_met
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Study
+from sqrp_cli.programming.coverage.assessment import Study, with_delays
 from sqrp_cli.programming.coverage.in_the_way import hidden_views, to_move
 from sqrp_cli.programming.motion.collision.collision_body import CLEARANCE, distance_within, placement_at
 from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.task import Candidate
-from sqrp_cli.programming.whole_study import WholeStudy, whole_study
+from sqrp_cli.programming.whole_study import WholeStudy, qualities_of, whole_study, whole_watched
 
 MOST_OBJECTS = 3
 """Objects that are moved: those that are handled, then those that hide most."""
@@ -120,11 +120,13 @@ class ObjectSearch:
         change = self._change(offset)
         if change.size == 0.0 or not self._fits(change):
             return None
-        done = self._study(change)
-        if isinstance(done, Infeasible):
+        question = self.question
+        cell, world = question.cell, change.in_world(question.world)
+        seen = whole_watched(cell, self.way, world, question.sampling, full=False)
+        if isinstance(seen, Infeasible) or not question.wish.may_be_met(qualities_of(seen)):
             return None
-        found = done.assessment
-        return Met(change, found) if self.question.wish.met(found) else None
+        found = WholeStudy(self.way, tuple(with_delays(cell, seen, question.sampling))).assessment
+        return Met(change, found) if question.wish.met(found) else None
 
     def _study(self, change: ProposedChange) -> WholeStudy | Infeasible:
         """The way with the object elsewhere."""

@@ -9,7 +9,7 @@ from sqrp_cli.errors import InputError, bad_option, expected_names
 from sqrp_cli.knowledge.text.units import SHARE, TIME, expected_quantity, read_quantity
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask
 from sqrp_cli.programming.coverage.assessment import Assessment
-from sqrp_cli.programming.coverage.quality import falls_short
+from sqrp_cli.programming.coverage.quality import Qualities, falls_short
 from sqrp_cli.programming.ways.prospect import Prospect
 
 QUALITIES = ("q_eoi", "q_avg")
@@ -62,10 +62,11 @@ class Wish:
         """Whether a candidate meets all of it."""
         return not self.missed(found)
 
-    def may_be_met(self, way: Prospect) -> bool:
+    def may_be_met(self, way: Prospect | Qualities) -> bool:
         """Whether a way meets it if it is worth all that it may be worth; nothing is known of its delays yet."""
         hoped = {"q_eoi": way.q_eoi, "q_avg": way.q_avg}
-        return not any(falls_short(hoped[name], least) for name, least in self._stated(QUALITIES))
+        pairs = ((hoped[name], least) for name, least in self._stated(QUALITIES))
+        return not any(quality is None or falls_short(quality, least) for quality, least in pairs)
 
     def shortfall(self, found: Assessment | None) -> float:
         """By how much a candidate misses it: qualities and shares of times, added up; infinite if infeasible."""
