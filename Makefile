@@ -6,7 +6,8 @@ BIN := .venv/bin
 # Bytecode is kept: tests are rewritten for their asserts, and each process would do that again.
 export PYTHONDONTWRITEBYTECODE :=
 
-INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
+# Python makes the bytecode of what is used; pip would make that of all, on one core.
+INSTALL := $(BIN)/pip install --no-compile --quiet --disable-pip-version-check --constraint constraints.txt --editable
 
 .PHONY: all rank run test check lint slow docs bench load damage planners trials pictures calibrate reproduce format clean
 
@@ -26,6 +27,7 @@ all: .venv/installed
 
 .venv/installed: pyproject.toml constraints.txt | .venv/pyvenv.cfg
 	$(INSTALL) '.[robots,sim,report,place,cluster,planners,xacro,bags,ros2,studio,dev]'
+	-@$(BIN)/python -m compileall -qq -j 0 .venv/lib
 	@touch .venv/rank .venv/run $@
 
 rank: .venv/rank

@@ -39,11 +39,11 @@ def pytest_xdist_auto_num_workers() -> int:
 
 
 LONGEST = ("docs", "damage")
-"""Folders of tests that each take long: one that begins last would keep the other processes waiting."""
+"""Folders of tests that each take long, as slow ones do: one that begins last would keep other processes waiting."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    items.sort(key=lambda item: item.path.parent.name not in LONGEST)
+    items.sort(key=lambda item: item.path.parent.name not in LONGEST and item.get_closest_marker("slow") is None)
 
 
 def pytest_collection_finish() -> None:

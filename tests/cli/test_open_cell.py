@@ -40,8 +40,9 @@ def scores(cell) -> ScoreRun:
 
 
 def test_a_ranking_is_the_table_and_the_document_of_rank(asked, cell):
+    fastest = cell.rank("pickup green", ways="fastest")
+    assert str(fastest) == printed(asked, "rank", TABLETOP, "pickup green", "--ways", "fastest")
     ranking = cell.rank("pickup green")
-    assert str(ranking) == printed(asked, "rank", TABLETOP, "pickup green")
     assert ranking.to_json() == printed(asked, "rank", TABLETOP, "pickup green", "--json")
     assert [one.parameters["object"] for one in ranking.candidates] == ["g2", "g4", "g5", "g1", "g3", "g6"]
 

@@ -156,12 +156,13 @@ def test_the_world_after_has_the_effect_of_the_action_and_where_things_are_then(
 
 
 def test_after_a_pickup_nothing_else_can_be_picked_up(sqrp, tabletop, program):
-    outcome = sqrp("check", tabletop, TASK, "--after", program, "--json")
+    task = "pickup g1"
+    outcome = sqrp("check", tabletop, task, "--after", program, "--json")
     assert outcome.code == 1, outcome.err
     for candidate in outcome.document["candidates"]:
         assert any("hand_empty" in reason for reason in candidate["reasons"])
-    assert sqrp("rank", tabletop, TASK, "--after", program, "--json").code == 1
-    assert sqrp("explain", tabletop, TASK, "--after", program, "--json").code == 1
+    assert sqrp("rank", tabletop, task, "--after", program, "--json").code == 1
+    assert sqrp("explain", tabletop, task, "--after", program, "--json").code == 1
 
 
 def test_a_second_step_begins_where_the_first_ends(sqrp, watch, tmp_path):

@@ -60,16 +60,19 @@ def blocks(text: str) -> list[Block]:
     return [block for block in found if block.kind in ("console", "sh") or block.title]
 
 
-def played(page: Path) -> Iterator[tuple[Block, str]]:
+def played(page: Path, rate: str = "10 Hz") -> Iterator[tuple[Block, str]]:
     """Each `console` block of a page with what its command prints, in a folder with copies of the shipped cells.
 
-    Commands run at 80 columns and without colour. One that refuses its input prints what it says on stderr. Raises
-    AssertionError where a command of a `sh` block fails.
+    Commands run at 80 columns and without colour. One that refuses its input prints what it says on stderr. rate: that
+    of the cells' cameras. Raises AssertionError where a command of a `sh` block fails.
     """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for part in ("skills", "workspaces"):
             shutil.copytree(ROOT / part, folder / part)
+        for cell in folder.glob("workspaces/*/workspace.yaml"):
+            text = cell.read_text(encoding="utf-8")
+            cell.write_text(text.replace("rate: 10 Hz", f"rate: {rate}"), encoding="utf-8")
         for block in blocks(page.read_text(encoding="utf-8")):
             if block.title:
                 (folder / block.title).parent.mkdir(parents=True, exist_ok=True)

@@ -12,6 +12,15 @@ from tests.studio.hand import Hand
 
 pytestmark = pytest.mark.slow
 
+
+@pytest.fixture(scope="module")
+def cell(cell):
+    """That copy with fewer images, as what they show is not what this is about."""
+    file = cell / "workspace.yaml"
+    file.write_text(file.read_text().replace("rate: 10 Hz", "rate: 3 Hz"))
+    return cell
+
+
 CLICK_IN_THE_LIFT = """() => new MutationObserver(() => {
   if (document.querySelector('#run-doing').textContent === 'lift') document.querySelector('#run-slip').click();
 }).observe(document.querySelector('#run-doing'), { childList: true })"""

@@ -125,6 +125,8 @@ class ObjectSearch:
         seen = whole_watched(cell, self.way, world, question.sampling, full=False)
         if isinstance(seen, Infeasible) or not question.wish.may_be_met(qualities_of(seen)):
             return None
+        if question.wish.time is not None and sum(step.motion.time for step in seen) > question.wish.time:
+            return None
         found = WholeStudy(self.way, tuple(with_delays(cell, seen, question.sampling))).assessment
         return Met(change, found) if question.wish.met(found) else None
 

@@ -165,7 +165,9 @@ def test_a_move_that_is_never_seen_is_named_once(tabletop: Workspace) -> None:
         assert end.seconds == pytest.approx(moves[end.primitive], abs=1e-9)
 
 
-@pytest.mark.parametrize("limit", ["1x", "1.02x", "10.1 s"])
+@pytest.mark.parametrize(
+    "limit", ["1.02x", *(pytest.param(limit, marks=pytest.mark.trial) for limit in ("1x", "10.1 s"))]
+)
 def test_a_limit_of_the_time_is_kept(tabletop: Workspace, g2: Compared, limit: str) -> None:
     bounded = Compared.of(tabletop, G2, "g2", WantedWay(limit=TimeLimit.read(limit)))
     fastest = g2.direct.motion.time

@@ -38,7 +38,9 @@ def only(cell: OpenCell, task: str, **options: str) -> CandidateFigures:
     return found
 
 
-@pytest.fixture(scope="module", params=["g1", "g2", "g3", "g4", "g5"])
+@pytest.fixture(
+    scope="module", params=["g1", "g4", *(pytest.param(name, marks=pytest.mark.trial) for name in ("g2", "g3", "g5"))]
+)
 def name(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 

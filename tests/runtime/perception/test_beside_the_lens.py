@@ -33,7 +33,7 @@ def met(X_CP: Array, size: Array) -> Mask:
     return meets.reshape(EYE.height, FINE, EYE.width, FINE).any(axis=(1, 3))
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.trial) for seed in (1, 2))])
 @pytest.mark.parametrize("mesh", [False, True], ids=["box", "mesh"])
 def test_a_link_that_reaches_behind_the_camera_still_hides_what_is_behind_it(seed: int, mesh: bool) -> None:
     random = np.random.default_rng(seed)

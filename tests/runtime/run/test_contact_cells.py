@@ -1,6 +1,6 @@
 """The cells of peg in hole, screwing and wiping as their users run them: ranked, run with images, audited.
 
-With half the images, of half the size: nothing here is about how small or how soon a part can be seen.
+With a fifth of the images, of half the size: nothing here is about how small or how soon a part can be seen.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ CELLS = ROOT / "tests" / "cases" / "contact"
 def cells(tmp_path: Path) -> Path:
     folder = Path(shutil.copytree(CELLS, tmp_path / "contact"))
     for file in folder.glob("*.yaml"):
-        text = file.read_text(encoding="utf-8").replace("../../../", f"{ROOT}/").replace("rate: 10 Hz", "rate: 5 Hz")
+        text = file.read_text(encoding="utf-8").replace("../../../", f"{ROOT}/").replace("rate: 10 Hz", "rate: 2 Hz")
         file.write_text(text.replace("width: 1280, height: 960", "width: 640, height: 480"), encoding="utf-8")
     return folder
 
