@@ -9,7 +9,7 @@ export PYTHONDONTWRITEBYTECODE :=
 # Python makes the bytecode of what is used; pip would make that of all, on one core.
 INSTALL := $(BIN)/pip install --no-compile --quiet --disable-pip-version-check --constraint constraints.txt --editable
 
-.PHONY: all rank run test check lint slow docs bench load damage planners trials pictures calibrate reproduce format clean
+.PHONY: all rank run test check lint docs bench load damage planners trials pictures calibrate reproduce format clean
 
 all: .venv/installed
 
@@ -38,22 +38,17 @@ run: .venv/run
 	$(BIN)/sqrp rank workspaces/tabletop "pickup green" --program build/pick.yaml
 	$(BIN)/sqrp run build/pick.yaml --sim --fault slip@a4+0.7
 
+# Every test but the trials; `pytest` alone leaves out the slow ones, too.
 test: all
-	$(BIN)/pytest --numprocesses auto
+	$(BIN)/pytest --numprocesses auto -m 'not trial'
 
-# What CI runs: all tests at once, so that no core waits for the last of one part.
-check: all
-	$(MAKE) --jobs 2 lint slow
+check: lint test
 
 lint: all
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-
-# All tests but the trials.
-slow: all
-	$(BIN)/pytest --numprocesses auto -m 'not trial'
 
 # The documentation, as pages that open from the disk: build/site/index.html.
 docs: all
