@@ -19,6 +19,9 @@ MOST_PROBLEMS = 20
 SURE = 0.7
 """How alike a name and the nearest valid one are, of 0 to 1, so that the others need no mention."""
 
+SHORT = 3
+"""Letters of names such as `g1`, of which one that is wrong is half of the name."""
+
 MOST_NAMES = 20
 """Most names that a message lists."""
 
@@ -118,8 +121,8 @@ def counted(count: int) -> str:
 
 
 def nearest(name: str, valid: Iterable[str]) -> str | None:
-    """The valid name closest in spelling to `name`, or None when nothing is close."""
-    matches = difflib.get_close_matches(name, list(valid), n=1, cutoff=0.5)
+    """The valid name that `name` is with typing errors, or None: one letter of a short name, few of a long one."""
+    matches = difflib.get_close_matches(name, list(valid), n=1, cutoff=0.5 if len(name) <= SHORT else 0.6)
     return matches[0] if matches else None
 
 

@@ -4,12 +4,30 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sqrp_cli.errors import InputError, Place, Problem
+import pytest
+
+from sqrp_cli.errors import InputError, Place, Problem, nearest
 
 
 def test_a_message_quotes_no_more_than_the_beginning_of_a_long_name() -> None:
     problem = Problem("unknown-skill", f"there is no skill `{'p' * 100_000}`; did you mean `pickup`?")
     assert problem.message == f"there is no skill `{'p' * 60}...`; did you mean `pickup`?"
+
+
+@pytest.mark.parametrize(
+    ("typed", "names", "meant"),
+    [
+        ("nope", ["mine", "place", "inspect"], None),
+        ("tray", ["grey"], None),
+        ("g9", ["g1", "table"], "g1"),
+        ("pick", ["pickup", "place"], "pickup"),
+        ("tabeltop", ["tabletop"], "tabletop"),
+    ],
+)
+def test_a_name_is_proposed_where_typing_errors_may_have_made_it_another(
+    typed: str, names: list[str], meant: str | None
+) -> None:
+    assert nearest(typed, names) == meant
 
 
 def test_what_a_library_quotes_is_shortened_too() -> None:

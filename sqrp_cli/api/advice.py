@@ -25,7 +25,7 @@ from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.programming.advice.advise import Adviser, Kept
 from sqrp_cli.programming.advice.aiming import Aim
 from sqrp_cli.programming.advice.change import KINDS, Advice, Kind, Miss, ProposedChange
-from sqrp_cli.programming.advice.question import Effects, Question, TaskWays, is_fastest
+from sqrp_cli.programming.advice.question import Effects, Question, TaskWays
 from sqrp_cli.programming.advice.wish import Wish, read_wish, wish_of
 from sqrp_cli.programming.candidate import THEN
 from sqrp_cli.programming.coverage.assessment import Assessment
@@ -65,7 +65,7 @@ class TaskAdvice(Answer[AdviceDocument]):
     way: Candidate
     """That changes of objects and cameras start from."""
     before: Assessment
-    """Without any change, as `--ways fastest` has it; in its best way if that misses the wish alone."""
+    """Without any change: in the way in which `rank` takes it, with the same `--ways`."""
     answers: Sequence[tuple[Advice, ...] | Miss]
     """Of each kind that was searched."""
     first: str = ""
@@ -171,8 +171,7 @@ class TaskAdvice(Answer[AdviceDocument]):
         """Print what `sqrp advise` prints."""
         from sqrp_cli.terminal.search_tables import print_advice
 
-        fixed = self.session.assignment.wanted.fastest
-        print_advice(self.document, self.wish, fastest=is_fastest(self.before), fixed=fixed)
+        print_advice(self.document, self.wish, fixed=self.session.assignment.wanted.fastest)
 
     @cached_property
     def _file(self) -> SourceDocument:
@@ -275,7 +274,7 @@ def find_advice(
         question = _question(session, wish, choose, kinds, jobs, progress)
         adviser, best = Adviser(question), question.best
         found = TaskAdvice(
-            session=session, path=path, content=content, wish=wish, way=adviser.way, before=adviser.before, answers=()
+            session=session, path=path, content=content, wish=wish, way=adviser.way, before=best, answers=()
         )
         if found.met:
             return found
@@ -313,7 +312,6 @@ def _question(
         cell=cell,
         world=world,
         sampling=sampling,
-        fastest=first_grip(best.candidate),
         best=best,
         assessments=assessments,
         wish=wish,

@@ -85,8 +85,9 @@ def check_choice(task: Task, choice: str) -> None:
         return
     if choice.isdecimal():
         if not 1 <= int(choice) <= len(names):
+            upto = f" to {len(names)} (what cannot be done comes last)" if len(names) > 1 else ""
             message = f"there is no place {choice} in a ranking of {len(names)} candidate{'s' * (len(names) != 1)}"
-            message += f"; expected 1 to {len(names)}, or the name of one"
+            message += f"; expected 1{upto}, or the name of one"
             raise InputError(Problem("unknown-candidate", message))
     else:
         message = f"there is no candidate `{choice}`; {expected_names(choice, names)}"

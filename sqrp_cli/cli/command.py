@@ -21,6 +21,8 @@ class Command(TyperCommand):
         """Read the words of the command; while they are typed, without an option whose value is still missing."""
         unfinished = ctx.resilient_parsing and args and args[-1].startswith("-")
         try:
+            if not ctx.resilient_parsing:
+                self._check_values(ctx, args)
             rest = super().parse_args(ctx, args[:-1] if unfinished else [*args])
         except UsageError as error:
             error.ctx = error.ctx or ctx  # an option without its value has none
@@ -28,6 +30,15 @@ class Command(TyperCommand):
         if not ctx.resilient_parsing:
             self._check_paths(ctx, args)
         return rest
+
+    def _check_values(self, ctx: Any, args: list[str]) -> None:  # noqa: ANN401 # as above
+        """Raises InputError for an option without its value that would take the next option for it."""
+        words, *_ = self.make_parser(ctx).parse_args(list(args))
+        options: list[Any] = [one for one in self.get_params(ctx) if one.param_type_name == "option"]
+        names = {name for one in options for name in one.opts}
+        for one in options:
+            if names.intersection(value for value in _each(words.get(one.name)) if isinstance(value, str)):
+                raise bad_option(f"{one.metavar} is missing after {one.opts[0]}: {one.help}")
 
     def _check_paths(self, ctx: Any, args: list[str]) -> None:  # noqa: ANN401 # as above
         """Raises InputError for an empty word where a path is expected, which would be the current folder."""

@@ -25,17 +25,22 @@ def prepare_streams() -> None:
 
 
 def _open_closed() -> None:
-    """Connect closed descriptors to the null device; otherwise the next opened file would receive the output."""
+    """Connect closed descriptors to the null device; otherwise the next opened file would receive the output.
+
+    That of results can be read alone: to write them is an error, as if it were closed.
+    """
     for descriptor in range(3):
         try:
             os.fstat(descriptor)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free
+            os.open(os.devnull, os.O_RDONLY if descriptor == 1 else os.O_RDWR)  # gets the lowest number that is free
 
 
 def _writable(stream: TextIO | None, *, results: bool) -> TextIO:
     if stream is None:  # closed, as by `>&-`
-        return Path(os.devnull).open("w", encoding="utf-8")
+        if not results:
+            return Path(os.devnull).open("w", encoding="utf-8")
+        stream = open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115 - a descriptor, for good
     if not isinstance(stream, io.TextIOWrapper):
         return stream  # kept in memory
     if isinstance(getattr(stream.buffer, "raw", stream.buffer), io.FileIO):

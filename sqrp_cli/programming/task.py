@@ -321,7 +321,9 @@ def _no_match(skill: Skill, workspace: Workspace, fitting: Mapping[str, Sequence
     words = {word for names in fitting.values() for name in names for word in _words_for(workspace.objects[name])}
     unknown = [word for word in filters if word.lower() not in words]
     if unknown:
-        hint = expected_names(unknown[0], words)
+        names = unknown[0].lower().split(",")
+        parameter = next((one for one, known in fitting.items() if {*names} <= {name.lower() for name in known}), None)
+        hint = expected_names(unknown[0], words) if parameter is None else f"did you mean `{parameter}={unknown[0]}`?"
         return f"no object that `{skill.name}` can use is called or described as `{unknown[0]}`; {hint}"
     usable = "; ".join(
         f"{name}: {', '.join(f'`{candidate}`' for candidate in names) or 'no object fits'}"

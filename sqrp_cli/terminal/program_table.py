@@ -31,9 +31,10 @@ def print_program(program: Program, file: Path) -> None:
     held = program.steps[-1].after.held if count else None
     if held is not None:
         say(f"It leaves {held} in the tool.")
-    asked = shlex.quote(os.path.relpath(shortest_path(workspace)))
-    command = f"sqrp rank {asked} TASK --program {shlex.quote(str(file))}"
-    say_command("To add a step:", command, "dim")
+    if workspace.exists():
+        asked = shlex.quote(os.path.relpath(shortest_path(workspace)))
+        command = f"sqrp rank {asked} TASK --program {shlex.quote(str(file))}"
+        say_command("To add a step:", command, "dim")
 
 
 def _print_steps(program: Program, totals: Totals) -> None:

@@ -110,7 +110,7 @@ def _judged(program: Program, file: Path) -> tuple[Workspace | None, list[Proble
     except InputError as error:
         check_unedited(program, file)
         message = f"its workspace cannot be read, so whether it still holds is not known: {error.problems[0]}"
-        return None, [Problem("no-workspace", message, Place(file), severity="warning")]
+        return None, [Problem("no-workspace", message, Place(file), severity="warning", mend=error.problems[0].mend)]
     doubt = stale(program, file, workspace)
     if doubt is not None:
         check_unedited(program, file)

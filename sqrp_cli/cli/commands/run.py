@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import signal
 import sys
 from collections.abc import Iterator, Sequence
@@ -115,7 +116,8 @@ def command(
     if replay is not None:
         return _replay(replay, program, report, context.obj, as_json=as_json)
     if program is None:
-        raise InputError(Problem("no-program", "expected a program to run", mend="sqrp run PROGRAM --sim"))
+        how = "--sim" if robot is None else f"--robot {shlex.quote(str(robot))}"
+        raise InputError(Problem("no-program", "expected a program to run", mend=f"sqrp run PROGRAM {how}"))
     if robot is not None:
         run = run_on_robot(program, robot, speed, outputs, seed, dry_run=dry_run, yes=yes, as_json=as_json)
     elif sweep is not None:

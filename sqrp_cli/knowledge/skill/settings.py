@@ -131,14 +131,17 @@ class Kind:
             message = f"found {value.value:g}, which would be radians; expected {self._expected()}"
             return Complaint("wrong-unit", message)
         if value.value < self.least:
-            message = f"found {value.value:g}, expected a value of at least {self._shown(self.least)}"
+            message = f"found {self._found(value)}, expected a value of at least {self._shown(self.least)}"
             return Complaint("wrong-value", message)
         if value.value > self.most:
-            message = f"found {value.value:g}, expected a value of at most {self._shown(self.most)}"
+            message = f"found {self._found(value)}, expected a value of at most {self._shown(self.most)}"
             plain = value.value if value.dimension is None else None
             meant = meant_instead(plain, self.dimension, self.least, self.most)
             return Complaint("wrong-value", message + (f"; {meant}" if meant else ""))
         return None
+
+    def _found(self, value: Quantity) -> str:
+        return f"{value.value:g}" if value.dimension is None else self._shown(value.value)
 
     def _shown(self, bound: float) -> str:
         return in_unit(bound, self.dimension)

@@ -161,9 +161,11 @@ def meant_instead(value: object, dimension: Dimension | None, least: float, most
 
 
 def in_unit(value: float, dimension: Dimension | None) -> str:
-    """A number in SI units as a message shows it: angles in degrees, shares plain, others in m, s, px and so on."""
-    if dimension is None or dimension is SHARE:
+    """A number in SI units as a message shows it: angles in degrees, shares in both forms, others in m, s, px, ..."""
+    if dimension is None:
         return f"{value:g}"
+    if dimension is SHARE:
+        return f"{value:g} ({100 * value:g} %)"
     unit = "deg" if dimension is ANGLE else next(iter(dimension.units))
     return f"{value / dimension.units[unit]:.4g} {unit}"
 

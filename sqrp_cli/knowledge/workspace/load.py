@@ -29,6 +29,11 @@ from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document,
 from sqrp_cli.logic.conditions import MAX_LITERALS, domain_sizes, largest_quantifier, literal_count
 from sqrp_cli.logic.domain import merge_domains
 
+_NO_SKILLS = (
+    "the workspace lists no skills, which give facts and tasks their meaning",
+    "list the folders of skills under `skills`",
+)
+
 
 def check_tasks(
     document: SourceDocument, tasks: Sequence[ExpectedTask], skills: Sequence[str], objects: Sequence[str]
@@ -178,8 +183,10 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     problems = [*robot_reader.problems, *problems, *cell.problems]
     if problems:
         raise InputError(*problems)
+    if not skills and (file.state or file.tasks):
+        raise document.error("no-skills", ("skills",), *_NO_SKILLS)
     domain = merge_domains([skill.domain for skill in skills.values()]) if skills else None
-    facts, detectors = cell.facts(domain), cell.detectors(cameras, robot.markers, objects)
+    facts, detectors = cell.facts(domain) if domain else {}, cell.detectors(cameras, robot.markers, objects)
     problems += cell.problems
     for skill in skills.values():
         problems += check_skill(skill, robot_reader.links, list(objects), list(file.detectors))

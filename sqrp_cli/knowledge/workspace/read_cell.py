@@ -100,11 +100,8 @@ class CellReader(EntryReader):
             found[name] = self._sized(name, stands, parts)
         return found
 
-    def facts(self, domain: Domain | None) -> dict[Atom, int]:
-        """The facts of `state`, each with its place in the list from 0.
-
-        They are checked against the common domain of the skills (None: there are no skills).
-        """
+    def facts(self, domain: Domain) -> dict[Atom, int]:
+        """The facts of `state`, each with its place in the list from 0, checked against the skills' common domain."""
         facts: dict[Atom, int] = {}
         for index, text in enumerate(self.file.state):
             fact = self._fact(("state", index), text, domain)
@@ -264,15 +261,15 @@ class CellReader(EntryReader):
         self._add_mesh(dotted(path), mesh, place)
         return mesh_of(mesh, scale)
 
-    def _fact(self, path: KeyPath, text: str, domain: Domain | None) -> Atom | None:
+    def _fact(self, path: KeyPath, text: str, domain: Domain) -> Atom | None:
         match = _FACT.fullmatch(text)
         if match is None:
             self._report("wrong-fact", path, f"found `{text}`, expected a fact such as `hand_empty` or `on(g1, table)`")
             return None
         predicate = match[1].lower()
         arguments = tuple(word.strip() for word in match[2].split(",")) if match[2] else ()
-        signatures = domain.predicates if domain is not None else {}
-        if domain is None or predicate not in signatures:
+        signatures = domain.predicates
+        if predicate not in signatures:
             message = f"found `{match[1]}`, which is no predicate of a skill; {expected_names(predicate, signatures)}"
             self._report("unknown-predicate", path, message)
             return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem, bad_input
@@ -70,11 +71,20 @@ def workspace_file(path: Path) -> Path:
             folder = folder.parent
         wanted = given.relative_to(folder).parts[0]
         rest = given.relative_to(folder / wanted)
-        close = nearest_entry(folder / wanted, lambda entry: _is_workspace(entry / rest))
+        close = _deeper(folder, wanted / rest)
+        close = close or nearest_entry(folder / wanted, lambda entry: _is_workspace(entry / rest))
         hint = f"; there is no folder {folder / wanted}" if rest.parts else ""
         hint = f"; did you mean `{folder / close}`?" if close else hint
         raise bad_input("missing-file", f"{NOT_THERE}{hint}", Place(given))
     return path
+
+
+def _deeper(folder: Path, wanted: Path) -> str | None:
+    """The workspace that a path means from a folder within one, such as `workspaces/tabletop` for `tabletop`."""
+    with suppress(OSError):  # folders that may not be read
+        below = (entry.name / wanted for entry in sorted(folder.iterdir()))
+        return next((str(path) for path in below if _is_workspace(folder / path)), None)
+    return None
 
 
 def _is_workspace(path: Path) -> bool:

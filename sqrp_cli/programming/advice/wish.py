@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from sqrp_cli.errors import InputError, bad_option, expected_names
-from sqrp_cli.knowledge.text.units import SHARE, TIME, expected_quantity, read_quantity
+from sqrp_cli.knowledge.text.units import SHARE, TIME, read_quantity
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask
 from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.quality import Qualities, falls_short
@@ -117,7 +117,8 @@ def read_wish(text: str) -> Wish:
         dimension = SHARE if name.lower() in QUALITIES else TIME
         quantity = read_quantity(value.strip())
         if quantity is None or quantity.dimension not in (None, dimension) or quantity.value < 0:
-            raise _refused(text, f"expected {expected_quantity(dimension)} after `{name}`")
+            example = "100 %" if dimension is SHARE else "20 s"
+            raise _refused(text, f"expected {dimension.name} after `{name}`, such as `{name} {example}`")
         if dimension is SHARE and quantity.value > 1:
             raise _refused(text, f"`{name}` is at most 100 %, which is 1 without a unit")
         if dimension is TIME and quantity.value == 0:

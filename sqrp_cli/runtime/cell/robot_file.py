@@ -13,7 +13,7 @@ import yaml
 from pydantic import AfterValidator, Field
 from pydantic_core import PydanticCustomError
 
-from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names
 from sqrp_cli.knowledge.text.entries import Angle, Distance, Entry, In, Name, Number, Share, Stored, Text, Time
 from sqrp_cli.knowledge.text.input_file import missing_file
 from sqrp_cli.knowledge.text.source import SourceDocument, describe
@@ -26,6 +26,9 @@ from sqrp_cli.program.record import Program
 TransportName = Literal["dds", "rclpy", "ros1"]
 ToolType = Literal["std_msgs/msg/Bool", "std_msgs/msg/Float64", "std_msgs/msg/Float64MultiArray"]
 ImageType = Literal["sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"]
+
+_OTHER_FILES = {"sqrp_program": "a program", "skills": "a workspace"}
+"""Files that are taken for this one, by a key that only they have."""
 
 _TOPIC = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z0-9_]+)*")
 
@@ -159,6 +162,10 @@ def read_robot_file(path: Path, workspace: Workspace, program: Program) -> Robot
     if not path.is_file():
         raise InputError(missing_file(path))
     document = read_yaml(path)
+    other = next((what for key, what in _OTHER_FILES.items() if key in document.data), None)
+    if other is not None:
+        message = f"this is {other}, expected a file that says how to reach a robot"
+        raise bad_input("wrong-type", message, Place(path), mend="see what it holds: sqrp schema robot")
     file = validate(document, RobotFile)
     problems = [*_camera_problems(file, workspace, document), *_joint_problems(file, workspace, program, document)]
     actions = {p.action for step in program.steps for p in step.primitives}

@@ -175,6 +175,8 @@ def test_objects_may_be_named_with_words_that_yaml_1_1_takes_for_booleans(damage
         ("nosuch", ["such/workspace.yaml"], "such"),
         ("tabeltop", ["tabletop.sh", "tabletop.yaml"], "tabletop.yaml"),
         ("tabeltop.yaml", ["tray.yaml", "bin.yaml"], None),
+        ("tabletop", ["cells/tabletop/workspace.yaml", "tableto/workspace.yaml"], "cells/tabletop"),
+        ("left.yaml", ["cells/left.yaml"], "cells/left.yaml"),
         ("cels/left", ["cells/readme.md", "cell/left/workspace.yaml"], "cell"),
     ],
 )
