@@ -126,7 +126,7 @@ def event_in_words(event: events.Event) -> str | None:
 
 def print_run(workspace: str, report: RunReport) -> None:
     """The outcome of a run: what was done, the faults, and whether predictions came true."""
-    what = "; ".join(step.label for step in report.steps)
+    what = "; ".join(report.labels)
     tries = sum(step.attempts - 1 for step in report.steps)
     after = f" after {tries} {'retry' if tries == 1 else 'retries'}" if tries else ""
     if report.outcome == "done":

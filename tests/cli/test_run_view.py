@@ -62,6 +62,11 @@ def test_a_fault_that_no_image_shows_is_not_left_untold_where_the_run_is_done(
     assert "would not be noticed" not in shown
 
 
+def test_a_dry_run_that_stops_says_what_it_was(capsys: pytest.CaptureFixture[str]) -> None:
+    print_run("cell", RunReport("stopped", "wrong start: `at(b)` is false", 0.4))
+    assert capsys.readouterr().out.startswith("a look at the start in cell: stopped at 0.40 s\n")
+
+
 def test_faults_of_cameras_name_them(capsys: pytest.CaptureFixture[str]) -> None:
     seen = FaultRecord("camera-loss", 1.05, detected=1.17, acted=1.17, camera="cam2")
     other = FaultRecord("camera-loss", 1.05, camera="cam3")

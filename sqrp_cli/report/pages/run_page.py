@@ -68,7 +68,7 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
     """Write the page about a run. arguments: of the command. Raises InputError where it cannot be written."""
     from sqrp_cli.programming.cell import Cell
 
-    names = [step.label for step in report.steps]
+    names = report.labels
     track = Track.of(events)
     why_flat = cell.why_flat if track is not None else "this log does not say where everything was"
     scenes = [] if cell.workspace is None or track is None else [cell_scene(Cell.load(cell.workspace))]

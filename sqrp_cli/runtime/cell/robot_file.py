@@ -27,6 +27,8 @@ TransportName = Literal["dds", "rclpy", "ros1"]
 ToolType = Literal["std_msgs/msg/Bool", "std_msgs/msg/Float64", "std_msgs/msg/Float64MultiArray"]
 ImageType = Literal["sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"]
 
+_SLOWER = "if computers are busy, let the time of the simulated cell pass more slowly: sqrp cell --pace 0.1"
+
 _OTHER_FILES = {"sqrp_program": "a program", "skills": "a workspace"}
 """Files that are taken for this one, by a key that only they have."""
 
@@ -151,6 +153,11 @@ class RobotFile(Entry):
         if self.transport == "ros1":
             return f"at the master {self.master or 'of ROS_MASTER_URI'}"
         return f"in domain {self.domain}" + (f" on {self.network}" if self.network else "")
+
+    @property
+    def mend_of_lateness(self) -> str:
+        """What helps, in parentheses, where messages come late by the clock of a simulated cell; empty for others."""
+        return f" ({_SLOWER})" if self.use_sim_time else ""
 
     def joint_names(self, program: Program) -> dict[str, str]:
         """The joints that are moved, in order: by name in the program, their names in messages."""

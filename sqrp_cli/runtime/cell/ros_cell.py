@@ -251,7 +251,11 @@ class RosCell:
                 self._followed = _Followed(self.t, self._followed.ns)
             jumped = far or (self.file.use_sim_time and silent > AHEAD and paused < PAUSE)
             why = "this computer was too busy to send the next part of the motion for"
-            self._end(f"`/clock` jumped ahead by {silent:.1f} s" if jumped else f"{why} {silent:.1f} s")
+            self._end(
+                f"`/clock` jumped ahead by {silent:.1f} s"
+                if jumped
+                else f"{why} {silent:.1f} s{self.file.mend_of_lateness}"
+            )
 
     def _end(self, why: str) -> None:
         """Send no motion any more."""
@@ -368,8 +372,8 @@ class RosCell:
         if waited(self.joints.came) > JOINTS_OVERDUE:
             return Stopped(f"the joint states are lost: none on {topic} for {waited(self.joints.came):.2f} s")
         if waited(self.joints.newest) > JOINTS_OVERDUE:
-            old = waited(self.joints.newest)
-            return Stopped(f"the joint states on {topic} come too late: the newest are {old:.2f} s old")
+            old, mend = waited(self.joints.newest), self.file.mend_of_lateness
+            return Stopped(f"the joint states on {topic} come too late: the newest are {old:.2f} s old{mend}")
         if reference is None:
             return None
         then, changed = self.joints.newest, self.joints.changed

@@ -78,10 +78,12 @@ class _ReceivedStream:
 class ReceivedStreams(Streams):
     """The images of real cameras."""
 
-    def __init__(self, cameras: Mapping[str, Camera], detectors: DetectorPool, clock: Callable[[], float]) -> None:
-        """clock: of the cell [s]."""
+    def __init__(
+        self, cameras: Mapping[str, Camera], detectors: DetectorPool, clock: Callable[[], float], mend: str = ""
+    ) -> None:
+        """clock: of the cell [s]. mend: what reasons say after images that are late, or that are looked at too late."""
         super().__init__(cameras, detectors)
-        self._clock = clock
+        self._clock, self._mend = clock, mend
         self._streams = {name: _ReceivedStream(camera) for name, camera in cameras.items()}
         self._looked = 0.0
         self._pauses = Pauses()
@@ -174,4 +176,4 @@ class ReceivedStreams(Streams):
         lost = {one.camera.name: t - one.newest for one in old if waited(one.came) > 1.0 / one.camera.rate}
         late = {one.camera.name: t - one.newest for one in old}
         slow = {one.camera.name: t - one.seen for one in streams if t > one.seen + one.patience + LOOKING_SLACK}
-        return lost_streams(lost, late, slow)
+        return lost_streams(lost, late, slow, mend=self._mend)

@@ -200,6 +200,11 @@ class RunReport(_Recorded):
     stop_done: float | None = None
     """When it stood after that [s]."""
 
+    @property
+    def labels(self) -> list[str]:
+        """For titles: what the steps do; of a dry run, which begins none, that it looks."""
+        return [step.label for step in self.steps] or ["a look at the start"]
+
     def label_of(self, fault: FaultRecord) -> str:
         """For display: a fault's label, with the number of its step if there are several."""
         first = next((t for t in (fault.injected, fault.happened, fault.detected) if t is not None), 0.0)

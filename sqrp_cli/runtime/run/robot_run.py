@@ -47,7 +47,9 @@ class ConnectedRobot:
         replanner = replanner if self.speed == 1.0 else SlowedReplanner(replanner, self.speed)
         body = RobotBody.load(self.workspace.robot)
         with DetectorPool(CellModel.of(self.workspace, body)) as detectors:
-            streams = ReceivedStreams(self.workspace.cameras, detectors, lambda: self.cell.t)
+            streams = ReceivedStreams(
+                self.workspace.cameras, detectors, lambda: self.cell.t, self.cell.file.mend_of_lateness
+            )
             workcell = Workcell(self.workspace, body, self.cell, streams, PlannedTruth(), _nothing)
             run = Run(self.program, workcell, replanner, (), recording)
             detectors.watch(DetectionTargets({}, {}, {}))

@@ -429,6 +429,21 @@ def test_a_malformed_message_takes_none_after_it_along() -> None:
     assert inbox.take() == []
 
 
+@pytest.mark.parametrize(("key", "what"), [("sqrp_program: 1", "a program"), ("skills: [pickup]", "a workspace")])
+def test_another_file_is_called_what_it_is(tmp_path: Path, key: str, what: str) -> None:
+    path = tmp_path / "other.yaml"
+    path.write_text(f"{key}\nsteps: []\ncameras: {{}}\n")
+    with pytest.raises(InputError) as caught:
+        read_robot_file(path, WORKSPACE, SimpleNamespace(joints=(), steps=()))
+    (problem,) = caught.value.problems
+    assert problem.message == f"this is {what}, expected a file that says how to reach a robot"
+
+
+def test_only_a_simulated_cell_may_be_slower() -> None:
+    assert RobotFile.model_validate({**FILE, "use_sim_time": True}).mend_of_lateness == SLOWER
+    assert not RobotFile.model_validate({**FILE, "use_sim_time": False}).mend_of_lateness
+
+
 def test_a_file_that_does_not_fit_says_everything_that_is_wrong(tmp_path: Path) -> None:
     path = tmp_path / "robot.yaml"
     path.write_text(
@@ -477,11 +492,14 @@ def trajectories(wire: Wire) -> list[Message]:
     return [message for name, message in wire.sent if name == "/arm/joint_trajectory"]
 
 
+SLOWER = " (if computers are busy, let the time of the simulated cell pass more slowly: sqrp cell --pace 0.1)"
+
+
 @pytest.mark.parametrize(
     ("least", "pause", "reason"),
     [
-        (0.1, 0.5, "this computer was too busy to send the next part of the motion for 0.5 s"),
-        (0.1, 1.3, "this computer was too busy to send the next part of the motion for 1.3 s"),
+        (0.1, 0.5, f"this computer was too busy to send the next part of the motion for 0.5 s{SLOWER}"),
+        (0.1, 1.3, f"this computer was too busy to send the next part of the motion for 1.3 s{SLOWER}"),
         (99.0, 1.3, "`/clock` jumped ahead by 1.3 s"),
     ],
 )

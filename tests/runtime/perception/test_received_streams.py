@@ -42,12 +42,17 @@ class Cameras:
     """Two cameras out of step that send images for a while; they are looked for in steps of 5 ms [s]."""
 
     def __init__(
-        self, takes: float = 0.01, late: dict[str, float] | None = None, lost=lambda _name, _t: False, step=0.005
+        self,
+        takes: float = 0.01,
+        late: dict[str, float] | None = None,
+        lost=lambda _name, _t: False,
+        step=0.005,
+        mend: str = "",
     ) -> None:
         self.step = step
         self.lookers = Lookers(takes)
         known = {name: SimpleNamespace(name=name, rate=RATE, latency=LATENCY) for name in ("cam1", "cam2")}
-        self.streams = ReceivedStreams(known, self.lookers, lambda: self.lookers.now)
+        self.streams = ReceivedStreams(known, self.lookers, lambda: self.lookers.now, mend)
         self.late, self.lost, self.seen, self.settled = late or {}, lost, [], []
         self.due = sorted(
             (k / RATE + phase + LATENCY, k / RATE + phase, name)
@@ -100,6 +105,16 @@ def test_images_that_come_late_are_told_from_those_that_do_not_come() -> None:
     found = Cameras(late={"cam1": 0.3}).until(9.0)
     assert found is not None
     assert (found[1].fault, list(found[1].cameras)) == ("latency", ["cam1"])
+
+
+@pytest.mark.parametrize(
+    ("failing", "said"),
+    [({"late": {"cam1": 0.3}}, True), ({"takes": 0.45}, True), ({"lost": lambda _name, t: t >= 2.0}, False)],
+)
+def test_what_helps_against_late_images_is_said_of_those_alone(failing: dict, said: bool) -> None:
+    found = Cameras(**failing, mend=" (slower)").until(9.0)
+    assert found is not None
+    assert str(found[1]).endswith(" (slower)") is said
 
 
 def test_a_computer_that_looks_too_slowly_says_so_and_keeps_few_images() -> None:
