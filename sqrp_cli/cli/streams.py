@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import io
 import os
 import select
@@ -49,8 +50,22 @@ def _writable(stream: TextIO | None, *, results: bool) -> TextIO:
         buffer = io.BufferedWriter(_Output(descriptor, results=results))
         lines, at_once = stream.line_buffering, stream.write_through
         stream = io.TextIOWrapper(buffer, stream.encoding, line_buffering=lines, write_through=at_once)
-    stream.reconfigure(errors="replace")  # whatever a terminal or pipe does not know becomes `?`
+    codecs.register_error("look-alike", _look_alike)
+    stream.reconfigure(errors="look-alike")
     return stream
+
+
+_LOOK_ALIKES = {
+    **dict.fromkeys("█▉▊▋▌", "#"), **dict.fromkeys("▍▎▏", " "), **dict.fromkeys("━─╸╺", "-"),
+    "·": ".", "…": ".", "◆": "*", "–": "-", "→": ">", "±": "~",
+}  # fmt: skip
+"""What stands for signs of charts and tables where a terminal or pipe knows ASCII alone; each is as wide."""
+
+
+def _look_alike(error: UnicodeError) -> tuple[str, int]:
+    """Signs that an encoding knows for those that it does not: `?` where nothing looks like it."""
+    assert isinstance(error, UnicodeEncodeError)  # noqa: S101 - only output comes here
+    return "".join(_LOOK_ALIKES.get(sign, "?") for sign in error.object[error.start : error.end]), error.end
 
 
 class _Output(io.FileIO):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import errno
 import fcntl
 import json
@@ -16,7 +17,11 @@ from typing import Any
 
 import pytest
 
+import sqrp_cli
+from sqrp_cli.cli.streams import _LOOK_ALIKES
 from sqrp_cli.shown import shown_name
+
+PACKAGE = Path(sqrp_cli.__file__).parent
 
 SQRP = [sys.executable, "-m", "sqrp_cli"]
 REASONS = {">&-": "Bad file descriptor", ">/dev/full": "No space left on device"}
@@ -97,6 +102,28 @@ def test_names_of_any_bytes_are_shown_by_any_encoding(watch: Path, tmp_path: Pat
     assert missing.returncode == 2
     assert b"no such file or folder" in missing.stderr
     assert missing.stderr.count(b"\n") == 1
+
+
+def test_signs_of_charts_and_tables_have_look_alikes_in_ascii(watch: Path) -> None:
+    command = ["explain", str(watch), "watch seen"]
+    usual, plain = redirected(command, ""), redirected(command, "", PYTHONIOENCODING="ascii")
+    chart, signs = plain.stdout.decode("ascii"), usual.stdout.decode()
+    assert "?" not in chart
+    assert [len(line) for line in chart.splitlines()] == [len(line) for line in signs.splitlines()]
+    assert ("█" in signs, "#" in chart) == (True, True)
+
+
+def test_every_sign_of_the_terminal_has_a_look_alike() -> None:
+    files = [*(PACKAGE / "terminal").glob("*.py"), *(PACKAGE / "cli").rglob("*.py")]
+    texts = [
+        node.value
+        for file in files
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    ]
+    signs = {sign for text in texts for sign in text if sign.isprintable() and not sign.isascii()}
+    assert "█" in signs
+    assert signs <= set(_LOOK_ALIKES)
 
 
 def test_a_run_in_a_folder_of_any_name_keeps_its_log(sqrp: Callable[..., Any], watch: Path, tmp_path: Path) -> None:
