@@ -72,6 +72,8 @@ class TaskAdvice(Answer[AdviceDocument]):
     """What has to be done before, where the precondition does not hold."""
     interrupted: bool = False
     """Whether some are missing because of Ctrl-C."""
+    written: bool = False
+    """Whether one of them was written to a file."""
 
     @property
     def advice(self) -> tuple[Advice, ...]:
@@ -171,7 +173,8 @@ class TaskAdvice(Answer[AdviceDocument]):
         """Print what `sqrp advise` prints."""
         from sqrp_cli.terminal.search_tables import print_advice
 
-        print_advice(self.document, self.wish, fixed=self.session.assignment.wanted.fastest)
+        fixed = self.session.assignment.wanted.fastest
+        print_advice(self.document, self.wish, fixed=fixed, written=self.written)
 
     @cached_property
     def _file(self) -> SourceDocument:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,11 +17,10 @@ from sqrp_cli.errors import InputError, Problem
 
 if TYPE_CHECKING:
     from sqrp_cli.report.documents.scene import FirstRun, InitDocument
+    from sqrp_cli.runtime.record.events import Event
+    from sqrp_cli.scoring.scorecard import Progress
     from sqrp_cli.starter.make import Starter
     from sqrp_cli.starter.random_cell import Crowd
-
-Progress = Callable[[str, None], AbstractContextManager[object]]
-"""Shows what is being done, while it is."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -90,6 +88,7 @@ def new_cell(
     """
     from sqrp_cli.starter.description import OwnRobot
     from sqrp_cli.starter.make import make_starter
+    from sqrp_cli.starter.stands import MOST_STANDS
 
     check_crowd(crowd)
     check_progress(progress)
@@ -98,8 +97,8 @@ def new_cell(
     folder, arm, config = checked_path(folder, "folder"), optional_path(urdf, "urdf"), optional_path(moveit, "moveit")
     roots = tuple(checked_path(root, "package_roots") for root in package_roots)
     own = OwnRobot(None if arm is None else str(urdf), dict(arguments or {}), roots, config)
-    with progress("Looking for what the arm can reach", None):
-        made = make_starter(folder, own if arm is not None or config is not None else None, crowd, tip)
+    with progress("Looking for what the arm can reach", MOST_STANDS) as advance:
+        made = make_starter(folder, own if arm is not None or config is not None else None, crowd, tip, advance)
     tried = first_run(made.folder, made.task, progress) if run and made.task is not None else None
     return NewCell(made, folder, own_arm=arm is not None or config is not None, run=tried)
 
@@ -116,14 +115,22 @@ def first_run(folder: Path, task: str, progress: Progress = silent) -> FirstRun 
         check_simulator()
     except InputError:
         return None
-    with progress(f"Ranking {task}", None):
-        ranking = open_cell(folder).rank(task)
+    ranking = open_cell(folder).rank(task, progress=progress)
     if ranking.best is None:
         return None
-    with progress("Running the best candidate in the simulated cell", None), TemporaryDirectory(dir=folder) as drafts:
-        program = Path(drafts) / "first.yaml"
+    seconds = max(1, int(ranking.best.time or 0.0))
+    title = "Running the task in the simulated cell [s] (--no-run: not)"
+    with progress(title, seconds) as advance, TemporaryDirectory(dir=folder) as drafts:
+        program, passed = Path(drafts) / "first.yaml", 0
+
+        def count(event: Event) -> None:
+            nonlocal passed
+            now = min(int(event.t), seconds)
+            advance(now - passed)
+            passed = now
+
         ranking.write(program)
-        report = open_program(program).run(witnessed=False).report
+        report = open_program(program).run(witnessed=False, listeners=[count]).report
     promised = report.total.tp + report.total.fp
     return FirstRun(
         outcome=report.outcome, reason=report.reason, time=report.time, promised=promised, seen=report.total.tp

@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, permutations
 from pathlib import Path
@@ -66,13 +66,18 @@ class Starter:
 
 
 def make_starter(
-    folder: Path, robot: OwnRobot | str | None, crowd: Crowd | None = None, tip: str | None = None
+    folder: Path,
+    robot: OwnRobot | str | None,
+    crowd: Crowd | None = None,
+    tip: str | None = None,
+    advance: Callable[[int], object] = int,
 ) -> Starter:
     """Make a workspace in a folder that does not exist or is empty.
 
     robot: the user's arm, or just its URDF, a path or `package://...`; None for a shipped arm.
     crowd: random contents, in place of the few cubes and cameras of a first workspace. tip: the link at the end of the
-    arm, of a robot that has several; None to guess.
+    arm, of a robot that has several; None to guess. advance: called with 1 for each of at most `MOST_STANDS` that was
+    tried.
     Raises InputError, and writes nothing, if the folder cannot be made or the robot cannot be used.
     """
     _check_free(folder)
@@ -83,7 +88,7 @@ def make_starter(
             _copy_shipped(draft, own_arm=robot is None)
             own = robot if isinstance(robot, OwnRobot) else OwnRobot(robot or str(draft / OWN_ARM))
             description = describe_robot(own, draft)
-            layout, warnings = _fill(draft, description, tip, guessed=robot is not None)
+            layout, warnings = _fill(draft, description, tip, advance, guessed=robot is not None)
             if crowd is not None and layout.cubes:
                 layout = _with_crowd(draft, layout, crowd)
             _move(draft, folder)
@@ -145,11 +150,11 @@ def _move(draft: Path, folder: Path) -> None:
 
 
 def _fill(
-    draft: Path, description: Description, tip: str | None, *, guessed: bool
+    draft: Path, description: Description, tip: str | None, advance: Callable[[int], object], *, guessed: bool
 ) -> tuple[Layout, tuple[Problem, ...]]:
     """Determine the contents of the workspace file step by step, and write it."""
     arm = guess_arm(description.urdf, tip or description.tip)
-    tried = _tried(draft, _bare_layout(description, arm, guessed=guessed), arm)
+    tried = _tried(draft, _bare_layout(description, arm, guessed=guessed), arm, advance)
     best = max(tried, key=lambda trial: len(trial.layout.cubes)).layout  # the first of equals: the least lifted
     best = _told_apart(draft, _with_named_home(draft, best, description))
     _write(draft, best)
@@ -173,7 +178,7 @@ def _bare_layout(description: Description, arm: ArmGuess, *, guessed: bool) -> L
     )
 
 
-def _tried(draft: Path, layout: Layout, arm: ArmGuess) -> list[_Trial]:
+def _tried(draft: Path, layout: Layout, arm: ArmGuess, advance: Callable[[int], object]) -> list[_Trial]:
     """What the arm can do with a tool from one stand after the other, until there is enough."""
     bare = _load(draft, layout)
     layout = replace(layout, X_LT=search.tool_seat(bare, arm))
@@ -186,6 +191,7 @@ def _tried(draft: Path, layout: Layout, arm: ArmGuess) -> list[_Trial]:
     tried: list[_Trial] = []
     for stand in chain(on_table(floor, reach, side), before_table(seated, reach, down)):
         tried.append(_with_work(draft, layout, reach, stand, down))
+        advance(1)
         if len(tried[-1].layout.cubes) == len(search.COLORS):
             break
     return tried

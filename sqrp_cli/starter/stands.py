@@ -29,6 +29,9 @@ GAP = 0.05
 MOST_BEFORE = 3
 """Tables before the arm that are tried, those first that most of the tool's places are above."""
 
+MOST_STANDS = len(LIFTS) + MOST_BEFORE
+"""Heights and places of the table that are tried at most."""
+
 PLACES = 1024
 """Positions of the joints from which places are searched where the tool points down."""
 

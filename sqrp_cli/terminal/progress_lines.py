@@ -61,8 +61,9 @@ def progress_lines(title: str, total: int | None, write: Callable[[str], None]) 
         while not ended.wait(min(pause, threading.TIMEOUT_MAX)):
             passed = time.monotonic() - began
             parts = f" {done} of {total}" if total else ""
+            left = f", about {passed * (total - done) / done:.0f} s left" if total and done else ""
             try:
-                write(f"{title}:{parts} after {passed:.0f} s")
+                write(f"{title}:{parts} after {passed:.0f} s{left}")
             except (OSError, ValueError):  # nobody reads any more
                 return
             pause = max(PERIOD, SLOWER * passed)

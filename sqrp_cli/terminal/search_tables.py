@@ -26,10 +26,10 @@ from sqrp_cli.terminal.progress_lines import PERIOD, wanted
 _FIGURES = ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nat worst", "up to")
 
 
-def print_advice(found: advice.AdviceDocument, wish: Wish, *, fixed: bool) -> None:
+def print_advice(found: advice.AdviceDocument, wish: Wish, *, fixed: bool, written: bool = False) -> None:
     """The table with a row for each change that meets the wish, why other kinds do not, and what to do.
 
-    fixed: whether the motion stays as it is with `--ways fastest`.
+    fixed: whether the motion stays as it is with `--ways fastest`. written: whether a change was written to a file.
     """
     say(joined([(found.task, "bold"), f" in {found.workspace}: {found.candidate} is to have {wish}\n"]))
     as_it_is = "As it moves with --ways fastest" if fixed else "In its best way, as rank takes it"
@@ -53,10 +53,10 @@ def print_advice(found: advice.AdviceDocument, wish: Wish, *, fixed: bool) -> No
         for outcome in outcomes:
             _print_nearest(outcome)
     say()
-    _conclude(found, fixed=fixed)
+    _conclude(found, fixed=fixed, written=written)
 
 
-def _conclude(found: advice.AdviceDocument, *, fixed: bool) -> None:
+def _conclude(found: advice.AdviceDocument, *, fixed: bool, written: bool) -> None:
     """One sentence that says what to do."""
     if found.interrupted:
         say("Interrupted before all kinds were searched.")
@@ -70,7 +70,7 @@ def _conclude(found: advice.AdviceDocument, *, fixed: bool) -> None:
     cost = "what it costs is said above" if one.worse else f"no task gets worse{judged}"
     words = one.words
     say(f"{words[0].upper()}{words[1:]}: {found.candidate} then has {_figures(one)}, and {cost}.")
-    if one.patch:
+    if one.patch and not written:
         say_command("To have it, add", f"--apply {number}")
     elif one.unwritten:
         say(f"No patch: {one.unwritten}.")

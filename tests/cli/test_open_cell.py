@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -164,18 +164,24 @@ def test_a_prompt_shows_an_answer_as_one_short_line(cell, scores):
 
 
 def test_a_new_cell_is_that_of_init_and_can_be_opened(sqrp, started, tmp_path):
-    steps, (folder, outcome) = [], started
+    steps, (folder, outcome) = {}, started
 
     @contextmanager
-    def progress(title: str, _total: None) -> Iterator[None]:
-        steps.append(title)
-        yield
+    def progress(title: str, total: int) -> Iterator[Callable[[int], None]]:
+        done = []
+        yield done.append
+        steps[title] = (sum(done), total)
 
     made = new_cell(tmp_path / "one", run=True, progress=progress)
     looking, ranking, running = steps
     assert looking.startswith("Looking for")
-    assert ranking == f"Ranking {made.document.task}"
+    assert ranking == f"Assessing {made.document.task}"
     assert running.startswith("Running")
+    assert "--no-run" in running
+    assert steps[looking] == (1, 7)  # of four heights and three places of the table, the first was enough
+    ranked = open_cell(made.path).rank(made.document.task)
+    assert steps[ranking] == (len(ranked.document.candidates),) * 2
+    assert steps[running] == (int(ranked.best.time),) * 2
     assert str(made).replace("/one", "/two") == printed(sqrp, "init", tmp_path / "two")
     assert repr(made) == f"NewCell({tmp_path / 'one'}: {made.document.task})"
     assert made.to_json().replace(str(tmp_path / "one"), str(folder)) == outcome.out.rstrip("\n")

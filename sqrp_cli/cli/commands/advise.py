@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -101,10 +102,11 @@ def command(
 
         write = partial(write_advice, found.shown)
         interrupted = not page_is_written(report, write, context.obj, job_count(jobs))
+    message = ""
     try:
         message = "" if interrupted else _write(found, apply, patch)
     finally:  # the search took long, and says which change can be written
-        answer(found, as_json=as_json)
+        answer(replace(found, written=bool(message)), as_json=as_json)
     if message:
         note(message)
     if interrupted:
