@@ -25,7 +25,7 @@ from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.programming.advice.advise import Adviser, Kept
 from sqrp_cli.programming.advice.aiming import Aim
 from sqrp_cli.programming.advice.change import KINDS, Advice, Kind, Miss, ProposedChange
-from sqrp_cli.programming.advice.question import Effects, Question, TaskWays
+from sqrp_cli.programming.advice.question import Effects, Question, TaskWays, is_fastest
 from sqrp_cli.programming.advice.wish import Wish, read_wish, wish_of
 from sqrp_cli.programming.candidate import THEN
 from sqrp_cli.programming.coverage.assessment import Assessment
@@ -65,7 +65,9 @@ class TaskAdvice(Answer[AdviceDocument]):
     way: Candidate
     """That changes of objects and cameras start from."""
     before: Assessment
-    """Without any change: in the way in which `rank` takes it, with the same `--ways`."""
+    """Without any change, as `--ways fastest` has it; in its best way if that misses the wish alone."""
+    best: Assessment
+    """Without any change, in the way that `rank` and `score` take."""
     answers: Sequence[tuple[Advice, ...] | Miss]
     """Of each kind that was searched."""
     first: str = ""
@@ -118,6 +120,7 @@ class TaskAdvice(Answer[AdviceDocument]):
             way=self.way.parameters,
             met=self.met,
             before=AdvisedFigures.of(self.before),
+            best=AdvisedFigures.of(self.best) if self.wish.met(self.best) else None,
             advice=tuple(found),
             kinds=tuple(self._outcome(answer) for answer in self.answers),
             nearest=None if found or nearest is None else nearest_of(nearest, self.wish),
@@ -174,7 +177,8 @@ class TaskAdvice(Answer[AdviceDocument]):
         from sqrp_cli.terminal.search_tables import print_advice
 
         fixed = self.session.assignment.wanted.fastest
-        print_advice(self.document, self.wish, fixed=fixed, written=self.written)
+        fastest = is_fastest(self.before)
+        print_advice(self.document, self.wish, fastest=fastest, fixed=fixed, written=self.written)
 
     @cached_property
     def _file(self) -> SourceDocument:
@@ -277,7 +281,14 @@ def find_advice(
         question = _question(session, wish, choose, kinds, jobs, progress)
         adviser, best = Adviser(question), question.best
         found = TaskAdvice(
-            session=session, path=path, content=content, wish=wish, way=adviser.way, before=best, answers=()
+            session=session,
+            path=path,
+            content=content,
+            wish=wish,
+            way=adviser.way,
+            before=adviser.before,
+            best=best,
+            answers=(),
         )
         if found.met:
             return found
@@ -315,6 +326,7 @@ def _question(
         cell=cell,
         world=world,
         sampling=sampling,
+        fastest=first_grip(best.candidate),
         best=best,
         assessments=assessments,
         wish=wish,

@@ -141,8 +141,8 @@ class OpenCell:
         by: what counts first. sampling: of the motions, adaptive by default. calibration: accuracy of the camera poses,
         to compute its effect. certify: bounds of the camera poses, to prove what holds within them, with adaptive
         sampling only. after: a program; the task starts where it ends. ways: `best` of all, or `fastest`: each
-        candidate with its fastest branch, untouched by what cameras see. max_time: of a way, such as `20 s`, or `1.25x`
-        the time of the candidate's fastest way.
+        candidate with its fastest branch and the first yaw and side, seen or not. max_time: of a way, such as `20 s`,
+        or `1.25x` the time of the fastest of all ways of the candidate.
         """
         from sqrp_cli.api.session import assess
         from sqrp_cli.programming.ranking import rank
@@ -222,8 +222,8 @@ class OpenCell:
 
         want: a wish such as `q_eoi 100 %, time 20 s`, by default the thresholds of the task in the workspace, else
         Q_eoi 100 %. choose: the candidate's name, or `best` for the first in the ranking. kinds: what may change; by
-        default cells only where no other motion is enough. ways: `fastest` leaves the motion as it is. out: folder in
-        which the answer of each kind is kept; those there are used.
+        default cells only where no other motion is enough. ways: `fastest` leaves the motion as `rank` has it with
+        that. out: folder in which the answer of each kind is kept; those there are used.
         """
         from sqrp_cli.api.advice import find_advice
         from sqrp_cli.programming.advice.change import read_kinds

@@ -59,7 +59,7 @@ class PlaceRequest:
     budget: float | None = None
     """Most that the cameras may cost."""
     ways: WaysOption = "best"
-    """best: ways are chosen, too; fastest: each candidate keeps its fastest one."""
+    """best: ways are chosen, too; fastest: each candidate keeps the fastest branch with its first yaw and side."""
     mounts: Path | None = None
     """The file with mounts and lenses; by default `place.yaml` beside the workspace."""
 

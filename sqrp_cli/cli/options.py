@@ -66,13 +66,15 @@ Ways = Annotated[
     typer.Option(
         "--ways",
         metavar="best|all|fastest",
-        help="Show each candidate by its best way, all that are Pareto-optimal, or take the fastest branch of its "
-        "first grasp, seen or not.",
+        help="Show each candidate by its best way, all that are Pareto-optimal, or take the fastest branch with the "
+        "first yaw and side, seen or not; other yaws and sides may be faster.",
     ),
 ]
 MaxTime = Annotated[
     str | None,
-    typer.Option("--max-time", metavar="T", help="How long a way may take: 20 s, or 1.25x the time of the fastest."),
+    typer.Option(
+        "--max-time", metavar="T", help="How long a way may take: 20 s, or 1.25x the time of the fastest of all."
+    ),
 ]
 After = Annotated[
     Path | None,

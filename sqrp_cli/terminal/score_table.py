@@ -93,8 +93,10 @@ def print_difference(findings: Scorecard) -> None:
     ways = [(result, change) for result in findings.results if result.comparison for change in result.comparison.ways]
     say("\nWhat that does:" if ways else "\nNo task gets better or worse.")
     for result, way in ways:
-        mark = ("worse ", "red") if way.worse else ("better", "green")
+        mark = ("better", "green") if not way.worse else ("mixed ", "yellow") if way.better else ("worse ", "red")
         say(joined(["  ", mark, f"  {result.score.task} for {way}"]), indent=10)
+    if ways:
+        say("Compared are the best ways of both versions; what changes by less than --allow is left out.")
     for result in findings.results:
         if result.comparison and result.comparison.verdict == "new":
             say(joined(["  ", ("new   ", "yellow"), f"  {result.score.task}"]), indent=10)

@@ -26,17 +26,25 @@ from sqrp_cli.terminal.progress_lines import PERIOD, wanted
 _FIGURES = ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nat worst", "up to")
 
 
-def print_advice(found: advice.AdviceDocument, wish: Wish, *, fixed: bool, written: bool = False) -> None:
+def print_advice(
+    found: advice.AdviceDocument, wish: Wish, *, fastest: bool, fixed: bool, written: bool = False
+) -> None:
     """The table with a row for each change that meets the wish, why other kinds do not, and what to do.
 
-    fixed: whether the motion stays as it is with `--ways fastest`. written: whether a change was written to a file.
+    fastest: whether the figures of before are those with `--ways fastest`, else of the best way. fixed: whether the
+    motion stays as it is. written: whether a change was written to a file.
     """
     say(joined([(found.task, "bold"), f" in {found.workspace}: {found.candidate} is to have {wish}\n"]))
-    as_it_is = "As it moves with --ways fastest" if fixed else "In its best way, as rank takes it"
+    as_it_is = "As it moves with --ways fastest" if fastest else "In its best way, as rank takes it"
     say(f"{as_it_is}, it has {_figures(found.before)}.")
     if found.met:
         say("\nThat is met already: nothing has to change.")
         return
+    if found.best is not None:
+        say(
+            f"The way that rank and score take meets the wish already, with {_figures(found.best)}; what follows is for "
+            "the motion of --ways fastest, which is planned without a look at the cameras."
+        )
     if found.advice:
         say()
         columns = [*numbers("#"), Column("change", shrink=True), *numbers(*_FIGURES)]

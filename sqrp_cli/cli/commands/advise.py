@@ -39,7 +39,7 @@ Kinds = Annotated[
     ),
 ]
 Ways = Annotated[
-    str, typer.Option("--ways", metavar="best|fastest", help="fastest: the motion stays the fastest one as it is.")
+    str, typer.Option("--ways", metavar="best|fastest", help="fastest: the motion stays as rank --ways fastest has it.")
 ]
 Apply = Annotated[
     int | None,

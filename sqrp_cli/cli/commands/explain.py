@@ -72,7 +72,8 @@ ShownWays = Annotated[
     typer.Option(
         "--ways",
         metavar="[best|all|fastest]",
-        help="Show the other Pareto-optimal ways, too (all; also without a value), or explain the fastest way.",
+        help="Show the other Pareto-optimal ways, too (all; also without a value), or explain that with the fastest "
+        "branch and the first yaw and side.",
     ),
 ]
 

@@ -52,7 +52,9 @@ Keep = Annotated[
 Budget = Annotated[
     float | None, typer.Option("--budget", metavar="PRICE", min=0.0, help="Most that the cameras may cost.")
 ]
-Ways = Annotated[str, typer.Option("--ways", metavar="best|fastest", help="fastest: ways are not chosen, too.")]
+Ways = Annotated[
+    str, typer.Option("--ways", metavar="best|fastest", help="fastest: ways stay as rank --ways fastest has them.")
+]
 Mounts = Annotated[
     Path | None,
     typer.Option("--mounts", metavar="FILE", help="Mounts and lenses; by default place.yaml beside the workspace."),

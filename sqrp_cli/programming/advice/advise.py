@@ -234,11 +234,20 @@ class Adviser:
         """Nothing is computed yet."""
         self.question = question
 
-    @property
+    @cached_property
+    def before(self) -> Assessment:
+        """The candidate without any change, as with `--ways fastest`; in its best way if that misses the wish alone."""
+        question = self.question
+        found = whole_study(question.cell, question.fastest, question.world, question.sampling, full=False)
+        fastest = self._of_candidate(assessed(question.fastest, found))
+        alone = question.wish.met(fastest) and not question.wish.met(question.best)
+        return question.best if alone else fastest
+
+    @cached_property
     def way(self) -> Candidate:
-        """The way that changes of objects and cameras start from; with its branch open where the motion is fixed."""
-        best = self.question.best
-        return best.candidate if self.question.fixed else best.way
+        """The way that changes of objects and cameras start from: the best, unless that meets the wish by itself."""
+        question = self.question
+        return question.fastest if question.fixed or question.wish.met(question.best) else question.best.way
 
     def answers(self, kept: Kept | None = None) -> Iterator[Answer]:
         """For each kind in order its answer; one that is kept is not searched for again."""
@@ -263,13 +272,13 @@ class Adviser:
         found = self._found(kind)
         if not isinstance(found, Miss):
             return self._advice(found)
-        start = self.question.best if kind in MOTION else assessed(self.way, self._study)
+        start = self.before if kind in MOTION else assessed(self.way, self._study)
         return replace(found, nearer=self.question.wish.is_nearer(found.found, start))
 
     def _found(self, kind: Kind) -> Sequence[Found] | Miss:
         match kind:
             case "way" | "path":
-                several = bool(self.question.best.candidate.steps)
+                several = bool(self.question.fastest.steps)
                 motions = MotionsOfSteps(self.question) if several else MotionSearch(self.question)
                 found = motions.other_way() if kind == "way" else motions.seen_path()
                 return found if isinstance(found, Miss) else [found]
@@ -295,8 +304,7 @@ class Adviser:
     @cached_property
     def _unready(self) -> Infeasible | None:
         """What the world lacks, whatever is changed in the cell."""
-        candidate = self.question.best.candidate
-        first = (*candidate.steps, candidate)[0]
+        first = (*self.question.fastest.steps, self.question.fastest)[0]
         return unready_world(self.question.cell, first, self.question.world)
 
     @cached_property
@@ -336,7 +344,7 @@ class Adviser:
         question = self.question
         if change.kind not in MOTION:
             return question.effects.of(change)
-        pairs = ((one, found) if one is question.best else (one, one) for one in question.assessments)
+        pairs = ((self.before, found) if one is question.best else (one, one) for one in question.assessments)
         candidates = tuple(CandidateEffect(before=before, after=after) for before, after in pairs)
         return (EffectOnTask(task=question.task, candidates=candidates),)
 

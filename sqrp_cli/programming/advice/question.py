@@ -18,6 +18,7 @@ from sqrp_cli.programming.coverage.assessment import Assessment, observed_again
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.verdict import HELP, NOTHING_MISSING, verdict
 from sqrp_cli.programming.task import Candidate
+from sqrp_cli.programming.ways.grips import first_grip
 from sqrp_cli.programming.whole_study import WholeStudy, reasons_of_step, whole_study, worst_seen
 
 
@@ -73,6 +74,12 @@ def assessed(way: Candidate, found: WholeStudy | Infeasible) -> Assessment:
     return found.assessment if isinstance(found, WholeStudy) else Assessment.infeasible(way, found.reasons)
 
 
+def is_fastest(found: Assessment) -> bool:
+    """Whether the figures of a candidate are those with `--ways fastest`."""
+    first = first_grip(found.candidate)
+    return found.way.parameters == first.parameters and not found.way.vias
+
+
 def seen_by(cell: Cell, found: WholeStudy, sampling: Sampling, *, full: bool = False) -> WholeStudy:
     """The same motion seen by the cameras of another cell. full: with the verdicts of every camera."""
     steps = (observed_again(cell, one, sampling, full=full) for one in found.steps)
@@ -120,8 +127,10 @@ class Question:
     cell: Cell
     world: World
     sampling: Sampling
+    fastest: Candidate
+    """The candidate as `--ways fastest` has it."""
     best: Assessment
-    """The candidate by its best way; as `--ways fastest` has it where the motion is fixed."""
+    """The candidate by its best way; by the fastest one where the motion is fixed."""
     assessments: Sequence[Assessment]
     """Of all candidates of the task, `best` among them."""
     wish: Wish

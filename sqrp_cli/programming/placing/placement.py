@@ -34,7 +34,7 @@ class PlaceQuestion:
     keep: tuple[str, ...] = ()
     """Cameras of the workspace that stay."""
     fastest: bool = False
-    """Whether candidates keep their fastest ways, or ways are chosen, too."""
+    """Whether candidates keep the fastest branch with the first grip, as with `--ways fastest`."""
     verdicts: Verdicts | None = None
     """Where verdicts come from; None: this process."""
 
@@ -154,7 +154,7 @@ class Placement:
     quickest: float = 0.0
     """The shortest time until any of the cameras shows a fault that it sees: a frame period and its latency [s]."""
     fastest: bool = True
-    """Whether only the fastest way of each candidate was looked at."""
+    """Whether one way of each candidate was looked at: the fastest of all, or the only one that is allowed."""
     fewest: int | None = None
     """The fewest cameras that meet the wish; None without one, and if none do."""
     fewer: WithFewer | None = None

@@ -46,7 +46,7 @@ class TimeLimit:
     seconds: float | None = None
     """[s]; None for a multiple of the fastest way's."""
     times: float = 1.0
-    """Of the time of the candidate's fastest way, where no seconds are given."""
+    """Of the time of the fastest of all ways of the candidate, where no seconds are given."""
 
     @classmethod
     def read(cls, text: str, option: str = "--max-time") -> TimeLimit:
@@ -62,7 +62,7 @@ class TimeLimit:
         if times is None and quantity is not None and quantity.dimension in (None, TIME) and 0 < quantity.value <= 1e6:
             return cls(quantity.value)
         seconds = expected_quantity(replace(TIME, example="20 s"))
-        expected = f"{seconds}, or a multiple of the fastest way's time, at least 1, such as `1.25x`"
+        expected = f"{seconds}, or a multiple of the time of the fastest of all ways, at least 1, such as `1.25x`"
         raise bad_option(f"{option} is `{text}`, expected {expected}")
 
     def longest(self, scenes: Sequence[Rehearsal]) -> float:

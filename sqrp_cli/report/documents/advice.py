@@ -253,7 +253,9 @@ class AdviceDocument(TaskDocument):
     met: bool
     """Whether it meets the wish without any change."""
     before: AdvisedFigures
-    """The candidate without any change: in the way in which `rank` takes it, with the same `--ways`."""
+    """The candidate without any change, as with `--ways fastest`; in its best way if that misses the wish alone."""
+    best: AdvisedFigures | None
+    """The candidate without any change in the way that `rank` and `score` take; None if that misses the wish."""
     advice: Sequence[AdviceFound]
     """What meets the wish: the motion first, cameras last, of each kind the least change first."""
     kinds: Sequence[KindOutcome]

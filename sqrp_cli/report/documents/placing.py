@@ -109,7 +109,7 @@ class Compared(Record):
     samples: int
     """Samples of these ways."""
     fastest: bool
-    """Whether they are the fastest way of each candidate, and no other ones."""
+    """Whether they are one way of each candidate: the fastest of all, or that with `--ways fastest`."""
     kind: Literal["samples"] = "samples"
     """The proof is about what is seen in samples; the chosen cameras were checked in between, too."""
 
@@ -251,8 +251,10 @@ def _best(found: Placement) -> str:
 
 
 def _scope(found: Placement) -> str:
+    if found.question.fastest:
+        return "the way of each candidate with --ways fastest" if found.ways > 1 else "the way with --ways fastest"
     if found.fastest:
-        return "the fastest way of each candidate" if found.ways > 1 else "the fastest way"
+        return "the fastest of all ways of each candidate" if found.ways > 1 else "the fastest of all ways"
     return f"these {found.ways} ways"
 
 

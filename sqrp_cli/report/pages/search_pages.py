@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sqrp_cli.programming.advice.change import Advice
+from sqrp_cli.programming.advice.question import is_fastest
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.pipeline import Assignment
@@ -91,7 +92,7 @@ def _rows(shown: AdviceShown) -> Iterator[_Row]:
     def row(name: str, mark: str, kind: str, found: Assessment, reasons: Sequence[str]) -> PageRow:
         labels = {"change": name, "kind": kind}
         if several:
-            labels["way"] = way_of(found)
+            labels["way"] = "fastest" if is_fastest(found) else way_of(found)
         retried = found.candidate.skill.retried_faults
         return PageRow(name, mark, labels, None, reasons, None, None, retried=retried)
 

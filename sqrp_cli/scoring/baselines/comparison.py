@@ -104,6 +104,11 @@ class WayChange:
         return any(shift.worse for shift in self.shifts)
 
     @property
+    def better(self) -> bool:
+        """Whether anything got better."""
+        return any(not shift.worse for shift in self.shifts)
+
+    @property
     def losses_matter(self) -> bool:
         """Whether what cameras no longer see tells why it got worse."""
         return self.worse and not self.another_way

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -15,6 +16,7 @@ from sqrp_cli.scoring.baselines.comparison import Loss, Shift, WayChange
 from sqrp_cli.scoring.score import ScoredCell, read_cell
 from sqrp_cli.scoring.scorecard import difference
 from sqrp_cli.scoring.work.compute import Means, open_computer
+from sqrp_cli.terminal.score_table import print_difference
 
 TABLETOP = Path(__file__).parents[3] / "workspaces" / "tabletop" / "workspace.yaml"
 SLOWER = Shift("delay", 0.69, 0.71, worse=True)
@@ -29,6 +31,16 @@ def test_another_way_is_said_and_what_got_better_is_not_hidden():
     )
     named = WayChange("g4", "g4 a", "g4 b", (SLOWER,), choice_before="as usual", choice="left")
     assert str(named).endswith("g4 now goes another way: g4 b, left instead of g4 a")
+
+
+@pytest.mark.parametrize(
+    ("shifts", "mark"), [((SEES_MORE, SLOWER), "mixed"), ((SLOWER,), "worse"), ((SEES_MORE,), "better")]
+)
+def test_a_difference_is_called_worse_only_where_nothing_got_better(capsys, shifts, mark):
+    comparison = SimpleNamespace(ways=[WayChange("g4", "g4", "g4", shifts)], verdict="regressed", gone=())
+    result = SimpleNamespace(comparison=comparison, score=SimpleNamespace(task="pickup g4"))
+    print_difference(SimpleNamespace(interrupted=False, changes={}, results=[result], vanished=()))
+    assert f"\n  {mark:6}  pickup g4 for g4: " in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("before", ["left", None])
