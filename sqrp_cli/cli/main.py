@@ -36,6 +36,7 @@ def run(arguments: list[str]) -> int:
         sys.stderr.write(f"error: the output cannot be written: {lost}\n")
         return BAD_INPUT
     except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # one more is no news
         # A terminal shows `^C` on a line that is not ended yet.
         sys.stderr.write("\ninterrupted\n" if sys.stderr.isatty() else "interrupted\n")
         with suppress(ResultsLost):

@@ -50,8 +50,8 @@ def _writable(stream: TextIO | None, *, results: bool) -> TextIO:
         buffer = io.BufferedWriter(_Output(descriptor, results=results))
         lines, at_once = stream.line_buffering, stream.write_through
         stream = io.TextIOWrapper(buffer, stream.encoding, line_buffering=lines, write_through=at_once)
-    codecs.register_error("look-alike", _look_alike)
-    stream.reconfigure(errors="look-alike")
+    codecs.register_error("alike", _look_alike)
+    stream.reconfigure(errors="alike")
     return stream
 
 

@@ -42,8 +42,8 @@ def print_advice(
         return
     if found.best is not None:
         say(
-            f"The way that rank and score take meets the wish already, with {_figures(found.best)}; what follows is for "
-            "the motion of --ways fastest, which is planned without a look at the cameras."
+            f"The way that rank and score take meets the wish already, with {_figures(found.best)}; what follows is "
+            "for the motion of --ways fastest, which is planned without a look at the cameras."
         )
     if found.advice:
         say()

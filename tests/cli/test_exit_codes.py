@@ -315,6 +315,31 @@ def test_ctrl_c_exits_130_and_keeps_what_is_finished(sqrp, watch, monkeypatch):
     assert "turned" in plain.out
 
 
+CTRL_C_AT_THE_END = """
+import atexit, signal, sys
+from sqrp_cli.cli import main
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+press = lambda *_: signal.raise_signal(signal.SIGINT)
+main.collect_no_more = press
+atexit.register(press)
+write = sys.stderr.write
+sys.stderr.write = lambda text: (press(), write(text))
+"""
+"""Ctrl-C while something is written to stderr, when a command has ended, and while Python ends."""
+
+
+def test_ctrl_c_several_times_exits_130(sqrp_process, watch):
+    outcome = sqrp_process("rank", watch, "watch seen", prelude=f"{CTRL_C_AT_THE_END}\nmain._prepare = press")
+    assert (outcome.code, outcome.out, outcome.err) == (130, "", "interrupted\n")
+
+
+def test_ctrl_c_at_the_end_of_a_command_that_is_done_changes_nothing(sqrp_process):
+    outcome = sqrp_process("--version", prelude=CTRL_C_AT_THE_END)
+    assert outcome.code == 0
+    assert outcome.out.startswith("sqrp ")
+
+
 @pytest.mark.usefixtures("heeded_ctrl_c")
 def test_ctrl_c_before_anything_is_finished_exits_130(sqrp, watch, monkeypatch):
     monkeypatch.setattr(pipeline.Assignment, "assess", press_ctrl_c)

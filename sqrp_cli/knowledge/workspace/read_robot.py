@@ -312,7 +312,7 @@ class RobotReader(EntryReader):
                 owners = "all joints" if len(names) == len(joints) else ", ".join(names)
                 assumptions.append(f"{limit} ({assumed[limit]:g} for {owners})")
         if assumptions:
-            message = f"limits are not stated and assumed, in rad or m and s: {', '.join(assumptions)}"
+            message = f"limits are not stated (or are 0) and assumed, in rad or m and s: {', '.join(assumptions)}"
             place = self.document.key_place(("robot", "limits"))
             mend = "state them under `robot.limits`; times depend on them"
             self.warnings.append(Problem("assumed-limit", message, place, severity="warning", mend=mend))

@@ -105,6 +105,12 @@ def test_missing_limits_are_assumed_as_stated(cell: Path) -> None:
     assert "elbow" in workspace.warnings[0].message
 
 
+def test_a_velocity_of_0_is_said_to_be_assumed_otherwise(damaged: Damage) -> None:
+    workspace = load_workspace(damaged({"file": "arm.urdf", "replace": {'velocity="0.5"': 'velocity="0"'}}))
+    (warning,) = workspace.warnings
+    assert "limits are not stated (or are 0) and assumed, in rad or m and s: velocity (1 for " in warning.message
+
+
 def test_a_tool_may_be_boxes_with_a_frame_that_grasps(damaged: Damage) -> None:
     boxes = "tool: {boxes: [{size: [6 cm, 6 cm, 4 cm]}], frame: {position: [0, 0, 2 cm]}, link: wrist}"
     urdf = "tool: {urdf: cup.urdf, link: wrist, pose: {position: [0, 0, 5 mm]}}\n  tool_frame: tip"
