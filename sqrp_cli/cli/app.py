@@ -36,7 +36,7 @@ from sqrp_cli.cli.commands import set as set_values
 from sqrp_cli.cli.completion import ASKED, example_task, for_named_shell, propose
 from sqrp_cli.cli.streams import ResultsLost
 from sqrp_cli.cli.watch import EXECUTE
-from sqrp_cli.errors import ExitCode, InputError, expected_names
+from sqrp_cli.errors import ExitCode, InputError, expected_names, nearest
 from sqrp_cli.shown import harmless, one_line
 from sqrp_cli.terminal import progress_lines
 from sqrp_cli.terminal.progress_lines import Verbosity
@@ -151,6 +151,7 @@ def _print_usage_error(error: Exception) -> None:
         return
     context = getattr(error, "ctx", None)
     told = _number_expected(error) or _value_expected(error, message, context) or _command_expected(message)
+    told = told or _option_expected(message, context)
     told = told or _too_many(message, context) or message
     _print_error(f"error: {told}")
     if context is not None:
@@ -161,6 +162,17 @@ def _command_expected(message: str) -> str:
     """The message about a word that is no command, with those that are; empty for any other message."""
     found = re.match(r"No such command '(.*?)'\.", message)
     return "" if found is None else f"there is no command `{found[1]}`; {expected_names(found[1], _NAMES)}"
+
+
+def _option_expected(message: str, context: Any) -> str:  # noqa: ANN401 # has no public name
+    """The message about an option that a command does not have; empty for any other message."""
+    found = re.match(r"No such option: (\S+)", message)
+    if found is None or context is None:
+        return ""
+    names = (name[2:] for one in context.command.params for name in one.opts if name.startswith("--"))
+    close = nearest(found[1].lstrip("-"), names)
+    meant = f"; did you mean `--{close}`?" if close else ""
+    return f"`{context.command_path}` has no option `{found[1]}`{meant}"
 
 
 def _too_many(message: str, context: Any) -> str:  # noqa: ANN401 # has no public name
