@@ -9,12 +9,16 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 pytest.importorskip("cyclonedds")
 
+from sqrp_cli.cli.commands.run import _check
+from sqrp_cli.errors import InputError
+from sqrp_cli.runtime.cell.ros_checks import CellCheck
 from tests.wire.__main__ import small_cell
 
 TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
@@ -37,6 +41,15 @@ def test_options_that_make_no_sense_are_refused(sqrp: Callable[..., Any], words:
     found = sqrp(*words)
     assert (found.code, found.out) == (2, "")
     assert said in found.err
+
+
+def test_what_helps_against_lateness_is_said_once(tmp_path: Path) -> None:
+    checks = [CellCheck(f"cam{k}", "age", "300 ms", "50 ms", f"`cam{k}` is late") for k in range(3)]
+    file = SimpleNamespace(mend_of_lateness="slower")
+    session: Any = SimpleNamespace(robot=SimpleNamespace(check=lambda: checks, cell=SimpleNamespace(file=file)))
+    with pytest.raises(InputError) as caught:
+        _check(session, tmp_path / "robot.yaml", as_json=True)
+    assert [problem.mend for problem in caught.value.problems] == [None, None, "slower"]
 
 
 @pytest.mark.parametrize("more", [[], ["--program", "pick.yaml", "--fault", "nonsense"]])

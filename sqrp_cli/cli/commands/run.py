@@ -7,6 +7,7 @@ import signal
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -282,7 +283,11 @@ def _check(session: RobotSession, robot: Path, *, as_json: bool) -> None:
     checks = session.robot.check()
     if not as_json:
         _print_checks(checks)
-    problems = [Problem("other-cell", one.problem, Place(robot)) for one in checks if one.problem is not None]
+    differing = [one for one in checks if one.problem is not None]
+    problems = [Problem("other-cell", str(one.problem), Place(robot)) for one in differing]
+    if any(one.what == "age" for one in differing):
+        mend = session.robot.cell.file.mend_of_lateness
+        problems[-1] = replace(problems[-1], mend=mend or None)  # once for all
     if problems:
         raise InputError(*problems)
 

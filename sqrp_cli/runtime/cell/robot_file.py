@@ -156,8 +156,8 @@ class RobotFile(Entry):
 
     @property
     def mend_of_lateness(self) -> str:
-        """What helps, in parentheses, where messages come late by the clock of a simulated cell; empty for others."""
-        return f" ({_SLOWER})" if self.use_sim_time else ""
+        """What helps where messages come late by the clock of a simulated cell; empty for others."""
+        return _SLOWER if self.use_sim_time else ""
 
     def joint_names(self, program: Program) -> dict[str, str]:
         """The joints that are moved, in order: by name in the program, their names in messages."""

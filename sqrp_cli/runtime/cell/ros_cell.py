@@ -254,8 +254,14 @@ class RosCell:
             self._end(
                 f"`/clock` jumped ahead by {silent:.1f} s"
                 if jumped
-                else f"{why} {silent:.1f} s{self.file.mend_of_lateness}"
+                else f"{why} {silent:.1f} s{self._mend_of_lateness}"
             )
+
+    @property
+    def _mend_of_lateness(self) -> str:
+        """At the end of a reason."""
+        mend = self.file.mend_of_lateness
+        return f" ({mend})" if mend else ""
 
     def _end(self, why: str) -> None:
         """Send no motion any more."""
@@ -372,8 +378,10 @@ class RosCell:
         if waited(self.joints.came) > JOINTS_OVERDUE:
             return Stopped(f"the joint states are lost: none on {topic} for {waited(self.joints.came):.2f} s")
         if waited(self.joints.newest) > JOINTS_OVERDUE:
-            old, mend = waited(self.joints.newest), self.file.mend_of_lateness
-            return Stopped(f"the joint states on {topic} come too late: the newest are {old:.2f} s old{mend}")
+            old = waited(self.joints.newest)
+            return Stopped(
+                f"the joint states on {topic} come too late: the newest are {old:.2f} s old{self._mend_of_lateness}"
+            )
         if reference is None:
             return None
         then, changed = self.joints.newest, self.joints.changed

@@ -206,9 +206,7 @@ def _age(cell: RosCell, about: str, ages: list[float], latency: float) -> CellCh
     elif abs(off) > limit:
         which = "behind" if off > 0 else "ahead"
         said = f"{about}: {1e3 * age:.0f} ms old when they come, the workspace says {1e3 * latency:.0f} ms"
-        problem = (
-            f"{said}; their clock is {1e3 * abs(off):.0f} ms {which}, or they are late{cell.file.mend_of_lateness}"
-        )
+        problem = f"{said}; their clock is {1e3 * abs(off):.0f} ms {which}, or they are late"
     return CellCheck(about, "age", f"{1e3 * age:.0f} ms", f"{1e3 * latency:.0f} ms", problem)
 
 

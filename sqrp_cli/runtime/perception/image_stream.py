@@ -237,13 +237,13 @@ def lost_streams(*failed: Mapping[str, float], mend: str = "") -> MonitoringLost
     """The worst failure; None where there is none.
 
     failed: in the order of `_REASONS`, the cameras that fail so, with how old what is known of each is [s]. mend: what
-    helps against lateness.
+    may help, whatever fails.
     """
     for (fault, reason), found in zip(_REASONS, failed, strict=False):
         if found:
             ages = listed(sorted({f"{age:.2f} s" for age in found.values()}))
             text = reason.format(names=listed(list(found)), are="is" if len(found) == 1 else "are", ages=ages)
-            return MonitoringLost(text + (mend if fault != "camera-loss" else ""), fault, list(found))
+            return MonitoringLost(text + (f" ({mend})" if mend else ""), fault, list(found))
     return None
 
 

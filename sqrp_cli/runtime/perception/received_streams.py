@@ -81,7 +81,7 @@ class ReceivedStreams(Streams):
     def __init__(
         self, cameras: Mapping[str, Camera], detectors: DetectorPool, clock: Callable[[], float], mend: str = ""
     ) -> None:
-        """clock: of the cell [s]. mend: what reasons say after images that are late, or that are looked at too late."""
+        """clock: of the cell [s]. mend: what may help, for the reasons of failures."""
         super().__init__(cameras, detectors)
         self._clock, self._mend = clock, mend
         self._streams = {name: _ReceivedStream(camera) for name, camera in cameras.items()}

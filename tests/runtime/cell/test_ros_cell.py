@@ -440,7 +440,7 @@ def test_another_file_is_called_what_it_is(tmp_path: Path, key: str, what: str) 
 
 
 def test_only_a_simulated_cell_may_be_slower() -> None:
-    assert RobotFile.model_validate({**FILE, "use_sim_time": True}).mend_of_lateness == SLOWER
+    assert f" ({RobotFile.model_validate({**FILE, 'use_sim_time': True}).mend_of_lateness})" == SLOWER
     assert not RobotFile.model_validate({**FILE, "use_sim_time": False}).mend_of_lateness
 
 
