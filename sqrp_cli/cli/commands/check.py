@@ -48,7 +48,7 @@ def command(
     """Validate a workspace, and a task in it.
 
     With a task, show which candidates can be done, why the others cannot, and what would have to be done first. Times
-    are those of the fastest branch; rank takes the best of all ways.
+    are those of `rank --ways fastest`; without that, rank takes the best of all ways.
     """
     from sqrp_cli.report.documents.checks import CheckDocument
     from sqrp_cli.terminal.console import note, print_problems, say_command, say_raw

@@ -38,7 +38,8 @@ TipLink = Annotated[
     typer.Option("--tip", metavar="LINK", help="The link at the end of the arm, of a robot with several arms."),
 ]
 RunOnce = Annotated[
-    bool, typer.Option("--run/--no-run", help="Run its task once in the simulated cell, where there is one.")
+    bool,
+    typer.Option("--run/--no-run", help="Run its task once in the simulated cell, if there is one; may take minutes."),
 ]
 AtRandom = Annotated[bool, typer.Option("--random", help="Fill it at random, for load tests.")]
 ObjectCount = Annotated[
