@@ -13,7 +13,7 @@ import numpy as np
 
 from sqrp_cli.api.results import Answer
 from sqrp_cli.api.session import assess, check_choice, choose_candidate
-from sqrp_cli.errors import InputError, Problem, bad_option
+from sqrp_cli.errors import InputError, bad_input, bad_option
 from sqrp_cli.geometry import inverse, read_only
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.knowledge.text.source import SourceDocument
@@ -169,7 +169,7 @@ class TaskAdvice(Answer[AdviceDocument]):
             return
         if read_workspace_document(self._file.path).content != self._file.content:
             message = "the workspace has changed meanwhile"
-            raise InputError(Problem("changed-meanwhile", message, mend="run the same command again"))
+            raise bad_input("changed-meanwhile", message, mend="run the same command again")
         write_atomically(self._file.path, content)
 
     def show(self) -> None:

@@ -12,7 +12,7 @@ from sqrp_cli.api.arguments import check_progress, checked_path, optional_path
 from sqrp_cli.api.cell import OpenCell, open_cell, silent
 from sqrp_cli.api.program import PROGRAM, open_program
 from sqrp_cli.api.results import Answer, how_many
-from sqrp_cli.errors import InputError, Place, Problem, bad_option
+from sqrp_cli.errors import InputError, Place, bad_input, bad_option
 
 if TYPE_CHECKING:
     from sqrp_cli.calibrating.fit import DetectorLooks
@@ -50,7 +50,7 @@ def calibrate(
     if not any(one.curve for one in found.detectors.values()):
         reasons = "; ".join(f"`{name}`: {one.reason}" for name, one in found.detectors.items())
         message = f"these frames teach nothing about a detector: {reasons or 'nothing in them is looked for'}"
-        raise InputError(Problem("too-few-frames", message, Place(folder)))
+        raise bad_input("too-few-frames", message, Place(folder))
     return found
 
 
@@ -75,7 +75,7 @@ def _labelled(folder: Path, workspace: Path | None, program: Path | None) -> tup
         none = f"there is neither a {LABELS} in this folder nor a {PROGRAM}, so it is not known what the frames show"
         message = none if folder.is_dir() else "of a file it is not known what its images show"
         mend = f"sqrp calibrate {folder} --program FILE, with the program that was run"
-        raise InputError(Problem("no-labels", message, Place(folder), mend=mend))
+        raise bad_input("no-labels", message, Place(folder), mend=mend)
     opened = open_program(file)
     return opened.cell, list(of_program(opened.program, opened.workspace, opened.footage(folder, {})))
 

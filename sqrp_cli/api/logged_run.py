@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sqrp_cli.api import arguments
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, bad_input
 
 if TYPE_CHECKING:
     from sqrp_cli.api.program import OpenProgram
@@ -56,7 +56,7 @@ class LoggedRun:
             was, now = (", ".join(f"{skill} of {time:.2f} s" for skill, _, time in one) for one in (ran, steps))
             name, now = opened.path, now or "empty"
             message = f"this log is not of a run of {name} as it is now: that was {was}; now it is {now}"
-            raise InputError(Problem("other-program", message, Place(self.log, 1), mend=self._replay))
+            raise bad_input("other-program", message, Place(self.log, 1), mend=self._replay)
         return replace(self, program=opened)
 
     def replay(self, *listeners: Callable[[Event], None]) -> SimulatedRun | None:
@@ -81,7 +81,7 @@ class LoggedRun:
     def no_report(self) -> InputError:
         """The error where a run that was interrupted is not enough."""
         message = "this log ends without a report, as the run was interrupted; expected one of a run that ended"
-        return InputError(Problem("no-log", message, Place(self.log), mend=self._replay))
+        return bad_input("no-log", message, Place(self.log), mend=self._replay)
 
     @property
     def _replay(self) -> str:

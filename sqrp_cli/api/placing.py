@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sqrp_cli.api.results import Answer
-from sqrp_cli.errors import InputError, Problem, bad_option, expected_names
+from sqrp_cli.errors import bad_input, bad_option, expected_names
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.yaml_edit import patch
 from sqrp_cli.knowledge.workspace.edits import NewCamera, with_cameras
@@ -229,5 +229,5 @@ def _keep(request: PlaceRequest, workspace: Workspace) -> tuple[str, ...]:
     for name in request.keep:
         if name not in workspace.cameras:
             message = f"there is no camera `{name}` to keep; {expected_names('', workspace.cameras)}"
-            raise InputError(Problem("unknown-camera", message))
+            raise bad_input("unknown-camera", message)
     return tuple(dict.fromkeys(request.keep))

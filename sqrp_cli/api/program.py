@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from sqrp_cli.api import arguments
 from sqrp_cli.api.cell import OpenCell, silent
 from sqrp_cli.api.results import Explanation
-from sqrp_cli.errors import InputError, Place, Problem, bad_option, expected_names
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, bad_option, expected_names
 
 if TYPE_CHECKING:
     from sqrp_cli.api.run_results import Audit, SimulatedRun, SlipSweep
@@ -82,7 +82,7 @@ class OpenProgram:
 
         check_program(self.program, self.path, self.workspace)
         if not self.program.steps:
-            raise InputError(Problem("no-steps", "this program has no steps", Place(self.path)))
+            raise bad_input("no-steps", "this program has no steps", Place(self.path))
 
     @property
     def workspace(self) -> Workspace:
@@ -310,7 +310,7 @@ class OpenProgram:
         unknown = [name for name in topics if name not in self.workspace.cameras]
         if unknown:
             message = f"there is no camera {unknown[0]}; {expected_names(unknown[0], list(self.workspace.cameras))}"
-            raise InputError(Problem("unknown-camera", message))
+            raise bad_input("unknown-camera", message)
         check_kind(path)
         if path.exists() and is_bag(path):
             return BagFootage(self.program, self.workspace, path, topics)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal
 
 from sqrp_cli.api.cell import OpenCell
 from sqrp_cli.api.program import LazyReplanner, OpenProgram
-from sqrp_cli.errors import InputError, Problem, bad_option
+from sqrp_cli.errors import bad_input, bad_option
 
 if TYPE_CHECKING:
     from sqrp_cli.api.arguments import RunOutputs
@@ -125,9 +125,7 @@ def _check_alone(transport: Transport, file: RobotFile) -> None:
     transport.wait(LISTENED)
     if inbox.count:
         mend = "--domain N, with another number" if file.transport == "dds" else "ROS_MASTER_URI of another master"
-        raise InputError(
-            Problem("no-network", f"somebody else, such as another cell, sends `/clock` {file.where}", mend=mend)
-        )
+        raise bad_input("no-network", f"somebody else, such as another cell, sends `/clock` {file.where}", mend=mend)
 
 
 def _free_domain() -> int:

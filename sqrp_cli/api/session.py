@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from sqrp_cli.errors import Infeasible, InputError, Place, Problem, bad_option, expected_names
+from sqrp_cli.errors import Infeasible, Place, bad_input, bad_option, expected_names
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.platform.files import alone, check_writable, real_path
 from sqrp_cli.program.check import flaws
@@ -88,10 +88,9 @@ def check_choice(task: Task, choice: str) -> None:
             upto = f" to {len(names)} (what cannot be done comes last)" if len(names) > 1 else ""
             message = f"there is no place {choice} in a ranking of {len(names)} candidate{'s' * (len(names) != 1)}"
             message += f"; expected 1{upto}, or the name of one"
-            raise InputError(Problem("unknown-candidate", message))
+            raise bad_input("unknown-candidate", message)
     else:
-        message = f"there is no candidate `{choice}`; {expected_names(choice, names)}"
-        raise InputError(Problem("unknown-candidate", message))
+        raise bad_input("unknown-candidate", f"there is no candidate `{choice}`; {expected_names(choice, names)}")
 
 
 def choose_candidate(ranking: Sequence[Ranked], choice: str) -> Ranked:
@@ -125,7 +124,7 @@ def world_before(after: Path | None, program: Path | None) -> Path | None:
             "--after and --program both name this file",
             "leave out --after: the next step starts where it ends",
         )
-        raise InputError(Problem("would-overwrite", message, Place(program), mend=mend))
+        raise bad_input("would-overwrite", message, Place(program), mend=mend)
     if after is not None:
         message = f"{program} exists, so its next step starts where it ends and not where {after} does"
         raise bad_option(message, mend="leave out --after, or name a new file after --program")
@@ -212,7 +211,7 @@ def add_steps(cell: Cell, steps: Sequence[ChosenStep], sampling: Sampling, path:
         program = _program_at(path, cell).with_steps(added)
         if any(flaws(program)):
             message = "this program has changed meanwhile, and the new step does not begin where it ends now"
-            raise InputError(Problem("changed-meanwhile", message, Place(path), mend="run the same command again"))
+            raise bad_input("changed-meanwhile", message, Place(path), mend="run the same command again")
         program = made_for(program, path, cell.workspace)
         save_program(program, path)
     return program

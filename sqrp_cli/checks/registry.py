@@ -11,7 +11,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
-from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.errors import bad_input, expected_names
 
 FINDINGS = Path(__file__).with_name("findings.yaml")
 
@@ -62,5 +62,5 @@ def _rule(subject: str, code: str, entry: Mapping[str, Any]) -> RuleEntry:
 def rule_of(code: str) -> RuleEntry:
     """The rule of a code. Raises InputError, with the nearest code, if there is none."""
     if code not in rules():
-        raise InputError(Problem("unknown-rule", f"there is no finding `{code}`; {expected_names(code, rules())}"))
+        raise bad_input("unknown-rule", f"there is no finding `{code}`; {expected_names(code, rules())}")
     return rules()[code]

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import bad_input
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.skill.settings import ANY, DIRECT, SEEN, MotionValue, Reference
 from sqrp_cli.knowledge.skill.skill import JointMove, Skill
@@ -112,7 +112,7 @@ def split_steps(text: str) -> list[str]:
         where = "stands before the first `then`" if index == 0 else f"follows `then` number {index}"
         where = "follows `then`" if len(parts) == 2 and index else where
         mend = "leave this `then` out, or name a step there: `pickup peg1 then insert peg1 socket`"
-        raise InputError(Problem("empty-task", f"nothing {where} in `{text.strip()}`", mend=mend))
+        raise bad_input("empty-task", f"nothing {where} in `{text.strip()}`", mend=mend)
     return parts
 
 
@@ -184,5 +184,5 @@ def _limited(choices: Iterator[tuple[Candidate, ...]]) -> Iterator[tuple[Candida
         if number >= MOST_WHOLE:
             message = f"the task has more than {MOST_WHOLE:,} candidates, as its steps go together in so many ways"
             mend = "name fewer objects or values in its steps"
-            raise InputError(Problem("too-many-candidates", message, mend=mend))
+            raise bad_input("too-many-candidates", message, mend=mend)
         yield chosen

@@ -8,7 +8,7 @@ from itertools import chain
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, bad_input
 from sqrp_cli.knowledge.robot.urdf import UrdfModel
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.programming.arm.kinematics import RobotModel
@@ -73,7 +73,7 @@ class Cell:
         fingers = closed_on(self.collision, world.held, world.X_TO, model.finger_positions(world.joints))
         if isinstance(fingers, str):
             place = self.workspace.places.get(f"objects.{world.held}.pose")
-            raise InputError(Problem("not-held", f"`{world.held}` is stated to be held, but {fingers}", place))
+            raise bad_input("not-held", f"`{world.held}` is stated to be held, but {fingers}", place)
         return replace(
             world,
             X_WO={**world.X_WO, world.held: model.tool_pose(model.home) @ world.X_TO},
@@ -109,7 +109,7 @@ def _check_size(workspace: Workspace, model: RobotModel) -> None:
     shapes = len(model.parts) + sum(len(obj.parts) for obj in workspace.objects.values())
     if shapes > MOST_SHAPES:
         message = f"robot and objects have {shapes:,} shapes, expected at most {MOST_SHAPES:,}"
-        raise InputError(Problem("too-many-shapes", message, workspace.whole_file, mend="join them into meshes"))
+        raise bad_input("too-many-shapes", message, workspace.whole_file, mend="join them into meshes")
     tree, robot = model.tree, workspace.robot
     for joint, parent, X_PJ in zip(tree.joints, tree.parents, tree.still, strict=True):
         if parent >= 0 and (away := float(np.linalg.norm(X_PJ[:3, 3]))) > LARGEST_LINK:
@@ -126,7 +126,7 @@ def _check_size(workspace: Workspace, model: RobotModel) -> None:
 
 def _refusal(message: str, place: Place | None) -> InputError:
     mend = "check the units, in metres, and the `scale` of meshes"
-    return InputError(Problem("link-too-large", f"{message}, expected at most {LARGEST_LINK:g} m", place, mend=mend))
+    return bad_input("link-too-large", f"{message}, expected at most {LARGEST_LINK:g} m", place, mend=mend)
 
 
 def _place(urdfs: Sequence[UrdfModel], name: str) -> Place | None:

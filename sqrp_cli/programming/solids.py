@@ -15,7 +15,7 @@ import coal
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, bad_input
 from sqrp_cli.geometry import BOX_SIGNS, Array, inverse, read_only, transform
 from sqrp_cli.knowledge.text.units import LARGEST_LENGTH
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere, Triangles
@@ -189,14 +189,14 @@ def _load_mesh(mesh: Mesh) -> tuple[Any, Triangles]:
         geometry = coal.MeshLoader(coal.BV_OBBRSS).load(os.fsencode(mesh.path), np.array(mesh.scale))
     except (RuntimeError, ValueError) as error:
         message = f"this mesh cannot be loaded: {_because(str(error))}"
-        raise InputError(Problem("mesh-unreadable", message, Place(mesh.path))) from error
+        raise bad_input("mesh-unreadable", message, Place(mesh.path)) from error
     count = geometry.num_tris
     if count == 0:
-        raise InputError(Problem("mesh-empty", "this mesh has no triangles", Place(mesh.path)))
+        raise bad_input("mesh-empty", "this mesh has no triangles", Place(mesh.path))
     vertices = np.array(geometry.vertices())
     if not (np.abs(vertices) <= LARGEST_LENGTH).all():
         message = f"this mesh reaches further than {LARGEST_LENGTH:g} m from its origin, or has vertices without place"
-        raise InputError(Problem("mesh-too-large", message, Place(mesh.path), mend="check its `scale`"))
+        raise bad_input("mesh-too-large", message, Place(mesh.path), mend="check its `scale`")
     faces = np.array([[t[0], t[1], t[2]] for t in map(geometry.tri_indices, range(count))], dtype=np.int64)
     return geometry, Triangles(vertices, faces)
 

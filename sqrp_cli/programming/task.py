@@ -8,7 +8,7 @@ from dataclasses import fields, replace
 from itertools import combinations_with_replacement, pairwise, product
 from math import comb, prod
 
-from sqrp_cli.errors import InputError, Problem, counted, expected_names
+from sqrp_cli.errors import InputError, Problem, bad_input, counted, expected_names
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.settings import MotionValue
 from sqrp_cli.knowledge.skill.skill import JointMove, Skill, named_skill
@@ -151,13 +151,12 @@ def _skill(words: Sequence[str], workspace: Workspace) -> Skill:
     """The skill that the first word of a task names."""
     if not words:
         skills = ", ".join(f"`{name}`" for name in workspace.skills)
-        message = f"the task is empty; expected a skill ({skills}) and what to do it with"
-        raise InputError(Problem("empty-task", message))
+        raise bad_input("empty-task", f"the task is empty; expected a skill ({skills}) and what to do it with")
     skill = named_skill(words[0], workspace.skills)
     if skill is None:
         known = expected_names(words[0], workspace.skills)
         place = workspace.places.get("skills", workspace.whole_file)
-        raise InputError(Problem("unknown-skill", f"there is no skill `{words[0]}` under `skills`; {known}", place))
+        raise bad_input("unknown-skill", f"there is no skill `{words[0]}` under `skills`; {known}", place)
     return skill
 
 
@@ -168,7 +167,7 @@ def _check_count(skill: Skill, counts: Sequence[int]) -> None:
         most = max(range(len(counts)), key=counts.__getitem__)
         message = f"the task has {counted(prod(counts))} candidates, the limit is {MAX_CANDIDATES:,}"
         message += f"; name fewer objects or values, most of all for `{names[most]}` of `{skill.name}`"
-        raise InputError(Problem("too-many-candidates", f"{message}, with {counts[most]:,}"))
+        raise bad_input("too-many-candidates", f"{message}, with {counts[most]:,}")
 
 
 def _candidates(
@@ -195,7 +194,7 @@ def _solutions(words: Sequence[str], skill: Skill) -> dict[str, MotionValue]:
     stated = dict(word.split("=", 1) for word in words if word.split("=", 1)[0] in moves)
     for name, number in stated.items():
         if not number.isdecimal():
-            raise InputError(Problem("wrong-value", f"`{name}={number}`: expected the number of a solution, from 0 on"))
+            raise bad_input("wrong-value", f"`{name}={number}`: expected the number of a solution, from 0 on")
     return {name: float(number) for name, number in stated.items()}
 
 
@@ -207,9 +206,9 @@ def _settings(words: Sequence[str], skill: Skill) -> dict[str, str]:
         name, value = word.split("=", 1)
         if name not in valid:
             message = f"skill `{skill.name}` has no parameter `{name}`; {expected_names(name, valid)}"
-            raise InputError(Problem("unknown-parameter", message))
+            raise bad_input("unknown-parameter", message)
         if name in settings:
-            raise InputError(Problem("repeated-parameter", f"`{name}` is set twice: {settings[name]} and {value}"))
+            raise bad_input("repeated-parameter", f"`{name}` is set twice: {settings[name]} and {value}")
         settings[name] = value
     return settings
 
@@ -243,10 +242,10 @@ def _motion_values(skill: Skill, name: str, settings: Mapping[str, str]) -> tupl
         value = read_quantity(text) or text
         for kind in parameter.kinds:
             if (complaint := kind.complaint(value)) is not None:
-                raise InputError(Problem(complaint.code, f"`{name}={settings[name]}`: {complaint.message}"))
+                raise bad_input(complaint.code, f"`{name}={settings[name]}`: {complaint.message}")
         plain = value if isinstance(value, str) else value.value
         if plain in values:
-            raise InputError(Problem("repeated-value", f"`{name}={settings[name]}`: a value is given twice"))
+            raise bad_input("repeated-value", f"`{name}={settings[name]}`: a value is given twice")
         values[plain] = None
     return tuple(values)
 
@@ -267,14 +266,14 @@ def _object_choices(
     if open_names and len(open_names) * comb(len(filters) + len(open_names) - 1, len(filters)) > MAX_CANDIDATES:
         words = f"{len(filters)} word{'s' * (len(filters) != 1)}"
         message = f"{words} may be meant for {len(open_names):,} parameters of `{skill.name}` in too many ways"
-        raise InputError(Problem("ambiguous-task", message, mend="say which parameter each is for: `name=object`"))
+        raise bad_input("ambiguous-task", message, mend="say which parameter each is for: `name=object`")
     matches = [
         chosen
         for groups in _splits(filters, len(open_names))
         if all(chosen := [_matching(workspace, fitting[n], g) for n, g in zip(open_names, groups, strict=True)])
     ]
     if not matches:
-        raise InputError(Problem("no-match", _no_match(skill, workspace, fitting, filters)))
+        raise bad_input("no-match", _no_match(skill, workspace, fitting, filters))
     found = dict(zip(open_names, matches[0], strict=True))
     return [found.get(parameter.name, fitting[parameter.name]) for parameter in parameters]
 
@@ -284,9 +283,9 @@ def _named(names: Sequence[str], parameter: str, fitting: Sequence[str], skill: 
     for index, name in enumerate(names):
         if name not in fitting:
             message = f"`{name}` cannot be the {parameter} of `{skill.name}`; {expected_names(name, fitting)}"
-            raise InputError(Problem("unknown-object", message))
+            raise bad_input("unknown-object", message)
         if name in names[:index]:
-            raise InputError(Problem("repeated-value", f"`{parameter}={','.join(names)}`: `{name}` is named twice"))
+            raise bad_input("repeated-value", f"`{parameter}={','.join(names)}`: `{name}` is named twice")
     return list(names)
 
 

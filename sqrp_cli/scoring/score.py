@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from sqrp_cli.checks.lint import lint
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask, Workspace
 from sqrp_cli.knowledge.workspace.workspace_file import WORKSPACE_FILE, workspace_file
@@ -114,7 +114,7 @@ def find_workspaces(patterns: Sequence[str]) -> tuple[Path, ...]:
             files = [] if glob.has_magic(pattern) or not pattern else [workspace_file(Path(pattern))]
         if not files:
             message = f"no workspace fits `{pattern}`; a workspace is a folder with a {WORKSPACE_FILE}"
-            raise InputError(Problem("no-workspace", message, Place(Path(pattern))))
+            raise bad_input("no-workspace", message, Place(Path(pattern)))
         for file in files:
             found.setdefault(file.absolute(), file)
     return tuple(found.values())

@@ -15,7 +15,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import InputError, Problem, bad_input
 from sqrp_cli.platform.processes import Foreman, forked
 from sqrp_cli.studio.messages import findings, kind_of, message
 from sqrp_cli.studio.server import Live
@@ -384,7 +384,7 @@ class Errands:
     def drop(self) -> None:
         """Drop what the tool holds in the run under way. Raises InputError where that is over."""
         if self._running is None or not self._running.drop():
-            raise InputError(Problem("bad-fault", f"nothing was dropped: {TOO_LATE}"))
+            raise bad_input("bad-fault", f"nothing was dropped: {TOO_LATE}")
 
     def forget_offers(self) -> None:
         """Offer nothing any more."""

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, FiniteFloat
 
-from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.errors import bad_input, bad_option, expected_names
 from sqrp_cli.geometry import Array, axis_rotation, inverse, look_at, matrix_to_rpy, pose
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.text.source import SourceDocument
@@ -69,8 +69,7 @@ def _same(value: Point | float, before: Point | float | None) -> bool:
 def moved(workspace: Workspace, move: Move) -> Workspace:
     """The workspace with something elsewhere. Raises InputError for what cannot be put there."""
     if max(map(abs, move.position)) > FARTHEST:
-        message = f"{move.in_words()}, expected at most {FARTHEST:g} m from the origin"
-        raise InputError(Problem("bad-option", message))
+        raise bad_option(f"{move.in_words()}, expected at most {FARTHEST:g} m from the origin")
     if move.kind == "camera":
         camera = moved_camera(workspace, move)
         return replace(workspace, cameras={**workspace.cameras, camera.name: camera})
@@ -85,18 +84,18 @@ def moved_camera(workspace: Workspace, move: Move) -> Camera:
     """A camera elsewhere. Raises InputError for a name that none has, and where it would look at its own lens."""
     if move.name not in workspace.cameras:
         message = f"there is no camera `{move.name}`; {expected_names(move.name, workspace.cameras)}"
-        raise InputError(Problem("unknown-camera", message))
+        raise bad_input("unknown-camera", message)
     camera = workspace.cameras[move.name]
     point = np.array(move.look_at) if move.look_at is not None else aim(workspace, camera)
     try:
         X_FC = look_at(move.position, point, way_up(workspace, camera))
     except ValueError as error:
-        raise InputError(Problem("bad-option", f"`{move.name}` cannot look at its own lens")) from error
+        raise bad_option(f"`{move.name}` cannot look at its own lens") from error
     matrix = camera.matrix.copy()
     if move.fov is not None and not NARROWEST <= move.fov <= WIDEST:
         least, most = np.degrees([NARROWEST, WIDEST])
         message = f"a view angle of {np.degrees(move.fov):g} deg, expected {least:g} to {most:g} deg"
-        raise InputError(Problem("bad-option", message))
+        raise bad_option(message)
     if move.fov is not None:
         scale = 0.5 * camera.width / np.tan(0.5 * move.fov) / matrix[0, 0]
         matrix[[0, 1], [0, 1]] *= scale
@@ -128,21 +127,21 @@ def written(document: SourceDocument, workspace: Workspace, move: Move) -> bytes
         return with_base(document, after.robot.X_WB)
     if ("objects", move.name, "pose") not in document.values:
         message = f"the workspace states no pose of `{move.name}` itself"
-        raise InputError(Problem("bad-option", message, mend="change the file that does"))
+        raise bad_option(message, mend="change the file that does")
     return with_object(document, move.name, _place(after, move.name) @ inverse(after.objects[move.name].X_FO))
 
 
 def _known(workspace: Workspace, move: Move) -> str:
     if move.name not in workspace.objects:
         message = f"there is no object `{move.name}`; {expected_names(move.name, workspace.objects)}"
-        raise InputError(Problem("unknown-object", message))
+        raise bad_input("unknown-object", message)
     return move.name
 
 
 def _place(workspace: Workspace, name: str) -> Array:
     X_WO = workspace.objects[name].X_WO
     if X_WO is None:
-        raise InputError(Problem("bad-option", f"it is not known where `{name}` is"))
+        raise bad_option(f"it is not known where `{name}` is")
     return X_WO
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from sqrp_cli.api.session import Session
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import bad_input
 from sqrp_cli.platform.processes import Worker, WorkerDied, forked
 from sqrp_cli.programming.candidate import Candidate
 from sqrp_cli.programming.coverage.assessment import Assessment
@@ -69,7 +69,7 @@ class RankingRun:
         try:
             answer = worker.receive()
         except WorkerDied as error:
-            raise InputError(Problem("worker-died", "a process was killed; is there enough memory?")) from error
+            raise bad_input("worker-died", "a process was killed; is there enough memory?") from error
         candidate, assessment = self.session.task.candidates[index], answer.assessment
         way = assessment.best_way and replace(assessment.best_way, skill=candidate.skill)
         self._found[index] = replace(assessment, candidate=candidate, best_way=way)

@@ -6,7 +6,7 @@ import asyncio
 import json
 from collections.abc import Callable, Sequence
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import bad_input
 from sqrp_cli.platform.memory import give_back_memory
 from sqrp_cli.studio.bench_process import Bench
 from sqrp_cli.studio.messages import kind_of
@@ -106,7 +106,7 @@ class Rankings:
         asyncio.get_running_loop().remove_reader(self._bench.pipe.fileno())
         message = "the process that computes was killed; is there enough memory?"
         assert self._over is not None  # noqa: S101 - it listens
-        self._over.set_exception(InputError(Problem("worker-died", message)))
+        self._over.set_exception(bad_input("worker-died", message))
 
     def _compare(self) -> None:
         """Rank the saved file as well, once there is nothing else to do, if that is not known."""

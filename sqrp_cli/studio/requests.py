@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import bad_option
 from sqrp_cli.studio.moves import Move
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ def read_request(text: str) -> Request:
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
         where = ".".join(map(str, first["loc"]))
-        raise InputError(Problem("bad-option", f"this request is not understood: {where}: {first['msg']}")) from None
+        raise bad_option(f"this request is not understood: {where}: {first['msg']}") from None
 
 
 @dataclass(frozen=True)

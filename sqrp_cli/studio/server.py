@@ -15,7 +15,7 @@ from contextlib import suppress
 from http import HTTPStatus
 from typing import Any
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import bad_input, bad_option
 
 HOST = "127.0.0.1"
 """No other machine reaches it."""
@@ -117,9 +117,7 @@ class Live:
             )
         except OSError as error:
             message = f"port {port} cannot be used: {error.strerror}"
-            raise InputError(
-                Problem("bad-option", message, mend="leave out --port: one that is free is taken")
-            ) from None
+            raise bad_option(message, mend="leave out --port: one that is free is taken") from None
         self._port = next(iter(self._server.sockets)).getsockname()[1]
 
     def show(self, page: str) -> None:
@@ -206,4 +204,4 @@ def check_server() -> None:
         import websockets  # noqa: F401
     except ImportError as error:
         message = "the studio needs the Python package `websockets`, which is not installed"
-        raise InputError(Problem("missing-extra", message, mend="pip install 'sqrp[studio]'")) from error
+        raise bad_input("missing-extra", message, mend="pip install 'sqrp[studio]'") from error

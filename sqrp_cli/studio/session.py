@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.api.cell import OpenCell
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, bad_input, bad_option
 from sqrp_cli.knowledge.text.input_file import YAML_ENDINGS, read_input
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.yaml_edit import changed_values, from_here, patch, with_values
@@ -264,7 +264,7 @@ class Studio:
         if read_input(self._draft.path, MAX_BYTES) != self._draft.saved:
             message = "the workspace has changed meanwhile"
             mend = "mend the file, or read it again; unsaved changes are kept where they still fit"
-            raise InputError(Problem("changed-meanwhile", message, Place(self._draft.path), mend=mend))
+            raise bad_input("changed-meanwhile", message, Place(self._draft.path), mend=mend)
         saved = read_workspace_document(self._draft.path, self._draft.saved)
         values = changed_values(saved, self._draft.content)
         if self._draft.dirty:
@@ -307,10 +307,10 @@ class Studio:
 
     def _apply(self, number: int) -> None:
         if not 1 <= number <= len(self._errands.offers):
-            raise InputError(Problem("bad-option", f"there is no change {number}"))
+            raise bad_option(f"there is no change {number}")
         if self._searched != self._draft.content:
             message = "the cell has changed since this was found"
-            raise InputError(Problem("changed-meanwhile", message, mend="ask for advice or places again"))
+            raise bad_input("changed-meanwhile", message, mend="ask for advice or places again")
         offer = self._errands.offers[number - 1]
         workspace = self._read(offer.content)
         values = changed_values(self._document(), offer.content)
@@ -326,8 +326,7 @@ class Studio:
     def _write(self, name: str) -> None:
         """Append the chosen candidate to a program. Raises InputError while there are unsaved changes."""
         if self._draft.dirty:
-            message = "a program is for the cell as it is saved"
-            raise InputError(Problem("unsaved", message, mend="save first, or undo"))
+            raise bad_input("unsaved", "a program is for the cell as it is saved", mend="save first, or undo")
         file = _program_file(name)
         by = ["--by", self._by] if self._by != "q_eoi" else []
         line = self._command("rank", self._task, *by, "--program", str(file), "--choose", self._chosen)
@@ -404,8 +403,7 @@ _PLAIN: Mapping[str, Callable[[Studio], None]] = {
 def _program_file(name: str) -> Path:
     """The file of a program. Raises InputError for a name that is none of a YAML file."""
     if not name.endswith(YAML_ENDINGS):
-        message = f"found `{name}`, expected a file of a program, such as pick.yaml"
-        raise InputError(Problem("bad-option", message))
+        raise bad_option(f"found `{name}`, expected a file of a program, such as pick.yaml")
     return Path(name)
 
 

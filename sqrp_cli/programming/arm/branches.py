@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import bad_input
 from sqrp_cli.geometry import Array, Mask, cross
 from sqrp_cli.knowledge.skill.settings import ANY, FASTEST
 from sqrp_cli.programming.arm.kinematics import RobotModel
@@ -120,7 +120,7 @@ def _check(model: RobotModel, choice: BranchChoice) -> None:
     for name, why in _senseless(model).items():
         if (word := getattr(choice, name)) not in (ANY, FASTEST):
             message = f"`{name}={word}` has no meaning for this arm: {why}"
-            raise InputError(Problem("unknown-branch", message, mend=f"leave it at `{name}=any`"))
+            raise bad_input("unknown-branch", message, mend=f"leave it at `{name}=any`")
 
 
 def _senseless(model: RobotModel) -> Mapping[str, str]:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.errors import Place, bad_input, expected_names
 from sqrp_cli.geometry import Array, Indices, Mask, cross, inverse, read_only
 from sqrp_cli.knowledge.robot.joint_tree import Couplings, JointTree, Mount, driving_joints
 from sqrp_cli.knowledge.robot.pinocchio_model import PinocchioModel
@@ -160,8 +160,7 @@ class RobotModel:
         chain = tree.chain(robot.tool_frame)
         arm = [tree.index(joint.name) for joint in driving_joints([tree.joints[k] for k in chain], tree.joints)]
         if not arm:
-            message = f"no joint moves the tool frame `{robot.tool_frame}`"
-            raise InputError(Problem("no-arm", message, Place(robot.urdf.path)))
+            raise bad_input("no-arm", f"no joint moves the tool frame `{robot.tool_frame}`", Place(robot.urdf.path))
         fingers = _fingers(robot, tree)
         return RobotModel(
             arm=tuple(tree.joints[index].name for index in arm),
@@ -340,15 +339,15 @@ def _check_names(robot: Robot) -> None:
     if tool is not None:
         if tool.link not in urdf.links:
             message = f"unknown link `{tool.link}` for the tool; {expected_names(tool.link, urdf.links)}"
-            raise InputError(Problem("unknown-link", message, Place(urdf.path)))
+            raise bad_input("unknown-link", message, Place(urdf.path))
         places = [(link.name, link.place) for link in tool.urdf.links.values() if link.name in urdf.links]
         places += [(joint.name, joint.place) for joint in tool.urdf.joints.values() if joint.name in urdf.joints]
         for name, place in places:
             message = f"`{name}` is also a name in the robot's URDF, {urdf.path}"
-            raise InputError(Problem("duplicate-name", message, place, mend="rename it in the tool's URDF"))
+            raise bad_input("duplicate-name", message, place, mend="rename it in the tool's URDF")
     if robot.tool_frame not in links:
         message = f"unknown tool frame `{robot.tool_frame}`; {expected_names(robot.tool_frame, links)}"
-        raise InputError(Problem("unknown-link", message, Place(urdf.path)))
+        raise bad_input("unknown-link", message, Place(urdf.path))
 
 
 def _fingers(robot: Robot, tree: JointTree) -> FingerModel:
@@ -374,7 +373,7 @@ def _limit_arrays(joints: Sequence[UrdfJoint], robot: Robot) -> dict[str, Array]
     """Each of the limits of some joints."""
     for joint in joints:
         if joint.name not in robot.limits:
-            raise InputError(Problem("missing-limit", f"no limits are given for joint `{joint.name}`", joint.place))
+            raise bad_input("missing-limit", f"no limits are given for joint `{joint.name}`", joint.place)
     limits = [robot.limits[joint.name] for joint in joints]
     return {part.name: read_only([getattr(one, part.name) for one in limits]) for part in fields(JointLimits)}
 

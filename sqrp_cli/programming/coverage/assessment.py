@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sqrp_cli.errors import Infeasible, InputError, Problem
+from sqrp_cli.errors import Infeasible, bad_input
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.formula_time import Stretch
@@ -307,9 +307,8 @@ def all_watched(cell: Cell, scenes: Sequence[Rehearsal], sampling: Sampling, *, 
         if (count := sample_count(sampling, scene.motion)) > MAX_SAMPLES:
             name = scene.candidate.name
             message = f"this sampling asks for {count:,.0f} samples of `{name}`; the limit is {MAX_SAMPLES:,}"
-            raise InputError(
-                Problem("too-many-samples", message, mend="leave it out: the default places samples where they matter")
-            )
+            mend = "leave it out: the default places samples where they matter"
+            raise bad_input("too-many-samples", message, mend=mend)
     timelines = observe_all(scenes, cell.observer, sampling, full=full)
     return [Watched(**vars(scene), timeline=timeline) for scene, timeline in zip(scenes, timelines, strict=True)]
 

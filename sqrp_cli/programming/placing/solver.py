@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import bad_input
 from sqrp_cli.geometry import Array
 
 Terms = Mapping[int, float]
@@ -116,7 +116,7 @@ def _library() -> Any:  # noqa: ANN401 # a module without types
         import highspy
     except ImportError as error:
         message = "placing cameras needs HiGHS, which is not installed"
-        raise InputError(Problem("missing-extra", message, mend="pip install 'sqrp[place]'")) from error
+        raise bad_input("missing-extra", message, mend="pip install 'sqrp[place]'") from error
     return highspy
 
 

@@ -80,8 +80,7 @@ def schema_of(name: str) -> dict[str, Any]:
     if name in FILES:
         return _file_schema(name)
     if name not in NAMES:
-        problem = Problem("bad-option", f"there is no schema of `{name}`; {expected_names(name, NAMES)}")
-        raise InputError(problem)
+        raise InputError(Problem("bad-option", f"there is no schema of `{name}`; {expected_names(name, NAMES)}"))
     found = {**DOCUMENTS, **RECORDS}[name]
     return {"$schema": DIALECT, **TypeAdapter(found).json_schema(mode="serialization", schema_generator=_Described)}
 

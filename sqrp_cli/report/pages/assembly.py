@@ -20,7 +20,7 @@ from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import bad_input
 from sqrp_cli.report.documents.document import plain
 from sqrp_cli.shapes import Triangles
 
@@ -57,7 +57,7 @@ def viewer_library() -> str:
     library, _, _ = rest.partition("\n")
     if not found or "THREE={}" not in library or "</script" in library:
         message = f"trimesh {metadata.version('trimesh')} does not carry three.js where it was expected"
-        raise InputError(Problem("no-viewer", message, mend="pip install 'trimesh==5.2.0'"))
+        raise bad_input("no-viewer", message, mend="pip install 'trimesh==5.2.0'")
     return f"{notice}*/\n{library}\n"
 
 
@@ -82,7 +82,7 @@ def _folder(name: str) -> Path:
         spec = None
     if spec is None or spec.origin is None:
         message = f"a report needs the Python package `{name}`, which is not installed"
-        raise InputError(Problem("missing-extra", message, mend="pip install trimesh fast-simplification"))
+        raise bad_input("missing-extra", message, mend="pip install trimesh fast-simplification")
     return Path(spec.origin).parent
 
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import bad_input
 from sqrp_cli.geometry import Array, transform
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.projection import ImagePoints, Projection
@@ -77,7 +77,7 @@ def check_rays() -> Embree:
         from embreex import mesh_construction, rtcore_scene
     except ImportError as error:
         message = "pictures need the Python package `embreex`, which is not installed"
-        raise InputError(Problem("missing-extra", message, mend="pip install embreex")) from error
+        raise bad_input("missing-extra", message, mend="pip install embreex") from error
     return Embree(mesh_construction, rtcore_scene)
 
 

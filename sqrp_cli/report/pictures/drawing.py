@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import bad_input
 from sqrp_cli.geometry import BOX_SIGNS, Array
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.sensing.limits import convex_hull
@@ -152,4 +152,4 @@ def _pillow(module: str) -> ModuleType:
         return import_module(f"PIL.{module}")
     except ImportError as error:
         message = "pictures need the Python package `pillow`, which is not installed"
-        raise InputError(Problem("missing-extra", message, mend="pip install pillow")) from error
+        raise bad_input("missing-extra", message, mend="pip install pillow") from error

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import Place, bad_input
 from sqrp_cli.geometry import box_corners, inverse, transform
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.projection import Projection
@@ -54,7 +54,7 @@ def check_pictures(folder: Path) -> None:
     check_rays()
     drawing.check_drawing()
     if folder.exists() and not folder.is_dir():
-        raise InputError(Problem("cannot-write", "this is a file; expected the name of a folder", Place(folder)))
+        raise bad_input("cannot-write", "this is a file; expected the name of a folder", Place(folder))
 
 
 def blind_intervals(study: Study) -> Iterator[BlindInterval]:

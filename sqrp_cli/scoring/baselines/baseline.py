@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, PlainSerializer, PlainValidator, ValidationError
 from pydantic_core import PydanticCustomError
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.knowledge.text.entries import Entry
 from sqrp_cli.knowledge.text.input_file import missing_file, read_text
 from sqrp_cli.knowledge.text.json_file import json_document, parse_json
@@ -170,7 +170,7 @@ def save_baseline(baseline: Baseline, path: Path) -> None:
     text = json_line(baseline.model_dump(mode="json"), indent=1) + "\n"
     if len(text.encode()) > MAX_BYTES:
         message = f"this baseline would have more than {MAX_BYTES:,} bytes, the limit"
-        raise InputError(Problem("file-too-large", message, Place(path), mend="make several, of fewer workspaces each"))
+        raise bad_input("file-too-large", message, Place(path), mend="make several, of fewer workspaces each")
     write_atomically(path, text)
 
 
@@ -192,7 +192,7 @@ def load_baseline(path: Path, sampling: Sampling) -> Baseline:
         made, used = _option(baseline.sampling), _option(sampling)
         message = f"the baseline was made with {made}, but this run samples with {used}"
         mend = "give the options --samples, --dt or --tolerance that it was made with, or make it again"
-        raise InputError(Problem("other-sampling", message, Place(path), mend=mend))
+        raise bad_input("other-sampling", message, Place(path), mend=mend)
     return baseline
 
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.knowledge.text.input_file import LARGEST, read_input, read_text
 from sqrp_cli.knowledge.text.json_file import parse_json
 
@@ -71,7 +71,7 @@ def connected(address: str | None, warn: Callable[[str], None]) -> Iterator[Clus
         if not workers:
             message = f"the cluster at `{address}` has no workers"
             scheduler = f"--scheduler-file {address}" if Path(address).is_file() else address
-            raise InputError(Problem("no-cluster", message, mend=f"dask worker {scheduler} --nworkers 2 --nthreads 1"))
+            raise bad_input("no-cluster", message, mend=f"dask worker {scheduler} --nworkers 2 --nthreads 1")
         client.run(prepare_worker, wait=False, on_error="ignore")
         threading.Thread(target=_watch, args=(client, warn, ended), daemon=True).start()
         yield Cluster(client, workers)
@@ -104,7 +104,7 @@ class DaskWorkers:
 
         if self._client.status not in ("running", "connecting"):
             message = "the connection to the cluster is lost; what is finished is kept where --out was given"
-            raise InputError(Problem("no-cluster", message, mend="run the same command again, with --out and --resume"))
+            raise bad_input("no-cluster", message, mend="run the same command again, with --out and --resume")
         contents = {digest: self._content(path, digest) for path, digest in job.workspace.files.items()}
         data = pickle.dumps(job, pickle.HIGHEST_PROTOCOL)  # passes through a cluster unread
         return self._executors[worker].submit(run_packed, data, program_digest(), contents)
@@ -163,7 +163,7 @@ def _client(cluster: str) -> Any:  # noqa: ANN401 # a client of Dask's
         import distributed
     except ImportError as error:
         message = "--cluster needs Dask, which is not installed"
-        raise InputError(Problem("missing-extra", message, mend="pip install 'sqrp[cluster]'")) from error
+        raise bad_input("missing-extra", message, mend="pip install 'sqrp[cluster]'") from error
     for name in ("distributed", "distributed.client"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
@@ -213,5 +213,5 @@ def _address_in(path: Path) -> str:
     address = data.get("address") if isinstance(data, dict) else None
     if not isinstance(address, str):
         message = "this is no scheduler file: it lacks the text `address`, such as `tcp://HOST:8786`"
-        raise InputError(Problem("no-cluster", message, Place(path), mend=_MEND))
+        raise bad_input("no-cluster", message, Place(path), mend=_MEND)
     return address

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
-from sqrp_cli.errors import Infeasible, InputError, Problem
+from sqrp_cli.errors import Infeasible, InputError, Problem, bad_input
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.platform.memory import collect_seldom, keep_freed_memory
@@ -132,7 +132,7 @@ def run_shipped(data: bytes, program: str, contents: Mapping[str, bytes]) -> tup
     """
     if program != program_digest():
         message = "a worker of the cluster has another version of sqrp, or of a library that it computes with"
-        raise InputError(Problem("version-mismatch", message, mend="install the same versions on every worker"))
+        raise bad_input("version-mismatch", message, mend="install the same versions on every worker")
     prepare()
     job: Job = pickle.loads(data)  # noqa: S301 # of the same program
     places = {path: _materialized(path, digest, contents[digest]) for path, digest in job.workspace.files.items()}

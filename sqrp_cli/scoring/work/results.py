@@ -19,7 +19,7 @@ from typing import IO, TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, bad_input
 from sqrp_cli.geometry import Mask, read_only
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.skill.skill import Skill
@@ -340,5 +340,5 @@ def _locked(folder: Path) -> IO[str]:
             raise
         message = "another `sqrp score`, `sqrp advise` or `sqrp place` is writing to this folder"
         mend = "wait for it, or name another folder"
-        raise InputError(Problem("folder-in-use", message, Place(folder), mend=mend)) from error
+        raise bad_input("folder-in-use", message, Place(folder), mend=mend) from error
     return file
