@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sqrp_cli.api.results import Answer
-from sqrp_cli.api.session import assess, check_choice, choose_candidate
+from sqrp_cli.api.session import Session, assess, check_choice, choose_candidate
 from sqrp_cli.errors import InputError, bad_input, bad_option
 from sqrp_cli.geometry import inverse, read_only
 from sqrp_cli.knowledge.text.entries import completed
@@ -32,7 +32,7 @@ from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.pipeline import assess_all
 from sqrp_cli.programming.ranking import rank
 from sqrp_cli.programming.suggestion import Suggester, with_first_steps
-from sqrp_cli.programming.task import in_words, read_task
+from sqrp_cli.programming.task import Candidate, in_words, read_task
 from sqrp_cli.programming.ways.grips import first_grip
 from sqrp_cli.report.documents.advice import (
     AdviceDocument,
@@ -45,9 +45,7 @@ from sqrp_cli.report.documents.advice import (
 from sqrp_cli.scoring.work.results import KeptSearches, Results
 
 if TYPE_CHECKING:
-    from sqrp_cli.api.session import Session
     from sqrp_cli.knowledge.skill.settings import MotionValue
-    from sqrp_cli.programming.task import Candidate
     from sqrp_cli.report.pages.search_pages import AdviceShown
     from sqrp_cli.scoring.scorecard import Progress
 

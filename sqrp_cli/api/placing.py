@@ -14,13 +14,13 @@ from sqrp_cli.errors import bad_input, bad_option, expected_names
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.yaml_edit import patch
 from sqrp_cli.knowledge.workspace.edits import NewCamera, with_cameras
-from sqrp_cli.knowledge.workspace.mounts import place_file, read_mounts
+from sqrp_cli.knowledge.workspace.mounts import Mounts, place_file, read_mounts
 from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.programming.advice.wish import Wish, read_wish
 from sqrp_cli.programming.candidate import split_steps
-from sqrp_cli.programming.placing.place import Placer
-from sqrp_cli.programming.placing.placement import PlaceQuestion
+from sqrp_cli.programming.placing.place import Placer, Told
+from sqrp_cli.programming.placing.placement import Placement, PlaceQuestion
 from sqrp_cli.programming.placing.problem import OBJECTIVES, Demand, FewestPossible
 from sqrp_cli.programming.placing.solver import check_solver
 from sqrp_cli.programming.placing.tensor import LocalVerdicts, Verdicts
@@ -31,11 +31,8 @@ from sqrp_cli.scoring.work.results import Results
 
 if TYPE_CHECKING:
     from sqrp_cli.api.arguments import WaysOption
-    from sqrp_cli.knowledge.workspace.mounts import Mounts
     from sqrp_cli.knowledge.workspace.workspace import Workspace
     from sqrp_cli.programming.cell import Cell
-    from sqrp_cli.programming.placing.place import Told
-    from sqrp_cli.programming.placing.placement import Placement
     from sqrp_cli.scoring.scorecard import Progress
     from sqrp_cli.scoring.work.compute import Means
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 from sqrp_cli.api.arguments import check_text, checked_path
 from sqrp_cli.errors import Problem, bad_option
-from sqrp_cli.report.documents.document import as_text
+from sqrp_cli.report.documents.document import Document, as_text
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.whole_study import StepShown
     from sqrp_cli.report.documents.candidates import CandidateFigures, RankDocument
     from sqrp_cli.report.documents.checks import CheckDocument, CheckedCandidate
-    from sqrp_cli.report.documents.document import Document
     from sqrp_cli.report.documents.explanation import CandidateStudy, ExplainAllDocument, ExplainDocument
     from sqrp_cli.report.documents.scene import ShowDocument
     from sqrp_cli.report.documents.scores import ScoreDocument, TaskResult

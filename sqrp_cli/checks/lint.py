@@ -10,20 +10,7 @@ from itertools import product
 
 import numpy as np
 
-from sqrp_cli.checks.cameras import (
-    blind_cameras,
-    detectors_out_of_range,
-    doubtful_images,
-    implausible_lenses,
-    thresholds_out_of_reach,
-)
-from sqrp_cli.checks.formulas import (
-    contradictions,
-    faults_of_the_plan,
-    formulas_against_the_action,
-    impossible_preconditions,
-    predicates_of,
-)
+from sqrp_cli.checks import cameras, formulas
 from sqrp_cli.checks.placement import floating_objects, overlapping_objects
 from sqrp_cli.errors import Problem, expected_names, first_names
 from sqrp_cli.knowledge.camera.camera import Camera
@@ -46,20 +33,20 @@ def lint(workspace: Workspace) -> tuple[Problem, ...]:
     for skill in workspace.skills.values():
         findings += without_target(skill)
         findings += fault_boxes_that_move(skill)
-        findings += contradictions(skill)
-        findings += faults_of_the_plan(skill)
-        findings += impossible_preconditions(skill)
-        findings += formulas_against_the_action(skill)
+        findings += formulas.contradictions(skill)
+        findings += formulas.faults_of_the_plan(skill)
+        findings += formulas.impossible_preconditions(skill)
+        findings += formulas.formulas_against_the_action(skill)
         findings += too_few_cameras(workspace, skill)
         findings += empty_boxes(workspace, skill)
         findings += too_small_boxes(workspace, skill)
         findings += _unused_parameters(skill)
     findings += _held_against_the_facts(workspace)
-    findings += thresholds_out_of_reach(workspace)
-    findings += detectors_out_of_range(workspace)
-    findings += doubtful_images(workspace)
-    findings += implausible_lenses(workspace)
-    findings += blind_cameras(workspace)
+    findings += cameras.thresholds_out_of_reach(workspace)
+    findings += cameras.detectors_out_of_range(workspace)
+    findings += cameras.doubtful_images(workspace)
+    findings += cameras.implausible_lenses(workspace)
+    findings += cameras.blind_cameras(workspace)
     findings += colors(workspace)
     findings += overlapping_objects(workspace)
     findings += floating_objects(workspace)
@@ -104,7 +91,7 @@ def without_target(skill: Skill) -> Iterator[Problem]:
     """Predicates of formulas that no camera can decide, because they have no target."""
     reported: set[str] = set()
     for requirement in skill.requirements:
-        for predicate in predicates_of(requirement.formula):
+        for predicate in formulas.predicates_of(requirement.formula):
             if predicate in skill.targets or predicate in reported:
                 continue
             reported.add(predicate)
@@ -200,7 +187,7 @@ def fault_boxes_that_move(skill: Skill) -> Iterator[Problem]:
     for requirement in skill.requirements:
         if requirement.name is None:
             continue
-        for predicate in predicates_of(requirement.formula):
+        for predicate in formulas.predicates_of(requirement.formula):
             boxes = skill.targets[predicate].boxes if predicate in skill.targets else ()
             for index, box in enumerate(boxes):
                 if box.frame not in grasped or (predicate, box.name) in reported:

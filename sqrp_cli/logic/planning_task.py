@@ -10,19 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from math import prod
 
-from sqrp_cli.logic.conditions import (
-    MAX_LITERALS,
-    All,
-    Binding,
-    GroundCondition,
-    Objects,
-    Some,
-    domain_sizes,
-    fitting_objects,
-    ground_atom,
-    ground_condition,
-    literal_count,
-)
+from sqrp_cli.logic import conditions
 from sqrp_cli.logic.domain import Action, Condition, Conjunction, Constant, Domain, Equal, Holds, Negation, Variable
 from sqrp_cli.logic.literal import Atom, Literal
 
@@ -87,7 +75,7 @@ class PlanningTask:
 
     initial: int
     goal: Need
-    goal_parts: tuple[tuple[Literal | Some, Need], ...]
+    goal_parts: tuple[tuple[Literal | conditions.Some, Need], ...]
     """The conjuncts of the goal, each as bits."""
     actions: tuple[GroundAction, ...]
 
@@ -117,10 +105,10 @@ class TaskLimits:
 
 def planning_task(
     domain: Domain,
-    objects: Objects,
+    objects: conditions.Objects,
     facts: frozenset[Atom],
     goal: Condition,
-    binding: Binding,
+    binding: conditions.Binding,
     limits: TaskLimits = TaskLimits(),
 ) -> PlanningTask:
     """Grounds actions and goal for the given objects.
@@ -138,7 +126,7 @@ def planning_task(
     numbering = _Numbering(facts, changeable)
     parts = [
         (part, numbering.need(part, keep=True) or NEVER)
-        for part in _ground_conjuncts(ground_condition(goal, binding, objects, domain))
+        for part in _ground_conjuncts(conditions.ground_condition(goal, binding, objects, domain))
     ]
     actions = tuple(_ground_actions(choices, numbering, sizes, limits))
     initial = sum(1 << (2 * number + (atom not in facts)) for atom, number in numbering.numbers.items())
@@ -153,16 +141,18 @@ def _ground_actions(
     for action, bound in _bound_actions(choices, sizes, limits):
         if 2 * len(numbering.numbers) * found > limits.bits:
             raise TaskTooLargeError(f"{limits.bits:,} bits of ground actions", choices.why(action))
-        condition = ground_condition(action.precondition, bound, choices.objects, choices.domain)
+        condition = conditions.ground_condition(action.precondition, bound, choices.objects, choices.domain)
         precondition = numbering.need(condition, keep=False)
         if precondition is not None:
             found += 1
             yield _ground_action(action, bound, precondition, numbering)
 
 
-def _bound_actions(choices: _Choices, sizes: Mapping[str, int], limits: TaskLimits) -> list[tuple[Action, Binding]]:
+def _bound_actions(
+    choices: _Choices, sizes: Mapping[str, int], limits: TaskLimits
+) -> list[tuple[Action, conditions.Binding]]:
     """Every action with every choice of objects: all are counted before one is grounded, which takes longer."""
-    found, literals = list[tuple[Action, Binding]](), 0
+    found, literals = list[tuple[Action, conditions.Binding]](), 0
     for action in choices.domain.actions.values():
         for bound in choices.of(action):
             found.append((action, bound))
@@ -174,19 +164,21 @@ def _bound_actions(choices: _Choices, sizes: Mapping[str, int], limits: TaskLimi
     return found
 
 
-def _condition_sizes(domain: Domain, objects: Objects, goal: Condition) -> dict[str, int]:
+def _condition_sizes(domain: Domain, objects: conditions.Objects, goal: Condition) -> dict[str, int]:
     """Literals in the expanded precondition of each action, at least 1. Raises TaskTooLargeError for too many."""
     actions = domain.actions.items()
-    sizes = {name: max(1, literal_count(action.precondition, objects, domain)) for name, action in actions}
-    largest = max([literal_count(goal, objects, domain), *sizes.values()])
-    if largest > MAX_LITERALS:
-        raise TaskTooLargeError(f"{MAX_LITERALS:,} literals", f"a single condition stands for {largest:,}")
+    sizes = {name: max(1, conditions.literal_count(action.precondition, objects, domain)) for name, action in actions}
+    largest = max([conditions.literal_count(goal, objects, domain), *sizes.values()])
+    if largest > conditions.MAX_LITERALS:
+        raise TaskTooLargeError(f"{conditions.MAX_LITERALS:,} literals", f"a single condition stands for {largest:,}")
     return sizes
 
 
-def _ground_action(action: Action, bound: Binding, precondition: Need, numbering: _Numbering) -> GroundAction:
-    adds = numbering.bits(Literal(ground_atom(change, bound)) for change in action.effect.adds)
-    deletes = numbering.bits(Literal(ground_atom(change, bound)) for change in action.effect.deletes) & ~adds
+def _ground_action(
+    action: Action, bound: conditions.Binding, precondition: Need, numbering: _Numbering
+) -> GroundAction:
+    adds = numbering.bits(Literal(conditions.ground_atom(change, bound)) for change in action.effect.adds)
+    deletes = numbering.bits(Literal(conditions.ground_atom(change, bound)) for change in action.effect.deletes) & ~adds
     step = PlanStep(action.name, tuple(bound[parameter.name] for parameter in action.parameters))
     return GroundAction(step, precondition, adds | deletes << 1, adds << 1 | deletes)
 
@@ -206,7 +198,7 @@ class _Numbering:
             bits |= 1 << (2 * number + (not literal.positive))
         return bits
 
-    def need(self, condition: GroundCondition, keep: bool) -> Need | None:
+    def need(self, condition: conditions.GroundCondition, keep: bool) -> Need | None:
         """The condition in bits, None if it can never hold.
 
         Literals that no action changes are decided at once, unless `keep`.
@@ -216,11 +208,11 @@ class _Numbering:
                 if keep or atom.predicate in self.changeable:
                     return Need(self.bits(iter((condition,))))
                 return Need(0) if (atom in self.facts) == positive else None
-            case All(parts):
+            case conditions.All(parts):
                 needs = [self.need(part, keep) for part in parts]
                 possible = [need for need in needs if need is not None]
                 return joined(possible) if len(possible) == len(needs) else None
-            case Some(alternatives):
+            case conditions.Some(alternatives):
                 needs = [self.need(part, keep) for part in alternatives]
                 possible = [need for need in needs if need is not None]
                 if any(need == Need(0) for need in possible):
@@ -234,24 +226,24 @@ class _Numbering:
 class _Choices:
     """All bindings of actions; counts how often an object was tried for a parameter."""
 
-    objects: Objects
+    objects: conditions.Objects
     facts: frozenset[Atom]
     changeable: frozenset[str]
     domain: Domain
     limit: int
     tried: int = 0
 
-    def of(self, action: Action) -> Iterator[Binding]:
+    def of(self, action: Action) -> Iterator[conditions.Binding]:
         """Those of one action, without those in which an unchangeable fact contradicts the precondition."""
         checks = [part for part in _conjuncts(action.precondition) if _is_unchangeable(part, self.changeable)]
-        fitting = [fitting_objects(parameter, self.objects, self.domain) for parameter in action.parameters]
+        fitting = [conditions.fitting_objects(parameter, self.objects, self.domain) for parameter in action.parameters]
         ready: list[list[Condition]] = []
         known: set[str] = set()
         for parameter in action.parameters:
             known.add(parameter.name)
             ready.append([part for part in checks if _variables(part) <= known and parameter.name in _variables(part)])
 
-        def extend(bound: dict[str, str], index: int) -> Iterator[Binding]:
+        def extend(bound: dict[str, str], index: int) -> Iterator[conditions.Binding]:
             if index == len(action.parameters):
                 yield dict(bound)
                 return
@@ -268,15 +260,15 @@ class _Choices:
 
     def why(self, action: Action) -> str:
         """Why the task is large, and how to make it smaller."""
-        count = prod(domain_sizes(action.parameters, self.objects, self.domain))
+        count = prod(conditions.domain_sizes(action.parameters, self.objects, self.domain))
         return (
             f"the {len(action.parameters)} parameters of `{action.name}` ({action.place}) have {count:,} choices of"
             " objects; give them types that fewer objects have, or make several actions of it"
         )
 
 
-def _ground_conjuncts(condition: GroundCondition) -> Iterator[Literal | Some]:
-    if isinstance(condition, All):
+def _ground_conjuncts(condition: conditions.GroundCondition) -> Iterator[Literal | conditions.Some]:
+    if isinstance(condition, conditions.All):
         for part in condition.parts:
             yield from _ground_conjuncts(part)
     else:
@@ -311,7 +303,7 @@ def _variables(condition: Condition) -> frozenset[str]:
     return frozenset()
 
 
-def _decided(condition: Condition, bound: Binding, facts: frozenset[Atom]) -> bool:
+def _decided(condition: Condition, bound: conditions.Binding, facts: frozenset[Atom]) -> bool:
     """The truth of an equality, of a predicate that no action changes, or of the negation of one of these."""
     match condition:
         case Negation(part):
@@ -320,5 +312,5 @@ def _decided(condition: Condition, bound: Binding, facts: frozenset[Atom]) -> bo
             first, second = (term.name if isinstance(term, Constant) else bound[term.name] for term in (left, right))
             return first == second
         case Holds():
-            return ground_atom(condition, bound) in facts
+            return conditions.ground_atom(condition, bound) in facts
     raise TypeError(f"{condition} is not decided by the facts alone")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
 from xml.etree import ElementTree as Xml
@@ -44,35 +44,29 @@ def write_summary(scorecard: Scorecard, path: Path) -> None:
     """Failures first, then the table of all tasks. Raises InputError if the file cannot be written."""
     named = (("passed", "passed"), ("failed", "failed"), ("error", "could not be scored"))
     counts = ", ".join(f"{scorecard.count(status)} {words}" for status, words in named if scorecard.count(status))
-    lines = [
-        f"## SQRP: {'passed' if scorecard.passed else 'not passed'}",
-        "",
-        f"{len(scorecard.results)} task{'s' if len(scorecard.results) != 1 else ''}: {counts}",
-        "",
-    ]
-    for result in scorecard.results:
-        lines += [
-            f"- **{result.score.status}** {_text(result.score.named)}: {_text(reason)}"
-            for reason in result.score.reasons
-        ]
-    lines += [f"- **vanished** {_text(gone.workspace)}, {_text(gone.task)}" for gone in scorecard.vanished]
-    lines += [f"- **renamed** {_text(name)} is {_text(was)} of the baseline" for name, was in scorecard.renamed.items()]
-    for result in scorecard.results:
-        comparison = result.comparison
-        if comparison is not None and comparison.verdict == "new":
-            lines.append(f"- **new** {_text(result.score.named)}")
-        ways = comparison.ways if comparison is not None else ()
-        lines += [f"- **improved** {_text(result.score.named)} for {_text(str(way))}" for way in ways if not way.worse]
-    lines += [
-        f"- changed in {_text(name)}: {_text(listed(changes))}"
-        for name, changes in scorecard.changes.items()
-        if changes
-    ]
+    total = len(scorecard.results)
+    lines = [f"## SQRP: {'passed' if scorecard.passed else 'not passed'}", ""]
+    lines += [f"{total} task{'s' if total != 1 else ''}: {counts}", "", *_findings(scorecard)]
     lines += [""] if lines[-1] else []
     lines += ["| workspace | task | best | Q_eoi % | Q_avg % | time s | seen at worst s | result |"]
     lines += ["|---|---|---|---:|---:|---:|---:|---|"]
     lines += [_row(result) for result in scorecard.results]
     write_atomically(path, "\n".join(lines) + "\n")
+
+
+def _findings(scorecard: Scorecard) -> Iterator[str]:
+    """An item for everything that is wrong, and for what is otherwise than in the baseline."""
+    for score in (result.score for result in scorecard.results):
+        yield from (f"- **{score.status}** {_text(score.named)}: {_text(reason)}" for reason in score.reasons)
+    yield from (f"- **vanished** {_text(gone.workspace)}, {_text(gone.task)}" for gone in scorecard.vanished)
+    yield from (f"- **renamed** {_text(now)} is {_text(was)} of the baseline" for now, was in scorecard.renamed.items())
+    for result in scorecard.results:
+        if result.comparison is not None:
+            named, ways = _text(result.score.named), result.comparison.ways
+            yield from [f"- **new** {named}"] if result.comparison.verdict == "new" else []
+            yield from (f"- **improved** {named} for {_text(str(way))}" for way in ways if not way.worse)
+    for name, changes in scorecard.changes.items():
+        yield from [f"- changed in {_text(name)}: {_text(listed(changes))}"] if changes else []
 
 
 def _counts(results: Sequence[ComparedScore], gone: int = 0) -> dict[str, str]:
@@ -113,11 +107,6 @@ def _row(result: ComparedScore) -> str:
             "-" if delay is None else f"{delay:.2f}",
         ]
     return "| " + " | ".join(_text(cell) for cell in cells) + " |"
-
-
-def _name(result: ComparedScore) -> str:
-    score = result.score
-    return _text(score.workspace if score.task is None else f"{score.workspace}, {score.task}")
 
 
 def _text(text: str) -> str:

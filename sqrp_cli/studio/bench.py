@@ -67,7 +67,8 @@ class _Bench:
         self._kin: object = None
         self._memory = SightMemory()
         self._model: SceneModel | None = None
-        self._task: tuple[object, Session, Plans] | None = None
+        self._task: tuple[str, Session] | None = None
+        """The last task with plans, as it was asked for, if it was in the cell as it is but for cameras."""
         self._run: RankingRun | None = None
         self._ranking: list[Ranked] = []
         self._session: Session | None = None
@@ -132,47 +133,47 @@ class _Bench:
 
     def _begin(self, asked: Rank) -> None:
         self.drop()
-        session, plans = self._opened(asked)
+        session = self._opened(asked)
         keep_all_so_far()
-        for candidate in session.task.candidates if plans is not None else ():
-            if self._pipe.poll():
+        plans = session.assignment.plans
+        for candidate in session.task.candidates:
+            if plans is None or self._pipe.poll():
                 break  # plans are made where they are needed
             if not candidate.steps:
-                plans.of(session.cell, candidate, session.assignment.world, fastest=False)  # type: ignore[union-attr]
+                plans.of(session.cell, candidate, session.assignment.world, fastest=False)
         self._run = RankingRun(asked, session, self._jobs, self._memory)
 
-    def _opened(self, asked: Rank) -> tuple[Session, Plans | None]:
+    def _opened(self, asked: Rank) -> Session:
         """The task in the cell of a text; what depends on no camera is reused."""
+        cell, wanted = self._read(asked), WantedWay(asked.by, alone=True)
+        if self._task is not None and self._task[0] == asked.task:
+            before = self._task[1]
+            return Session(before.task, replace(before.assignment, cell=cell, wanted=wanted))
+        session = Session.begin(cell, asked.task, Inquiry(wanted=wanted))
+        if len(session.task.candidates) <= KEPT_PLANS:
+            session = Session(session.task, replace(session.assignment, plans=Plans()))
+            self._task = asked.task, session
+        return session
+
+    def _read(self, asked: Rank) -> Cell:
+        """The cell of a text, of which browsers are told; only its cameras are new if nothing else is."""
         opened = OpenCell.read(self._path, self._seed, asked.content)
         if opened.errors:
             raise InputError(*opened.errors)
-        workspace, known = opened.workspace, self._cell
-        kin = _all_but_cameras(workspace)
-        same = known is not None and kin == self._kin
-        if same and known is not None:
-            cell = known.seen_by(workspace)
+        kin, model = _all_but_cameras(opened.workspace), self._model
+        if self._cell is not None and kin == self._kin:
+            cell = self._cell.seen_by(opened.workspace)
         else:
-            self._memory = SightMemory()
+            self._memory, self._task, model = SightMemory(), None, None
             cell = replace(opened.cell, observer=replace(opened.cell.observer, memory=self._memory))
         self._cell, self._kin = cell, kin
         if not asked.of_saved:
-            model = self._model if same and self._model is not None else SceneModel.of(cell)
+            model = SceneModel.of(cell) if model is None else model
             new = None if model == self._model else model  # browsers have it
             self._model = model
             self.say("cell", scene=ShowDocument.of(cell), model=new, number=asked.number)
             self._sketches.clear()
-        key = (kin, asked.task)
-        if self._task is not None and self._task[0] == key and same:
-            _, before, plans = self._task
-            assignment = replace(before.assignment, cell=cell, wanted=WantedWay(asked.by, alone=True))
-            return Session(before.task, assignment), plans
-        session = Session.begin(cell, asked.task, Inquiry(wanted=WantedWay(asked.by, alone=True)))
-        if len(session.task.candidates) > KEPT_PLANS:
-            return session, None
-        plans = Plans()
-        session = Session(session.task, replace(session.assignment, plans=plans))
-        self._task = key, session, plans
-        return session, plans
+        return cell
 
     def _assessed(self, run: RankingRun) -> None:
         """Another candidate is assessed."""

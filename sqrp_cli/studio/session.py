@@ -21,26 +21,13 @@ from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document, workspace_file
 from sqrp_cli.platform.files import write_atomically
+from sqrp_cli.studio import requests
 from sqrp_cli.studio.bench_process import Bench
 from sqrp_cli.studio.draft import Draft, DraftChange
 from sqrp_cli.studio.jobs import Errands, Play, Search, Write
 from sqrp_cli.studio.messages import findings, handles, message, parameters, studio_page
 from sqrp_cli.studio.moves import written
 from sqrp_cli.studio.rankings import Rankings
-from sqrp_cli.studio.requests import (
-    Apply,
-    Asked,
-    AskTask,
-    Choose,
-    DropFault,
-    Hold,
-    Plain,
-    PutDown,
-    RunProgram,
-    SetValue,
-    WriteProgram,
-    read_request,
-)
 from sqrp_cli.studio.server import Live, Tell
 
 if TYPE_CHECKING:
@@ -136,11 +123,11 @@ class Studio:
         self._errands.end()
 
     def _rank(self) -> None:
-        self._rankings.rank(Asked(self._draft.content, self._task, self._by))
+        self._rankings.rank(requests.Asked(self._draft.content, self._task, self._by))
 
-    def _saved(self) -> Asked:
+    def _saved(self) -> requests.Asked:
         """What the saved file is ranked for, to compare."""
-        return Asked(self._draft.saved, self._task, self._by)
+        return requests.Asked(self._draft.saved, self._task, self._by)
 
     def _named(self, names: Sequence[str]) -> None:
         """The candidates of a new ranking."""
@@ -157,31 +144,31 @@ class Studio:
             tell(message("refused", problems=findings(error.problems)))
 
     async def _obey(self, text: str) -> None:
-        match read_request(text):
-            case Hold() as asked:
+        match requests.read_request(text):
+            case requests.Hold() as asked:
                 self.live.tell(message("move", move=asked.move))
                 self._rankings.hold(asked)
-            case PutDown(move=move):
+            case requests.PutDown(move=move):
                 try:
                     label = move.in_words(handles(self._workspace)[move.kind].get(move.name))
                     self._edit(label, lambda: written(self._document(), self._workspace, move))
                 finally:
                     self.rest()
-            case SetValue(path=path, value=value):
+            case requests.SetValue(path=path, value=value):
                 self._edit(f"{path} = {value}", lambda: with_values(self._document(), {path: value}))
-            case AskTask(text=task, by=by):
+            case requests.AskTask(text=task, by=by):
                 self._ask(task, by)
-            case Choose() as asked:
+            case requests.Choose() as asked:
                 self._choose(asked)
-            case Apply(number=number):
+            case requests.Apply(number=number):
                 self._apply(number)
-            case WriteProgram(file=file):
+            case requests.WriteProgram(file=file):
                 self._write(file)
-            case RunProgram(file=file, faults=faults):
+            case requests.RunProgram(file=file, faults=faults):
                 self._play(file, faults)
-            case DropFault():
+            case requests.DropFault():
                 self._errands.drop()
-            case Plain(do=do):
+            case requests.Plain(do=do):
                 _PLAIN[do](self)
 
     def _document(self) -> SourceDocument:
@@ -245,7 +232,7 @@ class Studio:
         self._rank()
         self._tell_state()
 
-    def _choose(self, asked: Choose) -> None:
+    def _choose(self, asked: requests.Choose) -> None:
         self._chosen = asked.name
         self._rankings.choose(asked)
         self._note("shown", self._command("explain", self._task, "--choose", asked.name))

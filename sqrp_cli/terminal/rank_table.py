@@ -18,18 +18,8 @@ from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.ranking import Criterion, Ranked, compared_quality, winners
 from sqrp_cli.programming.task import in_words
 from sqrp_cli.programming.ways.grips import way_in_words
+from sqrp_cli.report import sentences
 from sqrp_cli.report.documents.candidates import percentiles
-from sqrp_cli.report.sentences import (
-    accuracy,
-    between,
-    differing_parameters,
-    stays_first,
-    summary,
-    undecided,
-    way_of,
-    why_first,
-    within,
-)
 from sqrp_cli.terminal.console import (
     Cell,
     Column,
@@ -143,7 +133,7 @@ def print_ranking(
     """
     feasible = [ranked for ranked in ranking if ranked.rank is not None]
     workspace = assignment.cell.workspace.name
-    say(joined([(title, "bold"), f" in {workspace}: {summary(ranking, by)}\n"]))
+    say(joined([(title, "bold"), f" in {workspace}: {sentences.summary(ranking, by)}\n"]))
     if feasible:
         shown = feasible if all_rows else _best_of_each(feasible)
         _print_feasible(feasible, shown)
@@ -159,14 +149,14 @@ def print_ranking(
         for sentence in _sentences(feasible, by, all_ways=all_ways):
             say(sentence)
         say(_OPTIMAL, "dim")
-        say(accuracy(assignment.sampling, feasible), "dim")
+        say(sentences.accuracy(assignment.sampling, feasible), "dim")
     if all_ways:
         print_ways([ranked.assessment for ranked in ranking])
 
 
 def _sentences(feasible: Sequence[Ranked], by: Criterion, *, all_ways: bool) -> Iterator[str]:
     """Why the first is first and the last last, and what other ways there are."""
-    yield why_first(feasible, by)
+    yield sentences.why_first(feasible, by)
     last = feasible[-1].assessment
     all_seen = last.verdict == NOTHING_MISSING
     if len(feasible) > 1:
@@ -214,12 +204,12 @@ def _print_certificate(
     proven = [(one, one.assessment.certificate) for one in shown if one.assessment.certificate is not None]
     if assignment.bounds is None or not proven:
         return
-    say(f"\nProven {within(assignment.bounds)}:")
+    say(f"\nProven {sentences.within(assignment.bounds)}:")
     rows = [
         (
             one.assessment.candidate.name,
-            between(found.least.q_eoi, found.most.q_eoi),
-            between(found.least.q_avg, found.most.q_avg),
+            sentences.between(found.least.q_eoi, found.most.q_eoi),
+            sentences.between(found.least.q_avg, found.most.q_avg),
             f"{sum(stretch.length for stretch in found.undecided):.2f}",
         )
         for one, found in proven
@@ -229,7 +219,7 @@ def _print_certificate(
     error = bisection_error(assignment.sampling)
     if error and any(_is_open(one) for _, one in proven):
         say(f"Both ends allow for {100 * error:g} points that bisection may leave.")
-    for sentence in (stays_first(feasible, by), undecided(*proven[0])):
+    for sentence in (sentences.stays_first(feasible, by), sentences.undecided(*proven[0])):
         if sentence is not None:
             say(sentence)
 
@@ -259,7 +249,7 @@ _EXPECTED = _Figure("expected\n[%]", lambda found: Share(found.q_expected))
 """The column that is there if a detector says how likely it sees."""
 
 
-_WAY = _Figure("way", way_of)
+_WAY = _Figure("way", sentences.way_of)
 """The column that is there if a candidate can be done in several ways."""
 
 
@@ -276,7 +266,7 @@ def _best_of_each(feasible: Sequence[Ranked]) -> Sequence[Ranked]:
 
 def _print_feasible(feasible: Sequence[Ranked], shown: Sequence[Ranked]) -> None:
     """The table of those that are shown, and how many are not."""
-    differing = differing_parameters([ranked.assessment.candidate for ranked in feasible])
+    differing = sentences.differing_parameters([ranked.assessment.candidate for ranked in feasible])
     figures = [*_FIGURES, *_fault_figures(feasible[0].assessment)]
     if any(ranked.assessment.q_expected is not None for ranked in feasible):
         figures.insert(2, _EXPECTED)

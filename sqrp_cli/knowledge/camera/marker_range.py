@@ -49,8 +49,7 @@ def least_pixels(camera: Intrinsics, dictionary: str, incidence: ArrayLike = 0.0
 
     incidence: angles between its normal and the direction to the camera [rad]; the result has their shape.
     """
-    found: Array = _least_side(camera, dictionary, incidence) * np.sqrt(_shorter(incidence))
-    return found
+    return _least_side(camera, dictionary, incidence) * np.sqrt(_shorter(incidence))
 
 
 def _least_side(camera: Intrinsics, dictionary: str, incidence: ArrayLike) -> Array:

@@ -54,8 +54,7 @@ class Projection:
         """Which of some directions (..., 3) in the optical frame with z > 0 are within the image."""
         pixels, inside = self.pixels(directions_C)
         beyond = (pixels < -0.5) | (pixels > np.array([self.camera.width, self.camera.height]) - 0.5)
-        shown: Mask = inside & ~beyond.any(axis=-1)
-        return shown
+        return inside & ~beyond.any(axis=-1)
 
     def bent(self, plane: Array) -> ImagePoints:
         """Where the lens moves points (..., 2) of the plane z = 1, and whether they are within the radius.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -204,16 +204,14 @@ def _is_free(cell: Cell, name: str, world: World) -> bool:
 
 def _hiding(cell: Cell, found: WholeStudy) -> Iterator[str]:
     """Objects that hide targets while too few cameras see them, the one first without which most would be seen."""
-    of_steps = [to_move(cell, step, hidden_views(cell, step)) for step in found.steps]
-    objects = sorted({one.name for of_step in of_steps for one in of_step})
-
-    def gain(name: str) -> tuple[float, float]:
-        same = [one for of_step in of_steps for one in of_step if one.name == name]
-        return sum(one.alone for one in same), sum(one.share for one in same)
-
-    yield from sorted(objects, key=gain, reverse=True)
+    hiding = [one for step in found.steps for one in to_move(cell, step, hidden_views(cell, step))]
+    alone, share = defaultdict[str, float](float), defaultdict[str, float](float)
+    for one in hiding:
+        alone[one.name] += one.alone
+        share[one.name] += one.share
+    yield from sorted(sorted(alone), key=lambda name: (alone[name], share[name]), reverse=True)
     behind = Counter(name for step in found.steps for name in _alike_behind(cell, step))
-    yield from sorted(behind.keys() - set(objects), key=lambda name: (-behind[name], name))
+    yield from sorted(behind.keys() - set(alone), key=lambda name: (-behind[name], name))
 
 
 def _alike_behind(cell: Cell, step: Study) -> Iterator[str]:

@@ -16,6 +16,7 @@ from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.logic.image_time import Onset, Window, Windows, delays
 from sqrp_cli.program.record import FaultMetrics
+from sqrp_cli.programming import pieces
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.certificate import Certificate
 from sqrp_cli.programming.coverage.fault_sights import all_fault_windows, fault_onsets
@@ -27,13 +28,6 @@ from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.grounding import TargetGrounder, formulas_outside, ground_formulas
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.stop_and_return import Recovery, recovery_over
-from sqrp_cli.programming.pieces import (
-    cut_into_pieces,
-    fault_intervals,
-    fault_literals,
-    interesting_time,
-    monitored_time,
-)
 from sqrp_cli.programming.task import Candidate
 
 _PROMPT = 1e-3
@@ -277,17 +271,17 @@ def rehearsal(cell: Cell, candidate: Candidate, world: World, motion: Motion) ->
     )
     targets = grounder.targets(formulas)
     column = {target.atom: number for number, target in enumerate(targets)}
-    faults = fault_literals(formulas).items()
+    faults = pieces.fault_literals(formulas).items()
     return Rehearsal(
         candidate=candidate,
         world=world,
         motion=motion,
         formulas=formulas,
         targets=targets,
-        stage=Stage(model, motion, cut_into_pieces(list(spans.values()), formulas), world.X_WO),
+        stage=Stage(model, motion, pieces.cut_into_pieces(list(spans.values()), formulas), world.X_WO),
         faults={name: tuple(dict.fromkeys(column[one.atom] for one in literals)) for name, literals in faults},
-        T=monitored_time(formulas),
-        T_eoi=interesting_time(formulas),
+        T=pieces.monitored_time(formulas),
+        T_eoi=pieces.interesting_time(formulas),
     )
 
 
@@ -328,6 +322,6 @@ def observed_again(cell: Cell, study: Study, sampling: Sampling, *, full: bool) 
 
 
 def _study(cell: Cell, scene: Watched, windows: Mapping[str, Windows]) -> Study:
-    starts = (fault_intervals(scene.formulas, fault)[0].start for fault in scene.timeline.faults)
+    starts = (pieces.fault_intervals(scene.formulas, fault)[0].start for fault in scene.timeline.faults)
     recovery = recovery_over(scene.motion, cell.model, min(starts, default=scene.motion.time))
     return Study(**vars(scene), recovery=recovery, windows=windows, onsets=fault_onsets(scene, cell.observer))

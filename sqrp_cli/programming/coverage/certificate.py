@@ -126,8 +126,7 @@ class _Grid:
 
     def between(self, seen: Mask) -> Array:
         """The time between samples that are both seen, shape (p, 2) [s]; seen: shape (p, m)."""
-        found: Array = (seen[:, self.first] & seen[:, self.first + 1]) @ self.lengths
-        return found
+        return (seen[:, self.first] & seen[:, self.first + 1]) @ self.lengths
 
 
 class _Rest(NamedTuple):

@@ -10,19 +10,8 @@ import numpy as np
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, side_pose
 from sqrp_cli.knowledge.frames import TOOL, WORLD
 from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.knowledge.skill import skill
 from sqrp_cli.knowledge.skill.settings import MotionValue, Reference, Setting, number_of, side_of
-from sqrp_cli.knowledge.skill.skill import (
-    HOME,
-    GraspWaypoint,
-    OffsetWaypoint,
-    PoseWaypoint,
-    PutWaypoint,
-    RaiseWaypoint,
-    RetreatWaypoint,
-    TurnWaypoint,
-    Waypoint,
-    origins,
-)
 
 
 def setting_value(setting: Setting, values: Mapping[str, MotionValue]) -> MotionValue:
@@ -39,7 +28,7 @@ def setting_number(setting: Setting, values: Mapping[str, MotionValue]) -> float
 class WaypointGrounder:
     """Waypoints of a skill in one binding and one world."""
 
-    waypoints: Mapping[str, Waypoint]
+    waypoints: Mapping[str, skill.Waypoint]
     """Of the skill."""
     binding: Mapping[str, str]
     """The object of each skill parameter."""
@@ -66,7 +55,7 @@ class WaypointGrounder:
         - offset: the other pose, moved along the axes of itself, the world or an object;
         - pose: that of the tool frame, or of a held object, in the world or relative to an object.
         """
-        if name == HOME:
+        if name == skill.HOME:
             return self.X_WH
         if name not in self._found:
             self._found[name] = self._pose(name)
@@ -74,32 +63,32 @@ class WaypointGrounder:
 
     def _pose(self, name: str) -> Array:
         match self.waypoints[name]:
-            case GraspWaypoint(object=parameter, side=side, yaw=yaw, depth=depth):
+            case skill.GraspWaypoint(object=parameter, side=side, yaw=yaw, depth=depth):
                 grasped = self.binding[parameter]
                 X_OS = side_pose(self.objects[grasped].size, side_of(setting_value(side, self.values)))
                 return (
                     self.X_WO[grasped] @ X_OS @ pose(axis_rotation(2, self._number(yaw)), (0, 0, self._number(depth)))
                 )
-            case PutWaypoint(object=parameter, on=surface) as put:
+            case skill.PutWaypoint(object=parameter, on=surface) as put:
                 held, carrier = self.binding[parameter], self.binding[surface]
                 settings = (self._number(setting) for setting in (put.along, put.across, put.yaw))
                 X_BO = put_pose(self.objects[held].size, self.objects[carrier].size, *settings)
                 return self.X_WO[carrier] @ X_BO @ inverse(self.X_TO[held])
-            case RetreatWaypoint(waypoint=other, distance=distance):
+            case skill.RetreatWaypoint(waypoint=other, distance=distance):
                 return self.pose(other) @ pose(position=(0.0, 0.0, -self._number(distance)))
-            case RaiseWaypoint(waypoint=other, distance=distance):
+            case skill.RaiseWaypoint(waypoint=other, distance=distance):
                 return pose(position=(0.0, 0.0, self._number(distance))) @ self.pose(other)
-            case TurnWaypoint(waypoint=other, turn=turn, tilt=tilt):
+            case skill.TurnWaypoint(waypoint=other, turn=turn, tilt=tilt):
                 return (
                     self.pose(other)
                     @ pose(axis_rotation(2, self._number(turn)))
                     @ pose(axis_rotation(0, self._number(tilt)))
                 )
-            case OffsetWaypoint(waypoint=other, offset=offset, along=along):
+            case skill.OffsetWaypoint(waypoint=other, offset=offset, along=along):
                 X_WT, shift = self.pose(other), np.array([self._number(part) for part in offset])
                 axes = X_WT if along == TOOL else self._frame(along)
                 return pose(position=axes[:3, :3] @ shift) @ X_WT
-            case PoseWaypoint(X_FT=X_FT, frame=frame, of=held):
+            case skill.PoseWaypoint(X_FT=X_FT, frame=frame, of=held):
                 of_tool = pose() if held is None else inverse(self.X_TO[self.binding[held]])
                 return self._frame(frame) @ X_FT @ of_tool
 
@@ -109,21 +98,21 @@ class WaypointGrounder:
 
     def missing(self, name: str) -> str | None:
         """Why the pose of a waypoint is unknown; None if it is known."""
-        names = [] if name == HOME else [name]
+        names = [] if name == skill.HOME else [name]
         for known in names:
-            names += [other for other in origins(self.waypoints[known]) if other not in names]
+            names += [other for other in skill.origins(self.waypoints[known]) if other not in names]
         return next(filter(None, map(self._lack, names)), None)
 
     def _lack(self, name: str) -> str | None:
         """What a waypoint itself lacks, apart from its origins."""
         match self.waypoints[name]:
-            case GraspWaypoint(object=parameter):
+            case skill.GraspWaypoint(object=parameter):
                 return self._unplaced(parameter)
-            case PutWaypoint(object=parameter, on=surface):
+            case skill.PutWaypoint(object=parameter, on=surface):
                 return self._not_held(parameter) or self._unplaced(surface)
-            case OffsetWaypoint(along=frame) if frame not in (TOOL, WORLD):
+            case skill.OffsetWaypoint(along=frame) if frame not in (TOOL, WORLD):
                 return self._unplaced(frame)
-            case PoseWaypoint(frame=frame, of=held):
+            case skill.PoseWaypoint(frame=frame, of=held):
                 lost = None if held is None else self._not_held(held)
                 return lost or (None if frame == WORLD else self._unplaced(frame))
         return None

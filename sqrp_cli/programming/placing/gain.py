@@ -136,8 +136,7 @@ class _Groups(NamedTuple):
 
 def _any_of_each(rows: Mask, begins: Indices) -> Mask:
     """Whether any row of a group is true, shape (rows of all groups, n); (groups, n)."""
-    found: Mask = np.logical_or.reduceat(rows, begins, axis=0) if len(begins) else rows[:0]
-    return found
+    return np.logical_or.reduceat(rows, begins, axis=0) if len(begins) else rows[:0]
 
 
 class Gain:

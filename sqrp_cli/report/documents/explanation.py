@@ -28,17 +28,9 @@ from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, Occluder
 from sqrp_cli.programming.targets import Target
+from sqrp_cli.report.documents import requirements
 from sqrp_cli.report.documents.candidates import CandidateFigures, SamplingDone
 from sqrp_cli.report.documents.document import LEFT_OUT, Pose, Record, TaskDocument
-from sqrp_cli.report.documents.requirements import (
-    CameraTiming,
-    FaultSight,
-    Formula,
-    RecoveryTimes,
-    Span,
-    TargetBoxes,
-    targets_of,
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,19 +160,19 @@ class CandidateStudy(CandidateFigures):
 
     sampling: SamplingDone | None
     """How the motion was sampled; null if the candidate is infeasible."""
-    primitives: list[Span]
+    primitives: list[requirements.Span]
     """In the order in which they are done."""
-    formulas: list[Formula]
+    formulas: list[requirements.Formula]
     """One entry for each temporal operator of the skill's formulas."""
-    cameras: Mapping[str, CameraTiming]
+    cameras: Mapping[str, requirements.CameraTiming]
     """By the camera's name."""
     without_camera: Mapping[str, Qualities]
     """The qualities if this camera fails."""
-    recovery: RecoveryTimes | None
+    recovery: requirements.RecoveryTimes | None
     """How long a stop and the way back take; null if the candidate is infeasible."""
-    sights: Mapping[str, FaultSight]
+    sights: Mapping[str, requirements.FaultSight]
     """When images show each fault, by its name."""
-    targets: Mapping[str, TargetBoxes]
+    targets: Mapping[str, requirements.TargetBoxes]
     """By literal, for every literal of `formulas`."""
     samples: list[Sample]
     """The sampled instants in the order of time."""
@@ -202,15 +194,15 @@ class CandidateStudy(CandidateFigures):
             **vars(CandidateFigures.of(ranked)),
             sampling=SamplingDone.of(sampling, [ranked.assessment]),
             primitives=[
-                Span(name=timed.name, start=timed.start, end=timed.end, does=stated.words)
+                requirements.Span(name=timed.name, start=timed.start, end=timed.end, does=stated.words)
                 for timed, stated in zip(study.motion.primitives, study.candidate.skill.primitives, strict=True)
             ],
-            formulas=[Formula.of(formula) for formula in study.formulas],
-            cameras={camera.name: completed(CameraTiming, camera) for camera in cell.observer.cameras},
+            formulas=[requirements.Formula.of(formula) for formula in study.formulas],
+            cameras={camera.name: completed(requirements.CameraTiming, camera) for camera in cell.observer.cameras},
             without_camera=without_each_camera(cell, study),
-            recovery=RecoveryTimes(t=study.recovery.t.tolist(), duration=study.recovery.duration.tolist()),
-            sights={fault: FaultSight.of(study, fault) for fault in study.windows},
-            targets=targets_of(study),
+            recovery=requirements.RecoveryTimes(t=study.recovery.t.tolist(), duration=study.recovery.duration.tolist()),
+            sights={fault: requirements.FaultSight.of(study, fault) for fault in study.windows},
+            targets=requirements.targets_of(study),
             samples=_samples(cell, study, None if brief else views),
             hidden=[
                 completed(

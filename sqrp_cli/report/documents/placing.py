@@ -8,14 +8,7 @@ from typing import Literal
 
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.programming.advice.wish import Wish
-from sqrp_cli.programming.placing.placement import (
-    JudgedCandidate,
-    PlacedCamera,
-    Placement,
-    SpareCost,
-    UnseenTarget,
-    WithFewer,
-)
+from sqrp_cli.programming.placing import placement
 from sqrp_cli.programming.placing.problem import FewestPossible, Objective
 from sqrp_cli.report.documents.advice import AdvisedFigures, WishedFigures
 from sqrp_cli.report.documents.document import LEFT_OUT, Pose, Record, WorkspaceDocument
@@ -49,7 +42,7 @@ class CameraPlaced(Record):
     """By how much that quality falls if this camera is lost, and no other one."""
 
     @classmethod
-    def of(cls, placed: PlacedCamera) -> CameraPlaced:
+    def of(cls, placed: placement.PlacedCamera) -> CameraPlaced:
         """A camera as a record."""
         at = placed.view.at
         return completed(
@@ -76,7 +69,7 @@ class PlacedCandidate(AdvisedFigures):
     """The figures of the way that `rank` and `score` take in the patched workspace, if those are others."""
 
     @classmethod
-    def of_candidate(cls, judged: JudgedCandidate) -> PlacedCandidate:
+    def of_candidate(cls, judged: placement.JudgedCandidate) -> PlacedCandidate:
         """The figures of a candidate."""
         ranked = None if judged.ranked is None else AdvisedFigures.of(judged.ranked)
         return completed(cls, judged.found, task=judged.task, candidate=judged.candidate.name, ranked=ranked)
@@ -156,13 +149,13 @@ class PlaceDocument(WorkspaceDocument):
     """Of all cameras on mounts."""
     fewest: int | None
     """The fewest cameras that meet `want`; null without one."""
-    fewer: WithFewer | None
+    fewer: placement.WithFewer | None
     """What one camera less could do; null if there cannot be fewer."""
     floor: FewestPossible | None
     """How many there have to be; null if any number will do."""
     reason: str
     """Why no cameras can be chosen at all; empty if some can."""
-    without_spare: SpareCost | None
+    without_spare: placement.SpareCost | None
     """With `survive`: what would do if no camera could fail."""
     candidates: Sequence[PlacedCandidate]
     """The exact figures of each, those of `sqrp score` for the patched workspace unless `ranked` says others."""
@@ -170,7 +163,7 @@ class PlaceDocument(WorkspaceDocument):
     """Of each candidate, `TASK: NAME`, the parameters of the way that was chosen for it."""
     infeasible: Sequence[InfeasibleCandidate]
     """Candidates that cannot be done."""
-    unseen: Sequence[UnseenTarget]
+    unseen: Sequence[placement.UnseenTarget]
     """If nothing meets `want`: what no choice of mounts covers, of each candidate and literal the first instant."""
     compared: Compared
     """What the proof is about."""
@@ -180,7 +173,7 @@ class PlaceDocument(WorkspaceDocument):
     """True if Ctrl-C came before the proof was complete."""
 
 
-def placed(found: Placement, patch: str) -> PlaceDocument:
+def placed(found: placement.Placement, patch: str) -> PlaceDocument:
     """A placement as a document."""
     question, demand = found.question, found.question.demand
     delays = [one.found.delay_worst for one in found.candidates if one.found.delay_worst is not None]
@@ -212,7 +205,7 @@ def placed(found: Placement, patch: str) -> PlaceDocument:
     )
 
 
-def _proof_in_words(found: Placement) -> str:
+def _proof_in_words(found: placement.Placement) -> str:
     """What is proven, and about what, in a few sentences."""
     if found.why:
         return f"No camera can be chosen: {found.why}."
@@ -232,7 +225,7 @@ def _proof_in_words(found: Placement) -> str:
     return " ".join(sentences)
 
 
-def _best(found: Placement) -> str:
+def _best(found: placement.Placement) -> str:
     """How good the chosen cameras are, and that no others are better, or how much better they could be."""
     number, mounts = in_words(len(found.cameras)), _mounts(found.places)
     which = "least Q" if found.question.demand.objective == "least" else "mean Q"
@@ -250,7 +243,7 @@ def _best(found: Placement) -> str:
     return f"{best} better than a {which} of {quality} in {about} (gap 0)."
 
 
-def _scope(found: Placement) -> str:
+def _scope(found: placement.Placement) -> str:
     if found.question.fastest:
         return "the way of each candidate with --ways fastest" if found.ways > 1 else "the way with --ways fastest"
     if found.fastest:

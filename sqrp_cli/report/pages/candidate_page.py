@@ -15,6 +15,7 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.pipeline import Assignment, Explained
 from sqrp_cli.programming.ranking import Criterion, Ranked
 from sqrp_cli.programming.task import in_words
+from sqrp_cli.report import sentences
 from sqrp_cli.report.documents.candidates import CandidateFigures
 from sqrp_cli.report.documents.document import Pose, Record
 from sqrp_cli.report.documents.explanation import CandidateStudy
@@ -23,15 +24,6 @@ from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.assembly import packed, simplified
 from sqrp_cli.report.pages.page import CellScene, PageContent, PageRow, write_page
 from sqrp_cli.report.pages.paint import Color, css, solid_colors
-from sqrp_cli.report.sentences import (
-    accuracy,
-    differing_parameters,
-    proven,
-    reasons_by_doing,
-    summary,
-    way_of,
-    why_first,
-)
 from sqrp_cli.shapes import Triangles
 from sqrp_cli.version import __version__
 
@@ -63,11 +55,11 @@ def write_ranking(
     entries = candidate_rows(ranking, list(details))
     about = origin(arguments, cell.workspace)
     if feasible := [ranked for ranked in ranking if ranked.rank is not None]:
-        about.append(("accuracy", accuracy(assignment.sampling, feasible)))
+        about.append(("accuracy", sentences.accuracy(assignment.sampling, feasible)))
         if assignment.bounds is not None:
-            about.append(("proven", proven(assignment.bounds, feasible, by)))
+            about.append(("proven", sentences.proven(assignment.bounds, feasible, by)))
     title = f"{task} in {cell.workspace.name}"
-    said = f"{summary(ranking, by)}. {why_first(feasible, by) if feasible else ''}".strip()
+    said = f"{sentences.summary(ranking, by)}. {sentences.why_first(feasible, by) if feasible else ''}".strip()
     write_page(PageContent(title, said, "Candidates", about, entries, [cell_scene(cell)]), path)
 
 
@@ -112,7 +104,7 @@ def _scored(scored: ScoredCell, scores: Sequence[TaskScore], means: Means) -> tu
 
 def candidate_rows(ranking: Sequence[Ranked], details: Sequence[str | None]) -> list[PageRow]:
     """The rows of the candidates of a task. details: of each, see `PageRow`."""
-    differing = differing_parameters([ranked.assessment.candidate for ranked in ranking])
+    differing = sentences.differing_parameters([ranked.assessment.candidate for ranked in ranking])
     choice = any(ranked.assessment.has_choice for ranked in ranking)
     return [
         _candidate(ranked, differing, detail, choice=choice) for ranked, detail in zip(ranking, details, strict=True)
@@ -126,13 +118,13 @@ def _candidate(ranked: Ranked, differing: Sequence[str], detail: str | None, *, 
     words = in_words(assessment.candidate.skill, assessment.candidate.all_parameters)
     labels = {name: words[name] for name in differing}
     if choice:
-        labels["way"] = way_of(assessment) if assessment.feasible else ""
+        labels["way"] = sentences.way_of(assessment) if assessment.feasible else ""
     return PageRow(
         assessment.candidate.name,
         mark,
         labels,
         CandidateFigures.of(ranked),
-        reasons_by_doing(assessment),
+        sentences.reasons_by_doing(assessment),
         0,
         detail,
         retried=assessment.candidate.skill.retried_faults,

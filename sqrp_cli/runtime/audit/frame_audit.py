@@ -193,18 +193,13 @@ def detected(
 ) -> Iterator[tuple[Frame, Detection]]:
     """What images show, in order; believed: by what is known of each. Raises InputError for one that is broken."""
     waiting: deque[Frame] = deque()
-
-    def collect() -> tuple[Frame, Detection]:
-        frame = waiting.popleft()
-        return frame, pool.collect(frame.camera)
-
     try:
         for frame, image in source.images(list(frames)):
             pool.submit(image, believed(frames[frame]))
             waiting.append(frame)
             if len(waiting) > AHEAD:
-                yield collect()
-        while waiting:
-            yield collect()
+                first = waiting.popleft()
+                yield first, pool.collect(first.camera)
+        yield from ((frame, pool.collect(frame.camera)) for frame in waiting)
     except PerceptionError as error:
         raise bad_input("perception", str(error), Place(source.path)) from error

@@ -12,6 +12,7 @@ import numpy as np
 
 from sqrp_cli.errors import Place, bad_input, first_names
 from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.program.record import Program, Step
 from sqrp_cli.runtime.monitor.nominal_step import planned_joints
 
@@ -85,10 +86,10 @@ class JointTracks:
             known &= (t >= times[0] - GAP) & (t <= times[-1] + GAP) & (times[after] - times[after - 1] <= GAP)
         return known
 
-    def span(self, names: Collection[str]) -> tuple[float, float]:
-        """From when to when all of some joints are known [s]."""
+    def span(self, names: Collection[str]) -> Stretch:
+        """When all of some joints are known."""
         tracks = [self._tracks[name][0] for name in names]
-        return max(float(t[0]) for t in tracks), min(float(t[-1]) for t in tracks)
+        return Stretch(max(float(t[0]) for t in tracks), min(float(t[-1]) for t in tracks))
 
 
 class FoundMotion(NamedTuple):
@@ -111,23 +112,23 @@ def found_steps(program: Program, arm: Sequence[str], tracks: JointTracks, path:
         message = f"the joint states of this recording lack {', '.join(missing)}; they have {there}"
         raise bad_input("no-joints", message, Place(path))
     columns = [program.joints.index(name) for name in arm]
-    earliest, latest = tracks.span(arm)
-    if latest - earliest > LONGEST:
-        hours = (latest - earliest) / 3600
+    left = known = tracks.span(arm)
+    if known.length > LONGEST:
+        hours = known.length / 3600
         message = f"the joint states of this recording span {hours:,.0f} hours, more than {LONGEST / 3600:.0f}"
         raise bad_input("file-too-large", message, Place(path), mend="cut the recording to the run of the program")
     fits: list[_Fit] = []
     for number, step in enumerate(program.steps, 1):
-        fit = _best_start(step, columns, arm, tracks, (earliest, latest))
+        fit = _best_start(step, columns, arm, tracks, left)
         if fit.share < LEAST_SHARE:
             message = (
                 f"the motion of step {number}, {step.short_task}, is not in the joint states of this recording: where"
-                f" they are nearest to it, at {fit.start - tracks.span(arm)[0]:.2f} s, {fit.share:.0%} of it fits;"
+                f" they are nearest to it, at {fit.start - known.start:.2f} s, {fit.share:.0%} of it fits;"
                 " expected one that begins before the motion does"
             )
             raise bad_input("other-motion", message, Place(path))
         fits.append(fit)
-        earliest = fit.start + 0.5 * step.time
+        left = Stretch(fit.start + 0.5 * step.time, known.end)
     runs = _runs([0.5 * step.time for step in program.steps], [fit.all_starts for fit in fits])
     return FoundMotion([fit.start for fit in fits], runs)
 
@@ -154,21 +155,19 @@ class _Fit:
     """About when it began, each time [s]."""
 
 
-def _best_start(
-    step: Step, columns: Sequence[int], arm: Sequence[str], tracks: JointTracks, span: tuple[float, float]
-) -> _Fit:
+def _best_start(step: Step, columns: Sequence[int], arm: Sequence[str], tracks: JointTracks, span: Stretch) -> _Fit:
     """The first start of a step from which on the robot follows it for the longest time.
 
     So a retry after a fault is not taken for it, which follows other ways to where it begins.
     """
     tau = np.linspace(0.0, step.time, POINTS)
     planned = planned_joints(step, tau)[:, columns]
-    starts = np.arange(span[0] - SPACING, max(span[1] - LEAST_SHARE * step.time, span[0]) + SPACING, SPACING)
+    starts = np.arange(span.start - SPACING, max(span.end - LEAST_SHARE * step.time, span.start) + SPACING, SPACING)
     costs, shares = np.empty(len(starts)), np.empty(len(starts))
     for first in range(0, len(starts), _BLOCK):
         t = starts[first : first + _BLOCK, None] + tau
         errors = np.max([np.abs(tracks.position(n, t) - planned[:, i]) for i, n in enumerate(arm)], axis=0)
-        errors = np.where((t < span[0] - SPACING) | (t > span[1] + SPACING), np.inf, errors)
+        errors = np.where((t < span.start - SPACING) | (t > span.end + SPACING), np.inf, errors)
         costs[first : first + _BLOCK] = np.minimum(errors, NEAR).mean(axis=1)
         shares[first : first + _BLOCK] = np.logical_and.accumulate(errors < NEAR, axis=1).mean(axis=1)
     good = np.flatnonzero(shares >= max(LEAST_SHARE, shares.max() - 0.05))

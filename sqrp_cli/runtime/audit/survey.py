@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -96,6 +97,14 @@ def _moved(change: Array) -> Array:
     return pose(R, change[3:6])
 
 
+class _Guess(NamedTuple):
+    """What a few images of a camera say."""
+
+    offset: float
+    """By how much its clock may be ahead of the robot's [s]."""
+    fit: CameraFit
+
+
 @dataclass(frozen=True, eq=False)
 class _Kept:
     """An image that edges are looked for in."""
@@ -171,40 +180,38 @@ class _Surveyor:
 
     def fit(self, camera: Camera, kept: Sequence[_Kept], changes: ImageChanges) -> CameraFit | None:
         """The pose error of a camera and the offset of its clock."""
-        if not kept:
-            return None
-        rough = rough_offsets(changes, self._motion(camera)) or [0.0]
         projection = Projection.of(camera)
-        most = np.argsort(-changes.at([one.frame.t for one in kept]), kind="stable")[:TRIED]
-        tried = [kept[i] for i in sorted(most.tolist())]
-        guesses = []
-        for offset in dict.fromkeys([*rough, 0.0]):
-            few = self._seen(camera, projection, tried, offset, camera.X_FC)
-            guess = first_guess(few, projection, AROUND)
-            rough_fit = fitted(few, projection, guess)
-            if rough_fit is not None:
-                guesses.append((rough_fit.moving_cost, offset, rough_fit.change))
-        if not guesses:
+        guess = self._guess(camera, projection, kept, changes) if kept else None
+        if guess is None:
             return None
-        _, offset, change = min(guesses, key=lambda guess: guess[0])
-        fit: CameraFit | None = None
-        seen: list[SeenEdges] = []
-        X_CC = np.eye(4)
+        offset, fit = guess
+        change, X_CC, points = fit.change, np.eye(4), np.zeros((0, 3))
         for _ in range(2):  # with the edges of where camera and robot really are, as far as that is known by then
             offset, X_CC = offset + change[6], _moved(change)
             seen = self._seen(camera, projection, kept, offset, camera.X_FC @ X_CC)
-            fit = fitted(seen, projection, np.zeros(7))
-            if fit is None or fit.cost > MEETS:
+            better = fitted(seen, projection, np.zeros(7))
+            if better is None or better.cost > MEETS:
                 return None
-            X_CC = X_CC @ _moved(fit.change)
+            fit, points, X_CC = better, np.concatenate([one.edges.points for one in seen]), X_CC @ _moved(better.change)
             turn, _ = cv2.Rodrigues(X_CC[:3, :3])
             change = np.concatenate([turn.ravel(), X_CC[:3, 3], fit.change[6:]])
-        if fit is None:
-            return None
-        points = np.concatenate([one.edges.points for one in seen])
         away = projection.pixels(points).points - projection.pixels(transform(X_CC, points)).points
         pixels = float(np.sqrt(np.mean((away**2).sum(axis=1))))
         return replace(fit, change=np.append(change[:6], offset + change[6]), pixels=pixels)
+
+    def _guess(
+        self, camera: Camera, projection: Projection, kept: Sequence[_Kept], changes: ImageChanges
+    ) -> _Guess | None:
+        """What a few images say, those in which most moves, with the best of the offsets that the others tell of."""
+        most = np.argsort(-changes.at([one.frame.t for one in kept]), kind="stable")[:TRIED]
+        tried = [kept[i] for i in sorted(most.tolist())]
+        guesses = []
+        for offset in dict.fromkeys([*(rough_offsets(changes, self._motion(camera)) or [0.0]), 0.0]):
+            few = self._seen(camera, projection, tried, offset, camera.X_FC)
+            fit = fitted(few, projection, first_guess(few, projection, AROUND))
+            if fit is not None:
+                guesses.append(_Guess(offset, fit))
+        return min(guesses, key=lambda guess: guess.fit.moving_cost, default=None)
 
     def _motion(self, camera: Camera) -> MotionInImage:
         t = [np.arange(start - FARTHEST, end + FARTHEST, SPACING) for start, end in self._spans]

@@ -15,16 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sqrp_cli.geometry import Array, Mask
-from sqrp_cli.knowledge.camera.detector import (
-    BORDER,
-    EMPTY,
-    FULL,
-    LEAST_PIXELS,
-    LEAST_SHARE,
-    MOST_SHARE,
-    SHIFT_PIXELS,
-    SHIFT_SHARE,
-)
+from sqrp_cli.knowledge.camera import detector
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.truth import Truth
@@ -60,21 +51,23 @@ class _Place:
     @property
     def fits(self) -> bool:
         """Whether the object is here, as exactly as the image shows."""
-        if self.projected is None or self.shift is None or self.filled < FULL:
+        if self.projected is None or self.shift is None or self.filled < detector.FULL:
             return False
-        return bool(np.hypot(*self.shift) <= SHIFT_PIXELS + SHIFT_SHARE * self.projected.box.area**0.5)
+        return bool(
+            np.hypot(*self.shift) <= detector.SHIFT_PIXELS + detector.SHIFT_SHARE * self.projected.box.area**0.5
+        )
 
     def detect(self, box: TargetBox, evidence: Truth, min_visible: float) -> BoxDetection:
         """The sight of a box with this content; min_visible: share that its detector requires."""
         because = MissReason.DETECTOR
-        if self.share < np.clip(min_visible - BORDER * self.edge, LEAST_SHARE, MOST_SHARE):
+        if self.share < np.clip(min_visible - detector.BORDER * self.edge, detector.LEAST_SHARE, detector.MOST_SHARE):
             missing = {
                 MissReason.MASK: self.hidden,
                 MissReason.BACKGROUND: self.alike,
                 MissReason.LIGHTING: 1.0 - self.share - self.hidden - self.alike,
             }
             evidence, because = Truth.UNKNOWN, max(missing, key=missing.__getitem__)
-        if self.projected is None or self.projected.area < LEAST_PIXELS**2:
+        if self.projected is None or self.projected.area < detector.LEAST_PIXELS**2:
             evidence, because = Truth.UNKNOWN, MissReason.DETECTOR
         outline = NO_OUTLINE if self.projected is None else self.projected.box.polygon
         return BoxDetection(box.name, evidence, self.share, outline, because)
@@ -108,7 +101,7 @@ class ColorDetector:
         found = []
         for i, (box, place) in enumerate(zip(boxes, places, strict=True)):
             if position is None:
-                evidence = Truth.FALSE if place.filled <= EMPTY else Truth.UNKNOWN
+                evidence = Truth.FALSE if place.filled <= detector.EMPTY else Truth.UNKNOWN
             else:
                 inside = i in held if at_tool[i] else _is_inside(position, poses[i], box)
                 evidence = Truth.TRUE if inside else Truth.FALSE
@@ -117,11 +110,11 @@ class ColorDetector:
 
     def _resting(self, places: Sequence[_Place], poses: Sequence[Array], at_tool: Sequence[bool]) -> Array | None:
         """Where the object rests that the tool does not hold [m]: in one of its boxes, else anywhere."""
-        in_box = [i for i, place in enumerate(places) if not at_tool[i] and place.filled > FULL / 2]
+        in_box = [i for i, place in enumerate(places) if not at_tool[i] and place.filled > detector.FULL / 2]
         if in_box:
             best = max(in_box, key=lambda i: places[i].filled)
             return self._on_support(places[best], poses[best])
-        if any(place.filled > EMPTY for place in places):
+        if any(place.filled > detector.EMPTY for place in places):
             return None
         on_table = [X for X, tool in zip(poses, at_tool, strict=True) if not tool]
         return self._elsewhere(on_table[0]) if on_table else None
@@ -159,7 +152,7 @@ class ColorDetector:
             return _Place(projected, 0.0, hidden, 0.0, alike, 0.0, None)
         judged = decided & (own | background)
         # What else hides, the enclosed parts do not hide from being asked.
-        askable = max(projected.area - float((silhouette & enclosed & ~hiding).sum()), LEAST_PIXELS**2)
+        askable = max(projected.area - float((silhouette & enclosed & ~hiding).sum()), detector.LEAST_PIXELS**2)
         share = min(float(judged.sum()) / askable, 1.0)
         edge = float((silhouette & hiding & ~before).sum()) / askable
         shift = None
@@ -169,7 +162,7 @@ class ColorDetector:
                 return projected.mask((shape[0] + 2 * by, shape[1] + 2 * by), (origin[0] - by, origin[1] - by))
 
             # It fills a place from `FULL / 2` on, so that it may lie beside that by the rest of its length.
-            most = round((1.0 - FULL / 2) * float(np.ptp(box_outline.polygon, axis=0).max())) + 2
+            most = round((1.0 - detector.FULL / 2) * float(np.ptp(box_outline.polygon, axis=0).max())) + 2
             shift = displacement(own, telling & (own | background), wider, (margin // 2, most))
         filled = min(float((inside & telling & own).sum() / decided.sum()), 1.0)
         return _Place(projected, share, hidden, edge, alike, filled, shift)
@@ -218,7 +211,7 @@ class ColorDetector:
         X_found = X_WO.copy()
         X_found[:3, 3] = position
         expected = self._view.projected(self._object.name, X_found)
-        if expected is None or found[0].area < LEAST_SHARE * expected.area:
+        if expected is None or found[0].area < detector.LEAST_SHARE * expected.area:
             return None
         return self._at_height(found[0].center - expected.offset, height)
 

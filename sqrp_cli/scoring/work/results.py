@@ -30,7 +30,7 @@ from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.platform.files import make_folder, naming, write_atomically
 from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.advice.aiming import Aim
-from sqrp_cli.programming.advice.change import Advice, CandidateEffect, EffectOnTask, Margin, Miss, ProposedChange
+from sqrp_cli.programming.advice.change import Advice, CandidateEffect, EffectOnTask, Kind, Margin, Miss, ProposedChange
 from sqrp_cli.programming.candidate import THEN, whole_skill
 from sqrp_cli.programming.coverage.assessment import Assessment, BlindEnd, WayFigures, WaysFound
 from sqrp_cli.programming.coverage.blind_spans import BlindSpan, Coverage, TargetCoverage
@@ -41,10 +41,7 @@ from sqrp_cli.scoring.work.identity import digest_of, program_digest
 from sqrp_cli.shown import json_line
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from sqrp_cli.programming.advice.advise import Answer
-    from sqrp_cli.programming.advice.change import Kind
 
 
 _RECORDS = {

@@ -187,16 +187,15 @@ def plan_polyline(
 
     def counted_is_free(first: Array, second: Array) -> bool:
         nonlocal checks
+        if checks >= tries:
+            return False
         checks += 1
         return is_free(first / scale, second / scale)
 
     space = _space(q0 * scale, q1 * scale, bounds.lower * scale, bounds.upper * scale, MARGIN * scale)
     information = base.SpaceInformation(space)
     information.setStateValidityChecker(lambda _: True)
-    validator = _validator(
-        information, lambda first, second: checks < tries and counted_is_free(first, second), len(q0)
-    )
-    information.setMotionValidator(validator)
+    information.setMotionValidator(_validator(information, counted_is_free, len(q0)))
     information.setup()
     problem = base.ProblemDefinition(information)
     problem.setStartAndGoalStates(_state(space, q0 * scale), _state(space, q1 * scale))

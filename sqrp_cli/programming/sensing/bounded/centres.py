@@ -13,15 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sqrp_cli.geometry import Array, Indices, Mask, cross
+from sqrp_cli.programming.sensing.bounded import shares
 from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds, axes_to_boxes
-from sqrp_cli.programming.sensing.bounded.shares import (
-    Columns,
-    NearSolids,
-    from_columns,
-    in_ball,
-    quarters,
-    share_bounds,
-)
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import SightLines
 
@@ -35,7 +28,7 @@ class ViewedBoxes:
     lines: SightLines
     """To the boxes in these states, state by state, v of them."""
     poses: SolidPoses
-    near: NearSolids
+    near: shares.NearSolids
     """That may be in the way of the lines."""
     surely: Array
     """The share of each line's box that is surely enough, shape (v,)."""
@@ -78,10 +71,10 @@ class CentreParts(NamedTuple):
 
     def split(self, which: Indices, seen: ViewedBoxes, asked: Mask) -> CentreParts:
         """The same with some cut into their quarters, looked at in the states asked for (m,)."""
-        middle, half = quarters(self.middle[which], self.half[which])
+        middle, half = shares.quarters(self.middle[which], self.half[which])
         parent = np.repeat(which, 4)
         known = CentreParts(middle, half, self.sure[parent], self.possible[parent])
-        known = known._some(in_ball(middle, half, seen.bounds))
+        known = known._some(shares.in_ball(middle, half, seen.bounds))
         new = known._looked(seen, known.possible & ~known.sure & asked)
         rest = self._some(np.setdiff1d(np.arange(len(self.half)), which))
         return CentreParts(*(np.concatenate(parts) for parts in zip(rest, new, strict=True)))
@@ -98,16 +91,18 @@ class CentreParts(NamedTuple):
         first = count * (np.cumsum(seen.within) - 1)
         line = (first[state, None] + np.arange(count)).reshape(-1)
         columns = self._columns(np.repeat(part, count), line, seen)
-        found = share_bounds(from_columns(seen.lines, columns), seen.poses, seen.near.of_lines(line), columns)
+        found = shares.share_bounds(
+            shares.from_columns(seen.lines, columns), seen.poses, seen.near.of_lines(line), columns
+        )
         sure, possible = self.sure.copy(), self.possible.copy()
         sure[part, state] = (found.low >= seen.surely[line]).reshape(-1, count).all(axis=1)
         possible[part, state] = (found.high >= seen.possibly[line]).reshape(-1, count).all(axis=1)
         return self._replace(sure=sure, possible=possible)
 
-    def _columns(self, part: Indices, line: Indices, seen: ViewedBoxes) -> Columns:
+    def _columns(self, part: Indices, line: Indices, seen: ViewedBoxes) -> shares.Columns:
         """Columns along the directions of lines (n,) that hold parts (n,)."""
         across = seen.axes[1:, line]
         middle = np.einsum("aki,ki->ka", across, self.middle[part] @ seen.sides)
         # Where the part stands aslant, it is as much wider.
         tilt = np.linalg.norm(across @ cross(*seen.sides), axis=0)
-        return Columns(line, middle, self.half[part] + np.sqrt(0.5) * tilt * seen.bounds.reach, seen.bounds)
+        return shares.Columns(line, middle, self.half[part] + np.sqrt(0.5) * tilt * seen.bounds.reach, seen.bounds)

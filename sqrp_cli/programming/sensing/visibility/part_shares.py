@@ -16,21 +16,13 @@ import numpy as np
 from sqrp_cli.geometry import Array, Indices, Mask, begins_run, cross, inverse, transform
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
+from sqrp_cli.programming.sensing.visibility import silhouette
 from sqrp_cli.programming.sensing.visibility.seen_boxes import BEFORE, SeenBoxes, in_all
-from sqrp_cli.programming.sensing.visibility.silhouette import (
-    COLUMNS,
-    ROWS,
-    SHIFT,
-    MetRays,
-    Silhouette,
-    Triangulation,
-    facing,
-)
 
 _TRIANGLES = 400_000
 """Triangles to compare with rays at once, counted for each sight line, to bound the memory."""
 
-_RAYS = ROWS * COLUMNS
+_RAYS = silhouette.ROWS * silhouette.COLUMNS
 
 
 class PartShares(NamedTuple):
@@ -122,7 +114,9 @@ class _Boxes:
     def of(cls, lines: SightLines, hulls: Indices, hull: Indices) -> _Boxes:
         """Those of some of the hulls of sight lines."""
         view = SeenBoxes.of(lines, hulls)
-        return cls(view, hull, Silhouette.of([view.bends()], view.maps, np.arange(len(hulls))).inside(len(hulls)))
+        return cls(
+            view, hull, silhouette.Silhouette.of([view.bends()], view.maps, np.arange(len(hulls))).inside(len(hulls))
+        )
 
     def blocked(self, poses: SolidPoses, pairs: Pairs, state: Indices) -> _Blocked:
         """Where the rays to the boxes meet solids before they leave the boxes; state: of each pair, by index."""
@@ -130,23 +124,25 @@ class _Boxes:
         X_WP = poses.at(pairs.solid, state)
         X_CP, X_BP = view.X_CW[at] @ X_WP, view.X_BW[at] @ X_WP
         for index in np.flatnonzero(np.bincount(pairs.solid)).tolist():
-            rows, surface = np.flatnonzero(pairs.solid == index), Triangulation.of(poses.solids[index])
+            rows, surface = np.flatnonzero(pairs.solid == index), silhouette.Triangulation.of(poses.solids[index])
             points_C, points_B = transform(X_CP[rows], surface.vertices), transform(X_BP[rows], surface.vertices)
             regions = in_all(view.regions(at[rows], points_B, points_C), surface.triangles)
             near = (regions & ~BEFORE) == 0  # the others lie beyond one side of the rays
             if surface.is_convex:  # a ray that meets its back has met its front, unless the camera is inside
-                front = facing(surface, inverse(X_CP[rows])[:, :, 3].T.astype(np.float32))[:-1].T > 0
+                front = silhouette.facing(surface, inverse(X_CP[rows])[:, :, 3].T.astype(np.float32))[:-1].T > 0
                 near &= front | ~front.any(axis=1, keepdims=True)
             of, triangle = np.nonzero(near)
             corners = np.moveaxis(points_C[of[:, None], surface.triangles[triangle]], (2, 1), (0, 1))
             met = view.blocked(at[rows[of]], corners)
-            met = MetRays(*(values[self.silhouettes[met.column, at[rows[of]][met.shape], met.row]] for values in met))
-            ray = (pairs.line[rows[of]][met.shape] * COLUMNS + met.column) * ROWS + met.row
+            met = silhouette.MetRays(
+                *(values[self.silhouettes[met.column, at[rows[of]][met.shape], met.row]] for values in met)
+            )
+            ray = (pairs.line[rows[of]][met.shape] * silhouette.COLUMNS + met.column) * silhouette.ROWS + met.row
             found.append(_Blocked(ray, _depths(view, at[rows[of]], met, corners)))
         return _Blocked(*map(np.concatenate, zip(*found, strict=True)))
 
 
-def _depths(view: SeenBoxes, hull: Indices, met: MetRays, corners: Array) -> Array:
+def _depths(view: SeenBoxes, hull: Indices, met: silhouette.MetRays, corners: Array) -> Array:
     """Depths at which n rays meet the planes of triangles (3, 3, k), coordinate first, seen in views (k,); (n,) [m]."""
     a, b, c = corners.transpose(1, 2, 0)
     normal = cross(b - a, c - a)
@@ -155,7 +151,7 @@ def _depths(view: SeenBoxes, hull: Indices, met: MetRays, corners: Array) -> Arr
     # n . (u, v, 1) as a function of column and row
     along, down = normal[:, 0] * step_u, normal[:, 1] * step_v
     rest = normal[:, 0] * low_u + normal[:, 1] * (low_v + 0.5 * step_v) + normal[:, 2]
-    column = met.column + SHIFT[met.row]
+    column = met.column + silhouette.SHIFT[met.row]
     slope = along[met.shape] * column + down[met.shape] * met.row + rest[met.shape]
     depth: Array = offset[met.shape] / np.where(slope == 0.0, np.inf, slope)
     return depth

@@ -11,20 +11,8 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import BOX_SIGNS, Array, Indices, Mask, cross, inverse, transform
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
+from sqrp_cli.programming.sensing.visibility import silhouette
 from sqrp_cli.programming.sensing.visibility.hull_spaces import BOX_FACES
-from sqrp_cli.programming.sensing.visibility.silhouette import (
-    AHEAD,
-    COLUMNS,
-    ROWS,
-    SHIFT,
-    Bends,
-    MetRays,
-    RayGrid,
-    Triangulation,
-    beyond_sides,
-    signs,
-    turns,
-)
 from sqrp_cli.shapes import BOX_TRIANGLES
 
 _ROUNDING = 1e-9
@@ -35,7 +23,7 @@ BEFORE = np.uint16(0b11)
 """Bits of the regions before a box, see `SeenBoxes.regions`."""
 
 
-_BOX = Triangulation.of_triangles(BOX_SIGNS, BOX_TRIANGLES)
+_BOX = silhouette.Triangulation.of_triangles(BOX_SIGNS, BOX_TRIANGLES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +44,7 @@ class SeenBoxes:
     """Least coordinates of each box in its own frame, shape (h, 3) [m]."""
     high: Array
     """Greatest coordinates of each box in its own frame, shape (h, 3) [m]."""
-    grid: RayGrid
+    grid: silhouette.RayGrid
     """The rays to each box."""
     areas: Array
     """Of the box's image, in cells of the grid, shape (h,)."""
@@ -67,13 +55,13 @@ class SeenBoxes:
         X_WC, corners_W = lines.X_WC[hulls], lines.corners[hulls]
         X_CW = inverse(X_WC)
         corners_C = transform(X_CW, corners_W).transpose(2, 0, 1)
-        X_CW = turns(corners_C[:2] / corners_C[2]) @ X_CW
+        X_CW = silhouette.turns(corners_C[:2] / corners_C[2]) @ X_CW
         corners_C = transform(X_CW, corners_W).transpose(2, 0, 1)
         image = corners_C[:2] / corners_C[2]
         X_BW = inverse(lines.X_WB[hulls])
         half, middle = lines.half_size[hulls], lines.offset[hulls]
         beyond = 0.0 if margin is None else margin[hulls]
-        grid = RayGrid.over(image.min(axis=-1) - beyond, image.max(axis=-1) + beyond)
+        grid = silhouette.RayGrid.over(image.min(axis=-1) - beyond, image.max(axis=-1) + beyond)
         return cls(
             X_CW=X_CW,
             X_BW=X_BW,
@@ -89,7 +77,7 @@ class SeenBoxes:
     def some(self, hulls: Indices) -> SeenBoxes:
         """Some of the views, by index."""
         arrays = {part.name: getattr(self, part.name)[hulls] for part in fields(self) if part.name != "grid"}
-        return replace(self, **arrays, grid=RayGrid(self.grid.low[:, hulls], self.grid.step[:, hulls]))
+        return replace(self, **arrays, grid=silhouette.RayGrid(self.grid.low[:, hulls], self.grid.step[:, hulls]))
 
     @cached_property
     def maps(self) -> Array:
@@ -103,15 +91,15 @@ class SeenBoxes:
     def directions(self) -> Array:
         """Of the rays of the grids in the world, of any length, shape (COLUMNS, h, ROWS, 3)."""
         low, step = self.grid.low[..., None], self.grid.step[..., None]
-        u = low[0] + step[0] * (np.arange(COLUMNS)[:, None, None] + SHIFT)
-        v = np.broadcast_to(low[1] + step[1] * (np.arange(ROWS) + 0.5), u.shape)
+        u = low[0] + step[0] * (np.arange(silhouette.COLUMNS)[:, None, None] + silhouette.SHIFT)
+        v = np.broadcast_to(low[1] + step[1] * (np.arange(silhouette.ROWS) + 0.5), u.shape)
         return np.stack([u, v, np.ones_like(u)], axis=-1) @ self.X_CW[:, :3, :3]
 
-    def bends(self) -> Bends:
+    def bends(self) -> silhouette.Bends:
         """The silhouettes of the boxes, each stretched to be from -1 to 1."""
         sides = np.stack([self.eyes < self.low, self.eyes > self.high], axis=-1).reshape(-1, 6).T
-        turned = signs(np.repeat(sides, 2, axis=0))
-        return Bends.of(_BOX, turned, beyond_sides(self.maps, 1.0), np.arange(len(self.eyes)))
+        turned = silhouette.signs(np.repeat(sides, 2, axis=0))
+        return silhouette.Bends.of(_BOX, turned, silhouette.beyond_sides(self.maps, 1.0), np.arange(len(self.eyes)))
 
     def surely_seen(self, hull: Indices, solids: SeenSolids, enough: Array) -> Mask:
         """Whether so little may block the rays of each of l lines that it sees enough; a no means nothing, shape (l,).
@@ -121,7 +109,7 @@ class SeenBoxes:
         if not (enough < 1.0).any():
             return np.zeros(len(hull), dtype=bool)
         # A row across a width of w cells holds at least w - 1 rays, and the widths add up to the area at least.
-        least = self.areas[hull] - ROWS
+        least = self.areas[hull] - silhouette.ROWS
         blocked = np.bincount(solids.line, self.grid.most_rays(solids.maps, solids.corners), minlength=len(hull))
         return blocked < (1.0 - enough) * least * (1.0 - _ROUNDING)
 
@@ -133,7 +121,7 @@ class SeenBoxes:
         """
         eyes, low, high = self.eyes[hull], self.low[hull], self.high[hull]
         depth = points_C[..., 2]
-        ahead = depth > AHEAD
+        ahead = depth > silhouette.AHEAD
         # Where the far faces lie on the axes; nothing is beyond a face that looks to the camera.
         low, high = np.where(eyes > low, low, -np.inf), np.where(eyes < high, high, np.inf)
         beyond = [points_B[..., axis] <= low[:, axis, None] for axis in range(3)]
@@ -146,7 +134,7 @@ class SeenBoxes:
             regions |= mask.astype(np.uint16) << np.uint16(bit)
         return regions
 
-    def blocked(self, hull: Indices, corners: Array) -> MetRays:
+    def blocked(self, hull: Indices, corners: Array) -> silhouette.MetRays:
         """The rays that n triangles block before the far sides.
 
         By homogeneous edge functions a u + b v + c, all positive inside (M. Olano, T. Greer, 1997).

@@ -20,15 +20,8 @@ from sqrp_cli.geometry import Array, Indices, Mask, begins_run, inverse, transfo
 from sqrp_cli.programming.sensing.limits import cut_by_image
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines, WatchedBoxes
+from sqrp_cli.programming.sensing.visibility import silhouette
 from sqrp_cli.programming.sensing.visibility.seen_boxes import BEFORE, SeenBoxes, SeenSolids, in_all
-from sqrp_cli.programming.sensing.visibility.silhouette import (
-    AHEAD,
-    Bends,
-    Silhouette,
-    Triangulation,
-    beyond_sides,
-    facing,
-)
 
 _CHUNK = 1024
 """Most sight lines to sample together."""
@@ -153,9 +146,9 @@ def _rays(view: SeenBoxes, hull: Indices, poses: SolidPoses, seen: SeenSolids, e
     """
     line, at, which, X_WP, X_CP, maps = seen.line, seen.hull, seen.solid, seen.X_WP, seen.X_CP, seen.maps
     hulls, lines, bounds_P = len(view.eyes), len(hull), seen.corners
-    eyes_P, sides = inverse(X_CP)[:, :, 3].T.astype(np.float32), beyond_sides(maps, np.abs(bounds_P).max())
+    eyes_P, sides = inverse(X_CP)[:, :, 3].T.astype(np.float32), silhouette.beyond_sides(maps, np.abs(bounds_P).max())
     depth = (bounds_P @ X_CP[:, 2, :3, None])[..., 0] + X_CP[:, 2, 3, None]
-    reaching: Mask = np.any((depth <= AHEAD) | (depth >= view.nearest[at, None]), axis=1)
+    reaching: Mask = np.any((depth <= silhouette.AHEAD) | (depth >= view.nearest[at, None]), axis=1)
     if reaching.any():
         rows = np.flatnonzero(reaching)
         bounds_B = transform(view.X_BW[at[rows]] @ X_WP[rows], bounds_P[rows])
@@ -166,8 +159,8 @@ def _rays(view: SeenBoxes, hull: Indices, poses: SolidPoses, seen: SeenSolids, e
     bends, crossing, layers = [view.bends()], [], np.concatenate([np.arange(hulls), hulls + line])
     for index in np.flatnonzero(np.bincount(which)).tolist():
         rows = np.flatnonzero(which == index)
-        surface = Triangulation.of(poses.solids[index])
-        turned = facing(surface, eyes_P.take(rows, axis=1))
+        surface = silhouette.Triangulation.of(poses.solids[index])
+        turned = silhouette.facing(surface, eyes_P.take(rows, axis=1))
         doubtful = np.flatnonzero(reaching[rows])
         if len(doubtful):
             of = rows[doubtful]
@@ -183,8 +176,8 @@ def _rays(view: SeenBoxes, hull: Indices, poses: SolidPoses, seen: SeenSolids, e
             crossing.append(
                 _Crossing(pairs=of, row=row, triangle=triangle, points=points_C, triangles=surface.triangles)
             )
-        bends.append(Bends.of(surface, turned, sides.take(rows, axis=2), hulls + rows))
-    inside = Silhouette.of(bends, np.concatenate([view.maps, maps], axis=2), layers).inside(hulls + lines)
+        bends.append(silhouette.Bends.of(surface, turned, sides.take(rows, axis=2), hulls + rows))
+    inside = silhouette.Silhouette.of(bends, np.concatenate([view.maps, maps], axis=2), layers).inside(hulls + lines)
     found = SeenRays(hull, inside[:, :hulls], inside[:, hulls:])
     if not crossing:
         return found
