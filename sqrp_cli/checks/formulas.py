@@ -95,7 +95,7 @@ def faults_of_the_plan(skill: Skill) -> Iterator[Problem]:
 def impossible_preconditions(skill: Skill) -> Iterator[Problem]:
     """Preconditions that demand a literal and its negation."""
     true, false = _literals(skill.action.precondition)
-    place = _place(skill)
+    place = Place(skill.domain.path, skill.action.place.line)
     for claim in sorted(true & false, key=str):
         message = f"skill `{skill.name}`: the precondition demands `{_text(claim)}` and `not {_text(claim)}`"
         yield Problem("contradictory-precondition", message, place, mend="remove one of them; it can never be done")
@@ -250,11 +250,6 @@ def _boundary(instant: Instant, primitives: list[str]) -> int:
     if instant.primitive is None:
         return 0
     return primitives.index(instant.primitive) + (instant.edge == "end")
-
-
-def _place(skill: Skill) -> Place:
-    """The line of the skill's action in its PDDL file."""
-    return Place(skill.domain.path, skill.action.place.line)
 
 
 def _literals(condition: Condition) -> tuple[set[Claim], set[Claim]]:

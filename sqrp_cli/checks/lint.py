@@ -5,7 +5,7 @@ These are too small to be seen, empty, moving with a lost object, or missing.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import product
 
 import numpy as np
@@ -131,17 +131,8 @@ def too_small_boxes(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
 
 def colors(workspace: Workspace) -> Iterator[Problem]:
     """Objects that a detector of colours looks for, and cannot see or cannot tell from what they stand on."""
-    sought = {
-        item.name: item
-        for skill in workspace.skills.values()
-        for target in skill.targets.values()
-        for box in target.boxes
-        if workspace.detectors[box.detector].kind == "color"
-        for item in _possible_objects(workspace, skill, box)
-        if item is not None
-    }
     alike, unseen = dict[str, list[str]](), dict[str, list[str]]()
-    for item in sought.values():
+    for item in _sought_by_color(workspace):
         support = workspace.objects.get(item.on or "")
         if item.color is not None and hue_of(item.color) is None and not item.fixed:
             unseen.setdefault(item.color, []).append(item.name)
@@ -152,16 +143,21 @@ def colors(workspace: Workspace) -> Iterator[Problem]:
         why = ", which has no hue" if color.lower() in COLORS else f"; {known}"
         message = f"detectors of colours look for {first_names(parts)}, and see nothing that is `{color}`{why}"
         place = workspace.places.get(f"objects.{parts[0]}.color")
-        yield Problem(
-            "unseen-colour", message, place, severity="warning", mend="give it a colour with a hue, or look for markers"
-        )
+        mend = "give it a colour with a hue, or look for markers"
+        yield Problem("unseen-colour", message, place, severity="warning", mend=mend)
     for name, parts in alike.items():
-        message = (
-            f"detectors of colours cannot tell {first_names(parts)} from `{name}` below, which has the same colour"
-        )
+        what = f"{first_names(parts)} from `{name}` below, which has the same colour"
         place = workspace.places.get(f"objects.{name}.color")
         mend = "give one of them another colour, or look for markers"
-        yield Problem("same-colour", message, place, severity="warning", mend=mend)
+        yield Problem("same-colour", f"detectors of colours cannot tell {what}", place, severity="warning", mend=mend)
+
+
+def _sought_by_color(workspace: Workspace) -> Iterable[SceneObject]:
+    """The objects that a detector of colours looks for, each once."""
+    boxes = ((skill, box) for skill in workspace.skills.values() for one in skill.targets.values() for box in one.boxes)
+    colored = (pair for pair in boxes if workspace.detectors[pair[1].detector].kind == "color")
+    items = (item for skill, box in colored for item in _possible_objects(workspace, skill, box) if item is not None)
+    return {item.name: item for item in items}.values()
 
 
 def empty_boxes(workspace: Workspace, skill: Skill) -> Iterator[Problem]:

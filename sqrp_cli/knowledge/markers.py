@@ -101,11 +101,9 @@ class ObjectMarker(_Code):
 
     def on(self, size: tuple[float, float, float]) -> Marker:
         """The marker on an object of a size [m], with its side."""
-        return Marker(id=self.id, dictionary=self.dictionary, side=self.side or self._largest(size))
-
-    def _largest(self, size: tuple[float, float, float]) -> float:
         modules = DICTIONARIES[self.dictionary].modules
-        return min(size[:2]) * modules / (modules + 2)
+        side = self.side or min(size[:2]) * modules / (modules + 2)
+        return Marker(id=self.id, dictionary=self.dictionary, side=side)
 
 
 StatedMarker = MappingOr[ObjectMarker, MarkerNumber]

@@ -99,11 +99,10 @@ class Assignment(Inquiry):
     def assess_together(self, candidates: Sequence[Candidate]) -> list[Assessment]:
         """As `assess` of each of several candidates, which is faster together."""
         alone = iter(self._assess_alone([one for one in candidates if not one.steps]))
-        return [self._assess_whole(one) if one.steps else next(alone) for one in candidates]
-
-    def _assess_whole(self, candidate: Candidate) -> Assessment:
-        """As `assess`, of a candidate of several steps."""
-        return assessment_of_all(candidate, [step.assessment for step in self.steps_done(candidate)])
+        return [
+            assessment_of_all(one, [step.assessment for step in self.steps_done(one)]) if one.steps else next(alone)
+            for one in candidates
+        ]
 
     def _assess_alone(self, candidates: Sequence[Candidate]) -> list[Assessment]:
         """As `assess_together`, of candidates of one step."""

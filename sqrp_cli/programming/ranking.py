@@ -132,10 +132,6 @@ def _rounded(quality: float | None) -> float | None:
     return None if quality is None else -round(quality / _QUALITY_STEP) * _QUALITY_STEP
 
 
-def _mean_delay(assessment: Assessment) -> float | None:
-    return max((fault.delay_mean for fault in assessment.faults.values()), default=None)
-
-
 def _expected_time(assessment: Assessment) -> float | None:
     """After the worst of the retried faults: the others do not complete the task."""
     retried = assessment.candidate.skill.retried_faults
@@ -146,7 +142,7 @@ _CRITERIA: dict[Criterion, _Figure] = {
     "q_eoi": lambda assessment: _rounded(assessment.q_eoi),
     "q_avg": lambda assessment: _rounded(assessment.q_avg),
     "time": lambda assessment: assessment.time,
-    "delay": _mean_delay,
+    "delay": lambda assessment: max((fault.delay_mean for fault in assessment.faults.values()), default=None),
     "expected_time": _expected_time,
 }
 """What each criterion compares; less is better."""

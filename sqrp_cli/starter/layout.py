@@ -87,8 +87,12 @@ class Layout:
 
 def workspace_text(layout: Layout) -> str:
     """The workspace file. Guesses about a robot carry a comment that begins with `check:`."""
-    sections = [_head(layout), _robot(layout), _DETECTORS, _cameras(layout), _skills(layout), _objects(layout)]
-    sections += [_state(layout), _tasks(layout)]
+    sections = [_head(layout), _robot(layout), _DETECTORS, _cameras(layout)]
+    if layout.cubes:
+        tasks = "\n".join(f"  - {{task: {task}}}" for task in layout.tasks)
+        sections += [_SKILLS, _objects(layout), _state(layout), f"tasks:\n{tasks}\n"]
+    else:
+        sections.append(_objects(layout))
     return "\n".join(section for section in sections if section)
 
 
@@ -154,10 +158,7 @@ def _cameras(layout: Layout) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _skills(layout: Layout) -> str:
-    return "skills: [skills/pickup]     # how the task is done and what the cameras must see; yours to change\n" * bool(
-        layout.cubes
-    )
+_SKILLS = "skills: [skills/pickup]     # how the task is done and what the cameras must see; yours to change\n"
 
 
 def _objects(layout: Layout) -> str:
@@ -184,15 +185,9 @@ def _objects(layout: Layout) -> str:
 
 
 def _state(layout: Layout) -> str:
-    if not layout.cubes:
-        return ""
     facts = ["hand_empty", *(f"obj_on_table({cube.name})" for cube in layout.cubes)]
     heading = "state:                      # what the sensors report now; every other fact is false"
     return "\n".join([heading, *(f"  - {fact}" for fact in facts)]) + "\n"
-
-
-def _tasks(layout: Layout) -> str:
-    return "\n".join(["tasks:", *(f"  - {{task: {task}}}" for task in layout.tasks)]) + "\n" if layout.cubes else ""
 
 
 def _text(value: str) -> str:

@@ -185,7 +185,8 @@ def _tried(draft: Path, layout: Layout, arm: ArmGuess, advance: Callable[[int], 
     seated = _load(draft, layout)
     reach = search.arm_reach(seated.model)
     side = min(round(2.4 * reach, 1), LARGEST_TABLE)
-    layout = replace(layout, table_side=side, cube_size=_cube_size(reach))
+    cube = min(max(round(reach / 20, 2), SMALLEST_CUBE), LARGEST_CUBE)
+    layout = replace(layout, table_side=side, cube_size=cube)
     floor = max(0.0, -round(lowest_point(bare), 3))
     down = DownPlaces(seated.model)
     tried: list[_Trial] = []
@@ -301,10 +302,6 @@ def _resting(joint: UrdfJoint) -> Position:
     """Where a joint is until a home position is found: at 0, or in the middle of limits that exclude it."""
     within = joint.lower <= 0.0 <= joint.upper
     return Position(0.0 if within else 0.5 * (joint.lower + joint.upper), turns=joint.type != "prismatic")
-
-
-def _cube_size(reach: float) -> float:
-    return min(max(round(reach / 20, 2), SMALLEST_CUBE), LARGEST_CUBE)
 
 
 ASSUMED = {"acceleration": 2, "jerk": 20}

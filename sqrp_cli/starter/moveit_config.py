@@ -108,13 +108,11 @@ def _arm_groups(config: MoveitConfig, srdf: SrdfModel | None, urdf: UrdfModel) -
     chains = [
         name
         for name, joints in srdf.groups.items()
-        if joints and name not in grippers and set(joints) <= {joint.name for joint in urdf.chain(_last(urdf, joints))}
+        if joints
+        and name not in grippers
+        and set(joints) <= {joint.name for joint in urdf.chain(urdf.joints[joints[-1]].child)}
     ]
     return sorted(chains, key=lambda name: (name not in solved, -len(srdf.groups[name])))
-
-
-def _last(urdf: UrdfModel, joints: tuple[str, ...]) -> str:
-    return urdf.joints[joints[-1]].child
 
 
 def _solvers(config: MoveitConfig) -> Mapping[str, Any]:

@@ -119,8 +119,9 @@ def _chosen(text: CalibrationText, wanted: CalibrationFile, asked: str) -> _Foun
     if () in found or not found:
         if not found and not any(key in document.data for key in formats.TOP_KEYS):
             raise InputError(no_calibration(document.path))
-        known = found.get((), formats.CAMERA_INFO)
-        _check_only(document, wanted, asked)
+        known, own = found.get((), formats.CAMERA_INFO), _own_name(document.data)
+        if wanted.camera not in (None, own):
+            raise InputError(_unknown_camera(document, str(wanted.camera), [] if own is None else [own], asked))
         return _Found(document, _title(known, document, text.syntax), known.model)
     names = {_name(document, at): at for at in found}
     if wanted.camera is None and len(names) > 1:
@@ -133,13 +134,6 @@ def _chosen(text: CalibrationText, wanted: CalibrationFile, asked: str) -> _Foun
     part = part_of(document, names[name])
     known = found[names[name]]
     return _Found(part, f"{_title(known, part, text.syntax)}: {name}", known.model)
-
-
-def _check_only(document: SourceDocument, wanted: CalibrationFile, asked: str) -> None:
-    """Raises InputError if the workspace asks for another camera than the one that a file is about."""
-    own = _own_name(document.data)
-    if wanted.camera not in (None, own):
-        raise InputError(_unknown_camera(document, str(wanted.camera), [] if own is None else [own], asked))
 
 
 def _unknown_camera(document: SourceDocument, name: str, names: Sequence[str], asked: str) -> Problem:

@@ -6,7 +6,7 @@ before it is to look at an image. And when one of colours calls a part held, gon
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -60,13 +60,9 @@ def _kind(value: object) -> str:
         return str(value)
     known = (*BUILT_IN, *installed_detectors())
     if not isinstance(value, str) or value not in known:
-        raise refused("wrong-value", f"found {describe(value)}, which is no detector; {_expected(value, known)}")
+        hint = f"{expected_names(str(value), known)}; installed packages bring more as entry points `{GROUP}`"
+        raise refused("wrong-value", f"found {describe(value)}, which is no detector; {hint}")
     return value
-
-
-def _expected(value: object, known: Collection[str]) -> str:
-    """The nearest name, or all, and how there may be more."""
-    return f"{expected_names(str(value), known)}; installed packages bring more as entry points `{GROUP}`"
 
 
 DetectorKind = Annotated[

@@ -95,15 +95,15 @@ class _Collada:
         """The load of all scenes together."""
         self._check_places(self._root)
         for element in self._root.inside():
-            if element.tag == "source" and any(
-                child.tag in (*_ARRAYS, "technique_common") for child in element.children
-            ):
+            tags = [child.tag for child in element.children] if element.tag == "source" else []
+            if "technique_common" in tags or not set(_ARRAYS).isdisjoint(tags):
                 count = _source_count(element)
                 if count is not None:
                     self._counts[element.text("id")] = count
         for library in self._root.all("library_geometries"):
             for geometry in library.all("geometry"):
-                self._add(geometry)
+                load = sum((_mesh_load(mesh, self._counts) for mesh in geometry.all("mesh")), _Load())
+                self._geometries[geometry.attributes.get("id", "")] = load
         scenes = [scene for library in self._root.all("library_visual_scenes") for scene in library.all("visual_scene")]
         return sum((self._weigh(scene, 0) for scene in scenes), _Load())
 
@@ -128,10 +128,6 @@ class _Collada:
         if name in self._named:  # of nodes: matters only if one of them is placed by its name
             self._ambiguous.add(name)
         self._named.setdefault(name, element)
-
-    def _add(self, geometry: Element) -> None:
-        load = sum((_mesh_load(mesh, self._counts) for mesh in geometry.all("mesh")), _Load())
-        self._geometries[geometry.attributes.get("id", "")] = load
 
     def _weigh(self, node: Element, depth: int) -> _Load:
         """The load of a node or scene, with all that it places."""

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
-from sqrp_cli.errors import InputError, Place, Problem, bad_input
+from sqrp_cli.errors import bad_input
 from sqrp_cli.knowledge.robot.robot_source import ROOT, RobotSource, RobotXml
 from sqrp_cli.knowledge.text.input_file import read_input
 from sqrp_cli.knowledge.text.xml_file import MAX_BYTES, Element, parse_xml
@@ -24,7 +23,10 @@ def read_robot_xml(path: Path, source: RobotSource | None = None) -> RobotXml:
     root = parse_xml(path, content, ROOT)
     if not has_xacro(root):
         if source.arguments:
-            raise InputError(_takes_none(root.place, source.arguments))
+            named = ", ".join(f"`{name}`" for name in source.arguments)
+            message = f"this file has no xacro elements, so it takes no arguments; found {named}"
+            mend = "leave the arguments out, or name the .xacro file"
+            raise bad_input("xacro-argument", message, root.place, mend=mend)
         return RobotXml(root, None, content)
     from sqrp_cli.knowledge.robot.xacro_file import expand
 
@@ -40,12 +42,6 @@ def has_xacro(element: Element) -> bool:
         or any("${" in value or "$(" in value for value in element.attributes.values())
         or any(has_xacro(child) for child in element.children)
     )
-
-
-def _takes_none(place: Place, arguments: Mapping[str, str]) -> Problem:
-    named = ", ".join(f"`{name}`" for name in arguments)
-    message = f"this file has no xacro elements, so it takes no arguments; found {named}"
-    return Problem("xacro-argument", message, place, mend="leave the arguments out, or name the .xacro file")
 
 
 def _refuse_old(root: Element) -> None:

@@ -122,7 +122,8 @@ class _Expansion:
         self._xacro, self._path, self._source = xacro, path, source
         self._arguments = dict(source.arguments)
         self._asked: dict[str, str | None] = {}
-        self._folders = _own_folders(path)
+        package = packages.package_around(path)
+        self._folders = (path.parent, *([package] if package else ()))
         self.packages: dict[str, Path] = {}
         self._at = Place(path)
         self._calls: list[_Call] = []
@@ -332,11 +333,6 @@ class _Expansion:
     # Files.
 
     @property
-    def _readable(self) -> tuple[Path, ...]:
-        """Folders in which files may be read."""
-        return (*self._folders, *self._source.roots, *self.packages.values())
-
-    @property
     def _current(self) -> Path:
         return Path(self._xacro.filestack[-1] or self._path)
 
@@ -373,7 +369,8 @@ class _Expansion:
     def _allowed(self, name: str) -> Path:
         """The path, if it may be read. Raises InputError."""
         path = Path(os.path.normpath(name))
-        if any(path.is_relative_to(folder) for folder in self._readable):
+        readable = (*self._folders, *self._source.roots, *self.packages.values())
+        if any(path.is_relative_to(folder) for folder in readable):
             return path
         message = f"`{name}` is outside the folders that this file may read: its own, its package and those of packages"
         mend = f"add {path.parent} to `robot.package_roots` or to ROS_PACKAGE_PATH (`init --package-root`)"
@@ -443,9 +440,3 @@ class _Expansion:
 
 def _how_to_give(name: str) -> str:
     return f"say `args: {{{name}: VALUE}}` beside `xacro:`, or `{name}:=VALUE` after `init`"
-
-
-def _own_folders(path: Path) -> tuple[Path, ...]:
-    """The folder of a file, and the package that it is in."""
-    package = packages.package_around(path)
-    return (path.parent, *([package] if package else ()))

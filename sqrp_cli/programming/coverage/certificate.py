@@ -155,12 +155,12 @@ class _Rest(NamedTuple):
             ),
         )
 
-    def times(self, grid: _Grid, parts: CentreParts) -> tuple[Array, Array]:
-        """How long all is covered, and not covered, from each part, shape (p, 2) each [s]."""
-        return grid.between(parts.sure & self.sure), grid.between(~parts.possible & ~self.possible)
+    def times(self, grid: _Grid, parts: CentreParts) -> Settled:
+        """The same of each of p parts of the poses, shape (p, 2) each [s]."""
+        return Settled(grid.between(parts.sure & self.sure), grid.between(~parts.possible & ~self.possible))
 
 
-def _worth_cutting(grid: _Grid, times: tuple[Array, Array], coarse: Mask) -> Indices:
+def _worth_cutting(grid: _Grid, times: Settled, coarse: Mask) -> Indices:
     """The parts that decide a figure, by index, as long as the worst of all is `coarse` (p,)."""
     chosen = [np.zeros(0, dtype=np.int64)]
     for column in np.flatnonzero(grid.lengths.any(axis=0)):

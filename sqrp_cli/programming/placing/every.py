@@ -62,8 +62,10 @@ class SetsInBounds:
             more = count - begun.cameras.shape[1]
             if more > 0:
                 begun = self._grown(self._promising(begun, more), needed, last=more == 1)
-            if more > 1:
-                waiting += self._in_parts(begun)
+            if more > 1:  # so few at a time that all their sets of one camera more can be looked at at once
+                step = max(1, sets_at_once(len(self._sees)) // len(self._free))
+                starts = range(0, len(begun.cameras), step)
+                waiting += [_Begun(begun.cameras[at : at + step], begun.open[at : at + step]) for at in starts]
                 continue
             cameras = np.sort(begun.cameras, axis=1)
             for some in self._problem.missing:
@@ -71,12 +73,6 @@ class SetsInBounds:
                     cameras = cameras[np.any(cameras != np.array(some), axis=1)]
             if len(cameras):
                 yield cameras
-
-    def _in_parts(self, begun: _Begun) -> Iterator[_Begun]:
-        """So few at a time that all their sets of one camera more can be looked at at once."""
-        step = max(1, sets_at_once(len(self._sees)) // len(self._free))
-        for start in range(0, len(begun.cameras), step):
-            yield _Begun(begun.cameras[start : start + step], begun.open[start : start + step])
 
     def _promising(self, begun: _Begun, more: int) -> _Begun:
         """Those sets that may be worth enough with some more cameras."""

@@ -163,7 +163,8 @@ def obstacle(problem: Placing, demand: Demand, *, blind: bool) -> str:
         mounts = "the only mount is" if places == 1 else f"all {places} mounts are"
         return f"{mounts} in the way: a camera there would touch something"
     needed = max(problem.at_least(demand), 1)
-    prices = _cheapest(problem, usable)
+    spots = problem.spot[usable]
+    prices = np.sort([problem.price[usable][spots == place].min() for place in np.unique(spots)])  # of each place
     for count, total in enumerate(np.cumsum(prices[:needed]).tolist(), 1):
         if demand.budget is not None and total > demand.budget + 1e-9:
             cheapest = "the cheapest camera costs" if count == 1 else f"the cheapest {count} cameras cost"
@@ -180,9 +181,3 @@ def unusable(problem: Placing) -> frozenset[int]:
     return frozenset(
         place for of_one in problem.candidates for place in set.intersection(*(every[number] for number in of_one))
     )
-
-
-def _cheapest(problem: Placing, usable: Indices) -> Array:
-    """The price of the cheapest camera at each place, the least first, shape (places,)."""
-    places = problem.spot[usable]
-    return np.sort([problem.price[usable][places == place].min() for place in np.unique(places)])

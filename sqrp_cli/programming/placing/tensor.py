@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Protocol
@@ -124,7 +124,8 @@ def _in_frame(
         asked: Mask = np.any(whole[alike], axis=0)[:, item]
         seen = np.zeros(asked.shape, dtype=bool)
         pose, look = np.nonzero(asked)
-        for chunk in _chunks(len(pose)):
+        for start in range(0, len(pose), _LOOKS_TOGETHER):
+            chunk = slice(start, start + _LOOKS_TOGETHER)
             seen[pose[chunk], look[chunk]] = moved[alike[0]].unhidden(X_FC[pose[chunk]], look[chunk])
         sees[alike] = whole[alike] & np.logical_and.reduceat(seen, begins, axis=1)
     return sees
@@ -142,10 +143,6 @@ def _looks(way: JudgedWay) -> tuple[Indices, Indices, Indices]:
 
 _LOOKS_TOGETHER = 20_000
 """To bound the memory."""
-
-
-def _chunks(count: int) -> Iterator[slice]:
-    yield from (slice(start, start + _LOOKS_TOGETHER) for start in range(0, count, _LOOKS_TOGETHER))
 
 
 def joined_items(before: JudgedWay, sees: Mask, more: JudgedWay, added: Mask, after: JudgedWay) -> Mask:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -242,27 +242,21 @@ def identified(baseline: Baseline, cells: Sequence[ScoredCell]) -> dict[str, str
     file edited at once, the one with most equal values, if at least `LEAST_ALIKE` of all are equal.
     """
     found: dict[str, str] = {}
-    for test in (_means_the_same, _has_its_name, None):
-        left = [cell for cell in cells if cell.name not in found]
-        free = {name: record for name, record in baseline.workspaces.items() if name not in found.values()}
-        pairs = [(cell, name) for cell in left for name in free]
-        if test is None:
-            alike = {pair: _likeness(baseline, *pair) for pair in pairs}
-            pairs = sorted((pair for pair in pairs if alike[pair] >= LEAST_ALIKE), key=lambda pair: -alike[pair])
-        else:
-            pairs = [pair for pair in pairs if test(pair[0], pair[1], free[pair[1]])]
-        for cell, name in sorted(pairs, key=lambda pair: pair[0].name != pair[1]) if test else pairs:
+
+    def take(pairs: Iterable[tuple[ScoredCell, str]]) -> None:
+        for cell, name in pairs:
             if cell.name not in found and name not in found.values():
                 found[cell.name] = name
+
+    known = baseline.workspaces
+    meant = {one: (one.workspace.digest, one.workspace.file_digest) for one in cells if one.workspace is not None}
+    same = [(cell, name) for cell in meant for name, record in known.items() if record.digest in meant[cell]]
+    take(sorted(same, key=lambda pair: pair[0].name != pair[1]))
+    take((cell, cell.name) for cell in cells if cell.name in known)
+    left, free = [one for one in cells if one.name not in found], known.keys() - found.values()
+    alike = {(cell, name): _likeness(baseline, cell, name) for cell in left for name in known if name in free}
+    take(sorted((pair for pair in alike if alike[pair] >= LEAST_ALIKE), key=lambda pair: -alike[pair]))
     return found
-
-
-def _means_the_same(cell: ScoredCell, _name: str, record: WorkspaceRecord) -> bool:
-    return cell.workspace is not None and record.digest in (cell.workspace.digest, cell.workspace.file_digest)
-
-
-def _has_its_name(cell: ScoredCell, name: str, _record: WorkspaceRecord) -> bool:
-    return cell.name == name
 
 
 def _likeness(baseline: Baseline, cell: ScoredCell, name: str) -> float:

@@ -88,7 +88,10 @@ class Computer:
         for want in missing.values():
             by_workspace.setdefault(want.workspace.digest, []).append(want)
         for members in by_workspace.values():
-            self._dispatcher.add(list(self._jobs(members, coverage=coverage)))
+            packed = PackedWorkspace.of(members[0].workspace)
+            self._dispatcher.add(
+                [Job(packed, one.content, (one.candidate,), self.sampling, self._seed, coverage) for one in members]
+            )
 
     def compute(self, wanted: Sequence[Wanted], advance: Callable[[int], None], *, coverage: bool = False) -> None:
         """Make every candidate available to `outcome`; `advance` is called with the number of finished ones.
@@ -144,9 +147,3 @@ class Computer:
 
     def _key(self, content: str, candidate: Candidate, *, coverage: bool) -> str:
         return candidate_key(content, candidate, self.sampling, self._seed, coverage=coverage)
-
-    def _jobs(self, wanted: Sequence[Wanted], *, coverage: bool) -> Iterator[Job]:
-        """One for each candidate of a workspace."""
-        packed = PackedWorkspace.of(wanted[0].workspace)
-        for want in wanted:
-            yield Job(packed, want.content, (want.candidate,), self.sampling, self._seed, coverage)

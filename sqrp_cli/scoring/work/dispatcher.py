@@ -171,7 +171,8 @@ class Dispatcher:
         """A worker's next workspace: the one that it has loaded, a new one, or half of another worker's."""
         if self._apart:
             return (self._apart.popleft(),)
-        most = self._most_at_once()
+        left = sum(map(len, (*self._unclaimed, *self._claimed)))
+        most = min(self._workers.portion, ceil(left / (SHARES * self._workers.count)))
         claimed = self._claimed[worker]
         if not claimed and self._unclaimed:
             claimed.extend(self._unclaimed.popleft())
@@ -183,10 +184,6 @@ class Dispatcher:
         while claimed and len(jobs) < most and (not jobs or claimed[0].goes_with(jobs[0])):
             jobs.append(claimed.popleft())
         return tuple(jobs)
-
-    def _most_at_once(self) -> int:
-        left = sum(map(len, (*self._unclaimed, *self._claimed)))
-        return min(self._workers.portion, ceil(left / (SHARES * self._workers.count)))
 
     def _collect(self, *, wait_for_one: bool = True) -> None:
         """Keep finished jobs, and replace dead workers."""
