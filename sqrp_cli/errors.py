@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
@@ -104,6 +105,18 @@ def bad_input(
 def bad_option(message: str, place: Place | None = None, *, mend: str | None = None) -> InputError:
     """The error of an option, or an argument, that cannot be used as it is."""
     return bad_input("bad-option", message, place, mend=mend)
+
+
+@contextmanager
+def needed(message: str, mend: str, place: Place | None = None) -> Iterator[None]:
+    """Imports of a library that may not be installed: an ImportError becomes an InputError with the mend.
+
+    message: what needs it; `{}` in it stands for the ImportError. place: of the file that needs it.
+    """
+    try:
+        yield
+    except ImportError as error:
+        raise bad_input("missing-extra", message.format(error), place, mend=mend) from error
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Sequence
 from typing import Any
 
-from sqrp_cli.errors import InputError, bad_input, expected_names
+from sqrp_cli.errors import InputError, bad_input, expected_names, needed
 from sqrp_cli.logic.conditions import Binding, Objects
 from sqrp_cli.logic.domain import Condition, Domain
 from sqrp_cli.logic.literal import Atom
@@ -47,11 +47,8 @@ def engine_planner(name: str) -> Planner:
 
 
 def _environment() -> Any:  # noqa: ANN401 - the library has no types
-    try:
+    with needed("other planners need the extra `planners`", "pip install unified-planning up-fast-downward"):
         from unified_planning.environment import get_environment
-    except ImportError as error:
-        message, mend = "other planners need the extra `planners`", "pip install unified-planning up-fast-downward"
-        raise bad_input("missing-extra", message, mend=mend) from error
     environment = get_environment()
     environment.credits_stream = None
     return environment

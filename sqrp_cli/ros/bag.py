@@ -15,7 +15,7 @@ from typing import Any
 
 import yaml
 
-from sqrp_cli.errors import InputError, Place, bad_input
+from sqrp_cli.errors import InputError, Place, bad_input, needed
 from sqrp_cli.platform.files import naming
 from sqrp_cli.ros.messages import Message, MessageError, Ros, message_types
 
@@ -40,6 +40,7 @@ def is_bag(path: Path) -> bool:
     return head.startswith((_ROS1, *_ROS2)) or (path.name == METADATA and b"rosbag2_bagfile_information" in head)
 
 
+_INSTALL = "pip install 'sqrp[bags]'"
 _KINDS = {".mcap": "MCAP file", ".bag": "bag of ROS 1", ".db3": "file of rosbag2 (SQLite)"}
 """What a file is by the end of its name."""
 
@@ -97,10 +98,8 @@ class Bag:
 
     def __init__(self, path: Path) -> None:
         """Raises InputError for what is no recording, or one that cannot be read."""
-        try:
+        with needed("reading a recording needs the package rosbags", _INSTALL, Place(path)):
             from rosbags import rosbag1, rosbag2
-        except ImportError as error:
-            raise _missing("reading a recording", path) from error
         self.path = path
         _limit()
         head = _head(path) if path.is_file() else b""
@@ -222,10 +221,6 @@ def _metadata(text: str) -> object:
         raise ValueError(f"{METADATA}{line}: {error.problem}") from error
 
 
-def _missing(what: str, path: Path) -> InputError:
-    return bad_input("missing-extra", f"{what} needs the package rosbags", Place(path), mend="pip install 'sqrp[bags]'")
-
-
 def _told(error: Exception) -> str:
     if isinstance(error, MemoryError):
         return "a part of it is, as it says, larger than the memory"
@@ -258,10 +253,8 @@ class BagWriter:
 
     def __init__(self, path: Path) -> None:
         """Raises InputError without `rosbags`, and where nothing can be written."""
-        try:
+        with needed("writing a recording needs the package rosbags", _INSTALL, Place(path)):
             from rosbags import rosbag1, rosbag2
-        except ImportError as error:
-            raise _missing("writing a recording", path) from error
         self._path, self._of_topic = path, dict[str, Any]()
         ros: Ros = 1 if path.suffix.lower() == ".bag" else 2
         self.types = message_types(ros)

@@ -12,7 +12,7 @@ from collections.abc import Collection, Mapping
 from typing import Any, cast
 from xml.sax.saxutils import quoteattr
 
-from sqrp_cli.errors import bad_input
+from sqrp_cli.errors import bad_input, needed
 from sqrp_cli.ros.messages import Message, MessageTypes, message_types
 from sqrp_cli.ros.transport import Inbox, Send, Topic
 
@@ -31,12 +31,9 @@ class DdsTransport:
 
         Raises InputError where cyclonedds is not installed or cannot use the network.
         """
-        try:
+        with needed("ROS 2 on the wire needs the packages cyclonedds and rosbags", "pip install 'sqrp[ros2]'"):
             from cyclonedds.core import DDSException, GuardCondition, WaitSet
             from cyclonedds.domain import Domain, DomainParticipant
-        except ImportError as error:
-            message = "ROS 2 on the wire needs the packages cyclonedds and rosbags"
-            raise bad_input("missing-extra", message, mend="pip install 'sqrp[ros2]'") from error
         self.types: MessageTypes = message_types(2)
         try:
             if network is not None:

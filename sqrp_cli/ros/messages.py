@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, cast
 
 import numpy as np
 
-from sqrp_cli.errors import SqrpError, bad_input
+from sqrp_cli.errors import SqrpError, needed
 from sqrp_cli.geometry import Array, matrix_to_quaternion
 
 if TYPE_CHECKING:
@@ -65,11 +65,8 @@ class MessageTypes:
 
     def __init__(self, ros: Ros) -> None:
         """Raises InputError where rosbags is not installed."""
-        try:
+        with needed("messages of ROS need the package rosbags", "pip install 'sqrp[ros2]'"):
             from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-        except ImportError as error:
-            message = "messages of ROS need the package rosbags"
-            raise bad_input("missing-extra", message, mend="pip install 'sqrp[ros2]'") from error
         self.ros: Ros = ros
         self.store: Typestore = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
         self.store.max_sequence_length = LONGEST_SEQUENCE

@@ -12,7 +12,7 @@ from collections.abc import Callable, Collection, Mapping
 from importlib import import_module
 from typing import Any
 
-from sqrp_cli.errors import bad_input
+from sqrp_cli.errors import bad_input, needed
 from sqrp_cli.ros.messages import Message, MessageTypes, message_types
 from sqrp_cli.ros.transport import Inbox, Send, Topic
 
@@ -28,14 +28,11 @@ class RclpyTransport:
 
     def __init__(self, domain: int) -> None:
         """Raises InputError where rclpy cannot be imported."""
-        try:
+        mend = "source /opt/ros/DISTRO/setup.bash, with the Python of that ROS; or transport: dds, which needs none"
+        with needed("rclpy cannot be imported: {}", mend):
             import rclpy
             from rclpy.context import Context
             from rclpy.executors import SingleThreadedExecutor
-        except ImportError as error:
-            message = f"rclpy cannot be imported: {error}"
-            mend = "source /opt/ros/DISTRO/setup.bash, with the Python of that ROS; or transport: dds, which needs none"
-            raise bad_input("missing-extra", message, mend=mend) from error
         self.types: MessageTypes = message_types(2)
         self._context = Context()
         rclpy.init(context=self._context, domain_id=domain)

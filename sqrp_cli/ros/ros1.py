@@ -16,7 +16,7 @@ from threading import Lock
 from typing import Any
 from urllib.parse import urlsplit
 
-from sqrp_cli.errors import bad_input
+from sqrp_cli.errors import bad_input, needed
 from sqrp_cli.ros.messages import Message, MessageTypes, message_types
 from sqrp_cli.ros.transport import Inbox, Send, Topic
 
@@ -159,12 +159,9 @@ def _rospy() -> Any:  # noqa: ANN401 # a module without types
     except ImportError:
         if str(DEBIAN) not in sys.path and (DEBIAN / "rospy").is_dir():
             sys.path.append(str(DEBIAN))
-        try:
+        mend = "apt install python3-rospy python3-rosgraph-msgs, or source a workspace of ROS 1"
+        with needed("ROS 1 needs rospy, which cannot be imported: {}", mend):
             import rospy
-        except ImportError as error:
-            message = f"ROS 1 needs rospy, which cannot be imported: {error}"
-            mend = "apt install python3-rospy python3-rosgraph-msgs, or source a workspace of ROS 1"
-            raise bad_input("missing-extra", message, mend=mend) from error
     return rospy
 
 

@@ -15,7 +15,7 @@ from contextlib import suppress
 from http import HTTPStatus
 from typing import Any
 
-from sqrp_cli.errors import bad_input, bad_option
+from sqrp_cli.errors import bad_option, needed
 
 HOST = "127.0.0.1"
 """No other machine reaches it."""
@@ -200,8 +200,6 @@ class Live:
 
 def check_server() -> None:
     """Raises InputError, with the command that installs it, where the server's library is missing."""
-    try:
+    message = "the studio needs the Python package `websockets`, which is not installed"
+    with needed(message, "pip install 'sqrp[studio]'"):
         import websockets  # noqa: F401
-    except ImportError as error:
-        message = "the studio needs the Python package `websockets`, which is not installed"
-        raise bad_input("missing-extra", message, mend="pip install 'sqrp[studio]'") from error

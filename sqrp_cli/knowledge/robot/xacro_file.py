@@ -20,7 +20,7 @@ from xml.dom import expatbuilder, minidom
 
 import yaml
 
-from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, needed
 from sqrp_cli.knowledge.robot.robot_source import ROOT, RobotSource, RobotXml, as_text
 from sqrp_cli.knowledge.robot.xacro_expression import (
     GLOBALS,
@@ -65,11 +65,8 @@ def expand(path: Path, content: bytes, source: RobotSource) -> RobotXml:
     place, for whatever prevents it: a wrong expression, an unknown macro or argument, a file that is missing or outside
     the known folders, too large a result. Also if the library is not installed.
     """
-    try:
+    with needed("this is a xacro file, which needs the extra `xacro`", "pip install 'sqrp[xacro]'", Place(path)):
         import xacro
-    except ImportError as error:
-        message = "this is a xacro file, which needs the extra `xacro`"
-        raise bad_input("missing-extra", message, Place(path), mend="pip install 'sqrp[xacro]'") from error
     expansion = _Expansion(xacro, path, source)
     with _ENGINE, expansion.engine():
         root = expansion.run(content)

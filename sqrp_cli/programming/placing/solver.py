@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from sqrp_cli.errors import bad_input
+from sqrp_cli.errors import needed
 from sqrp_cli.geometry import Array
 
 Terms = Mapping[int, float]
@@ -112,11 +112,8 @@ def check_solver() -> None:
 
 
 def _library() -> Any:  # noqa: ANN401 # a module without types
-    try:
+    with needed("placing cameras needs HiGHS, which is not installed", "pip install 'sqrp[place]'"):
         import highspy
-    except ImportError as error:
-        message = "placing cameras needs HiGHS, which is not installed"
-        raise bad_input("missing-extra", message, mend="pip install 'sqrp[place]'") from error
     return highspy
 
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.errors import bad_input
+from sqrp_cli.errors import needed
 from sqrp_cli.geometry import Array, transform
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.projection import ImagePoints, Projection
@@ -73,11 +73,8 @@ class Embree(NamedTuple):
 
 def check_rays() -> Embree:
     """Embree's modules. Raises InputError, with the command that installs it, where it is missing."""
-    try:
+    with needed("pictures need the Python package `embreex`, which is not installed", "pip install embreex"):
         from embreex import mesh_construction, rtcore_scene
-    except ImportError as error:
-        message = "pictures need the Python package `embreex`, which is not installed"
-        raise bad_input("missing-extra", message, mend="pip install embreex") from error
     return Embree(mesh_construction, rtcore_scene)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sqrp_cli.errors import bad_input
+from sqrp_cli.errors import needed
 from sqrp_cli.geometry import BOX_SIGNS, Array
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.sensing.limits import convex_hull
@@ -148,8 +148,5 @@ def _font(size: int) -> Any:  # noqa: ANN401
 def _pillow(module: str) -> ModuleType:
     from importlib import import_module
 
-    try:
+    with needed("pictures need the Python package `pillow`, which is not installed", "pip install pillow"):
         return import_module(f"PIL.{module}")
-    except ImportError as error:
-        message = "pictures need the Python package `pillow`, which is not installed"
-        raise bad_input("missing-extra", message, mend="pip install pillow") from error

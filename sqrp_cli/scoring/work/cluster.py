@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sqrp_cli.errors import InputError, Place, Problem, bad_input
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, needed
 from sqrp_cli.knowledge.text.input_file import LARGEST, read_input, read_text
 from sqrp_cli.knowledge.text.json_file import parse_json
 
@@ -159,11 +159,8 @@ def _watch(client: Any, warn: Callable[[str], None], ended: threading.Event) -> 
 
 
 def _client(cluster: str) -> Any:  # noqa: ANN401 # a client of Dask's
-    try:
+    with needed("--cluster needs Dask, which is not installed", "pip install 'sqrp[cluster]'"):
         import distributed
-    except ImportError as error:
-        message = "--cluster needs Dask, which is not installed"
-        raise bad_input("missing-extra", message, mend="pip install 'sqrp[cluster]'") from error
     for name in ("distributed", "distributed.client"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
