@@ -70,7 +70,7 @@ def test_planning_gives_up_before_it_grounds_and_says_which_action_is_too_large(
         assert condition is GOAL, "an action was grounded"
         return ground_condition(condition, *rest)
 
-    monkeypatch.setattr(planning_task, "ground_condition", of_goal_only)
+    monkeypatch.setattr(planning_task.conditions, "ground_condition", of_goal_only)
     objects = {f"o{number}": frozenset({"thing"}) for number in range(5)}
     result = find_plan(read(actions), objects, frozenset({Atom("at", ("o0",))}), GOAL, {})
     assert isinstance(result, GaveUp)
