@@ -188,8 +188,7 @@ def _by_camera(
         offset = (loss.free - X_WB[:3, 3]) @ X_WB[:3, :3]
         half = 0.5 * np.array(box.size)
         x = np.maximum(x, loss.t + _first((half - np.abs(offset)).min(axis=2)[None])[0])
-        eyes, _ = _eyes([observer.cameras[number] for number in by])
-        there = _first(_in_place(loss, X_WB, half, eyes))
+        there = _first(_in_place(loss, X_WB, half, _eyes([observer.cameras[number] for number in by])[0]))
         shown[by] = np.maximum(shown[by], loss.t + there)
         usual = np.maximum(usual, loss.t + _outvoted(there, there, needed[box]))
     return _ByCamera(x, shown, usual)

@@ -202,36 +202,32 @@ def _ground(
     primitive: PrimitiveAction, to: str | None, X_start: Array, X_end: Array, use: SkillUse, world: World
 ) -> GroundPrimitive:
     values = use.values
-    ground = GroundPrimitive(
-        name=primitive.name, kind=type(primitive), to=to, X_start=X_start, X_end=X_end, world=world
-    )
+    base = GroundPrimitive(name=primitive.name, kind=type(primitive), to=to, X_start=X_start, X_end=X_end, world=world)
     match primitive:
         case JointMove():
             via_home = to != HOME and setting_value(primitive.via, values) == HOME
             settings = {"elbow": primitive.elbow, "shoulder": primitive.shoulder, "wrist": primitive.wrist}
-            words = (setting_value(setting, values) for setting in settings.values())
             return replace(
-                ground,
+                base,
                 home=to == HOME,
                 via_home=via_home,
                 vias=None if via_home else use.vias.get(primitive.name),
-                branches=BranchChoice(*map(str, words)),
+                branches=BranchChoice(*(str(setting_value(setting, values)) for setting in settings.values())),
                 free={} if to == HOME else _free(settings, values),
                 speed=setting_number(primitive.speed, values),
             )
         case ToolMove():
             named = [*primitive.touching, getattr(primitive, "until_contact", None)]
-            turn_speed = None if primitive.turn_speed is None else setting_number(primitive.turn_speed, values)
             return replace(
-                ground,
+                base,
                 speed=setting_number(primitive.speed, values),
                 acceleration=setting_number(primitive.acceleration, values),
                 jerk=setting_number(primitive.jerk, values),
-                turn_speed=turn_speed,
+                turn_speed=None if primitive.turn_speed is None else setting_number(primitive.turn_speed, values),
                 touching=frozenset(use.binding[name] for name in named if name is not None),
             )
         case Grasp() | Release() | Wait() | FingerMove():
-            return replace(ground, hold=setting_number(primitive.duration, values))
+            return replace(base, hold=setting_number(primitive.duration, values))
 
 
 def _free(settings: Mapping[str, Setting], values: Mapping[str, MotionValue]) -> dict[str, str]:

@@ -365,11 +365,10 @@ class Placer:
         )
 
     def _placement(self, problem: Placing, chosen: Chosen) -> Placement:
-        found = self._so_far(problem, chosen)
-        if chosen.choice is None:
+        found, choice = self._so_far(problem, chosen), chosen.choice
+        if choice is None:
             why = "" if chosen.interrupted else obstacle(problem, self.question.demand, blind=self._blind)
             return replace(found, met=False, why=why, candidates=self._without_more())
-        choice = chosen.choice
         worth = worth_of(problem, choice)
         cameras, studies = self.cameras(problem, choice), self.survey.studies(choice)
         if worth.least < 1.0 - ROUNDED and not chosen.interrupted and not self.question.demand.survive:

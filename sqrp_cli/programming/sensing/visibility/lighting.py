@@ -7,7 +7,7 @@ cameras. Shadows of several lights on one face are taken as independent.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
@@ -212,16 +212,13 @@ def _light_on(
     ambient = sum(light.intensity for light in lights if light.is_ambient)
     strength, reached = np.zeros((len(lights), len(hull))), np.ones((len(lights), len(hull)))
     for index, light in enumerate(lights):
-        if light.is_ambient:
-            strength[index] = light.intensity
-        else:
-            rays = light.rays(point)
-            strength[index] = rays.strength * np.maximum((rays.towards * normal).sum(axis=1), 0.0)
+        rays = None if light.is_ambient else light.rays(point)
+        cosine = 1.0 if rays is None else np.maximum((rays.towards * normal).sum(axis=1), 0.0)
+        strength[index] = (light.intensity if rays is None else rays.strength) * cosine
     least, most = range_.least[faces.line], range_.most[faces.line]
     brightest = strength.sum(axis=0)[faces.same]
     # Where shadows change nothing, none is looked for.
-    asked = np.zeros(len(hull), dtype=bool)
-    asked[faces.same[(brightest >= least) & ((ambient < least) | (brightest > most))]] = True
+    asked = np.isin(np.arange(len(hull)), faces.same[(brightest >= least) & ((ambient < least) | (brightest > most))])
     width = 2.0 * np.linalg.norm(lines.half_size[hull], axis=1)
     shining = [index for index, light in enumerate(lights) if not light.is_ambient]
     for index in shining:
@@ -229,18 +226,23 @@ def _light_on(
         some = np.flatnonzero(asked & (strength[index] > _FAINT) & (lights[index].rays(point).distance > width))
         if len(some):
             plates = _plates(faces, some, lines, lights[index])
-            near = near_pairs(plates, watched.solid_poses, watched.opaque)
-            seen = visible_shares(plates, watched.solid_poses, near)
+            seen = visible_shares(plates, watched.solid_poses, near_pairs(plates, watched.solid_poses, watched.opaque))
             reached[index, some[seen.line]] = seen.share
     dark, bright = np.zeros(len(faces.line)), np.zeros(len(faces.line))
-    for on in product((False, True), repeat=len(shining)):
-        chance, total = np.ones(len(hull)), np.full(len(hull), float(ambient))
-        for index, lit in zip(shining, on, strict=True):
-            chance = chance * (reached[index] if lit else 1.0 - reached[index])
-            total = total + lit * strength[index]
+    for chance, total in _combined(strength[shining], reached[shining], float(ambient)):
         dark += chance[faces.same] * (total[faces.same] < least)
         bright += chance[faces.same] * (total[faces.same] > most)
     return _LightOn(strength, reached, (dark, bright))
+
+
+def _combined(strength: Array, reached: Array, ambient: float) -> Iterator[tuple[Array, Array]]:
+    """Which of the lights that throw shadows reach a point of each face, by chance, with all light then, (f,) each."""
+    for on in product((False, True), repeat=len(strength)):
+        chance, total = np.ones(strength.shape[1]), np.full(strength.shape[1], ambient)
+        for intensity, share, lit in zip(strength, reached, on, strict=True):
+            chance = chance * (share if lit else 1.0 - share)
+            total = total + lit * intensity
+        yield chance, total
 
 
 def _plates(faces: _Faces, some: Indices, lines: SightLines, light: Light) -> SightLines:
