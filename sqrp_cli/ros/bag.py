@@ -7,7 +7,7 @@ import shlex
 import shutil
 import tempfile
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -93,7 +93,7 @@ class Packed:
     data: bytes
 
 
-class Bag:
+class Bag(AbstractContextManager["Bag"]):
     """A recording that is open for reading; a context manager. Messages are read one by one, as often as asked for."""
 
     def __init__(self, path: Path) -> None:
@@ -143,9 +143,6 @@ class Bag:
         """Close the file."""
         with suppress(Exception):  # of a damaged file, which was told already
             self._reader.close()
-
-    def __enter__(self) -> Bag:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

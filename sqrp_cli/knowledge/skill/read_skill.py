@@ -10,16 +10,7 @@ import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, nearest, no_such
 from sqrp_cli.knowledge.frames import TOOL
-from sqrp_cli.knowledge.skill.settings import (
-    ANY,
-    DIRECT,
-    PATHS,
-    Kind,
-    ListedValues,
-    MotionParameter,
-    Reference,
-    ValueRange,
-)
+from sqrp_cli.knowledge.skill import settings
 from sqrp_cli.knowledge.skill.skill import (
     FORMER_ENDING,
     HOME,
@@ -121,8 +112,8 @@ class _SkillReader:
         self.objects = [parameter.name for parameter in action.parameters]
         self.problems: list[Problem] = []
         self.values = {name: self._motion_values(name) for name in file.motion}
-        self.kinds: dict[str, list[Kind]] = {name: [] for name in file.motion}
-        self.implicit: dict[str, MotionParameter] = {}
+        self.kinds: dict[str, list[settings.Kind]] = {name: [] for name in file.motion}
+        self.implicit: dict[str, settings.MotionParameter] = {}
         self._refused: set[str] = set()
         """Motion parameters with values that a setting refuses."""
 
@@ -179,27 +170,27 @@ class _SkillReader:
 
     def _freed(self, name: str, entry: FreedEntry) -> FreedEntry:
         """A waypoint or primitive action in which every setting that is free names a parameter, such as `a1.elbow`."""
-        freed: dict[str, Reference] = {}
+        freed: dict[str, settings.Reference] = {}
         for (field, *_), value, kind in marked(entry):
-            if isinstance(kind, Kind) and self._is_free(entry, value):
-                at_default = value == Reference(PATH)
+            if isinstance(kind, settings.Kind) and self._is_free(entry, value):
+                at_default = value == settings.Reference(PATH)
                 parameter = PATH if at_default and PATH not in self.objects else f"{name}.{field}"
-                self.implicit[parameter] = MotionParameter(
-                    parameter, (DIRECT if at_default else ANY,), (kind,), implicit=True
+                self.implicit[parameter] = settings.MotionParameter(
+                    parameter, (settings.DIRECT if at_default else settings.ANY,), (kind,), implicit=True
                 )
-                freed[str(field)] = Reference(parameter)
+                freed[str(field)] = settings.Reference(parameter)
         return entry.model_copy(update=freed)
 
     def _is_free(self, entry: Entry, value: object) -> bool:
         """Whether a setting is `any`, or a path that is not stated; the branch of a move home is not free."""
-        if value == ANY:
+        if value == settings.ANY:
             return not (isinstance(entry, JointMove) and entry.to == HOME)
-        return value == Reference(PATH) and PATH not in self.file.motion
+        return value == settings.Reference(PATH) and PATH not in self.file.motion
 
-    def _check_setting(self, value: object, kind: Kind, path: KeyPath) -> None:
+    def _check_setting(self, value: object, kind: settings.Kind, path: KeyPath) -> None:
         """Check that the setting at `path`, or every value of its parameter, is of `kind`."""
-        if isinstance(value, Reference):
-            if value.parameter == PATH and PATH not in self.file.motion and kind is PATHS:
+        if isinstance(value, settings.Reference):
+            if value.parameter == PATH and PATH not in self.file.motion and kind is settings.PATHS:
                 return
             if self._is_parameter(value.parameter, path):
                 self.kinds[value.parameter].append(kind)
@@ -213,7 +204,7 @@ class _SkillReader:
             self._report("unknown-parameter", path, message)
         return name in self.file.motion
 
-    def _check_values(self, parameter: str, kind: Kind, path: KeyPath) -> None:
+    def _check_values(self, parameter: str, kind: settings.Kind, path: KeyPath) -> None:
         """Report the first value of a parameter that does not fit the setting at `path`."""
         complaints = (kind.complaint(value) for value in self.values[parameter])
         if (complaint := next(filter(None, complaints), None)) is not None:
@@ -221,23 +212,23 @@ class _SkillReader:
                 self._report(complaint.code, ("motion", parameter), f"{complaint.message} (`{dotted(path)}` uses it)")
             self._refused.add(parameter)
 
-    def _parameters(self) -> tuple[MotionParameter, ...]:
+    def _parameters(self) -> tuple[settings.MotionParameter, ...]:
         """The motion parameters with their values in SI units; call it after all settings are checked."""
         parameters = []
         for name, stated in self.values.items():
             values = tuple(value.value if isinstance(value, Quantity) else value for value in stated)
             if len(set(values)) < len(values):
                 self._report("repeated-value", ("motion", name), "a value is given twice")
-            parameters.append(MotionParameter(name, values, tuple(dict.fromkeys(self.kinds[name]))))
+            parameters.append(settings.MotionParameter(name, values, tuple(dict.fromkeys(self.kinds[name]))))
         return tuple(parameters)
 
     def _motion_values(self, name: str) -> tuple[Quantity | str, ...]:
         entry = self.file.motion[name]
-        if isinstance(entry, ValueRange):
+        if isinstance(entry, settings.ValueRange):
             return self._spread(name, entry)
-        return tuple(entry.values) if isinstance(entry, ListedValues) else (entry,)
+        return tuple(entry.values) if isinstance(entry, settings.ListedValues) else (entry,)
 
-    def _spread(self, name: str, entry: ValueRange) -> tuple[Quantity | str, ...]:
+    def _spread(self, name: str, entry: settings.ValueRange) -> tuple[Quantity | str, ...]:
         start, end = entry.start, entry.to
         if not isinstance(start, Quantity) or not isinstance(end, Quantity):
             word = end if isinstance(start, Quantity) else start

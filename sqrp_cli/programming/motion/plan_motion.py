@@ -13,13 +13,8 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.skill.settings import MotionValue
 from sqrp_cli.knowledge.workspace.workspace import World
+from sqrp_cli.programming.arm import inverse_kinematics
 from sqrp_cli.programming.arm.branches import branch_words
-from sqrp_cli.programming.arm.inverse_kinematics import (
-    FIRST_HELD,
-    MORE_REDUNDANCY_SAMPLES,
-    REDUNDANCY_SAMPLES,
-    known_solutions,
-)
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.collision import CollisionScene
 from sqrp_cli.programming.motion.fingers import with_fingers
@@ -163,7 +158,9 @@ def _first_planner(use: SkillUse, scene: CollisionScene, seed: int) -> _Planner 
     grounded = ground_primitives(use, scene)
     if isinstance(grounded, Infeasible):
         return grounded
-    return _Planner(scene, grounded, scene.model.arm_positions(use.world.joints), seed, REDUNDANCY_SAMPLES)
+    return _Planner(
+        scene, grounded, scene.model.arm_positions(use.world.joints), seed, inverse_kinematics.REDUNDANCY_SAMPLES
+    )
 
 
 def _within(ways: Sequence[sections.Ways], masks: Sequence[Mask]) -> list[Station]:
@@ -202,7 +199,7 @@ class _Planner:
 
     def with_more_samples(self) -> _Planner:
         """A planner that tries more positions of redundant joints."""
-        return _Planner(self._scene, self._skill, self._q_start, self._seed, MORE_REDUNDANCY_SAMPLES)
+        return _Planner(self._scene, self._skill, self._q_start, self._seed, inverse_kinematics.MORE_REDUNDANCY_SAMPLES)
 
     def needs_more_samples(self, found: Motion | Branches | Infeasible) -> bool:
         """Whether more positions of redundant joints may help; not where a waypoint is out of reach anyway."""
@@ -294,7 +291,7 @@ class _Planner:
         if move is None or move.home or not move.free:
             return ({},)
         if move.name not in self._named:
-            solutions = known_solutions(self._model, move.X_end, self._seed, self._samples).solutions
+            solutions = inverse_kinematics.known_solutions(self._model, move.X_end, self._seed, self._samples).solutions
             self._named[move.name] = _names_of(move, branch_words(self._model, solutions))
         return self._named[move.name]
 
@@ -327,8 +324,8 @@ class _Planner:
     def _infeasible(self, tries: int = 0) -> Infeasible:
         """The collected reasons, with the number of tries to find a way around."""
         reasons = self._failures.reasons(MAX_REASONS)
-        if self._samples > REDUNDANCY_SAMPLES:
-            joint = self._model.arm[FIRST_HELD]
+        if self._samples > inverse_kinematics.REDUNDANCY_SAMPLES:
+            joint = self._model.arm[inverse_kinematics.FIRST_HELD]
             reasons = (f"{reasons[0]}, with {self._samples} positions of `{joint}` tried", *reasons[1:])
         if tries > 0:
             reasons = (f"{reasons[0]}, and no way around was found in {tries:,} tries", *reasons[1:])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -44,14 +44,13 @@ class ToolCurve(Protocol):
     def poses(self, s: Array) -> Array:
         """The poses X_WT at s in [0, 1], shape (m,), shape (m, 4, 4)."""
 
-    def progress(self, s: float) -> str:
-        """The position s in words: `34 mm of 100 mm`, or in degrees when the tool only turns."""
-
 
 @dataclass(frozen=True, eq=False)
 class ToolLine:
     """A straight line of the tool frame: its origin moves evenly while it turns evenly about one fixed axis (slerp)."""
 
+    word: ClassVar[str] = "straight line"
+    winding: ClassVar[float] = 0.0
     X_start: Array
     X_end: Array
     """Poses X_WT of the tool frame in the world, shape (4, 4)."""
@@ -67,19 +66,9 @@ class ToolLine:
         return rotation_vector(self.X_end[:3, :3] @ self.X_start[:3, :3].T)
 
     @property
-    def word(self) -> str:
-        """See `ToolCurve`."""
-        return "straight line"
-
-    @property
     def turning(self) -> float:
         """Angle of the whole turn [rad]."""
         return float(np.linalg.norm(self.turn))
-
-    @property
-    def winding(self) -> float:
-        """It never comes back."""
-        return 0.0
 
     @property
     def twist(self) -> Array:
@@ -97,10 +86,6 @@ class ToolLine:
         if self.turn.any():
             X_WT[:, :3, :3] = [rotation_matrix(turn) @ self.X_start[:3, :3] for turn in s[:, None] * self.turn]
         return X_WT
-
-    def progress(self, s: float) -> str:
-        """The position s on the line in words: `34 mm of 100 mm`, or in degrees when the tool only turns."""
-        return _progress(self, s)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -163,10 +148,6 @@ class ToolHelix:
             X_WT[k, :3, :3] = rotation_matrix(share * self.turn) @ self.X_start[:3, :3]
         return X_WT
 
-    def progress(self, s: float) -> str:
-        """The position s in words, as of `ToolLine`."""
-        return _progress(self, s)
-
 
 def arc_through(X_start: Array, through: Array, X_end: Array) -> ToolHelix | ToolLine:
     """The arc from a pose through a point, shape (3,), to another pose; a line if the three points are on one.
@@ -193,7 +174,8 @@ def helix_about(X_WA: Array, X_start: Array, angle: float, advance: float, *, ke
     return ToolHelix(X_start=X_start, point=X_WA[:3, 3], axis=axis, angle=angle, advance=advance, turn=turn)
 
 
-def _progress(curve: ToolCurve, s: float) -> str:
+def progress(curve: ToolCurve, s: float) -> str:
+    """The position s on a curve in words: `34 mm of 100 mm`, or in degrees when the tool only turns."""
     if curve.length > 1e-6:
         return f"{1e3 * s * curve.length:.0f} mm of {1e3 * curve.length:.0f} mm"
     angle = np.degrees(curve.turning)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple, cast
@@ -150,7 +150,7 @@ class _Flood:
         return f"a flood on `{self.inbox.topic.name}`: {rate:,.0f} messages a second"
 
 
-class RosCell:
+class RosCell(AbstractContextManager["RosCell"]):
     """A cell behind topics; a context manager that leaves the robot standing."""
 
     def __init__(self, file: RobotFile, joints: Mapping[str, str], workspace: Workspace, transport: Transport) -> None:
@@ -365,9 +365,6 @@ class RosCell:
             while not self.clock.is_settled:
                 self.transport.wait(TICK)
                 self.clock.read()
-
-    def __enter__(self) -> RosCell:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -8,6 +8,7 @@ from __future__ import annotations
 import ctypes
 import os
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -98,7 +99,7 @@ def _drawing(
     return draw
 
 
-class SimulatedCell:
+class SimulatedCell(AbstractContextManager["SimulatedCell"]):
     """A cell in simulated time; a context manager, as it holds processes that draw.
 
     The same workspace, world, seed and calls give the same bytes again.
@@ -184,9 +185,6 @@ class SimulatedCell:
     def close(self) -> None:
         """End the processes that draw."""
         self._renderers.close()
-
-    def __enter__(self) -> SimulatedCell:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

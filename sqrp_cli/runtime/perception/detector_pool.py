@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 from sqrp_cli.errors import SqrpError
@@ -31,7 +32,7 @@ class _ImageTask:
     believed: BelievedState
 
 
-class DetectorPool:
+class DetectorPool(AbstractContextManager["DetectorPool"]):
     """Processes that look at images; a context manager. Images are looked at while the caller goes on."""
 
     def __init__(self, cell: CellModel, processes: int | None = None) -> None:
@@ -79,9 +80,6 @@ class DetectorPool:
         """End the processes."""
         for worker in self._workers:
             worker.close()
-
-    def __enter__(self) -> DetectorPool:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

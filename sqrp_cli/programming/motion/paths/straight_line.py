@@ -14,7 +14,7 @@ from sqrp_cli.programming.arm.kinematics import RobotModel, ToolMotion
 from sqrp_cli.programming.arm.pose_search import Kinematics, least_steps, misses, newton, pose_errors
 from sqrp_cli.programming.arm.reach import PastLimit
 from sqrp_cli.programming.motion.paths.position_limits import LIMIT_SLACK, past_limits
-from sqrp_cli.programming.motion.tool_curve import ToolCurve
+from sqrp_cli.programming.motion.tool_curve import ToolCurve, progress
 from sqrp_cli.trajectory import JointPath
 
 TOLERANCE = 1e-6
@@ -123,7 +123,7 @@ def _fitted(model: Kinematics, line: ToolCurve, q: Array) -> list[JointPath | In
     misfits = np.flatnonzero(deviations.max(axis=1) > TOLERANCE)
     if degree == (LAST_WINDING_DEGREE if line.winding else LAST_DEGREE):
         for row in misfits:
-            at = line.progress(float(between[deviations[row].argmax()]))
+            at = progress(line, float(between[deviations[row].argmax()]))
             paths[row] = Infeasible((f"the arm is close to singular after {at} of the {line.word}",))
     elif len(misfits):
         finer = _through(model, line, _refined_points(model, line, q[misfits], guesses[misfits]))
@@ -171,7 +171,7 @@ def _unless_stuck(line: ToolCurve, points: Array, stuck: Array) -> list[Array | 
     """The points of each of b branches, shape (b, k, n), or why it is stuck at `stuck`, shape (b,), if finite."""
     reason = "the arm cannot follow the {} beyond {}: it is singular there"
     return [
-        q if np.isinf(at) else Infeasible((reason.format(line.word, line.progress(float(at))),))
+        q if np.isinf(at) else Infeasible((reason.format(line.word, progress(line, float(at))),))
         for q, at in zip(points, stuck, strict=True)
     ]
 
@@ -189,7 +189,7 @@ def limit_reason(model: RobotModel, path: JointPath, line: ToolCurve) -> str | N
     first = int(outside.any(axis=1).argmax())
     joint = int(outside[first].argmax())
     past = PastLimit(model.arm[joint], float(excess[joint]), bool(model.turns[joint]))
-    return f"{past}, which it reaches after {line.progress(float(s[first]))} of the {line.word}"
+    return f"{past}, which it reaches after {progress(line, float(s[first]))} of the {line.word}"
 
 
 def _advance(model: Kinematics, line: ToolCurve, q: Array, s: Array, to: Array) -> tuple[Array, Array]:

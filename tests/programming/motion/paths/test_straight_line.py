@@ -14,7 +14,7 @@ from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.paths.straight_line import (
     follow,
 )
-from sqrp_cli.programming.motion.tool_curve import ToolLine, rotation_matrix, rotation_vector
+from sqrp_cli.programming.motion.tool_curve import ToolLine, progress, rotation_matrix, rotation_vector
 from sqrp_cli.trajectory import JointPath
 from tests.programming.motion.straight import straight_line
 
@@ -112,5 +112,5 @@ def test_half_a_turn_gives_one_of_both_axes(axis: list[float]) -> None:
 
 
 def test_progress_is_in_millimetres_or_degrees(ur5: RobotModel) -> None:
-    assert line_from(ur5, READY, np.array([0.1, 0, 0]), np.zeros(3)).progress(0.34) == "34 mm of 100 mm"
-    assert line_from(ur5, READY, np.zeros(3), np.array([0, 0, np.pi / 2])).progress(0.5) == "45 deg of 90 deg"
+    assert progress(line_from(ur5, READY, np.array([0.1, 0, 0]), np.zeros(3)), 0.34) == "34 mm of 100 mm"
+    assert progress(line_from(ur5, READY, np.zeros(3), np.array([0, 0, np.pi / 2])), 0.5) == "45 deg of 90 deg"
