@@ -7,10 +7,10 @@ Intelligence Research 14, 2001. Negative preconditions are treated as facts of t
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from heapq import heappop, heappush
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from sqrp_cli.logic.conditions import Binding, Objects, Some, UnmetCondition, UnmetPart
 from sqrp_cli.logic.domain import Condition, Domain
@@ -65,13 +65,8 @@ _PLATEAU = 500
 PlanningResult: TypeAlias = Plan | AlreadySatisfied | ProvenImpossible | GaveUp
 
 
-class Planner(Protocol):
-    """Finds plans, as `find_plan` does."""
-
-    def __call__(
-        self, domain: Domain, objects: Objects, facts: frozenset[Atom], goal: Condition, binding: Binding, /
-    ) -> PlanningResult:
-        """A plan that makes the goal true, or why there is none."""
+Planner = Callable[[Domain, Objects, frozenset[Atom], Condition, Binding], PlanningResult]
+"""Finds plans, as `find_plan` does."""
 
 
 @dataclass(frozen=True)

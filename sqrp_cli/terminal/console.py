@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 from rich.cells import cell_len
 from rich.console import Console
@@ -391,11 +391,8 @@ def _nothing(count: int = 1) -> None:
     """Progress that nobody is shown."""
 
 
-class Show(Protocol):
-    """Called with the new text to show."""
-
-    def __call__(self, text: Styled) -> None:
-        """Replace what was shown."""
+Show = Callable[[Styled], None]
+"""Called with the new text to show: replaces what was shown."""
 
 
 @contextmanager

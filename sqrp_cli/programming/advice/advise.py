@@ -227,12 +227,11 @@ class Kept(Protocol):
         """Keep it for runs after this one."""
 
 
+@dataclass(frozen=True, eq=False)
 class Adviser:
     """Answers a question; what all kinds need is computed once."""
 
-    def __init__(self, question: Question) -> None:
-        """Nothing is computed yet."""
-        self.question = question
+    question: Question
 
     @cached_property
     def before(self) -> Assessment:

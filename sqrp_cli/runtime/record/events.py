@@ -7,10 +7,10 @@ of their declaration. Logs of other programs may lack those with a default.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
-from typing import Annotated, Literal, Protocol, get_args
+from typing import Annotated, Literal, get_args
 
 from pydantic import (
     BaseModel,
@@ -348,11 +348,8 @@ KINDS: Mapping[str, type[Event]] = {
 """The records by the kind that the log calls them; the first state of a log is a `WholeState` instead."""
 
 
-class Listener(Protocol):
-    """Receives events: the log, the live view."""
-
-    def __call__(self, event: Event) -> None:
-        """Receive an event."""
+Listener = Callable[[Event], None]
+"""Receives events: the log, the live view."""
 
 
 class EventPublisher:
