@@ -20,8 +20,6 @@ class DraftChange:
 
     label: str
     """What it does, in words."""
-    line: str
-    """The command that does it to the saved file."""
     values: Mapping[str, str] | None
     """What it sets, by dotted path, as YAML text; None where it does more than that."""
     content: bytes

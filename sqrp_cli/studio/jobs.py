@@ -191,16 +191,12 @@ def _advise(job: Search, say: _Teller) -> None:
     elif not document.advice:
         title += ": no change meets that" + (f"; {found.first}" if found.first else "")
     unwritten = [f"{one.words} ({one.unwritten})" for one in document.advice if not one.patch]
-    say("offers", offers, title=title, unwritten=unwritten, changes=_told(offers, document.advice))
-
-
-def _told(offers: Sequence[Offer], advice: Sequence[Any]) -> list[dict[str, object]]:
-    """The offers with their figures, for browsers."""
-    figures = [one for one in advice if one.patch]
-    return [
-        {"words": offer.words, "q_eoi": one.q_eoi, "q_avg": one.q_avg, "worse": list(one.worse)}
-        for offer, one in zip(offers, figures, strict=True)
+    changes = [
+        {"words": one.words, "q_eoi": one.q_eoi, "q_avg": one.q_avg, "worse": list(one.worse)}
+        for one in document.advice
+        if one.patch
     ]
+    say("offers", offers, title=title, unwritten=unwritten, changes=changes)
 
 
 def _place(job: Search, say: _Teller) -> None:

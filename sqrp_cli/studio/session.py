@@ -93,11 +93,16 @@ class Studio:
         )
 
     def _note(self, what: str, line: str) -> None:
-        """Note what was done, and the command that does it."""
+        """Tell what was done, and the command that does it."""
         self._lines.append((what, line))
+        self._tell_state()
 
     def _command(self, *words: str) -> str:
         return shlex.join(["sqrp", words[0], str(self._given), *words[1:]])
+
+    def _setting(self, values: Mapping[str, str] | None) -> str:
+        """The command that sets values; empty where that takes more, or nothing."""
+        return self._command("set", *(f"{path}={text}" for path, text in values.items())) if values else ""
 
     # From beginning to end
 
@@ -183,11 +188,8 @@ class Studio:
             return
         workspace = self._read(content)
         values = changed_values(document, content)
-        settings = [f"{path}={text}" for path, text in (values or {}).items()]
-        change = DraftChange(label=label, line=self._command("set", *settings), values=values, content=content)
-        self._go_on(self._draft.changed(change), workspace)
-        self._note(label, change.line)
-        self._tell_state()
+        self._go_on(self._draft.changed(DraftChange(label=label, values=values, content=content)), workspace)
+        self._note(label, self._setting(values))
 
     def rest(self) -> None:
         """Nothing is held any more: rank again what a hand has interrupted without changing anything."""
@@ -209,9 +211,7 @@ class Studio:
         """Take back a change, or make it again."""
         before = self._document()
         self._go_on(draft, self._read(draft.content))
-        values = changed_values(before, draft.content)
-        self._note(what, "" if values is None else self._command("set", *(f"{k}={v}" for k, v in values.items())))
-        self._tell_state()
+        self._note(what, self._setting(changed_values(before, draft.content)))
 
     def undo(self) -> None:
         """Take back the last change."""
@@ -228,21 +228,18 @@ class Studio:
 
         read_task(task, self._workspace)
         self._task, self._by = task, by
-        self._note("task", self._command("rank", task, *(["--by", by] if by != "q_eoi" else [])))
         self._rank()
-        self._tell_state()
+        self._note("task", self._command("rank", task, *(["--by", by] if by != "q_eoi" else [])))
 
     def _choose(self, asked: requests.Choose) -> None:
         self._chosen = asked.name
         self._rankings.choose(asked)
         self._note("shown", self._command("explain", self._task, "--choose", asked.name))
-        self._tell_state()
 
     def difference(self) -> None:
         """Show what saving would change."""
         saved = read_workspace_document(self._draft.path, self._draft.saved)
-        values = changed_values(saved, self._draft.content)
-        line = self._command("set", *(f"{k}={v}" for k, v in values.items())) if values else ""
+        line = self._setting(changed_values(saved, self._draft.content))
         text = patch(saved, self._draft.content, from_here(self._draft.path))
         self.live.tell(message("difference", patch=text.splitlines(), line=line))
 
@@ -253,22 +250,19 @@ class Studio:
             mend = "mend the file, or read it again; unsaved changes are kept where they still fit"
             raise bad_input("changed-meanwhile", message, Place(self._draft.path), mend=mend)
         saved = read_workspace_document(self._draft.path, self._draft.saved)
-        values = changed_values(saved, self._draft.content)
+        line = self._setting(changed_values(saved, self._draft.content))
         if self._draft.dirty:
             write_atomically(self._draft.path, self._draft.content)
         self._draft = replace(self._draft, saved=self._draft.content)
         self._stamps = self._stamped()
-        line = self._command("set", *(f"{k}={v}" for k, v in values.items())) if values else ""
-        self._note("saved", line)
         self._rankings.take_as_saved()
-        self._tell_state()
+        self._note("saved", line)
 
     # What takes longer
 
     def _dropped(self, told: Mapping[str, Any]) -> None:
         """A click has dropped a part in a run."""
         self._note("dropped", _run_line(told["file"], told["faults"]))
-        self._tell_state()
 
     def stop(self) -> None:
         """End what takes longer."""
@@ -276,8 +270,6 @@ class Studio:
 
     def search(self, *, placing: bool) -> None:
         """Look for the least changes that help the chosen candidate, or for other places of all cameras."""
-        line = ("place", self._task) if placing else ("advise", self._task, "--choose", self._chosen)
-        self._note("asked", self._command(*line))
         self._searched = self._draft.content
         self._errands.begin(
             Search(
@@ -290,7 +282,8 @@ class Studio:
                 placing=placing,
             )
         )
-        self._tell_state()
+        line = ("place", self._task) if placing else ("advise", self._task, "--choose", self._chosen)
+        self._note("asked", self._command(*line))
 
     def _apply(self, number: int) -> None:
         if not 1 <= number <= len(self._errands.offers):
@@ -301,14 +294,10 @@ class Studio:
         offer = self._errands.offers[number - 1]
         workspace = self._read(offer.content)
         values = changed_values(self._document(), offer.content)
-        line = self._command(*offer.line)
-        self._go_on(
-            self._draft.changed(DraftChange(label=offer.words, line=line, values=values, content=offer.content)),
-            workspace,
-        )
+        change = DraftChange(label=offer.words, values=values, content=offer.content)
+        self._go_on(self._draft.changed(change), workspace)
         self._errands.forget_offers()
-        self._note(offer.words, line)
-        self._tell_state()
+        self._note(offer.words, self._command(*offer.line))
 
     def _write(self, name: str) -> None:
         """Append the chosen candidate to a program. Raises InputError while there are unsaved changes."""
@@ -316,8 +305,6 @@ class Studio:
             raise bad_input("unsaved", "a program is for the cell as it is saved", mend="save first, or undo")
         file = _program_file(name)
         by = ["--by", self._by] if self._by != "q_eoi" else []
-        line = self._command("rank", self._task, *by, "--program", str(file), "--choose", self._chosen)
-        self._note("program", line)
         self._errands.begin(
             Write(
                 path=self._given,
@@ -329,13 +316,13 @@ class Studio:
                 jobs=self._jobs,
             )
         )
-        self._tell_state()
+        line = self._command("rank", self._task, *by, "--program", str(file), "--choose", self._chosen)
+        self._note("program", line)
 
     def _play(self, name: str, faults: Sequence[str]) -> None:
         file = _program_file(name)
-        self._note("run", _run_line(str(file), faults))
         self._errands.begin(Play(file=file, faults=tuple(faults), seed=self._seed))
-        self._tell_state()
+        self._note("run", _run_line(str(file), faults))
 
     # Changes of others
 

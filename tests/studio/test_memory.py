@@ -72,7 +72,7 @@ def test_changes_are_kept_up_to_a_number_and_a_size(tmp_path):
         draft = Draft(path=tmp_path, saved=b"", first=b"")
         for number in range(count):
             content = b"%d" % number + b" " * size
-            draft = draft.changed(DraftChange(label="", line="", values=None, content=content))
+            draft = draft.changed(DraftChange(label="", values=None, content=content))
         return draft
 
     assert len(after(MOST_CHANGES + 3, 10).past) == MOST_CHANGES
