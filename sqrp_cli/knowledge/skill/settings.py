@@ -14,17 +14,6 @@ from sqrp_cli.errors import nearest
 from sqrp_cli.knowledge.text import units
 from sqrp_cli.knowledge.text.entries import Entry, MappingOr, one_of, refused
 from sqrp_cli.knowledge.text.source import describe
-from sqrp_cli.knowledge.text.units import (
-    LARGEST,
-    LONGEST,
-    SMALLEST_LIMIT,
-    Dimension,
-    Quantity,
-    expected_quantity,
-    in_unit,
-    meant_instead,
-    read_quantity,
-)
 
 MotionValue = float | str
 """Value of a motion parameter: a number in SI units, or a word such as `+z` or `up`."""
@@ -65,24 +54,24 @@ def side_of(value: MotionValue) -> str:
     return FIRST_SIDE if value == ANY else str(value)
 
 
-def _value(value: object) -> Quantity | str:
-    read = read_quantity(value)
-    if read is not None and abs(read.value) <= LARGEST:
+def _value(value: object) -> units.Quantity | str:
+    read = units.read_quantity(value)
+    if read is not None and abs(read.value) <= units.LARGEST:
         return read
     if read is not None:
-        raise refused("wrong-value", f"found {describe(value)}, expected a number of at most {LARGEST:g} in size")
+        raise refused("wrong-value", f"found {describe(value)}, expected a number of at most {units.LARGEST:g} in size")
     if isinstance(value, str) and value and not any(character.isspace() for character in value):
         return value
     expected = "a number, a number with a unit such as `5 cm`, or a word"
     raise refused("wrong-unit", f"found {describe(value)}, expected {expected}")
 
 
-def _setting(value: object) -> Quantity | str | Reference:
+def _setting(value: object) -> units.Quantity | str | Reference:
     return Reference(value[1:]) if isinstance(value, str) and value.startswith("$") else _value(value)
 
 
-_ANY = {"anyOf": [{"type": "number", "minimum": -LARGEST, "maximum": LARGEST}, {"type": "string"}]}
-Value = Annotated[Quantity | str, PlainValidator(_value), WithJsonSchema(_ANY)]
+_ANY = {"anyOf": [{"type": "number", "minimum": -units.LARGEST, "maximum": units.LARGEST}, {"type": "string"}]}
+Value = Annotated[units.Quantity | str, PlainValidator(_value), WithJsonSchema(_ANY)]
 """A quantity or a word; its dimension is checked against the settings that use the parameter."""
 Setting = Annotated[
     MotionValue | Reference,
@@ -103,7 +92,7 @@ class Complaint(NamedTuple):
 class Kind:
     """The values that a setting can take: a quantity of a dimension within bounds, or one of some words."""
 
-    dimension: Dimension | None = None
+    dimension: units.Dimension | None = None
     least: float = -np.inf
     most: float = np.inf
     words: tuple[str, ...] = ()
@@ -111,11 +100,11 @@ class Kind:
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         return no_info_after_validator_function(self._in_si_units, handler(source))
 
-    def _in_si_units(self, value: Quantity | str | Reference) -> Quantity | MotionValue | Reference:
+    def _in_si_units(self, value: units.Quantity | str | Reference) -> units.Quantity | MotionValue | Reference:
         """A quantity as its number; one of another dimension stays as it is, and `read_skill` refuses it."""
-        return value.value if isinstance(value, Quantity) and self.complaint(value) is None else value
+        return value.value if isinstance(value, units.Quantity) and self.complaint(value) is None else value
 
-    def complaint(self, value: Quantity | str) -> Complaint | None:
+    def complaint(self, value: units.Quantity | str) -> Complaint | None:
         """What is wrong with a value, or None."""
         if isinstance(value, str):
             if value in self.words:
@@ -136,7 +125,7 @@ class Kind:
         if value.value > self.most:
             message = f"found {self._found(value)}, expected a value of at most {self._shown(self.most)}"
             plain = value.value if value.dimension is None else None
-            meant = meant_instead(plain, self.dimension, self.least, self.most)
+            meant = units.meant_instead(plain, self.dimension, self.least, self.most)
             return Complaint("wrong-value", message + (f"; {meant}" if meant else ""))
         return None
 
@@ -144,7 +133,7 @@ class Kind:
         return f"{value.value:g}" if value.dimension is None else self._shown(value.value)
 
     def _shown(self, bound: float) -> str:
-        return in_unit(bound, self.dimension)
+        return units.in_unit(bound, self.dimension)
 
     def _plainly_expected(self) -> str:
         """The plain numbers that stand for a quantity beside those with a unit; radians are seldom meant."""
@@ -158,7 +147,7 @@ class Kind:
         words = ", ".join(f"`{word}`" for word in self.words)
         if self.dimension is None:
             return f"one of {words}"
-        return expected_quantity(self.dimension) + (f", or {words}" if words else "")
+        return units.expected_quantity(self.dimension) + (f", or {words}" if words else "")
 
 
 PATHS = Kind(words=(DIRECT, SEEN, ANY))
@@ -176,13 +165,13 @@ Distance = Annotated[Setting, Kind(units.LENGTH, least=0.0, most=100.0)]
 Offset = Annotated[Setting, Kind(units.LENGTH, least=-100.0, most=100.0)]
 Turns = Annotated[Setting, Kind(units.ANGLE, least=-20 * units.TURN, most=20 * units.TURN)]
 Force = Annotated[Setting, Kind(units.FORCE, least=0.1, most=1000.0)]
-TurnSpeed = Annotated[Setting, Kind(units.ANGULAR_SPEED, least=SMALLEST_LIMIT, most=100.0)]
+TurnSpeed = Annotated[Setting, Kind(units.ANGULAR_SPEED, least=units.SMALLEST_LIMIT, most=100.0)]
 OffsetShare = Annotated[Setting, Kind(units.SHARE, least=-1.0, most=1.0)]
 SpeedShare = Annotated[Setting, Kind(units.SHARE, least=0.001, most=1.0)]
-Speed = Annotated[Setting, Kind(units.SPEED, least=SMALLEST_LIMIT, most=100.0)]
-Acceleration = Annotated[Setting, Kind(units.ACCELERATION, least=SMALLEST_LIMIT, most=1e4)]
-Jerk = Annotated[Setting, Kind(units.JERK, least=SMALLEST_LIMIT, most=LARGEST)]
-Duration = Annotated[Setting, Kind(units.TIME, least=0.0, most=LONGEST)]
+Speed = Annotated[Setting, Kind(units.SPEED, least=units.SMALLEST_LIMIT, most=100.0)]
+Acceleration = Annotated[Setting, Kind(units.ACCELERATION, least=units.SMALLEST_LIMIT, most=1e4)]
+Jerk = Annotated[Setting, Kind(units.JERK, least=units.SMALLEST_LIMIT, most=units.LARGEST)]
+Duration = Annotated[Setting, Kind(units.TIME, least=0.0, most=units.LONGEST)]
 
 
 class ListedValues(Entry):

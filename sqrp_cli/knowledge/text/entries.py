@@ -33,18 +33,6 @@ from sqrp_cli.errors import expected_names
 from sqrp_cli.geometry import Array, look_at, pose, quaternion_to_matrix, read_only, rpy_to_matrix
 from sqrp_cli.knowledge.text import units
 from sqrp_cli.knowledge.text.source import describe
-from sqrp_cli.knowledge.text.units import (
-    LARGEST,
-    LARGEST_ANGLE,
-    LARGEST_LENGTH,
-    LONGEST,
-    SHORTEST_DIRECTION,
-    SMALLEST_SIZE,
-    Dimension,
-    Quantity,
-    expected_quantity,
-    read_quantity,
-)
 
 Completed = TypeVar("Completed")
 
@@ -194,7 +182,7 @@ class In:
     Text with a unit of the dimension is accepted too. An angle of more than a turn needs a unit.
     """
 
-    dimension: Dimension | None
+    dimension: units.Dimension | None
     least: float
     most: float
 
@@ -205,12 +193,12 @@ class In:
         number = {"type": "number", "minimum": self.least, "maximum": self.most}
         if self.dimension is None:
             return number
-        described = f"A number in SI units and radians, or {expected_quantity(self.dimension)}."
+        described = f"A number in SI units and radians, or {units.expected_quantity(self.dimension)}."
         return {"anyOf": [number, {"type": "string"}], "description": described}
 
     def read(self, value: object) -> float:
         """The number in a file, in SI units. Raises PydanticCustomError for a wrong unit or value."""
-        read = read_quantity(value)
+        read = units.read_quantity(value)
         if read is None or read.dimension not in (None, self.dimension):
             raise refused("wrong-unit", f"found {describe(value)}, expected {self._expected()}")
         if read.dimension is None and self.dimension is units.ANGLE and abs(read.value) > units.TURN:
@@ -221,7 +209,7 @@ class In:
         return read.value
 
     def _expected(self) -> str:
-        return expected_quantity(*((self.dimension,) if self.dimension else ()))
+        return units.expected_quantity(*((self.dimension,) if self.dimension else ()))
 
     def _bound(self, value: object, number: float) -> str:
         word, bound = ("least", self.least) if number < self.least else ("most", self.most)
@@ -234,31 +222,31 @@ def refused(code: LiteralString, message: str) -> PydanticCustomError:
     return PydanticCustomError(code, "{message}", {"message": message})
 
 
-Length = Annotated[float, In(units.LENGTH, -LARGEST_LENGTH, LARGEST_LENGTH)]
-Distance = Annotated[float, In(units.LENGTH, 0.0, LARGEST_LENGTH)]
-Size = Annotated[float, In(units.LENGTH, SMALLEST_SIZE, LARGEST_LENGTH)]
-Angle = Annotated[float, In(units.ANGLE, -LARGEST_ANGLE, LARGEST_ANGLE)]
-Time = Annotated[float, In(units.TIME, 0.0, LONGEST)]
-Pixels = Annotated[float, In(units.PIXELS, 0.0, LARGEST)]
+Length = Annotated[float, In(units.LENGTH, -units.LARGEST_LENGTH, units.LARGEST_LENGTH)]
+Distance = Annotated[float, In(units.LENGTH, 0.0, units.LARGEST_LENGTH)]
+Size = Annotated[float, In(units.LENGTH, units.SMALLEST_SIZE, units.LARGEST_LENGTH)]
+Angle = Annotated[float, In(units.ANGLE, -units.LARGEST_ANGLE, units.LARGEST_ANGLE)]
+Time = Annotated[float, In(units.TIME, 0.0, units.LONGEST)]
+Pixels = Annotated[float, In(units.PIXELS, 0.0, units.LARGEST)]
 Share = Annotated[float, In(units.SHARE, 0.0, 1.0)]
-Number = Annotated[float, In(None, -LARGEST, LARGEST)]
+Number = Annotated[float, In(None, -units.LARGEST, units.LARGEST)]
 
 
-_A_NUMBER = {"type": "number", "minimum": -LARGEST, "maximum": LARGEST}
+_A_NUMBER = {"type": "number", "minimum": -units.LARGEST, "maximum": units.LARGEST}
 
 
-def _joint_quantity(value: object) -> Quantity:
-    read = read_quantity(value)
+def _joint_quantity(value: object) -> units.Quantity:
+    read = units.read_quantity(value)
     if read is None:
         expected = "a number, or one with a unit such as `30 deg`, `60 deg/s` or `120 deg/s^2`"
         raise refused("wrong-unit", f"found {describe(value)}, expected {expected}")
-    if abs(read.value) > LARGEST:
-        raise refused("wrong-value", f"found {describe(value)}, expected a number of at most {LARGEST:g} in size")
+    if abs(read.value) > units.LARGEST:
+        raise refused("wrong-value", f"found {describe(value)}, expected a number of at most {units.LARGEST:g} in size")
     return read
 
 
 AnyQuantity = Annotated[
-    Quantity,
+    units.Quantity,
     BeforeValidator(_joint_quantity),
     PlainSerializer(lambda quantity: quantity.value),
     WithJsonSchema({"anyOf": [_A_NUMBER, {"type": "string"}], "description": "A number, or one with its unit."}),
@@ -334,7 +322,7 @@ class CameraPose(Pose):
             raise PydanticCustomError("conflicting-keys", "`look_at` and an orientation are both given; keep one")
         if max(abs(a - b) for a, b in zip(self.look_at, self.position, strict=True)) < 1e-6:
             raise PydanticCustomError("not-a-rotation", "`look_at` is the position of the camera itself")
-        if max(map(abs, self.up)) < SHORTEST_DIRECTION:
+        if max(map(abs, self.up)) < units.SHORTEST_DIRECTION:
             raise PydanticCustomError("not-a-rotation", "`up` has length 0")
         return self
 

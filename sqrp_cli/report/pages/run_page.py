@@ -9,17 +9,7 @@ from pathlib import Path
 
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.report.documents.playback import (
-    EndOfImages,
-    Mark,
-    Marks,
-    PlayedRun,
-    Positions,
-    Shown,
-    ShownInstant,
-    ShownLiteral,
-    ShownMoment,
-)
+from sqrp_cli.report.documents import playback
 from sqrp_cli.report.documents.requirements import Span
 from sqrp_cli.report.pages.assembly import packed
 from sqrp_cli.report.pages.candidate_page import cell_scene, origin
@@ -132,17 +122,19 @@ def _figures(report: RunReport) -> Iterator[FigureShown]:
     yield FigureShown("simulated time", f"{report.time:.2f} s")
 
 
-def _detail(cell: RunCell, report: RunReport, events: Sequence[Event], track: Track | None, why_flat: str) -> PlayedRun:
+def _detail(
+    cell: RunCell, report: RunReport, events: Sequence[Event], track: Track | None, why_flat: str
+) -> playback.PlayedRun:
     """The playback of a run: a motion with what images showed in place of predictions."""
     marks = [(report.label_of(fault), _spans(report, fault)) for fault in report.faults]
-    return PlayedRun(
+    return playback.PlayedRun(
         time=report.time,
         still={},
         cameras={name: {} for name in cell.cameras},
         primitives=_doings(events, report.time),
         formulas=[],
         targets={} if track is None else _targets(events, report.time),
-        marks=[Marks(label=name, spans=spans) for name, spans in marks if spans],
+        marks=[playback.Marks(label=name, spans=spans) for name, spans in marks if spans],
         moments=_moments(report, events),
         note=WITNESSED if track is not None else f"There is no playback in three dimensions: {why_flat}.",
         samples=_samples(cell.cameras, events, report.time),
@@ -150,7 +142,9 @@ def _detail(cell: RunCell, report: RunReport, events: Sequence[Event], track: Tr
     )
 
 
-def _samples(cameras: Sequence[str], events: Sequence[Event], end: float) -> list[ShownInstant | EndOfImages]:
+def _samples(
+    cameras: Sequence[str], events: Sequence[Event], end: float
+) -> list[playback.ShownInstant | playback.EndOfImages]:
     """What the images of each time showed. The last ones count for as long as any before them, then none.
 
     Images of one time may arrive one after the other: the last event has what all of them showed.
@@ -160,7 +154,7 @@ def _samples(cameras: Sequence[str], events: Sequence[Event], end: float) -> lis
     times = [sample.t for sample in samples]
     longest = max((after - t for t, after in pairwise(times)), default=end)
     over = min(end, times[-1] + longest) if times else 0.0
-    return [*samples, EndOfImages(t=over, literals={})]
+    return [*samples, playback.EndOfImages(t=over, literals={})]
 
 
 def _doings(events: Sequence[Event], end: float) -> list[Span]:
@@ -199,8 +193,8 @@ def _targets(events: Sequence[Event], end: float) -> dict[str, dict[str, list[Ma
     }
 
 
-def _track(track: Track) -> Positions:
-    return Positions(
+def _track(track: Track) -> playback.Positions:
+    return playback.Positions(
         t=track.t.tolist(),
         joints=list(track.joints),
         q=track.q.tolist(),
@@ -209,7 +203,7 @@ def _track(track: Track) -> Positions:
     )
 
 
-def _moments(report: RunReport, events: Sequence[Event]) -> list[ShownMoment]:
+def _moments(report: RunReport, events: Sequence[Event]) -> list[playback.ShownMoment]:
     """Times worth a look, with what happens then."""
     happens: dict[float, list[str]] = {}
     for fault in report.faults:
@@ -232,30 +226,34 @@ def _moments(report: RunReport, events: Sequence[Event]) -> list[ShownMoment]:
             happens.setdefault(event.t, []).append(words[type(event)])
     for t in sorted({fault.recovered for fault in report.faults if fault.recovered is not None}):
         happens.setdefault(round(t, 6), []).append("the step is done")
-    return [ShownMoment(t=t, text=", ".join(texts)) for t, texts in sorted(happens.items())]
+    return [playback.ShownMoment(t=t, text=", ".join(texts)) for t, texts in sorted(happens.items())]
 
 
-def _spans(report: RunReport, fault: FaultRecord) -> list[Mark]:
+def _spans(report: RunReport, fault: FaultRecord) -> list[playback.Mark]:
     """When a fault had happened but was not seen, and when it was seen but not yet mended."""
     label, end = report.label_of(fault), report.time
     spans = []
     if fault.happened is not None:
         seen = end if fault.detected is None else fault.detected
         spans.append(
-            Mark(kind="unnoticed", start=fault.happened, end=seen, text=f"{label} has happened and is not seen")
+            playback.Mark(
+                kind="unnoticed", start=fault.happened, end=seen, text=f"{label} has happened and is not seen"
+            )
         )
     if fault.detected is not None:
         acted = end if fault.acted is None else fault.acted
         spans.append(
-            Mark(kind="handled", start=fault.detected, end=acted, text=f"{label} is seen, the robot stops and looks")
+            playback.Mark(
+                kind="handled", start=fault.detected, end=acted, text=f"{label} is seen, the robot stops and looks"
+            )
         )
     return spans
 
 
-def _sample(cameras: Sequence[str], event: EvidenceSeen) -> ShownInstant:
+def _sample(cameras: Sequence[str], event: EvidenceSeen) -> playback.ShownInstant:
     required = {name: found for name, found in event.literals.items() if found.asked}
     known = all(found.value is not Truth.UNKNOWN for found in required.values())
-    return ShownInstant(
+    return playback.ShownInstant(
         t=event.exposed,
         covered=known if required else None,
         kind="known" if known else "unknown",
@@ -263,8 +261,8 @@ def _sample(cameras: Sequence[str], event: EvidenceSeen) -> ShownInstant:
     )
 
 
-def _literal(cameras: Sequence[str], found: ShownAtom) -> ShownLiteral:
-    return ShownLiteral(
+def _literal(cameras: Sequence[str], found: ShownAtom) -> playback.ShownLiteral:
+    return playback.ShownLiteral(
         **vars(_shown(found.value, "unseen")),
         boxes=[],
         cameras={name: _shown(found.cameras.get(name, Truth.UNKNOWN), "nothing") for name in cameras},
@@ -272,7 +270,7 @@ def _literal(cameras: Sequence[str], found: ShownAtom) -> ShownLiteral:
     )
 
 
-def _shown(value: Truth, blind: str) -> Shown:
+def _shown(value: Truth, blind: str) -> playback.Shown:
     """What images show of an atom; blind: the kind where they show nothing."""
     covered = value is not Truth.UNKNOWN
-    return Shown(covered=covered, kind=f"shown_{value.word}" if covered else blind)
+    return playback.Shown(covered=covered, kind=f"shown_{value.word}" if covered else blind)
