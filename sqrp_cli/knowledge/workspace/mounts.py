@@ -339,19 +339,16 @@ def read_mounts(path: Path, workspace: Workspace, links: tuple[str, ...]) -> Mou
     )
 
 
-def _wrong_frames(document: SourceDocument, file: PlaceFile, links: tuple[str, ...]) -> list[Problem]:
-    found = []
+def _wrong_frames(document: SourceDocument, file: PlaceFile, links: tuple[str, ...]) -> Iterator[Problem]:
     for name, entry in file.mounts.items():
         if entry.frame != WORLD and entry.frame not in links:
-            message = (
-                f"found `{entry.frame}`, expected `world` or a link; {expected_names(entry.frame, [WORLD, *links])}"
-            )
-            found.append(document.problem("unknown-frame", ("mounts", name, "frame"), message))
+            known = expected_names(entry.frame, [WORLD, *links])
+            message = f"found `{entry.frame}`, expected `world` or a link; {known}"
+            yield document.problem("unknown-frame", ("mounts", name, "frame"), message)
         if entry.aims is not None and entry.aims.cone is not None and len(entry.aims.cone.directions()) > MOST_AIMS:
             count = len(entry.aims.cone.directions())
             message = f"{count} directions, expected at most {MOST_AIMS}; make `step` larger"
-            found.append(document.problem("too-many-mounts", ("mounts", name, "aims", "cone"), message))
-    return found
+            yield document.problem("too-many-mounts", ("mounts", name, "aims", "cone"), message)
 
 
 def _aimless(document: SourceDocument, file: PlaceFile) -> Iterator[Problem]:
@@ -366,18 +363,16 @@ def _aimless(document: SourceDocument, file: PlaceFile) -> Iterator[Problem]:
             yield document.problem("wrong-value", ("mounts", name, "aims", "at"), message)
 
 
-def _wrong_lenses(document: SourceDocument, file: PlaceFile) -> list[Problem]:
-    found = []
+def _wrong_lenses(document: SourceDocument, file: PlaceFile) -> Iterator[Problem]:
     for name, entry in file.mounts.items():
         for index, lens in enumerate(entry.lenses or ()):
             if lens not in file.lenses:
                 message = no_such(lens, "lens of this file", file.lenses)
-                found.append(document.problem("unknown-lens", ("mounts", name, "lenses", index), message))
+                yield document.problem("unknown-lens", ("mounts", name, "lenses", index), message)
     for name, one in file.lenses.items():
         if isinstance(one, CatalogueLens) and one.catalogue not in catalogue():
             message = f"found `{one.catalogue}`; {expected_names(one.catalogue, catalogue())}"
-            found.append(document.problem("unknown-lens", ("lenses", name, "catalogue"), message))
-    return found
+            yield document.problem("unknown-lens", ("lenses", name, "catalogue"), message)
 
 
 def _lens(document: SourceDocument, name: str, entry: CatalogueLens | LensEntry) -> LensChoice:

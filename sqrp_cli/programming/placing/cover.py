@@ -7,7 +7,7 @@ both are covered.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -232,12 +232,11 @@ def _without(groups: Sequence[Group], implied: Mask) -> tuple[Group, ...]:
     return tuple(Group(rows, *times) for rows, times in found.items())
 
 
-def _faults(way: JudgedWay, rows: Sequence[Indices]) -> list[FaultSamples]:
+def _faults(way: JudgedWay, rows: Sequence[Indices]) -> Iterator[FaultSamples]:
     """The intervals of every fault; rows: of each item, for each response."""
     sample, target = way.items
     at = {(int(s), int(c)): number for number, (s, c) in enumerate(zip(sample, target, strict=True))}
     piece, t = way.samples.piece, way.samples.t
-    found = []
     for fault, columns in way.scene.faults.items():
         for stretch in fault_intervals(way.scene.formulas, fault):
             after = np.flatnonzero(t >= stretch.start - 1e-12)
@@ -247,13 +246,10 @@ def _faults(way: JudgedWay, rows: Sequence[Indices]) -> list[FaultSamples]:
                 known = [item for item in items if item is not None]
                 return tuple(sorted({int(tier[item]) for item in known})) if len(known) == len(items) else None
 
-            found.append(
-                FaultSamples(
-                    start=stretch.start,
-                    end=stretch.end,
-                    t=t[after],
-                    rows=tuple(tuple(needed(tier, int(row)) for row in after) for tier in rows),
-                    linked=np.diff(piece[after]) == 0,
-                )
+            yield FaultSamples(
+                start=stretch.start,
+                end=stretch.end,
+                t=t[after],
+                rows=tuple(tuple(needed(tier, int(row)) for row in after) for tier in rows),
+                linked=np.diff(piece[after]) == 0,
             )
-    return found

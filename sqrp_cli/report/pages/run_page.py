@@ -63,6 +63,7 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
     why_flat = cell.why_flat if track is not None else "this log does not say where everything was"
     scenes = [] if cell.workspace is None or track is None else [cell_scene(Cell.load(cell.workspace))]
     watched = any(isinstance(event, EvidenceSeen) for event in events)
+    detail = packed(_detail(cell, report, events, track if scenes else None, why_flat))
     entry = PageRow(
         name=", ".join(names),
         mark=report.outcome,
@@ -70,9 +71,7 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
         candidate=None,
         reasons=[] if report.reason is None else [short_times(report.reason)],
         scene=0 if scenes else None,
-        detail=packed(_detail(cell, report, events, track if scenes else None, why_flat))
-        if watched or scenes
-        else None,
+        detail=detail if watched or scenes else None,
         figures=list(_figures(report)),
     )
     title = f"{', '.join(names)} in {cell.name}: {report.outcome}"
@@ -126,7 +125,7 @@ def _detail(
     cell: RunCell, report: RunReport, events: Sequence[Event], track: Track | None, why_flat: str
 ) -> playback.PlayedRun:
     """The playback of a run: a motion with what images showed in place of predictions."""
-    marks = [(report.label_of(fault), _spans(report, fault)) for fault in report.faults]
+    marks = [(report.label_of(fault), list(_spans(report, fault))) for fault in report.faults]
     return playback.PlayedRun(
         time=report.time,
         still={},
@@ -229,25 +228,17 @@ def _moments(report: RunReport, events: Sequence[Event]) -> list[playback.ShownM
     return [playback.ShownMoment(t=t, text=", ".join(texts)) for t, texts in sorted(happens.items())]
 
 
-def _spans(report: RunReport, fault: FaultRecord) -> list[playback.Mark]:
+def _spans(report: RunReport, fault: FaultRecord) -> Iterator[playback.Mark]:
     """When a fault had happened but was not seen, and when it was seen but not yet mended."""
     label, end = report.label_of(fault), report.time
-    spans = []
     if fault.happened is not None:
         seen = end if fault.detected is None else fault.detected
-        spans.append(
-            playback.Mark(
-                kind="unnoticed", start=fault.happened, end=seen, text=f"{label} has happened and is not seen"
-            )
-        )
+        text = f"{label} has happened and is not seen"
+        yield playback.Mark(kind="unnoticed", start=fault.happened, end=seen, text=text)
     if fault.detected is not None:
         acted = end if fault.acted is None else fault.acted
-        spans.append(
-            playback.Mark(
-                kind="handled", start=fault.detected, end=acted, text=f"{label} is seen, the robot stops and looks"
-            )
-        )
-    return spans
+        text = f"{label} is seen, the robot stops and looks"
+        yield playback.Mark(kind="handled", start=fault.detected, end=acted, text=text)
 
 
 def _sample(cameras: Sequence[str], event: EvidenceSeen) -> playback.ShownInstant:
