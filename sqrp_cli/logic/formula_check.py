@@ -5,7 +5,7 @@ A predicate's arguments may be left out if the skill's action uses the predicate
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from sqrp_cli.errors import Problem, expected_names
 from sqrp_cli.logic import domain as pddl
@@ -32,19 +32,17 @@ def argument_lists(action: pddl.Action) -> ArgumentLists:
 
 def check_formula(
     formula: mtl.Formula, domain: pddl.Domain, action: pddl.Action, primitives: Sequence[str]
-) -> tuple[Problem, ...]:
-    """Problems with the names and intervals of a skill's formula; empty if there are none.
+) -> Iterator[Problem]:
+    """Problems with the names and intervals of a skill's formula.
 
     primitives: names of the skill's primitive actions, in order of execution.
     """
     if isinstance(formula, mtl.Predicate):
-        return _check_predicate(formula, domain, action)
-    problems = [
-        problem for part in mtl.children(formula) for problem in check_formula(part, domain, action, primitives)
-    ]
+        yield from _check_predicate(formula, domain, action)
     if isinstance(formula, mtl.Temporal):
-        problems = [*_check_interval(formula.interval, primitives), *problems]
-    return tuple(problems)
+        yield from _check_interval(formula.interval, primitives)
+    for part in mtl.children(formula):
+        yield from check_formula(part, domain, action, primitives)
 
 
 def bind(formula: mtl.Formula, binding: Mapping[str, str], lists: ArgumentLists) -> mtl.Formula:
@@ -68,51 +66,46 @@ def _problem(origin: TextOrigin | None, code: str, message: str) -> Problem:
     return origin.problem(code, message) if origin else Problem(code, message)
 
 
-def _check_predicate(use: mtl.Predicate, domain: pddl.Domain, action: pddl.Action) -> tuple[Problem, ...]:
+def _check_predicate(use: mtl.Predicate, domain: pddl.Domain, action: pddl.Action) -> Iterator[Problem]:
     lists = argument_lists(action)
     if use.name not in lists:
         message = f"action `{action.name}` does not use a predicate `{use.name}`; {expected_names(use.name, lists)}"
-        return (_problem(use.origin, "mtl-unknown-predicate", message),)
-    signature = domain.predicates[use.name]
-    if use.arguments is None:
+        yield _problem(use.origin, "mtl-unknown-predicate", message)
+    elif use.arguments is None:
         known = lists[use.name]
-        if len(known) == 1 and not any(name.startswith("?") for name in known[0]):
-            return ()
-        uses = ", ".join(f"{use.name}({', '.join(names)})" for names in known)
-        message = f"the arguments of `{use.name}` must be given, because action `{action.name}` uses it as {uses}"
-        return (_problem(use.origin, "mtl-missing-arguments", message),)
-    mismatch = signature.mismatch(use.arguments)
-    if mismatch:
-        return (_problem(use.origin, "mtl-arity", mismatch),)
+        if len(known) > 1 or any(name.startswith("?") for name in known[0]):
+            uses = ", ".join(f"{use.name}({', '.join(names)})" for names in known)
+            message = f"the arguments of `{use.name}` must be given, because action `{action.name}` uses it as {uses}"
+            yield _problem(use.origin, "mtl-missing-arguments", message)
+    elif mismatch := domain.predicates[use.name].mismatch(use.arguments):
+        yield _problem(use.origin, "mtl-arity", mismatch)
+    else:
+        yield from _check_arguments(use, use.arguments, domain, action)
+
+
+def _check_arguments(
+    use: mtl.Predicate, arguments: Sequence[str], domain: pddl.Domain, action: pddl.Action
+) -> Iterator[Problem]:
     types = dict(domain.constants) | {parameter.name: parameter.type for parameter in action.parameters}
-    problems = []
-    for name, expected in zip(use.arguments, signature.parameters, strict=True):
+    for name, expected in zip(arguments, domain.predicates[use.name].parameters, strict=True):
         if name not in types:
             message = f"`{name}` is no parameter of `{action.name}` and no constant; {expected_names(name, types)}"
-            problems.append(_problem(use.origin, "mtl-unknown-argument", message))
+            yield _problem(use.origin, "mtl-unknown-argument", message)
         elif not domain.fits([types[name]], expected.type):
             message = f"`{name}` is of type `{types[name]}`, but `{use.name}` expects `{expected.type}`"
-            problems.append(_problem(use.origin, "mtl-type", message))
-    return tuple(problems)
+            yield _problem(use.origin, "mtl-type", message)
 
 
-def _check_interval(interval: mtl.Interval, primitives: Sequence[str]) -> tuple[Problem, ...]:
+def _check_interval(interval: mtl.Interval, primitives: Sequence[str]) -> Iterator[Problem]:
     bounds = (interval.start, interval.end)
     unknown = [bound for bound in bounds if bound.primitive is not None and bound.primitive not in primitives]
-    if unknown:
-        return tuple(
-            _problem(
-                bound.origin,
-                "mtl-unknown-primitive",
-                f"there is no primitive action `{bound.primitive}`; {expected_names(str(bound.primitive), primitives)}",
-            )
-            for bound in unknown
+    for bound in unknown:
+        known = expected_names(str(bound.primitive), primitives)
+        yield _problem(
+            bound.origin, "mtl-unknown-primitive", f"there is no primitive action `{bound.primitive}`; {known}"
         )
-    if _surely_empty(interval, primitives):
-        return (
-            _problem(interval.start.origin, "mtl-empty-interval", f"the interval {interval} ends before it starts"),
-        )
-    return ()
+    if not unknown and _surely_empty(interval, primitives):
+        yield _problem(interval.start.origin, "mtl-empty-interval", f"the interval {interval} ends before it starts")
 
 
 def _surely_empty(interval: mtl.Interval, primitives: Sequence[str]) -> bool:

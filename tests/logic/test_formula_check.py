@@ -57,11 +57,12 @@ def test_arguments_that_are_not_unique_cannot_be_filled_in() -> None:
 
 def test_a_formula_with_known_names_has_no_problem() -> None:
     text = "always[a1.start, a2.end - 0.1] (on and on(object, bin)) -> not eventually[0, 3] (hold or hand_empty)"
-    assert check_formula(parse(text), DOMAIN, ACTION, ["a1", "a2"]) == ()
+    assert list(check_formula(parse(text), DOMAIN, ACTION, ["a1", "a2"])) == []
 
 
 def test_every_problem_of_a_formula_is_reported() -> None:
-    problems = check_formula(parse("always[b1.start, b2.end] (on(onto, bin) and hol)"), DOMAIN, ACTION, ["a1", "a2"])
+    formula = parse("always[b1.start, b2.end] (on(onto, bin) and hol)")
+    problems = list(check_formula(formula, DOMAIN, ACTION, ["a1", "a2"]))
     assert [problem.code for problem in problems] == [
         "mtl-unknown-primitive",
         "mtl-unknown-primitive",
@@ -87,5 +88,5 @@ def test_every_problem_of_a_formula_is_reported() -> None:
     ],
 )
 def test_an_interval_is_empty_if_it_is_for_every_duration_of_the_primitives(interval: str, empty: bool) -> None:
-    problems = check_formula(parse(f"always{interval} hold"), DOMAIN, ACTION, ["a1", "a2"])
+    problems = list(check_formula(parse(f"always{interval} hold"), DOMAIN, ACTION, ["a1", "a2"]))
     assert [problem.code for problem in problems] == ["mtl-empty-interval"] * empty

@@ -107,7 +107,7 @@ def test_errors_say_what_is_wrong_and_where(case: dict[str, str]) -> None:
     domain = parse_domain(CASES["domain"], Path("handling.pddl"))
     try:
         formula = parse(case["input"])
-        problems = check_formula(formula, domain, domain.actions[CASES["action"]], CASES["primitives"])
+        problems = list(check_formula(formula, domain, domain.actions[CASES["action"]], CASES["primitives"]))
     except InputError as error:
         problems = error.problems
     assert len(problems) == 1
