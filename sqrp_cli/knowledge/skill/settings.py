@@ -129,7 +129,7 @@ class Kind:
             return Complaint("wrong-value", message + (f"; {meant}" if meant else ""))
         return None
 
-    def _found(self, value: Quantity) -> str:
+    def _found(self, value: units.Quantity) -> str:
         return f"{value.value:g}" if value.dimension is None else self._shown(value.value)
 
     def _shown(self, bound: float) -> str:
