@@ -154,13 +154,16 @@ def find_placement(
         fastest=request.ways == "fastest",
     )
     with closing(Results(means.out)) as results:
-        verdicts: Verdicts = LocalVerdicts(cell, means.jobs)
-        if means.cluster is not None:
-            verdicts = ClusterVerdicts(means.cluster, workspace, cell.seed)
-        if results.folder is not None:
-            verdicts = KeptVerdicts(results, workspace, cell.seed, verdicts)
-        placer = Placer(replace(question, verdicts=verdicts), progress, watch)
+        placer = Placer(replace(question, verdicts=_verdicts(cell, means, results)), progress, watch)
         return CellPlacement(found=placer.place(), content=content)
+
+
+def _verdicts(cell: Cell, means: Means, results: Results) -> Verdicts:
+    """Who judges views: processes of this computer or of others, or a run before."""
+    judged: Verdicts = LocalVerdicts(cell, means.jobs)
+    if means.cluster is not None:
+        judged = ClusterVerdicts(means.cluster, cell.workspace, cell.seed)
+    return judged if results.folder is None else KeptVerdicts(results, cell.workspace, cell.seed, judged)
 
 
 def _floor(request: PlaceRequest, workspace: Workspace, kept: int) -> FewestPossible | None:

@@ -81,13 +81,9 @@ class HullTester:
         found = witnessed(lines, poses, pairs)
         settled = set(pairs.line[found].tolist()) if first_only else set()
         hulls = self.hulls(lines)
-        hull_of = lines.hull.tolist()
+        hull_of, states, finite = (column.tolist() for column in (lines.hull, lines.state, lines.finite))
         still: dict[tuple[int, int], bool] = {}
-        placements = {}
-        for index in np.unique(pairs.solid).tolist():
-            X_WG = poses.pose(index) @ poses.solids[index].part.X_PG
-            placements[index] = (np.ascontiguousarray(X_WG[:, :3, :3]), np.ascontiguousarray(X_WG[:, :3, 3]))
-        states, finite = lines.state.tolist(), lines.finite.tolist()
+        placements = {index: _placements(poses, index) for index in np.unique(pairs.solid).tolist()}
         loaded, left = -1, np.flatnonzero(~found)
         for row, line, index in zip(left.tolist(), pairs.line[left].tolist(), pairs.solid[left].tolist(), strict=True):
             if line in settled:
@@ -120,6 +116,12 @@ class HullTester:
             self._hull, self._at_origin, solid.geometry, self._placement, self._request, self._result
         )
         return contacts > 0
+
+
+def _placements(poses: SolidPoses, solid: int) -> tuple[Array, Array]:
+    """The rotations (b, 3, 3) and positions (b, 3) of a solid's shape in the world; b is 1 where it stands still."""
+    X_WG = poses.pose(solid) @ poses.solids[solid].part.X_PG
+    return np.ascontiguousarray(X_WG[:, :3, :3]), np.ascontiguousarray(X_WG[:, :3, 3])
 
 
 def _all_lines_of(hull: Indices, lines: SightLines) -> Ranges:
