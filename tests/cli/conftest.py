@@ -51,6 +51,15 @@ class Outcome:
         return document
 
 
+@dataclass(frozen=True)
+class Written:
+    """What `rank` printed as text, and the files that it wrote."""
+
+    out: str
+    program: Path
+    page: Path
+
+
 def _environment(columns: int, extra: dict[str, str]) -> dict[str, str]:
     kept = {name: value for name, value in os.environ.items() if name not in {"FORCE_COLOR", "LINES", "TERM"}}
     return {**kept, "COLUMNS": str(columns), "NO_COLOR": "1", **extra}
@@ -126,6 +135,20 @@ def own_watch(watch: Path, tmp_path: Path) -> Path:
 @pytest.fixture(scope="session")
 def ranked(asked: Callable[..., Outcome], tabletop: Path) -> Outcome:
     return asked("rank", tabletop, TASK, "--json")
+
+
+@pytest.fixture(scope="session")
+def tabletop_written(once: Once, tabletop: Path) -> Written:
+    """The ranking of the tabletop as text, its best way as a program, and its page."""
+
+    def write(folder: Path) -> Written:
+        program, page = folder / "pick.yaml", folder / "page.html"
+        outcome = _call("rank", tabletop, TASK, "--program", program, "--report", page)
+        assert outcome.code == 0, outcome.err
+        return Written(outcome.out, program, page)
+
+    made: Written = once("written", write)
+    return made
 
 
 @pytest.fixture(scope="session")

@@ -55,7 +55,7 @@ def test_the_command_that_says_how_much_helps_can_be_typed(sqrp, tabletop):
     assert words[3:] == ["pickup green", *CHOSEN, "--ways", "fastest"]  # it misses what the workspace states
     advice = sqrp(*words[1:], "--kinds", "way", "--json").document
     assert (advice["candidate"], advice["before"]["q_eoi"]) == ("g1", 0.0)
-    for task in ("pickup g1", "pickup green"):  # of the best way the workspace asks no more
+    for task in ("pickup g1", "pickup object=g1,g6"):  # of the best way the workspace asks no more
         assert "--want 'q_avg 100 %'" in sqrp("explain", tabletop, task, *CHOSEN).out
 
 

@@ -149,6 +149,7 @@ def test_a_camera_without_images_is_named_with_the_topics_that_may_be_its(
                 writer.add(one.topic.replace("cam5", "left"), one.t, bag.read(one))
     monkeypatch.setenv("COLUMNS", "200")
     found = open_program(slip_run.cell.program).audit(tmp_path / "one.mcap", threshold=0.0)
+    assert repr(found).endswith("came true, passed)")
     assert "There are no images of cam5: what was predicted of it is left out." in str(found)
     assert "--topic cam5=/left/image_raw/compressed" in str(found)
     assert (found.document.missing, found.document.other_topics) == (("cam5",), ("/left/image_raw/compressed",))

@@ -14,7 +14,6 @@ from sqrp_cli.report.pages.page import CellScene, PageContent, PageRow, page
 from tests.cli.browser import Opened, click_at_random, walk
 from tests.cli.hostile import hostile_cell
 
-TASK = "pickup green"
 HOSTILE = (
     "<img src=x onerror=alert(1)>\"'`</script><script>alert(2)</script>\u202egnp.\u2066-->]]>&lt;javascript:alert(3)"
     "`${alert(4)}`\x1b]0;x\x07\r\n\x9b\u2028\u200b\ud800!"
@@ -26,11 +25,9 @@ SPELLED_OUT = (
 
 
 @pytest.fixture(scope="module")
-def written(sqrp, tabletop, tmp_path_factory):
+def written(tabletop_written):
     """The page about the tabletop."""
-    path = tmp_path_factory.mktemp("report") / "page.html"
-    assert sqrp("rank", tabletop, TASK, "--report", path, "--jobs", 1).code == 0
-    return path
+    return tabletop_written.page
 
 
 @pytest.fixture(scope="module")

@@ -62,7 +62,7 @@ def test_direct_ways_have_no_blind_ends_to_name(sqrp: Callable[..., Any], tablet
     assert outcome.document["candidates"][0]["ways"]["blind_ends"] == []
 
 
-@pytest.mark.slow
+@pytest.mark.trial
 def test_within_a_quarter_more_time_the_five_cubes_are_seen_for_92_percent(
     sqrp: Callable[..., Any], tabletop: Path
 ) -> None:
@@ -78,7 +78,6 @@ def test_within_a_quarter_more_time_the_five_cubes_are_seen_for_92_percent(
         assert (round(one["q_eoi"], 3), one["q_avg"]) >= (round(before[name]["q_eoi"], 3), before[name]["q_avg"] - 1e-3)
 
 
-@pytest.mark.slow
 @pytest.mark.trial
 def test_without_a_limit_three_cubes_are_seen_nearly_throughout(sqrp: Callable[..., Any], tabletop: Path) -> None:
     """A green part before another green one is not seen, which costs g2 two points."""

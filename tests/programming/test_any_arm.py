@@ -107,7 +107,13 @@ ARMS = {
 }
 
 
-@pytest.fixture(scope="module", params=ARMS)
+ALIKE = ("ur3", "ur10")
+"""Arms that differ from another one by their size alone."""
+
+
+@pytest.fixture(
+    scope="module", params=[pytest.param(name, marks=pytest.mark.trial) if name in ALIKE else name for name in ARMS]
+)
 def arm(request: pytest.FixtureRequest) -> Arm:
     return ARMS[request.param]
 

@@ -39,7 +39,7 @@ def only(cell: OpenCell, task: str, **options: str) -> CandidateFigures:
 
 
 @pytest.fixture(
-    scope="module", params=["g1", "g4", *(pytest.param(name, marks=pytest.mark.trial) for name in ("g2", "g3", "g5"))]
+    scope="module", params=["g4", *(pytest.param(name, marks=pytest.mark.trial) for name in ("g1", "g2", "g3", "g5"))]
 )
 def name(request: pytest.FixtureRequest) -> str:
     return str(request.param)
