@@ -33,7 +33,7 @@ def audit(quick_cell: Cell) -> Audit:
     for one in (path, path.with_suffix(".bag")):
         record(one, pictures, TRUTH, drawn)
     found = survey(program, workspace, BagFootage(program, workspace, path, {}), lambda: None)
-    return Audit(program, workspace, AuditReport((), (), 0, 0, 0), 0.97, found)
+    return Audit(program, workspace, AuditReport((), (), (), 0, 0, 0), 0.97, found)
 
 
 def test_the_camera_that_was_turned_is_named_and_no_other(audit: Audit) -> None:

@@ -18,10 +18,10 @@ import pytest
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, pose, rpy_to_matrix
 from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.programming.arm import inverse_kinematics
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.sampling import FixedCount
 from sqrp_cli.programming.feasibility import feasible_motion
-from sqrp_cli.programming.motion import plan_motion
 from sqrp_cli.programming.motion.collision.collision_body import CLEARANCE, pair
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.timing import phase_samples
@@ -303,7 +303,7 @@ def test_more_positions_of_a_seventh_axis_are_tried_where_few_do_not_do(
     for index in range(len(motion.primitives)):
         found = independent.contacts(motion, index, 0.9 * CLEARANCE, 0.01)
         assert not any("box" in names for names in found)
-    monkeypatch.setattr(plan_motion, "MORE_REDUNDANCY_SAMPLES", plan_motion.REDUNDANCY_SAMPLES)
+    monkeypatch.setattr(inverse_kinematics, "MORE_REDUNDANCY_SAMPLES", inverse_kinematics.REDUNDANCY_SAMPLES)
     few = feasible_motion(cell, candidate, cell.initial_world)
     assert isinstance(few, Infeasible)
     assert " hits box " in few.reasons[0]
