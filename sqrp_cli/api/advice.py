@@ -72,8 +72,6 @@ class TaskAdvice(Answer[AdviceDocument]):
     """What has to be done before, where the precondition does not hold."""
     interrupted: bool = False
     """Whether some are missing because of Ctrl-C."""
-    written: bool = False
-    """Whether one of them was written to a file."""
 
     @property
     def advice(self) -> tuple[Advice, ...]:
@@ -170,13 +168,13 @@ class TaskAdvice(Answer[AdviceDocument]):
             raise bad_input("changed-meanwhile", message, mend="run the same command again")
         write_atomically(self._file.path, content)
 
-    def show(self) -> None:
-        """Print what `sqrp advise` prints."""
+    def show(self, *, written: bool = False) -> None:
+        """Print what `sqrp advise` prints; written: whether a change was written to a file."""
         from sqrp_cli.terminal.search_tables import print_advice
 
         fixed = self.session.assignment.wanted.fastest
         fastest = is_fastest(self.before)
-        print_advice(self.document, self.wish, fastest=fastest, fixed=fixed, written=self.written)
+        print_advice(self.document, self.wish, fastest=fastest, fixed=fixed, written=written)
 
     @cached_property
     def _file(self) -> SourceDocument:

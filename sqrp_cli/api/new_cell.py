@@ -119,7 +119,7 @@ def first_run(folder: Path, task: str, progress: Progress = silent) -> FirstRun 
     if ranking.best is None:
         return None
     seconds = max(1, int(ranking.best.time or 0.0))
-    title = "Running the task in the simulated cell [s] (--no-run: not)"
+    title = "Running the task in simulation, in seconds (not with --no-run)"
     with progress(title, seconds) as advance, TemporaryDirectory(dir=folder) as drafts:
         program, passed = Path(drafts) / "first.yaml", 0
 

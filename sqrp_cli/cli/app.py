@@ -169,7 +169,7 @@ def _option_expected(message: str, context: Any) -> str:  # noqa: ANN401 # has n
     found = re.match(r"No such option: (\S+)", message)
     if found is None or context is None:
         return ""
-    names = (name[2:] for one in context.command.params for name in one.opts if name.startswith("--"))
+    names = (name.lstrip("-") for one in context.command.params for name in (*one.opts, *one.secondary_opts))
     close = nearest(found[1].lstrip("-"), names)
     meant = f"; did you mean `--{close}`?" if close else ""
     return f"`{context.command_path}` has no option `{found[1]}`{meant}"

@@ -35,7 +35,7 @@ class Command(TyperCommand):
         """Raises InputError for an option without its value that would take the next option for it."""
         words, *_ = self.make_parser(ctx).parse_args(list(args))
         options: list[Any] = [one for one in self.get_params(ctx) if one.param_type_name == "option"]
-        names = {name for one in options for name in one.opts}
+        names = {name for one in options for name in (*one.opts, *one.secondary_opts)}
         for one in options:
             if names.intersection(value for value in _each(words.get(one.name)) if isinstance(value, str)):
                 raise bad_option(f"{one.metavar} is missing after {one.opts[0]}: {one.help}")

@@ -28,7 +28,7 @@ def prepare_streams() -> None:
 def _open_closed() -> None:
     """Connect closed descriptors to the null device; otherwise the next opened file would receive the output.
 
-    That of results can be read alone: to write them is an error, as if it were closed.
+    That of results is opened for reading only: to write them is an error, as if it were closed.
     """
     for descriptor in range(3):
         try:

@@ -145,7 +145,12 @@ class ProgramTarget(Entry):
     usual: Mapping[str, tuple[tuple[Seconds, Seconds], ...]] = {}
     """Those in which its images usually show them, likewise. Programs of earlier versions lack it."""
     refuted: Mapping[str, tuple[tuple[Seconds, Seconds], ...]] = {}
-    """Those in which they usually show that the atom is false, which one box of several tells; empty for one box."""
+    """Those in which they usually show that the atom is false; empty where that takes the same as to confirm it."""
+
+    @model_serializer(mode="wrap")
+    def _without_what_is_empty(self, write: SerializerFunctionWrapHandler) -> dict[str, object]:
+        written: dict[str, object] = write(self)
+        return {key: value for key, value in written.items() if key not in ("usual", "refuted") or value}
 
 
 class ProgramWindow(Entry):

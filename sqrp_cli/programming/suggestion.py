@@ -96,7 +96,8 @@ class Suggester:
     ) -> None:
         """planner: finds the plans. jobs: most processes that score the candidates of a step.
 
-        candidates: how many will be asked about; of more than `MOST_WITH_WAYS`, each counts in its fastest way.
+        candidates: how many will be asked about; of more than `MOST_WITH_WAYS`, each counts in its way with `--ways
+        fastest`.
         """
         self.cell = cell
         self.world = world
@@ -239,7 +240,7 @@ def check_candidate(candidate: Candidate, suggester: Suggester) -> Feasibility:
 
 
 def _check_steps(candidate: Candidate, suggester: Suggester) -> Feasibility:
-    """Check a candidate of several steps, each in its fastest way after those before it."""
+    """Check a candidate of several steps, each in its way with `--ways fastest` after those before."""
     wanted = WantedWay(fastest=True)
     found = Assignment(cell=suggester.cell, world=suggester.world, wanted=wanted).assess(first_grip(candidate))
     return Feasibility(

@@ -70,7 +70,7 @@ def make_starter(
     robot: OwnRobot | str | None,
     crowd: Crowd | None = None,
     tip: str | None = None,
-    advance: Callable[[int], object] = int,
+    advance: Callable[[int], object] = lambda _: None,
 ) -> Starter:
     """Make a workspace in a folder that does not exist or is empty.
 

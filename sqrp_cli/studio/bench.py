@@ -68,7 +68,7 @@ class _Bench:
         self._memory = SightMemory()
         self._model: SceneModel | None = None
         self._task: tuple[str, Session] | None = None
-        """The last task with plans, as it was asked for, if it was in the cell as it is but for cameras."""
+        """The last task with plans, as it was asked for; None once anything but cameras has changed."""
         self._run: RankingRun | None = None
         self._ranking: list[Ranked] = []
         self._session: Session | None = None
@@ -166,6 +166,8 @@ class _Bench:
         else:
             self._memory, self._task, model = SightMemory(), None, None
             cell = replace(opened.cell, observer=replace(opened.cell.observer, memory=self._memory))
+            if asked.of_saved:
+                self._model = None  # of another cell, which browsers have
         self._cell, self._kin = cell, kin
         if not asked.of_saved:
             model = SceneModel.of(cell) if model is None else model

@@ -206,7 +206,9 @@ def print_prediction(prediction: Sequence[Prediction], usual: Sequence[Predictio
     rows = []
     for number, (step, others) in enumerate(zip(prediction, usual, strict=True), 1):
         for atom, cameras in step.items():
-            shown = {name: found for name, found in cameras.items() if found.tp + found.fp + found.fn}
+            shown = {
+                name: found for name, found in cameras.items() if found.tp + found.fp + found.fn + others[atom][name].fp
+            }
             label = atom if len(prediction) == 1 else f"{number}: {atom}"
             rows += [[label, name, *_cells(found, others[atom][name])] for name, found in shown.items()]
     if fits(columns, rows):  # else each row says for itself what it is about
@@ -236,7 +238,7 @@ def print_disagreements(found: Sequence[Disagreement], steps: int) -> None:
     """
     groups: dict[tuple[bool, int, str, str, str], list[Disagreement]] = {}
     for entry in found:
-        if entry.usual and not entry.predicted:
+        if entry.usual:
             continue
         groups.setdefault((not entry.predicted, entry.step, entry.atom, entry.camera, entry.seen), []).append(entry)
     listed_groups = sorted(groups.items())[:MOST_DISAGREEMENTS]

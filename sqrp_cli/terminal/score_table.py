@@ -95,8 +95,6 @@ def print_difference(findings: Scorecard) -> None:
     for result, way in ways:
         mark = ("better", "green") if not way.worse else ("mixed ", "yellow") if way.better else ("worse ", "red")
         say(joined(["  ", mark, f"  {result.score.task} for {way}"]), indent=10)
-    if ways:
-        say("Compared are the best ways of both versions; what changes by less than --allow is left out.")
     for result in findings.results:
         if result.comparison and result.comparison.verdict == "new":
             say(joined(["  ", ("new   ", "yellow"), f"  {result.score.task}"]), indent=10)
@@ -104,6 +102,8 @@ def print_difference(findings: Scorecard) -> None:
             say(joined(["  ", ("gone  ", "yellow"), f"  {result.score.task} for {name}"]), indent=10)
     for vanished in findings.vanished:
         say(joined(["  ", ("gone  ", "yellow"), f"  {vanished.task}"]), indent=10)
+    if changes:
+        say("Compared are the best ways of both versions; what changes by less than --allow is left out.")
 
 
 def verdict(findings: Scorecard) -> str:

@@ -8,7 +8,7 @@ from tests.advice.__main__ import mended
 from tests.advice.broken import broken_cell
 
 CELLS = (0, 7, *(pytest.param(seed, marks=pytest.mark.trial) for seed in (9, 10)))
-"""One of each kind: a camera moved, the part moved, a camera turned, a lens narrowed."""
+"""A camera moved, the part moved; as trials a camera turned and a lens narrowed."""
 
 
 @pytest.mark.parametrize("seed", CELLS)

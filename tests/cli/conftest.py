@@ -8,9 +8,10 @@ import io
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -29,6 +30,14 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parents[2]
 TASK = "pickup green"
+
+
+@pytest.fixture(autouse=True)
+def _as_before() -> Iterator[None]:
+    """An interrupted command ignores Ctrl-C from then on, as its process ends; that of the tests goes on."""
+    before = signal.getsignal(signal.SIGINT)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @dataclass(frozen=True)

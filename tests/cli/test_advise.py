@@ -419,6 +419,7 @@ def test_a_wish_that_the_fastest_way_meets_alone_is_met_once_the_task_says_the_w
     assert "meets the wish already" not in outcome.out
     assert "change 1 is in " in outcome.err
     assert "To have it" not in outcome.out
+    assert "No patch" not in outcome.out
     assert sqrp("score", own, "--jobs", 1).code == 0
     (task,) = load_workspace(own).tasks
     assert (task.max_time, task.min_q_eoi) == (20.0, 0.5)

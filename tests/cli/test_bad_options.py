@@ -39,6 +39,8 @@ BAD = [
     (["rank", "CELL", "watch", "--choose", "99"], ["no place 99 in a ranking of ", "(what cannot be done comes last)"]),
     (["rank", "CELL", "watch seen", "--choose", "2"], ["no place 2 in a ranking of 1 candidate; expected 1, or"]),
     (["explain", "CELL", "--image", "x"], ["`sqrp explain` has no option `--image`; did you mean `--images`?\n"]),
+    (["init", "there", "--no-runs"], ["`sqrp init` has no option `--no-runs`; did you mean `--no-run`?\n"]),
+    (["init", "there", "--tip", "--no-run"], ["LINK is missing after --tip"]),
     (["rank", "CELL", "watch seen", "--nonsense"], ["`sqrp rank` has no option `--nonsense`\n"]),
     (["run", "CELL", "--sim", "--sweep", "--n", "0"], ["[STEP:]slip@PRIMITIVE is missing after --sweep: "]),
     (["rank", "CELL", "watch seen", "--program", "--json"], ["PROGRAM is missing after --program: "]),

@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 from sqrp_cli.api import session
-from sqrp_cli.program.file import load_program
+from sqrp_cli.program.file import check_unedited, load_program, save_program
 
 Document = dict[str, Any]
 
@@ -271,3 +271,12 @@ def test_the_same_choice_writes_the_same_program(sqrp, tabletop, tmp_path):
     for path in (one, other):
         assert sqrp("rank", tabletop, "pickup g2", "--program", path).code == 0
     assert one.read_bytes() == other.read_bytes()
+
+
+def test_a_program_of_a_version_that_knew_no_usual_images_is_not_taken_for_edited(program, tmp_path):
+    path, written = tmp_path / "old.yaml", load_program(program)
+    (step,) = written.steps
+    targets = {atom: target.model_copy(update={"usual": {}}) for atom, target in step.targets.items()}
+    save_program(written.model_copy(update={"steps": (step.model_copy(update={"targets": targets}),)}), path)
+    assert "usual" not in path.read_text(encoding="utf-8")
+    check_unedited(load_program(path), path)

@@ -139,7 +139,7 @@ def test_what_is_planned_is_exported_with_the_same_topics(
 
 
 def test_a_camera_without_images_is_named_with_the_topics_that_may_be_its(
-    slip_run: SlipRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    sqrp: Callable[..., Any], slip_run: SlipRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen = Counter[str]()
     with Bag(slip_run.cell.folder / "run.mcap") as bag, written(tmp_path / "one.mcap") as writer:
@@ -153,6 +153,8 @@ def test_a_camera_without_images_is_named_with_the_topics_that_may_be_its(
     assert "There are no images of cam5: what was predicted of it is left out." in str(found)
     assert "--topic cam5=/left/image_raw/compressed" in str(found)
     assert (found.document.missing, found.document.other_topics) == (("cam5",), ("/left/image_raw/compressed",))
+    asked = sqrp("audit", slip_run.cell.program, tmp_path / "one.mcap", "--threshold", "0%", "--json")
+    assert found.to_json() == asked.out.rstrip("\n")
 
 
 def test_images_that_are_damaged_are_left_out_and_counted(

@@ -45,11 +45,12 @@ def test_options_that_make_no_sense_are_refused(sqrp: Callable[..., Any], words:
 
 def test_what_helps_against_lateness_is_said_once(tmp_path: Path) -> None:
     checks = [CellCheck(f"cam{k}", "age", "300 ms", "50 ms", f"`cam{k}` is late") for k in range(3)]
+    checks.append(CellCheck("cam1", "pose", "12 mm", "0 mm", "TF has `cam1` elsewhere"))
     file = SimpleNamespace(mend_of_lateness="slower")
     session: Any = SimpleNamespace(robot=SimpleNamespace(check=lambda: checks, cell=SimpleNamespace(file=file)))
     with pytest.raises(InputError) as caught:
         _check(session, tmp_path / "robot.yaml", as_json=True)
-    assert [problem.mend for problem in caught.value.problems] == [None, None, "slower"]
+    assert [problem.mend for problem in caught.value.problems] == [None, None, "slower", None]
 
 
 @pytest.mark.parametrize("more", [[], ["--program", "pick.yaml", "--fault", "nonsense"]])

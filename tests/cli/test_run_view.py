@@ -119,6 +119,12 @@ def test_wrong_predictions_of_several_steps_name_their_step_and_are_a_table_at_8
     assert lines.index("Promised, but not seen:") < lines.index("Seen, though neither promised nor usual:")
 
 
+def test_usual_images_that_did_not_show_it_have_a_row(capsys: pytest.CaptureFixture[str]) -> None:
+    print_prediction([{"open": {"cam1": Confusion(tn=9)}}], [{"open": {"cam1": Confusion(fp=9)}}])
+    (row,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("open "))
+    assert "0 of 9" in row
+
+
 def test_what_images_usually_show_is_no_surprise(capsys: pytest.CaptureFixture[str]) -> None:
     print_disagreements([replace(disagreement(0, "open", predicted=False), usual=True)], 1)
     assert capsys.readouterr().out == ""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -106,7 +105,10 @@ def command(
     try:
         message = "" if interrupted else _write(found, apply, patch)
     finally:  # the search took long, and says which change can be written
-        answer(replace(found, written=bool(message)), as_json=as_json)
+        if as_json or not message:
+            answer(found, as_json=as_json)
+        else:
+            found.show(written=True)
     if message:
         note(message)
     if interrupted:

@@ -285,9 +285,10 @@ def _check(session: RobotSession, robot: Path, *, as_json: bool) -> None:
         _print_checks(checks)
     differing = [one for one in checks if one.problem is not None]
     problems = [Problem("other-cell", str(one.problem), Place(robot)) for one in differing]
-    if any(one.what == "age" for one in differing):
+    late = [index for index, one in enumerate(differing) if one.what == "age"]
+    if late:
         mend = session.robot.cell.file.mend_of_lateness
-        problems[-1] = replace(problems[-1], mend=mend or None)  # once for all
+        problems[late[-1]] = replace(problems[late[-1]], mend=mend or None)  # once for all
     if problems:
         raise InputError(*problems)
 

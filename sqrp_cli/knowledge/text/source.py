@@ -117,7 +117,7 @@ def describe(value: object) -> str:
         return f"a list of {len(value)}"
     text = str(value)
     if isinstance(value, float) and text.endswith("00000.0") and float(f"{value:g}") == value:
-        text = f"{value:g}".replace("e+0", "e")  # `1e9`, as people write it
+        text = f"{value:g}".replace("e+0", "e").replace("e+", "e")  # `1e9`, as people write it
     return f"`{text if len(text) <= 60 else text[:57] + '...'}`"
 
 

@@ -107,7 +107,7 @@ def varied(scenes: Sequence[Rehearsal]) -> list[Rehearsal]:
 
 
 def of_first_grip(scenes: Sequence[Rehearsal]) -> Rehearsal:
-    """The fastest way with the first grip: the only one that a candidate has without a choice of ways."""
+    """The way with `--ways fastest`: the only one that a candidate has without a choice of ways."""
     ordered = sorted(scenes, key=lambda scene: compared_time(scene.motion.time))
     return next(scene for scene in ordered if _grip(scene) == _grip(scenes[0]))
 

@@ -293,7 +293,7 @@ class Plans:
 
 
 def _fastest(cell: Cell, candidate: Candidate, world: World) -> _Planned:
-    """The fastest way of a candidate, planned, with its first grip."""
+    """The fastest branch of a candidate with its first grip, planned: its way with `--ways fastest`."""
     way = first_grip(candidate)
     motion = plan_motion(skill_use(cell, way, world), cell.collision, cell.seed)
     return _Planned(1, motion if isinstance(motion, Infeasible) else [rehearsal(cell, way, world, motion)])

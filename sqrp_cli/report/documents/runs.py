@@ -75,10 +75,10 @@ class RunDocument(WorkspaceDocument):
     prediction: list[Counts]
     """Per step, of its first attempt."""
     usual: list[Counts]
-    """Of the images that were not predicted to show a literal: how many of those did that usually do (`tp` of
-    `tp` + `fp`), and of the rest (`fn` of `fn` + `tn`)."""
+    """Of the images that were not predicted to show a literal: usual images (`tp` + `fp`), of which `tp` showed it, and
+    all others (`fn` + `tn`), of which `fn` did."""
     disagreements: list[Disagreement]
-    """Images in which a prediction was wrong."""
+    """Images in which a prediction was wrong, usual images among them."""
     conflicts: int
     """How often cameras contradicted each other about an atom."""
     stop: StopTimes
@@ -252,10 +252,10 @@ class AuditDocument(WorkspaceDocument):
     prediction: list[Counts]
     """Per step."""
     usual: list[Counts]
-    """Of the images that were not predicted to show a literal: how many of those did that usually do (`tp` of
-    `tp` + `fp`), and of the rest (`fn` of `fn` + `tn`)."""
+    """Of the images that were not predicted to show a literal: usual images (`tp` + `fp`), of which `tp` showed it, and
+    all others (`fn` + `tn`), of which `fn` did."""
     disagreements: list[Disagreement]
-    """Images in which a prediction was wrong."""
+    """Images in which a prediction was wrong, usual images among them."""
 
     @classmethod
     def of(

@@ -63,7 +63,7 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
     why_flat = cell.why_flat if track is not None else "this log does not say where everything was"
     scenes = [] if cell.workspace is None or track is None else [cell_scene(Cell.load(cell.workspace))]
     watched = any(isinstance(event, EvidenceSeen) for event in events)
-    detail = packed(_detail(cell, report, events, track if scenes else None, why_flat))
+    detail = packed(_detail(cell, report, events, track if scenes else None, why_flat)) if watched or scenes else None
     entry = PageRow(
         name=", ".join(names),
         mark=report.outcome,
@@ -71,7 +71,7 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
         candidate=None,
         reasons=[] if report.reason is None else [short_times(report.reason)],
         scene=0 if scenes else None,
-        detail=detail if watched or scenes else None,
+        detail=detail,
         figures=list(_figures(report)),
     )
     title = f"{', '.join(names)} in {cell.name}: {report.outcome}"

@@ -26,7 +26,7 @@ class PredictionCheck:
         """Count an image taken at time t [s] of the step, for the atoms that count then, with their true values."""
         for atom in atoms:
             predicted = detection.camera in self._nominal.covering(atom, t)
-            usual = self._nominal.usually_shows(atom, detection.camera, t, value=truths[atom])
+            usual = not predicted and self._nominal.usually_shows(atom, detection.camera, t, value=truths[atom])
             seen = detection.truth(atom)
             detected = seen == (Truth.TRUE if truths[atom] else Truth.FALSE)
             self.counts[atom][detection.camera].add(predicted, detected)

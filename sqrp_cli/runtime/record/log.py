@@ -145,11 +145,15 @@ def _report(line: _Line, place: Place) -> RunReport:
         report = TypeAdapter(RunReport).validate_python({**line.fields, "wall": {}})
     except ValidationError as error:
         raise _no_log(f"the report at the end of this log is none: {_first_words(error)}", place) from None
-    if _asked(report.usual) != _asked(report.prediction):  # of an earlier version, which knew of no usual images
+    if report.prediction and not report.usual:  # of an earlier version, which knew of no usual images
         report.usual = [
             {atom: {name: Confusion(tn=one.tn, fn=one.fn) for name, one in of.items()} for atom, of in step.items()}
             for step in report.prediction
         ]
+    if _asked(report.usual) != _asked(report.prediction):
+        raise _no_log(
+            "the report at the end of this log has other literals under `usual` than under `prediction`", place
+        )
     return report
 
 

@@ -154,7 +154,7 @@ class Disagreement(_Recorded):
     because: str
     """Why it was not seen if it was predicted to be: mask border, same colour behind, lighting or detector limit."""
     usual: bool = False
-    """Whether such an image usually shows it, predicted or not. Logs of earlier versions lack it."""
+    """Whether it is a usual image: not predicted, but such images usually show it. Logs of earlier versions lack it."""
 
 
 Prediction = dict[str, dict[str, Confusion]]

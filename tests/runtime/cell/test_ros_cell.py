@@ -492,7 +492,7 @@ def trajectories(wire: Wire) -> list[Message]:
     return [message for name, message in wire.sent if name == "/arm/joint_trajectory"]
 
 
-SLOWER = " (if computers are busy, let the time of the simulated cell pass more slowly: sqrp cell --pace 0.1)"
+SLOWER = " (if computers are busy, let the simulated time pass more slowly, as with `sqrp cell --pace 0.1`)"
 
 
 @pytest.mark.parametrize(

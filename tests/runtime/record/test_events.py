@@ -11,6 +11,7 @@ import jsonschema
 import pytest
 from pydantic import ValidationError
 
+from sqrp_cli.errors import InputError
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.report.documents.schemas import schema_of
 from sqrp_cli.runtime.record.events import (
@@ -107,6 +108,13 @@ def test_a_log_that_knows_of_no_usual_images_has_none(tmp_path: Path) -> None:
     *_, reported = read_log(path)
     assert isinstance(reported, RunReported)
     assert reported.report.usual == [{"held": {"cam1": Confusion(tn=2, fn=4)}}]
+
+
+def test_a_log_whose_usual_images_are_of_other_literals_is_refused(tmp_path: Path) -> None:
+    path, lines = tmp_path / "log", [RUN[0].line(), {**RUN[-1].line(), "usual": [{"held": {}}]}]
+    path.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
+    with pytest.raises(InputError, match="has other literals under `usual`"):
+        list(read_log(path))
 
 
 @pytest.mark.parametrize("event", RUN, ids=lambda event: type(event).__name__)
