@@ -140,8 +140,11 @@ def nearest(name: str, valid: Iterable[str]) -> str | None:
 
 
 def expected_names(name: str, valid: Iterable[str]) -> str:
-    """The second half of an "unknown name" message: the nearest valid name; the valid names where that is no help."""
-    names = sorted(valid)
+    """The second half of an "unknown name" message: the nearest valid name; where that is no help the valid names.
+
+    Those with the word in them come first.
+    """
+    names = sorted(valid, key=lambda one: (name not in one, one))
     close = nearest(name, names)
     if close is not None and difflib.SequenceMatcher(None, close, name).ratio() >= SURE:
         return f"did you mean `{close}`?"

@@ -153,6 +153,7 @@ class Ranking(Answer["RankDocument"]):
 
     def show(self) -> None:
         """Print the table of `sqrp rank`."""
+        from sqrp_cli.terminal.console import say
         from sqrp_cli.terminal.rank_table import print_ranking
 
         print_ranking(
@@ -163,6 +164,9 @@ class Ranking(Answer["RankDocument"]):
             all_ways=self.all_ways,
             all_rows=self.all_rows,
         )
+        if self.interrupted:
+            done = f"{len(self.ranked)} of {how_many(self.session.task.candidates, 'candidate')}"
+            say(f"Interrupted at {done}: another one may be better.", "yellow")
 
 
 @dataclass(frozen=True, eq=False, repr=False)

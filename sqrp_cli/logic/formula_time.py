@@ -28,6 +28,14 @@ class Stretch:
         """Its duration [s]."""
         return self.end - self.start
 
+    @property
+    def when(self) -> str:
+        """In words, such as `from 6.0 s to 7.2 s`, with more digits where both would look the same."""
+        if self.start == self.end:
+            return f"at {self.start:.1f} s"
+        digits = 1 if f"{self.start:.1f}" != f"{self.end:.1f}" else 3
+        return f"from {self.start:.{digits}f} s to {self.end:.{digits}f} s"
+
 
 @dataclass(frozen=True)
 class GroundOperator:

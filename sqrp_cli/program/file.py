@@ -32,6 +32,8 @@ _KEYS = ("sqrp_program", "workspace", "digest", "steps")
 
 SHEBANG = "#!/usr/bin/env -S sqrp run --sim"
 
+_MAKE = "name a file that does not exist yet, and it is made: sqrp rank WORKSPACE TASK --program NEW.yaml"
+
 _NOT_SUMMED = {"checksum", "marks", "workspace", "made_for"}
 """Keys that the checksum leaves out; `digest`, which it includes, is that of `made_for`."""
 
@@ -57,11 +59,12 @@ def is_program(path: Path) -> bool:
 
 def load_program(path: Path) -> Program:
     """Read and validate a program file. Raises InputError with the place of each error, see `program.check`."""
+    if path.is_dir():
+        raise bad_input("no-program", "found a folder, expected the file of a program", Place(path), mend=_MAKE)
     document = read_yaml(path, keys=_KEYS)
     if "sqrp_program" not in document.data:
         message = "this is no program: it lacks the key `sqrp_program`"
-        mend = "name a file that does not exist yet, and it is made: sqrp rank WORKSPACE TASK --program NEW.yaml"
-        raise bad_input("no-program", message, Place(path), mend=mend)
+        raise bad_input("no-program", message, Place(path), mend=_MAKE)
     program = validate(document, Program)
     problems = _problems(document, flaws(program))
     for number, step in enumerate(program.steps):

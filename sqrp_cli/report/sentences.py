@@ -179,7 +179,7 @@ def short_times(text: str) -> str:
 
 
 def change_in_words(change: ProposedChange) -> str:
-    """A change as an instruction, such as `move cam1 10.9 cm, mostly -z`."""
+    """A change as an instruction, such as `move cam1 10.9 cm, mostly -z, and turn it 5.2 deg`."""
     size, values = shown_size(change.size, change.unit), change.values
     match change.kind:
         case "way" | "path":
@@ -191,7 +191,8 @@ def change_in_words(change: ProposedChange) -> str:
         case "camera":
             return f"add {change.target} at {', '.join(f'{value:.2f}' for value in values)} m"
         case _:
-            return f"move {change.target} {size}, {_mostly(values, ('+x', '+y', '+z'), ('-x', '-y', '-z'))}"
+            turn = f", and turn it {shown_size(change.turn, 'rad')}" if change.turn else ""
+            return f"move {change.target} {size}, {_mostly(values, ('+x', '+y', '+z'), ('-x', '-y', '-z'))}{turn}"
 
 
 def shown_size(size: float, unit: str) -> str:

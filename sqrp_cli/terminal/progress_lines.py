@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from enum import IntEnum
+from math import ceil
 from typing import Protocol
 
 
@@ -61,7 +62,7 @@ def progress_lines(title: str, total: int | None, write: Callable[[str], None]) 
         while not ended.wait(min(pause, threading.TIMEOUT_MAX)):
             passed = time.monotonic() - began
             parts = f" {done} of {total}" if total else ""
-            left = f", about {passed * (total - done) / done:.0f} s left" if total and done else ""
+            left = f", about {ceil(passed * (total - done) / done)} s left" if total and 0 < done < total else ""
             try:
                 write(f"{title}:{parts} after {passed:.0f} s{left}")
             except (OSError, ValueError):  # nobody reads any more

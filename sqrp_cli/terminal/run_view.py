@@ -133,7 +133,8 @@ def print_run(workspace: str, report: RunReport) -> None:
         say(joined([f"{what} in {workspace}: ", ("done", "bold green"), f"{after}, {report.time:.2f} s"]))
     else:
         say(joined([f"{what} in {workspace}: ", ("stopped", "bold red"), f" at {report.time:.2f} s"]))
-        say(f"The robot stopped because {short_times(report.reason or '')}.")
+        stopped = "The robot stopped" if report.steps else "Nothing was commanded: the look stopped"
+        say(f"{stopped} because {short_times(report.reason or '')}.")
     missed = [fault for fault in report.faults if fault.happened is not None and fault.detected is None]
     for fault in missed:
         say(f"No image showed {fault.name}, which happened at {seconds(fault.happened)} s.", "yellow")

@@ -206,7 +206,7 @@ def _camera_failures(cell: Cell, study: Study, assessment: Assessment) -> str:
     """One sentence about the cost of each camera's failure."""
     needed, spare = [], []
     if assessment.q_avg == 0.0:
-        return "No camera sees what it has to, so that none is missed if it fails."
+        return "All that has to be seen is never seen at once, so that no camera is missed if it fails."
     for name, without in without_each_camera(cell, study).items():
         losses = [
             f"{label} to {100 * left:.1f} %"

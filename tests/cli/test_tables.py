@@ -418,7 +418,7 @@ def test_a_terminal_too_narrow_for_words_gets_lines_of_twenty(narrow: dict[str, 
 def test_where_nothing_is_seen_no_camera_is_called_spare(sqrp, watch):
     """The wall hides `behind` all the time, however the arm moves."""
     said = " ".join(sqrp("explain", watch, "watch behind").out.split())
-    assert "No camera sees what it has to, so that none is missed if it fails." in said
+    assert "All that has to be seen is never seen at once, so that no camera is missed if it fails." in said
     assert "No single camera is needed" not in said
 
 

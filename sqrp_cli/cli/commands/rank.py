@@ -102,13 +102,14 @@ def command(
         return ExitCode.INTERRUPTED
     print_problems(intervals_outside(assessments))
     ranked = rank(assessments, criterion)
+    # Written before the output, because its reader may leave early.
+    code, message = (ExitCode.INTERRUPTED, "") if interrupted else _write_chosen(session, ranked, choice, program)
     if report is not None and not interrupted:
         from sqrp_cli.report.pages.candidate_page import write_ranking
 
         write = partial(write_ranking, session.task.text, session.assignment, ranked, criterion)
-        interrupted = not page_is_written(report, write, context.obj, job_count(jobs))
-    # Written before the output, because its reader may leave early.
-    code, message = (ExitCode.INTERRUPTED, "") if interrupted else _write_chosen(session, ranked, choice, program)
+        if not page_is_written(report, write, context.obj, job_count(jobs)):
+            code = ExitCode.INTERRUPTED
     answer(Ranking(session, ranked, criterion, interrupted, all_ways=all_ways, all_rows=all_rows), as_json=as_json)
     if message:
         note(message)

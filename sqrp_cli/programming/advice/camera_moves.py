@@ -66,7 +66,8 @@ class Displacement:
         moved = whole(vector)
         eye = np.round(self.camera.X_FC[:3, 3] + moved, 6)
         size = float(np.linalg.norm(moved))
-        return placed(self.camera, eye, self.aim, kind="position", values=moved, size=size, unit="m")
+        now = placed(self.camera, eye, self.aim, kind="position", values=moved, size=size, unit="m")
+        return replace(now, turn=_turn(self.camera, now))
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,11 +91,9 @@ class Turn:
         eye = self.camera.X_FC[:3, 3]
         aim = replace(self.aim, point=read_only(whole(turned(self.aim, eye, vector[None])[0])))
         now = placed(self.camera, eye, aim, kind="aim", values=vector, size=0.0, unit="rad")
-        assert now.camera is not None  # noqa: S101 - it is about one
-        apart = float(np.linalg.norm(now.camera.X_FC[:3, 2] - self.camera.X_FC[:3, 2]))
-        size = float(2 * np.arcsin(min(1.0, 0.5 * apart)))
+        size = _turn(self.camera, now)
         values = vector * (size / max(float(np.linalg.norm(vector)), 1e-12))
-        return replace(now, values=_floats(values), size=size)
+        return replace(now, values=_floats(values), size=size, turn=size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,6 +156,13 @@ def whole(vector: Array) -> Array:
     """A place or an offset in whole millimetres."""
     rounded: Array = np.round(vector / MILLIMETRE) * MILLIMETRE
     return np.round(rounded, 6)
+
+
+def _turn(camera: Camera, now: ProposedChange) -> float:
+    """The angle between a camera's optical axes before and after a change of it [rad]."""
+    assert now.camera is not None  # noqa: S101 - it is about one
+    apart = float(np.linalg.norm(now.camera.X_FC[:3, 2] - camera.X_FC[:3, 2]))
+    return float(2 * np.arcsin(min(1.0, 0.5 * apart)))
 
 
 def _floats(values: Array) -> tuple[float, ...]:

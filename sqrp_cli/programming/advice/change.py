@@ -52,6 +52,8 @@ class ProposedChange:
     size: float
     """How large it is, in `unit`."""
     unit: Unit
+    turn: float = 0.0
+    """Angle between the optical axes before and after it [rad], of a camera that is moved or turned."""
     like: str = ""
     """Of a further camera: the one whose lens and sensing it has."""
     camera: Camera | None = None

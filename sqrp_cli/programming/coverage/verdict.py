@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from sqrp_cli.geometry import Indices, Mask
+from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study
@@ -120,7 +121,7 @@ class BlindStretch:
     """Number of cameras that must see it."""
 
     def __str__(self) -> str:
-        when = f"from {self.start:.1f} s to {self.end:.1f} s"
+        when = Stretch(self.start, self.end).when
         if not self.causes:
             cameras = "1 camera that sees" if self.needed == 1 else f"{self.needed} cameras that see"
             there = f"{'is' if len(self.seeing) == 1 else 'are'} only {len(self.seeing)}"

@@ -158,8 +158,10 @@ class ChangeFound(AdvisedFigures):
     """How large the change is, in `unit`."""
     unit: str
     """m, rad, or camera for a further one; empty where there is nothing to measure."""
+    turn: float
+    """Angle between the optical axes before and after it [rad], of a camera that is moved or turned; else 0."""
     words: str
-    """The change as an instruction, such as `move cam1 10.9 cm, mostly -z`."""
+    """The change as an instruction, such as `move cam1 10.9 cm, mostly -z, and turn it 5.2 deg`."""
 
     @classmethod
     def of_change(cls, change: ProposedChange, found: Assessment) -> ChangeFound:

@@ -33,10 +33,7 @@ class Loss:
     """The commonest cause in a few words."""
 
     def __str__(self) -> str:
-        start, end = self.stretch.start, self.stretch.end
-        digits = 1 if f"{start:.1f}" != f"{end:.1f}" else 3
-        span = f"from {start:.{digits}f} s to {end:.{digits}f} s"
-        return f"{self.camera} no longer sees {self.literal} {span}: {self.why}"
+        return f"{self.camera} no longer sees {self.literal} {self.stretch.when}: {self.why}"
 
 
 @dataclass(frozen=True)
@@ -66,11 +63,11 @@ class Shift:
                 return "can no longer be done" if self.worse else "can be done now"
             case "q_eoi" | "q_avg":
                 verb = "fell" if self.worse else "rose"
-                return f"{self.metric.replace('q_', 'Q_')} {verb} from {_points(self.before)} to {_points(self.now)}"
+                return f"{self.metric.replace('q_', 'Q_')} {verb} {_from_to(self.before, self.now, 100.0, 1, '%')}"
             case _:
                 what = "its time" if self.metric == "time" else "the worst delay of a fault"
                 verb = "rose" if self.worse else "fell"
-                return f"{what} {verb} from {_seconds(self.before)} to {_seconds(self.now)}"
+                return f"{what} {verb} {_from_to(self.before, self.now, 1.0, 2, 's')}"
 
 
 @dataclass(frozen=True)
@@ -257,9 +254,12 @@ def _shifts(old: WayRecord, new: WayRecord, allowance: float) -> Iterator[Shift]
             yield Shift(metric, before, now, worse=now > before)  # type: ignore[arg-type]
 
 
-def _points(quality: float | None) -> str:
-    return "-" if quality is None else f"{100 * quality:.1f} %"
+def _from_to(before: float | None, now: float | None, scale: float, digits: int, unit: str) -> str:
+    """Two figures that differ, with two more digits where they would look the same."""
 
+    def shown(figure: float | None, digits: int) -> str:
+        return "-" if figure is None else f"{scale * figure:.{digits}f} {unit}"
 
-def _seconds(time: float | None) -> str:
-    return "-" if time is None else f"{time:.2f} s"
+    alike = shown(before, digits) == shown(now, digits)
+    old, new = (shown(figure, digits + 2 * alike) for figure in (before, now))
+    return f"from {old} to {new}"
