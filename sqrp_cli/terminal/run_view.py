@@ -143,10 +143,11 @@ def print_run(workspace: str, report: RunReport) -> None:
         say()
         _print_faults(report)
         _print_late(report.faults)
-    say()
-    print_prediction(report.prediction, report.usual)
-    print_disagreements(report.disagreements, len(report.prediction))
-    say()
+    if report.prediction:
+        say()
+        print_prediction(report.prediction, report.usual)
+        print_disagreements(report.disagreements, len(report.prediction))
+        say()
     times = "once" if report.conflicts == 1 else f"{report.conflicts} times"
     conflicts = f"cameras contradicted each other {times}" if report.conflicts else ""
     off = report.tracking

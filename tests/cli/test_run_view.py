@@ -64,7 +64,10 @@ def test_a_fault_that_no_image_shows_is_not_left_untold_where_the_run_is_done(
 
 def test_a_dry_run_that_stops_says_what_it_was(capsys: pytest.CaptureFixture[str]) -> None:
     print_run("cell", RunReport("stopped", "wrong start: `at(b)` is false", 0.4))
-    assert capsys.readouterr().out.startswith("a look at the start in cell: stopped at 0.40 s\n")
+    assert capsys.readouterr().out == (
+        "a look at the start in cell: stopped at 0.40 s\n"
+        "Nothing was commanded: the look stopped because wrong start: `at(b)` is false.\n"
+    )
 
 
 def test_faults_of_cameras_name_them(capsys: pytest.CaptureFixture[str]) -> None:
