@@ -95,11 +95,9 @@ class InputError(SqrpError):
         self.problems = problems
 
 
-def bad_input(
-    code: str, message: str, place: Place | None = None, *, mend: str | None = None, excerpt: str | None = None
-) -> InputError:
+def bad_input(code: str, message: str, place: Place | None = None, *, mend: str | None = None) -> InputError:
     """The error of one finding, with the fields of `Problem`."""
-    return InputError(Problem(code, message, place, mend=mend, excerpt=excerpt))
+    return InputError(Problem(code, message, place, mend=mend))
 
 
 def bad_option(message: str, place: Place | None = None, *, mend: str | None = None) -> InputError:

@@ -176,10 +176,10 @@ def check_crowd(value: Crowd | None) -> None:
     raise refused("crowd", value, "Crowd(seed, objects, cameras) with whole numbers from 0 on")
 
 
-def check_share(value: object, name: str) -> None:
+def check_threshold(value: object) -> None:
     """Raises InputError for anything but a number in 0..1."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= 1.0:
-        raise refused(name, value, "a number from 0 to 1")
+        raise refused("threshold", value, "a number from 0 to 1")
 
 
 def check_sampling(value: Sampling | None) -> None:

@@ -190,7 +190,7 @@ class OpenCell:
         if step is not None and not whole:
             raise bad_option(f"--step is {step}, but `{task}` is a task of one step")
         if choose is None:
-            check_one_step(session, "--all")
+            check_one_step(session)
         ranking = rank(list(assess(session, jobs, progress)), "q_eoi")
         place = None
         if whole and choose is not None:

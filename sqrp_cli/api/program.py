@@ -279,7 +279,7 @@ class OpenProgram:
         from sqrp_cli.runtime.audit.frame_audit import audit
 
         path = arguments.checked_path(recording, "recording")
-        arguments.check_share(threshold, "threshold")
+        arguments.check_threshold(threshold)
         arguments.check_progress(progress)
         footage = self.footage(path, topics or {})
         cameras, unsurveyed = self._surveyed(footage, progress)

@@ -181,10 +181,10 @@ def at_step(session: Session, chosen: Ranked, number: int | None) -> StepInWorld
     return StepInWorld(one, ranked, place)
 
 
-def check_one_step(session: Session, what: str) -> None:
+def check_one_step(session: Session) -> None:
     """Raises InputError for a task of several steps where only one can be looked at."""
     if session.task.candidates[0].steps:
-        message = f"`{session.task.text}` has several steps, and {what} looks at one"
+        message = f"`{session.task.text}` has several steps, and --all looks at one"
         mend = "write the steps before it with `sqrp rank ... --program FILE`, then ask about it with `--after FILE`"
         raise bad_option(message, mend=mend)
 

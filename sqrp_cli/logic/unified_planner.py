@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Sequence
 from typing import Any
 
-from sqrp_cli.errors import InputError, bad_input, expected_names, needed
+from sqrp_cli.errors import bad_input, expected_names, needed
 from sqrp_cli.logic.conditions import Binding, Objects
 from sqrp_cli.logic.domain import Condition, Domain
 from sqrp_cli.logic.literal import Atom
@@ -91,13 +91,9 @@ def _checked(name: str, steps: Sequence[GroundAction], task: PlanningTask) -> Pl
             raise bad_input("wrong-plan", f"`{name}` returned a plan whose step {step.step} is impossible")
         state = step.after(state)
     if not task.goal.holds(state):
-        raise _wrong_plan(name, "it does not reach the goal")
+        message = f"the planner `{name}` returned a plan that is wrong: it does not reach the goal"
+        raise bad_input("wrong-plan", message, mend="leave --planner out")
     return Plan(tuple(step.step for step in steps))
-
-
-def _wrong_plan(name: str, why: str) -> InputError:
-    message = f"the planner `{name}` returned a plan that is wrong: {why}"
-    return bad_input("wrong-plan", message, mend="leave --planner out")
 
 
 def _problem(environment: Any, task: PlanningTask) -> Any:  # noqa: ANN401

@@ -331,7 +331,7 @@ def print_problems(problems: Iterable[Problem]) -> None:
             _put(console, Text.assemble(("  to mend it: ", "dim"), one_line(problem.mend)))
 
 
-def percentage(share: float | None, *, bar: bool = True) -> Text:
+def percentage(share: float | None, *, bar: bool) -> Text:
     """A share as a number, with a bar before it: green from 90 %, red below 50 %."""
     if share is None:
         return Text("-".rjust(BAR_WIDTH + 6) if bar else "-", style="dim")

@@ -297,7 +297,7 @@ class Mounts:
     """Of the file."""
 
 
-def place_file(workspace: Workspace, given: Path | None = None) -> Path:
+def place_file(workspace: Workspace, given: Path | None) -> Path:
     """The file with the mounts of a workspace: the one that is given, or that beside it.
 
     Raises InputError where there is none.

@@ -47,7 +47,7 @@ class RobotReader(EntryReader):
         self.urdf = self._read_urdf(self.entry.urdf, ("robot", "urdf"))
         self.moveit: MoveitLimits | None = None
         if self.entry.limits.moveit is not None:
-            self.moveit = self._read_moveit(self.entry.limits.moveit, ("robot", "limits", "moveit"))
+            self.moveit = self._read_moveit(self.entry.limits.moveit)
             self.urdf = with_position_limits(self.urdf, self.moveit)
         self.srdf: SrdfModel | None = None
         if self.entry.srdf is not None:
@@ -90,8 +90,8 @@ class RobotReader(EntryReader):
             markers=self._markers(),
         )
 
-    def _read_moveit(self, reference: str, path: KeyPath) -> MoveitLimits:
-        file = self._resolve(reference, self.document.value_place(path))
+    def _read_moveit(self, reference: str) -> MoveitLimits:
+        file = self._resolve(reference, self.document.value_place(("robot", "limits", "moveit")))
         limits = read_moveit_limits(file)
         self.digest.add("robot.limits.moveit", file, limits.document.content)
         return limits

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, pose
-from sqrp_cli.knowledge.markers import DICTIONARIES, ORIGINAL, Marker, opencv_name
+from sqrp_cli.knowledge.markers import DICTIONARIES, Marker, opencv_name
 from sqrp_cli.knowledge.paint import COLORS, Rgb
 from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.knowledge.robot.urdf import Inertial, UrdfJoint, UrdfLink, UrdfModel
@@ -110,7 +110,7 @@ def build_model(workspace: Workspace, objects: Mapping[str, Array]) -> mujoco.Mj
     return spec.compile()
 
 
-def marker_picture(marker: int, name: str = ORIGINAL) -> NDArray[np.uint8]:
+def marker_picture(marker: int, name: str) -> NDArray[np.uint8]:
     """A marker of a dictionary seen from outside, its black square without margin; shape (n, n, 3)."""
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, opencv_name(name)))
     pixels = DICTIONARIES[name].modules * _MARKER_PIXELS

@@ -154,15 +154,15 @@ class ArmMotion:
             found.append(rest[1] * rate**2 + rest[0] * change)
         return found
 
-    def _offset_motion(self, index: int, local: Array, order: int) -> list[Array]:
-        """What is added to a primitive's positions and to their derivatives: it fades over a joint move."""
+    def _offset_motion(self, index: int, local: Array) -> list[Array]:
+        """What is added to a primitive's positions and to their two derivatives: it fades over a joint move."""
         offset, primitive = self._offsets[index], self._primitives[index]
         if primitive.action != JOINT_MOVE or not primitive.trajectory.duration:
-            return [np.tile(offset, (len(local), 1)), *(np.zeros((len(local), len(offset))) for _ in range(order))]
+            return [np.tile(offset, (len(local), 1)), *np.zeros((2, len(local), len(offset)))]
         duration = primitive.trajectory.duration
         x = np.clip(local / duration, 0.0, 1.0)
         fade = [1 - x**3 * (10 - 15 * x + 6 * x**2), -30 * x**2 * (1 - x) ** 2, -60 * x * (1 - x) * (1 - 2 * x)]
-        return [values[:, None] * offset / duration**k for k, values in enumerate(fade[: order + 1])]
+        return [values[:, None] * offset / duration**k for k, values in enumerate(fade)]
 
     def stop(self, t: float, *, protective: bool = False) -> float:
         """Slow down from time t [s] on; returns when the arm stands [s].
@@ -209,7 +209,7 @@ class ArmMotion:
             index = np.minimum(np.searchsorted(self._ends, tau, side="right"), len(self._ends) - 1)
             for primitive in np.unique(index):
                 rows = index == primitive
-                q[rows], velocity[rows], acceleration[rows] = self._on_path(tau[rows], 2)
+                q[rows], velocity[rows], acceleration[rows] = self._on_path(tau[rows])
             acceleration = acceleration * rate[:, None] ** 2 + velocity * change[:, None]
             velocity = velocity * rate[:, None]
         for joint, wanted in self._placed.items():
@@ -224,17 +224,17 @@ class ArmMotion:
             tau[rows], rate[rows], change[rows] = stop.clock(t[rows])
         return ClockReadings(tau, rate, change)
 
-    def _on_path(self, tau: Array, order: int) -> list[Array]:
-        """Positions and their first derivatives by the step's own time [s], all in one primitive, shape (m, n) each.
+    def _on_path(self, tau: Array) -> list[Array]:
+        """Positions and two derivatives by the step's own time [s], all in one primitive, shape (m, n) each.
 
         A primitive ends at rest, so later times stand still there.
         """
         index = min(int(np.searchsorted(self._ends, tau[0], side="right")), len(self._ends) - 1)
         local = np.clip(tau - self._primitives[index].start, 0.0, self._moving[index].duration)
-        motion = self._guarded_motion(index, local, order)
+        motion = self._guarded_motion(index, local, 2)
         if not self._offsets[index].any():
             return motion
-        offsets = self._offset_motion(index, local, order)
+        offsets = self._offset_motion(index, local)
         return [planned + offset for planned, offset in zip(motion, offsets, strict=True)]
 
     def _planned_stop(self, t: float, *, protective: bool) -> PathStop:
@@ -269,7 +269,7 @@ class ArmMotion:
     ) -> bool:
         """Whether a stop that begins at a time of the step's clock [s] keeps limits of every joint, (n,) each."""
         clock, rate, change, second = law.derivatives(np.linspace(0.0, 1.0, 65))
-        _, v, a = self._on_path(tau + duration * clock, 2)
+        _, v, a = self._on_path(tau + duration * clock)
         rate, change, second = rate[:, None], change[:, None] / duration, second[:, None] / duration**2
         acceleration = a * rate**2 + v * change
         jerk = 3 * a * rate * change + v * second
