@@ -6,7 +6,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Mask
 from sqrp_cli.runtime.image import ImageArray
-from sqrp_cli.runtime.perception.vision import alike, color_mask, dilated, inpainted, shade_of
+from sqrp_cli.runtime.perception.vision import Crop, alike, color_mask, dilated, inpainted, shade_of
 
 TOLERANCE = 24
 """Largest difference of a colour channel (of 255) from the background; covers noise and mild changes of light."""
@@ -54,7 +54,7 @@ class Background:
             self._unknown &= covered
             self._news |= fresh
 
-    def guess_again(self, crop: tuple[slice, slice]) -> None:
+    def guess_again(self, crop: Crop) -> None:
         """Guess what is still unknown in a crop by what was learned there since it was guessed last."""
         if self._news[crop].any() and self._unknown[crop].any():
             self._picture[crop] = inpainted(self._picture[crop], self._unknown[crop])
@@ -65,7 +65,7 @@ class Background:
         """Whether nothing is left to learn."""
         return self._surroundings is not None or not self._unknown.any()
 
-    def matches(self, image: ImageArray, crop: tuple[slice, slice]) -> Mask:
+    def matches(self, image: ImageArray, crop: Crop) -> Mask:
         """Which pixels of a crop show the background."""
         part = image[crop]
         if self._surroundings is not None:
@@ -73,13 +73,13 @@ class Background:
         same = alike(part, self._picture[crop], TOLERANCE)
         return same | shade_of(part, self._picture[crop], SHADE_TOLERANCE, TOLERANCE / 4) if self._shadows else same
 
-    def has_hue(self, image: ImageArray, crop: tuple[slice, slice], color: str) -> Mask:
+    def has_hue(self, image: ImageArray, crop: Crop, color: str) -> Mask:
         """Where, in a crop, the background has the hue of a colour: a shade of it there may be the background's own."""
         if self._surroundings is not None:
             return self.matches(image, crop) & color_mask(image[crop], color)
         return color_mask(self._picture[crop], color)
 
-    def robot_colored(self, image: ImageArray, crop: tuple[slice, slice]) -> Mask:
+    def robot_colored(self, image: ImageArray, crop: Crop) -> Mask:
         """Which pixels of a crop have a colour of the robot."""
         return self._palette[_coarse(image[crop])]
 

@@ -21,9 +21,9 @@ from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.runtime.perception.background import Background
 from sqrp_cli.runtime.perception.detections import NO_OUTLINE, BoxDetection, MissReason
-from sqrp_cli.runtime.perception.expected_view import Crop, ExpectedView, extent
+from sqrp_cli.runtime.perception.expected_view import ExpectedView
 from sqrp_cli.runtime.perception.projected import ProjectedBox, ProjectedObject
-from sqrp_cli.runtime.perception.vision import blobs, color_mask, dilated, direction, displacement
+from sqrp_cli.runtime.perception.vision import Crop, blobs, color_mask, dilated, direction, displacement
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,20 +32,20 @@ class _Place:
 
     projected: ProjectedObject | None
     """How the object would be seen there; None where it would not be."""
-    share: float
+    share: float = 0.0
     """Of its silhouette that was judged, without what parts that the box encloses hide of it."""
-    hidden: float
+    hidden: float = 0.0
     """Share of it that is taken to be behind the robot or another object."""
-    edge: float
+    edge: float = 0.0
     """Share of it along the edge of what hides it, one pixel wide, on the side that is visible."""
-    alike: float
+    alike: float = 0.0
     """Share of it that shows its colour before a background of that colour."""
-    filled: float
+    filled: float = 0.0
     """As how much of the silhouette has the object's colour, without what has that colour anyway behind it.
 
     Wherever in the box, as its parts may be thin and it may have tipped.
     """
-    shift: Array | None
+    shift: Array | None = None
     """Of the patch of colour from where it would be if the object were there [pixels]; None without a patch."""
 
     @property
@@ -73,7 +73,15 @@ class _Place:
         return BoxDetection(box.name, evidence, self.share, outline, because)
 
 
-_NOWHERE = _Place(None, 0.0, 0.0, 0.0, 0.0, 0.0, None)
+class _Colors(NamedTuple):
+    """What the colours of pixels show, one mask each."""
+
+    own: Mask
+    """The object."""
+    background: Mask
+    """What is behind it, also of the robot."""
+    same: Mask
+    """Where the background has the object's own colour, the image cannot tell the two apart: a shade is no object."""
 
 
 class ColorSight(NamedTuple):
@@ -124,61 +132,56 @@ class ColorDetector:
         X_WO = self._view.pose(box)
         projected = self._view.projected(self._object.name, X_WO)
         if projected is None:
-            return _NOWHERE
-        box_outline = projected.box
-        margin = max(6, round(0.6 * box_outline.area**0.5))
-        crop = self._view.crop(box_outline.polygon, margin)
+            return _Place(None)
+        margin = max(6, round(0.6 * projected.box.area**0.5))
+        crop = self._view.crop(projected.box.polygon, margin)
         if crop is None or projected.area <= 0.0:
-            return _Place(projected, 0.0, 0.0, 0.0, 0.0, 0.0, None)
-        shape, origin = extent(crop)
-        colored, robot = self._colored[crop], self._view.robot
-        inside, silhouette = projected.outline(shape, origin), projected.mask(shape, origin)
-        before = self._in_front(X_WO, box_outline, crop, without=box.encloses)
+            return _Place(projected)
+        silhouette, colors = projected.mask(crop), self._colors(crop, projected.box)
+        before = self._in_front(X_WO, projected.box, crop, without=box.encloses)
         hiding = dilated(before, 1)
-        enclosed = dilated(robot.mask(shape, origin, box_outline, links=box.encloses), 1)
+        enclosed = dilated(self._view.robot.mask(crop, projected.box, links=box.encloses), 1)
         front = hiding | enclosed
-        self._background.guess_again(crop)
-        background = self._background.matches(self._view.image, crop)
-        # Where the background has the object's own colour, the image cannot distinguish the two: a shade is no object.
-        same = self._background.has_hue(self._view.image, crop, self._object.color or "")
-        own = colored & ~background & ~same
-        behind = robot.mask(shape, origin, box_outline, behind=True)
-        background |= behind & self._background.robot_colored(self._view.image, crop)
-        telling = ~front & ~same
-        decided = silhouette & telling
         hidden = min(float((silhouette & front).sum()) / projected.area, 1.0)
-        alike = float((silhouette & ~front & same).sum()) / projected.area
-        if not decided.any():
-            return _Place(projected, 0.0, hidden, 0.0, alike, 0.0, None)
-        judged = decided & (own | background)
+        alike = float((silhouette & ~front & colors.same).sum()) / projected.area
+        telling = ~front & ~colors.same
+        decided = int((silhouette & telling).sum())
+        if not decided:
+            return _Place(projected, hidden=hidden, alike=alike)
+        judged = telling & (colors.own | colors.background)
         # What else hides, the enclosed parts do not hide from being asked.
         askable = max(projected.area - float((silhouette & enclosed & ~hiding).sum()), detector.LEAST_PIXELS**2)
-        share = min(float(judged.sum()) / askable, 1.0)
-        edge = float((silhouette & hiding & ~before).sum()) / askable
-        shift = None
-        if (dilated(inside, margin // 2) & ~front & own).any():
+        return _Place(
+            projected,
+            share=min(float((silhouette & judged).sum()) / askable, 1.0),
+            hidden=hidden,
+            edge=float((silhouette & hiding & ~before).sum()) / askable,
+            alike=alike,
+            filled=min(float((projected.outline(crop) & judged & colors.own).sum() / decided), 1.0),
+            shift=_shift(projected, crop, margin, colors.own, judged),
+        )
 
-            def wider(by: int) -> Mask:
-                return projected.mask((shape[0] + 2 * by, shape[1] + 2 * by), (origin[0] - by, origin[1] - by))
-
-            # It fills a place from `FULL / 2` on, so that it may lie beside that by the rest of its length.
-            most = round((1.0 - detector.FULL / 2) * float(np.ptp(box_outline.polygon, axis=0).max())) + 2
-            shift = displacement(own, telling & (own | background), wider, (margin // 2, most))
-        filled = min(float((inside & telling & own).sum() / decided.sum()), 1.0)
-        return _Place(projected, share, hidden, edge, alike, filled, shift)
+    def _colors(self, crop: Crop, outline: ProjectedBox) -> _Colors:
+        """What the colours in a crop show where the object would be seen with an outline."""
+        image, robot = self._view.image, self._view.robot
+        self._background.guess_again(crop)
+        background = self._background.matches(image, crop)
+        same = self._background.has_hue(image, crop, self._object.color or "")
+        own = self._colored[crop] & ~background & ~same
+        behind = robot.mask(crop, outline, behind=True) & self._background.robot_colored(image, crop)
+        return _Colors(own, background | behind, same)
 
     def _in_front(self, X_WO: Array, outline: ProjectedBox, crop: Crop, without: Collection[str]) -> Mask:
         """What of the robot, without some links, and of other objects is before the object at a pose, in a crop."""
-        shape, origin = extent(crop)
         view = self._view
-        mask = view.robot.mask(shape, origin, outline, without=without)
+        mask = view.robot.mask(crop, outline, without=without)
         steps = np.linspace(-0.45, 0.45, 3)
         grid = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3) * self._object.size
         points = grid @ X_WO[:3, :3].T + X_WO[:3, 3]
         for name in view.cell.objects:
             if name != self._object.name and name in view.believed.X_WO:
                 blocking = view.blocking(name, points)
-                mask |= True if blocking is None else blocking.mask(shape, origin)
+                mask |= True if blocking is None else blocking.mask(crop)
         return mask
 
     def _on_support(self, place: _Place, X_WO: Array) -> Array:
@@ -202,8 +205,7 @@ class ColorDetector:
         """
         if not self._colored.any():
             return None
-        everything = (slice(0, self._view.posed_camera.shape[0]), slice(0, self._view.posed_camera.shape[1]))
-        found = blobs(self._colored & ~self._background.matches(self._view.image, everything))
+        found = blobs(self._colored & ~self._background.matches(self._view.image, self._view.posed_camera.whole))
         height = float(X_WO[2, 3])
         position = self._at_height(found[0].center, height) if found else None
         if position is None:
@@ -214,6 +216,15 @@ class ColorDetector:
         if expected is None or found[0].area < detector.LEAST_SHARE * expected.area:
             return None
         return self._at_height(found[0].center - expected.offset, height)
+
+
+def _shift(projected: ProjectedObject, crop: Crop, margin: int, own: Mask, judged: Mask) -> Array | None:
+    """See `_Place`; margin: of the crop around the object. own: pixels with its colour. judged: those that count."""
+    if not (dilated(projected.outline(crop), margin // 2) & judged & own).any():
+        return None
+    # It fills a place from `FULL / 2` on, so that it may lie beside that by the rest of its length.
+    most = round((1.0 - detector.FULL / 2) * float(np.ptp(projected.box.polygon, axis=0).max())) + 2
+    return displacement(own, judged, lambda by: projected.mask(crop.wider(by)), (margin // 2, most))
 
 
 def _is_inside(position: Array, X_WB: Array, box: TargetBox) -> bool:

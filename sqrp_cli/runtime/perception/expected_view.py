@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.projection import Projection
@@ -14,11 +13,8 @@ from sqrp_cli.knowledge.skill.target_box import TargetBox, object_of
 from sqrp_cli.runtime.image import ImageArray
 from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, DetectionTargets
 from sqrp_cli.runtime.perception.projected import PosedCamera, ProjectedObject, ProjectedParts
-from sqrp_cli.runtime.perception.vision import Corners, FoundMarker, color_mask, dilated, filled, find_markers
+from sqrp_cli.runtime.perception.vision import Corners, Crop, FoundMarker, color_mask, dilated, filled, find_markers
 from sqrp_cli.shapes import Box
-
-Crop = tuple[slice, slice]
-"""Rows and columns of an image."""
 
 
 class ExpectedView:
@@ -99,15 +95,15 @@ class ExpectedView:
 
     def crop(self, polygon: Array, margin: int) -> Crop | None:
         """The part of the image around a polygon (n, 2), with a margin [pixels]; None if they do not meet."""
-        height, width = self.posed_camera.shape
+        height, width = self.camera.height, self.camera.width
         (left, top), (right, bottom) = polygon.min(axis=0) - margin, polygon.max(axis=0) + margin
         rows = slice(max(0, int(top)), min(height, int(bottom) + 1))
         columns = slice(max(0, int(left)), min(width, int(right) + 1))
-        return (rows, columns) if rows.start < rows.stop and columns.start < columns.stop else None
+        return Crop(rows, columns) if rows.start < rows.stop and columns.start < columns.stop else None
 
     def robot_mask(self) -> Mask:
         """The pixels that the robot covers."""
-        return self.robot.mask(self.posed_camera.shape, (0, 0))
+        return self.robot.mask(self.posed_camera.whole)
 
     def sought_mask(self) -> Mask:
         """The pixels that the objects which are looked for may cover, wherever they may be.
@@ -118,20 +114,20 @@ class ExpectedView:
         polygons: dict[str | None, list[Corners]] = {None: []}
         for corners, color in self._sought_polygons():
             polygons.setdefault(color, []).append(corners)
-        mask = filled(self.posed_camera.shape, (0, 0), polygons.pop(None))
+        mask = filled(self.posed_camera.whole, polygons.pop(None))
         for color, corners_of_tool in polygons.items():
-            mask |= filled(self.posed_camera.shape, (0, 0), corners_of_tool) & color_mask(self.image, color or "")
+            mask |= filled(self.posed_camera.whole, corners_of_tool) & color_mask(self.image, color or "")
         return mask
 
     def movables_mask(self) -> Mask:
         """The pixels that movable objects cover where they are believed to be."""
         objects = ((self.cell.objects[name], X) for name, X in self.believed.X_WO.items())
         outlines = (self.posed_camera.outline(X, obj.size) for obj, X in objects if not obj.fixed)
-        return filled(self.posed_camera.shape, (0, 0), [outline.corners for outline in outlines if outline is not None])
+        return filled(self.posed_camera.whole, [outline.corners for outline in outlines if outline is not None])
 
     def covered(self, margin: int) -> Mask:
         """What the robot and the watched objects may cover, with a margin [pixels]."""
-        return dilated(self.robot.cover(self.posed_camera.shape) | self.sought_mask(), margin)
+        return dilated(self.robot.cover(self.posed_camera.whole) | self.sought_mask(), margin)
 
     def _sought_polygons(self) -> list[tuple[Corners, str | None]]:
         """Outlines of what is looked for, and its colour where it would be at a tool that holds nothing."""
@@ -143,18 +139,3 @@ class ExpectedView:
                 empty = obj is not None and self.is_at_tool(box) and not self.believed.holding
                 found.append((outline.corners, obj.color if obj is not None and empty else None))
         return found
-
-
-class Extent(NamedTuple):
-    """Of a crop [pixels], as `filled` wants it."""
-
-    shape: tuple[int, int]
-    """Rows and columns."""
-    origin: tuple[int, int]
-    """x and y."""
-
-
-def extent(crop: Crop) -> Extent:
-    """Of a crop of an image."""
-    rows, columns = crop
-    return Extent((rows.stop - rows.start, columns.stop - columns.start), (columns.start, rows.start))

@@ -147,8 +147,8 @@ def question_about(view: ExpectedView, atom: str, box: TargetBox) -> BoxQuestion
     if outline is None or view.crop(outline.polygon, 0) is None:
         return None
     obj = view.object_of(atom, box)
-    shape = view.posed_camera.shape
-    robot = view.robot.mask(shape, (0, 0), outline, without=box.encloses)
+    whole = view.posed_camera.whole
+    robot = view.robot.mask(whole, outline, without=box.encloses)
     return BoxQuestion(
         atom=atom,
         box=box.name,
@@ -158,5 +158,5 @@ def question_about(view: ExpectedView, atom: str, box: TargetBox) -> BoxQuestion
         size=box.size,
         X_CB=inverse(view.posed_camera.X_WC) @ view.pose(box),
         outline=outline.polygon,
-        clear=filled(shape, (0, 0), [outline.corners]) & ~robot,
+        clear=filled(whole, [outline.corners]) & ~robot,
     )

@@ -13,9 +13,9 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.runtime.image import ImageArray
 from sqrp_cli.runtime.perception.background import Background
 from sqrp_cli.runtime.perception.detections import NO_OUTLINE, BoxDetection, MissReason
-from sqrp_cli.runtime.perception.expected_view import Crop, ExpectedView, extent
+from sqrp_cli.runtime.perception.expected_view import ExpectedView
 from sqrp_cli.runtime.perception.projected import ProjectedBox
-from sqrp_cli.runtime.perception.vision import FoundMarker, dilated, filled, markers_beside
+from sqrp_cli.runtime.perception.vision import Crop, FoundMarker, dilated, filled, markers_beside
 from sqrp_cli.runtime.robot_body import OPEN_SHARE
 
 ABSENT_SHARE = 0.9
@@ -94,10 +94,9 @@ class MarkerDetector:
         crop = self._view.crop(outline.polygon, round(AROUND * outline.area**0.5))
         if crop is None:
             return None
-        shape, origin = extent(crop)
         others = {surface.parent for surface in self._view.cell.robot.surfaces} - {box.frame, *box.encloses}
-        mask = dilated(self._view.robot.mask(shape, origin, outline, links=others), 1)
-        return _Hiding(crop, mask) if (mask & filled(shape, origin, [outline.corners])).any() else None
+        mask = dilated(self._view.robot.mask(crop, outline, links=others), 1)
+        return _Hiding(crop, mask) if (mask & filled(crop, [outline.corners])).any() else None
 
     def _finger_way(self, box: TargetBox, outline: ProjectedBox) -> _FingerWay:
         """The way in the image on which the fingers carry a marker; a point where they do not move it."""
@@ -128,17 +127,15 @@ class MarkerDetector:
         crop = self._view.crop(outline.polygon, 2)
         if crop is None:
             return 0.0
-        shape, origin = extent(crop)
-        background = filled(shape, origin, [outline.corners]) & self._background.matches(self._view.image, crop)
-        background &= ~dilated(self._view.robot.mask(shape, origin, outline), 1)
+        background = filled(crop, [outline.corners]) & self._background.matches(self._view.image, crop)
+        background &= ~dilated(self._view.robot.mask(crop, outline), 1)
         return min(1.0, float(background.sum()) / max(outline.area, 1.0))
 
 
 def _beside(image: ImageArray, hiding: _Hiding, dictionary: str) -> Iterator[FoundMarker]:
     """Markers that are not found because a part of the robot touches them in the image."""
-    rows, columns = hiding.crop
     for marker in markers_beside(image[hiding.crop], hiding.mask, dictionary):
-        yield FoundMarker(marker.id, marker.corners + np.array([columns.start, rows.start]))
+        yield FoundMarker(marker.id, marker.corners + np.array(hiding.crop.origin))
 
 
 def _center(marker: FoundMarker) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, Mask, box_corners, inverse, transform
 from sqrp_cli.knowledge.camera.projection import Projection
-from sqrp_cli.runtime.perception.vision import Corners, area_of, convex_outline, corners_of, filled, middle
+from sqrp_cli.runtime.perception.vision import Corners, Crop, area_of, convex_outline, corners_of, filled, middle
 from sqrp_cli.runtime.surface import Surface
 
 TOUCH = 1e-3
@@ -63,8 +63,7 @@ class ProjectedParts:
 
     def mask(
         self,
-        shape: tuple[int, int],
-        origin: tuple[int, int],
+        crop: Crop,
         box: ProjectedBox | None = None,
         *,
         behind: bool = False,
@@ -75,7 +74,7 @@ class ProjectedParts:
 
         links: of these only. without: not of these.
         """
-        last = np.array([origin[0] + shape[1], origin[1] + shape[0]])
+        origin, last = crop.origin, (crop.columns.stop, crop.rows.stop)
         chosen: list[Corners] = []
         for part in self.parts:
             if part.parent in without or (links is not None and part.parent not in links):
@@ -85,11 +84,11 @@ class ProjectedParts:
             taken = True if box is None else box.is_hidden_by(part) != behind
             touching = taken & (part.high >= origin).all(axis=1) & (part.low <= last).all(axis=1)
             chosen.append(part.corners[touching])
-        return filled(shape, origin, chosen)
+        return filled(crop, chosen)
 
-    def cover(self, shape: tuple[int, int]) -> Mask:
-        """Pixels of the image that hold all of the robot, and a little more: the hull of each part."""
-        return filled(shape, (0, 0), [part.hull for part in self.parts])
+    def cover(self, crop: Crop) -> Mask:
+        """Pixels of a crop that hold all of the robot, and a little more: the hull of each part."""
+        return filled(crop, [part.hull for part in self.parts])
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +123,7 @@ class PosedCamera:
         """X_WC: pose of the optical frame, (4, 4)."""
         self.projection, self.X_WC, self._X_CW = projection, X_WC, inverse(X_WC)
         self.camera = projection.camera
-        self.shape = (self.camera.height, self.camera.width)
+        self.whole = Crop.whole(self.camera.height, self.camera.width)
 
     def outline(self, X_WB: Array, size: Sequence[float]) -> ProjectedBox | None:
         """A box of full extents `size` [m]; None where some of it is behind or beyond what the lens shows."""
@@ -176,7 +175,7 @@ class PosedCamera:
 
     def _reaches_image(self, pixels: Array) -> bool:
         """Whether the rectangle around pixels (n, 2) meets the image."""
-        size = (self.shape[1], self.shape[0])
+        size = (self.camera.width, self.camera.height)
         return bool((pixels.max(axis=0) >= -1.0).all() and (pixels.min(axis=0) <= size).all())
 
     def hides(self, X_WB: Array, size: Sequence[float], points_W: Array) -> bool:
@@ -244,7 +243,7 @@ class ProjectedObject:
 
         def drawn(polygons: Iterable[Corners]) -> Mask:
             scaled = (np.rint((corners - first) * scale).astype(np.int32) for corners in polygons)
-            return filled((height, width), (0, 0), scaled)
+            return filled(Crop.whole(height, width), scaled)
 
         outline = drawn([box.corners])
         covered = outline & drawn(piece.corners for piece in parts.parts)
@@ -253,10 +252,10 @@ class ProjectedObject:
         area = box.area * float(covered.sum() / outline.sum())
         return cls(box, parts, area, (middle(covered) - middle(outline)) / scale)
 
-    def mask(self, shape: tuple[int, int], origin: tuple[int, int]) -> Mask:
-        """The pixels of a crop, `origin` (x, y) its first one, that the parts cover."""
-        return self.outline(shape, origin) & self.parts.mask(shape, origin)
+    def mask(self, crop: Crop) -> Mask:
+        """The pixels of a crop that the parts cover."""
+        return self.outline(crop) & self.parts.mask(crop)
 
-    def outline(self, shape: tuple[int, int], origin: tuple[int, int]) -> Mask:
+    def outline(self, crop: Crop) -> Mask:
         """The pixels of a crop that the box covers."""
-        return filled(shape, origin, [self.box.corners])
+        return filled(crop, [self.box.corners])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -95,13 +95,39 @@ def corners_of(polygons: Array) -> Corners:
     return corners
 
 
-def filled(shape: tuple[int, int], origin: tuple[int, int], polygons: Iterable[Corners]) -> Mask:
-    """The pixels of a crop, `origin` (x, y) its first one, that convex polygons cover.
+class Crop(NamedTuple):
+    """A part of an image; indexes it."""
+
+    rows: slice
+    columns: slice
+
+    @classmethod
+    def whole(cls, height: int, width: int) -> Crop:
+        """All of an image."""
+        return cls(slice(0, height), slice(0, width))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """How many rows and columns it has."""
+        return self.rows.stop - self.rows.start, self.columns.stop - self.columns.start
+
+    @property
+    def origin(self) -> tuple[int, int]:
+        """Its first pixel (x, y)."""
+        return self.columns.start, self.rows.start
+
+    def wider(self, by: int) -> Crop:
+        """With a margin on every side [pixels], which may reach beyond the image: it then indexes nothing."""
+        return Crop(*(slice(side.start - by, side.stop + by) for side in self))
+
+
+def filled(crop: Crop, polygons: Iterable[Corners]) -> Mask:
+    """The pixels of a crop that convex polygons cover.
 
     polygons: (n, 2) each, or several with as many corners at once, (p, n, 2).
     """
-    canvas = np.zeros(shape, dtype=np.uint8)
-    first = np.array(origin, dtype=np.int32) << _SUBPIXEL
+    canvas = np.zeros(crop.shape, dtype=np.uint8)
+    first = np.array(crop.origin, dtype=np.int32) << _SUBPIXEL
     for corners in polygons:
         if corners.ndim == 2:
             cv2.fillConvexPoly(canvas, corners - first, 1, cv2.LINE_8, _SUBPIXEL)
@@ -111,7 +137,7 @@ def filled(shape: tuple[int, int], origin: tuple[int, int], polygons: Iterable[C
         # Most of a fine mesh covers a pixel, or two in a row or column: those of its corners, and nothing in between.
         tiny = (spans.max(axis=1) <= 1) & (spans.min(axis=1) == 0)
         columns, rows = pixels[tiny].reshape(-1, 2).T
-        inside = (columns >= 0) & (columns < shape[1]) & (rows >= 0) & (rows < shape[0])
+        inside = (columns >= 0) & (columns < canvas.shape[1]) & (rows >= 0) & (rows < canvas.shape[0])
         canvas[rows[inside], columns[inside]] = 1
         for polygon in corners[~tiny] - first:
             cv2.fillConvexPoly(canvas, polygon, 1, cv2.LINE_8, _SUBPIXEL)

@@ -61,11 +61,11 @@ class Painted:
 
     def says_of_held(self, boxes: list[TargetBox], X_WO: Array, min_visible: float = 0.5) -> Truth:
         """What the detector says of the first of some boxes, that the part is in it, when it is at a pose."""
-        plain = np.full((*self.posed.shape, 3), 128, dtype=np.uint8)
+        plain = np.full((*self.posed.whole.shape, 3), 128, dtype=np.uint8)
         image = plain.copy()
-        image[filled(self.posed.shape, (0, 0), [self.projected(X_WO).box.corners])] = (0, 200, 0)
-        image[self._tool.mask(self.posed.shape, (0, 0))] = 20
-        nothing = np.zeros(self.posed.shape, dtype=bool)
+        image[filled(self.posed.whole, [self.projected(X_WO).box.corners])] = (0, 200, 0)
+        image[self._tool.mask(self.posed.whole)] = 20
+        nothing = np.zeros(self.posed.whole.shape, dtype=bool)
         view: Any = SimpleNamespace(
             image=image, camera=self.eye, posed_camera=self.posed, robot=self._tool,
             believed=SimpleNamespace(holding=True, X_WO={}), pose=lambda box: box.X_FB,
@@ -82,8 +82,8 @@ class Painted:
 
     def visible(self, X_WO: Array) -> float:
         """The share of the part's silhouette that the tool does not hide."""
-        part = filled(self.posed.shape, (0, 0), [self.projected(X_WO).box.corners])
-        return 1.0 - float((part & self._tool.mask(self.posed.shape, (0, 0))).sum() / part.sum())
+        part = filled(self.posed.whole, [self.projected(X_WO).box.corners])
+        return 1.0 - float((part & self._tool.mask(self.posed.whole)).sum() / part.sum())
 
 
 def turned(at: Array) -> Array:

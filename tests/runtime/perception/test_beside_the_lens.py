@@ -50,7 +50,7 @@ def test_a_link_that_reaches_behind_the_camera_still_hides_what_is_behind_it(see
         surface = (
             Surface("link", drawn.vertices, drawn.faces) if mesh else Surface.of(Part("link/0", "link", shape, pose()))
         )
-        mask = VIEW.silhouette([surface], {"link": EYE.X_FC @ X_CP}).mask(VIEW.shape, (0, 0))
+        mask = VIEW.silhouette([surface], {"link": EYE.X_FC @ X_CP}).mask(VIEW.whole)
         assert not (mask & ~dilated(shown, 1)).any()
         assert not (shown & ~dilated(mask, 1)).any()
         found += 1

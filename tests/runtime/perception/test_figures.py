@@ -24,7 +24,7 @@ from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.runtime.perception.detections import BelievedState, BoxDetection, DetectionTargets, MissReason
 from sqrp_cli.runtime.perception.image_detector import ImageDetector
 from sqrp_cli.runtime.perception.projected import PosedCamera, ProjectedObject
-from sqrp_cli.runtime.perception.vision import color_mask, dilated
+from sqrp_cli.runtime.perception.vision import Crop, color_mask, dilated
 from sqrp_cli.runtime.surface import Surface
 from sqrp_cli.shapes import Box, Mesh, Part
 from tests.runtime.cell.scenes import camera, thing
@@ -107,7 +107,7 @@ def test_a_silhouette_is_what_the_simulator_draws(stage: Stage, eye: Camera) -> 
         stage.put("part", X_WO)
         drawn = color_mask(stage.frame(eye.name, trial).image, "green")
         found = projected(stage, eye, X_WO)
-        mask = found.mask(drawn.shape, (0, 0))
+        mask = found.mask(Crop.whole(*drawn.shape))
         assert drawn.sum() > 300
         assert not (mask & ~dilated(drawn, 1)).any()
         assert not (drawn & ~dilated(mask, 1)).any()
@@ -117,8 +117,8 @@ def test_a_silhouette_is_what_the_simulator_draws(stage: Stage, eye: Camera) -> 
 
 def test_a_box_is_its_own_silhouette() -> None:
     with staged([GROUND, CUBE], EYES) as stage:
-        found = projected(stage, EYES[0], pose(position=PLACE))
-        np.testing.assert_array_equal(found.mask((480, 640), (0, 0)), found.outline((480, 640), (0, 0)))
+        found, whole = projected(stage, EYES[0], pose(position=PLACE)), Crop.whole(480, 640)
+        np.testing.assert_array_equal(found.mask(whole), found.outline(whole))
         assert found.area == found.box.area
         assert (found.offset == 0.0).all()
 
@@ -183,10 +183,7 @@ def test_a_fine_mesh_has_the_same_silhouette_when_it_is_coarse(wire: float) -> N
     assert coarse.triangles is not None
     assert len(coarse.triangles) < 30_000 < len(bent.faces)
     view = PosedCamera(Projection.of(EYES[0]), EYES[0].X_FC)
-    masks = [
-        view.silhouette([surface], {"part": pose(position=PLACE)}).mask((480, 640), (0, 0))
-        for surface in (fine, coarse)
-    ]
+    masks = [view.silhouette([surface], {"part": pose(position=PLACE)}).mask(view.whole) for surface in (fine, coarse)]
     assert masks[0].sum() > 300
     assert not (masks[0] & ~dilated(masks[1], 2)).any()
     assert not (masks[1] & ~dilated(masks[0], 2)).any()

@@ -17,7 +17,7 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.runtime.perception import marker_detector
 from sqrp_cli.runtime.perception.detections import BoxDetection
 from sqrp_cli.runtime.perception.marker_detector import MarkerDetector
-from sqrp_cli.runtime.perception.vision import FoundMarker, corners_of
+from sqrp_cli.runtime.perception.vision import Crop, FoundMarker, corners_of
 
 OPEN, CLOSED, SIDE = 100.0, 160.0, 20.0
 """Where the marker's middle is seen along the image's rows with the fingers open and closed, and its side [pixels]."""
@@ -58,10 +58,10 @@ def detected(
     )  # fmt: skip
     view: Any = SimpleNamespace(
         image=np.zeros((100, 400, 3), dtype=np.uint8), posed_camera=SimpleNamespace(outline=outline),
-        robot=SimpleNamespace(mask=lambda shape, *_, **__: np.full(shape, beside is not None)),
+        robot=SimpleNamespace(mask=lambda crop, *_, **__: np.full(crop.shape, beside is not None)),
         pose=lambda box: link_poses(joints)[box.frame], believed=SimpleNamespace(joints=joints),
         marker=lambda *_: Marker(id=0, side=0.02), markers=lambda _: markers,
-        crop=lambda *_: (slice(0, 100), slice(0, 400)),
+        crop=lambda *_: Crop.whole(100, 400),
         object_of=lambda *_: None, cell=SimpleNamespace(robot=robot, markers={"finger": Marker(id=0, side=0.02)}),
         sought=SimpleNamespace(
             targets={"open": SimpleNamespace(boxes=(BOX,))}, when_open={"open": True}
