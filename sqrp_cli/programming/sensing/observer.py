@@ -305,44 +305,53 @@ class Observer:
         watched, counts = self._watched(boxes, states), [len(at) for at in rows]
         box, state = np.repeat(np.arange(len(boxes)), counts), np.concatenate(rows)
         limits = watched.limits(box, state)
-        cause, by, figure = limits.cause.copy(), limits.side.astype(np.int64), limits.figure
+        cause, by = limits.cause.copy(), limits.side.astype(np.int64)
         visible = np.full(cause.shape, np.nan)
         camera, at = np.nonzero(cause == Cause.NONE)
-        views = BoxViews(box[at], camera, state[at])
-        least = np.array([entry.limits.min_visible for entry in boxes])[views.box]
-        lines, poses = watched.sight_lines(views), watched.solid_poses
-        near, whole = near_pairs(lines, poses, watched.opaque), least >= 1
-        blocked = find_hidden(lines, poses, near.of_lines(whole), self._tester)
-        partly = near.of_lines(~whole)
-        seen = visible_shares(lines, poses, partly.joined(blocked.pairs) if shares else partly)
+        found = self._view_verdicts(watched, BoxViews(box[at], camera, state[at]), shares=shares)
+        cause[camera, at], by[camera, at] = found.cause, found.by
         if shares:
-            visible[camera, at] = 1.0
-            visible[camera[seen.line], at[seen.line]] = seen.share
-        hidden = blocked.culprit >= 0
-        hidden[seen.line] |= ~whole[seen.line] & (seen.share < least[seen.line])
-        largest = find_largest(lines, poses, partly.of_lines(hidden), self._parts)
-        culprits = np.where(whole, blocked.culprit, largest)
-        cause[camera[hidden], at[hidden]], by[camera[hidden], at[hidden]] = Cause.HIDDEN, culprits[hidden]
-        share = np.ones(len(hidden))
-        share[seen.line] = seen.share
-        backdrop = backdrop_of(lines, boxes, poses, watched.alike)
-        share[whole] = 1.0
-        same = ~hidden & (share < backdrop.needed(least))
-        cause[camera[same], at[same]], by[camera[same], at[same]] = Cause.SAME_COLOUR, backdrop.by[same]
-        if self.lights:
-            lighting = lighting_of(lines, watched, watched.gains[views.camera], tuple(self.lights.values()))
-            badly = np.flatnonzero(~hidden & ~same & (share < backdrop.needed(least, lighting.lost)))
-            is_bright = lighting.bright[badly] > lighting.dark[badly]
-            for lit, why, culprit in (
-                (badly[is_bright], Cause.TOO_BRIGHT, lighting.brightest[badly[is_bright]]),
-                (badly[~is_bright], Cause.TOO_DARK, lighting.shading(badly[~is_bright], self._parts)),
-            ):
-                cause[camera[lit], at[lit]], by[camera[lit], at[lit]] = why, culprit
+            visible[camera, at] = found.visible
 
         def of_boxes(values: NDArray[Scalar]) -> list[NDArray[Scalar]]:
             return np.split(values.T, np.cumsum(counts)[:-1])
 
-        return list(map(BoxVerdicts, of_boxes(cause), of_boxes(by), of_boxes(figure), of_boxes(visible)))
+        return list(map(BoxVerdicts, of_boxes(cause), of_boxes(by), of_boxes(limits.figure), of_boxes(visible)))
+
+    def _view_verdicts(self, watched: WatchedBoxes, views: BoxViews, *, shares: bool) -> _ViewVerdicts:
+        """What of the scene is wrong with views within all limits; shares: whether all visible shares are measured."""
+        lines, poses = watched.sight_lines(views), watched.solid_poses
+        least, near = watched.least_of(lines), near_pairs(lines, poses, watched.opaque)
+        whole = least >= 1
+        partly = near.of_lines(~whole)
+        blocked = find_hidden(lines, poses, near.of_lines(whole), self._tester)
+        seen = visible_shares(lines, poses, partly.joined(blocked.pairs) if shares else partly)
+        visible = np.ones(len(least))
+        visible[seen.line] = seen.share
+        share = np.where(whole, 1.0, visible)
+        hidden = np.where(whole, blocked.culprit >= 0, share < least)
+        largest = find_largest(lines, poses, partly.of_lines(hidden), self._parts)
+        cause = np.where(hidden, Cause.HIDDEN, Cause.NONE)
+        by = np.where(hidden, np.where(whole, blocked.culprit, largest), -1)
+        backdrop = backdrop_of(lines, watched.boxes, poses, watched.alike)
+        same = ~hidden & (share < backdrop.needed(least))
+        cause[same], by[same] = Cause.SAME_COLOUR, backdrop.by[same]
+        if self.lights:
+            lighting = lighting_of(lines, watched, watched.gains[views.camera], tuple(self.lights.values()))
+            badly = np.flatnonzero((cause == Cause.NONE) & (share < backdrop.needed(least, lighting.lost)))
+            is_bright = lighting.bright[badly] > lighting.dark[badly]
+            bright, dark = badly[is_bright], badly[~is_bright]
+            cause[bright], by[bright] = Cause.TOO_BRIGHT, lighting.brightest[bright]
+            cause[dark], by[dark] = Cause.TOO_DARK, lighting.shading(dark, self._parts)
+        return _ViewVerdicts(cause, by, visible)
+
+
+class _ViewVerdicts(NamedTuple):
+    """Verdicts of v views, as `BoxVerdicts` has them; shape (v,) each."""
+
+    cause: Indices
+    by: Indices
+    visible: Array
 
 
 class _AskedBoxes(NamedTuple):
