@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -216,6 +217,31 @@ class SeenSolids:
             maps=self.maps[:, :, kept],
             corners=self.corners[kept],
         )
+
+    def reach_through(self, view: SeenBoxes) -> Mask:
+        """Whether each may have triangles that reach through the far side of its box, shape (n,)."""
+        depth = (self.corners @ self.X_CP[:, 2, :3, None])[..., 0] + self.X_CP[:, 2, 3, None]
+        found: Mask = np.any((depth <= silhouette.AHEAD) | (depth >= view.nearest[self.hull, None]), axis=1)
+        if found.any():
+            rows = np.flatnonzero(found)
+            regions = self.points(view, rows, self.corners[rows]).regions
+            found[rows] = (np.bitwise_and.reduce(regions, axis=1) & BEFORE) == 0
+        return found
+
+    def points(self, view: SeenBoxes, rows: Indices, points_P: Array) -> SeenPoints:
+        """Where m points of each of k solids are, by index; points_P: in the parents' frames, (m, 3) or (k, m, 3)."""
+        hull, points_C = self.hull[rows], transform(self.X_CP[rows], points_P)
+        points_B = transform(view.X_BW[hull] @ self.X_WP[rows], points_P)
+        return SeenPoints(points_C, view.regions(hull, points_B, points_C))
+
+
+class SeenPoints(NamedTuple):
+    """m points of each of k solids, as seen."""
+
+    optical: Array
+    """In the optical frame, shape (k, m, 3) [m]."""
+    regions: NDArray[np.uint16]
+    """See `SeenBoxes.regions`, shape (k, m)."""
 
 
 def in_all(regions: NDArray[np.uint16], triangles: Indices) -> NDArray[np.uint16]:

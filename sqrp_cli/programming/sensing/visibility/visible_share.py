@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, Indices, Mask, begins_run, inverse, transform
 from sqrp_cli.programming.sensing.limits import cut_by_image
@@ -144,48 +145,33 @@ def _rays(view: SeenBoxes, hull: Indices, poses: SolidPoses, seen: SeenSolids, e
     enough: as in `visible_shares`, shape (l,). Triangles that reach through the far side come last, and only where what
     is wholly before it leaves enough.
     """
-    line, at, which, X_WP, X_CP, maps = seen.line, seen.hull, seen.solid, seen.X_WP, seen.X_CP, seen.maps
-    hulls, lines, bounds_P = len(view.eyes), len(hull), seen.corners
-    eyes_P, sides = inverse(X_CP)[:, :, 3].T.astype(np.float32), silhouette.beyond_sides(maps, np.abs(bounds_P).max())
-    depth = (bounds_P @ X_CP[:, 2, :3, None])[..., 0] + X_CP[:, 2, 3, None]
-    reaching: Mask = np.any((depth <= silhouette.AHEAD) | (depth >= view.nearest[at, None]), axis=1)
-    if reaching.any():
-        rows = np.flatnonzero(reaching)
-        bounds_B = transform(view.X_BW[at[rows]] @ X_WP[rows], bounds_P[rows])
-        regions = view.regions(at[rows], bounds_B, transform(X_CP[rows], bounds_P[rows]))
-        reaching[rows] = (np.bitwise_and.reduce(regions, axis=1) & BEFORE) == 0
-
+    hulls, lines = len(view.eyes), len(hull)
+    eyes_P = inverse(seen.X_CP)[:, :, 3].T.astype(np.float32)
+    sides = silhouette.beyond_sides(seen.maps, np.abs(seen.corners).max())
+    reaching, crossing = seen.reach_through(view), []
     # One layer for each silhouette, then one for the occluders of each line.
-    bends, crossing, layers = [view.bends()], [], np.concatenate([np.arange(hulls), hulls + line])
-    for index in np.flatnonzero(np.bincount(which)).tolist():
-        rows = np.flatnonzero(which == index)
+    bends, layers = [view.bends()], np.concatenate([np.arange(hulls), hulls + seen.line])
+    for index in np.flatnonzero(np.bincount(seen.solid)).tolist():
+        rows = np.flatnonzero(seen.solid == index)
         surface = silhouette.Triangulation.of(poses.solids[index])
         turned = silhouette.facing(surface, eyes_P.take(rows, axis=1))
         doubtful = np.flatnonzero(reaching[rows])
         if len(doubtful):
-            of = rows[doubtful]
-            points_B = transform(view.X_BW[at[of]] @ X_WP[of], surface.vertices)
-            points_C = transform(X_CP[of], surface.vertices)
-            regions = in_all(view.regions(at[of], points_B, points_C), surface.triangles)
-            through = regions == 0
-            if surface.is_convex:  # a ray that meets its back has met its front, unless the camera is inside
-                front = turned[:-1, doubtful].T > 0
-                through &= front | ~front.any(axis=1, keepdims=True)
+            points = seen.points(view, rows[doubtful], surface.vertices)
+            regions = in_all(points.regions, surface.triangles)
+            crossing.append(_Crossing.of(rows[doubtful], surface, points.optical, regions == 0, turned[:-1, doubtful]))
             turned[:-1, doubtful] *= ((regions & BEFORE) != 0).T
-            row, triangle = np.nonzero(through)
-            crossing.append(
-                _Crossing(pairs=of, row=row, triangle=triangle, points=points_C, triangles=surface.triangles)
-            )
         bends.append(silhouette.Bends.of(surface, turned, sides.take(rows, axis=2), hulls + rows))
-    inside = silhouette.Silhouette.of(bends, np.concatenate([view.maps, maps], axis=2), layers).inside(hulls + lines)
+    maps = np.concatenate([view.maps, seen.maps], axis=2)
+    inside = silhouette.Silhouette.of(bends, maps, layers).inside(hulls + lines)
     found = SeenRays(hull, inside[:, :hulls], inside[:, hulls:])
     if not crossing:
         return found
     open_ones = ~(found.shares < enough)
-    for some in (triangles.of(open_ones[line]) for triangles in crossing):
+    for some in (triangles.of_pairs(open_ones[seen.line]) for triangles in crossing):
         pair = some.pairs[some.row]
-        rays = view.blocked(at[pair], some.corners_C)
-        found.blocked[rays.column, line[pair[rays.shape]], rays.row] = True
+        rays = view.blocked(seen.hull[pair], some.corners_C)
+        found.blocked[rays.column, seen.line[pair[rays.shape]], rays.row] = True
     return found
 
 
@@ -203,7 +189,18 @@ class _Crossing(NamedTuple):
     triangles: Indices
     """The points of all triangles of the solid, by index, shape (F, 3)."""
 
-    def of(self, wanted: Mask) -> _Crossing:
+    @classmethod
+    def of(
+        cls, pairs: Indices, surface: silhouette.Triangulation, points: Array, through: Mask, turned: NDArray[np.int8]
+    ) -> _Crossing:
+        """Those of the triangles of a solid that may reach `through`, (k, F); turned: see `facing`, (F, k)."""
+        if surface.is_convex:  # a ray that meets its back has met its front, unless the camera is inside
+            front = turned.T > 0
+            through = through & (front | ~front.any(axis=1, keepdims=True))
+        row, triangle = np.nonzero(through)
+        return cls(pairs=pairs, row=row, triangle=triangle, points=points, triangles=surface.triangles)
+
+    def of_pairs(self, wanted: Mask) -> _Crossing:
         """Those of some of all pairs."""
         kept = wanted[self.pairs[self.row]]
         return self._replace(row=self.row[kept], triangle=self.triangle[kept])
