@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -94,47 +94,64 @@ def audit(
     InputError for an image that cannot be used.
     """
     robot = RobotBody.load(workspace.robot)
-    checks = []
-    lost: list[MaybeLost] = []
-    compared = repeated = 0
+    steps = []
     with DetectorPool(CellModel.of(workspace, robot)) as pool:
         for index, step in enumerate(program.steps):
             nominal = NominalStep(step, program.joints, robot)
-            monitor = StepMonitor(nominal, 1.0)
-            check = PredictionCheck(index, nominal, list(workspace.cameras))
-            checks.append(check)
+            audited = _StepAudit(index, nominal, list(workspace.cameras))
+            steps.append(audited)
             pool.watch(DetectionTargets(dict(step.targets), step.before.X_WO, values_when_open(step)))
             frames = frames_of(footage, index, step, offsets)
             postures = Postures(step, footage.starts[index], nominal, footage)
-            false_at: dict[str, list[float]] = {atom: [] for atom in step.targets}
             for frame, detection in detected(pool, footage, frames, postures.at):
                 image_done()
-                t = frames[frame]
-                repeated += detection.frozen
-                compared += 1
-                truths = {atom: nominal.holds(atom, t) for atom in step.targets}
-                asked = monitor.monitored(t)
-                check.add(detection, t, asked, truths)
-                _note_false(detection, t, [atom for atom in asked if truths[atom]], false_at)
-            lost += [
-                MaybeLost(index + 1, min(times), atom, len(times))
-                for atom, times in false_at.items()
-                if len(times) >= LEAST_LOST
-            ]
+                audited.add(detection, frames[frame])
+    compared = sum(step.compared for step in steps)
     return AuditReport(
-        tuple(check.counts for check in checks),
-        tuple(check.usual for check in checks),
-        tuple(found for check in checks for found in check.disagreements),
-        compared,
-        len(footage.frames) + footage.unplanned - compared - len(footage.damaged),
-        repeated,
-        tuple(lost),
-        tuple(name for name in workspace.cameras if name not in footage.recorded),
-        tuple(footage.other_topics),
-        tuple(footage.damaged.values()),
-        _apart(program, footage),
-        footage.runs,
+        prediction=tuple(step.check.counts for step in steps),
+        usual=tuple(step.check.usual for step in steps),
+        disagreements=tuple(found for step in steps for found in step.check.disagreements),
+        images=compared,
+        skipped=len(footage.frames) + footage.unplanned - compared - len(footage.damaged),
+        repeated=sum(step.repeated for step in steps),
+        lost=tuple(lost for step in steps for lost in step.lost),
+        missing=tuple(name for name in workspace.cameras if name not in footage.recorded),
+        other_topics=tuple(footage.other_topics),
+        damaged=tuple(footage.damaged.values()),
+        apart=_apart(program, footage),
+        runs=footage.runs,
     )
+
+
+class _StepAudit:
+    """What the images of one step say, one after the other."""
+
+    def __init__(self, index: int, nominal: NominalStep, cameras: Collection[str]) -> None:
+        """index: of the step. cameras: names of all."""
+        self.check = PredictionCheck(index, nominal, cameras)
+        self.compared = self.repeated = 0
+        self._number, self._nominal, self._monitor = index + 1, nominal, StepMonitor(nominal, 1.0)
+        self._false_at: dict[str, list[float]] = {atom: [] for atom in nominal.step.targets}
+
+    def add(self, detection: Detection, t: float) -> None:
+        """Compare an image taken at time t [s] of the step."""
+        self.compared += 1
+        self.repeated += detection.frozen
+        truths = {atom: self._nominal.holds(atom, t) for atom in self._false_at}
+        asked = self._monitor.monitored(t)
+        self.check.add(detection, t, asked, truths)
+        for atom in (atom for atom in asked if truths[atom]):
+            seen = detection.truth(atom)
+            if seen == Truth.FALSE:
+                self._false_at[atom].append(t)
+            elif seen == Truth.TRUE:
+                self._false_at[atom].clear()
+
+    @property
+    def lost(self) -> list[MaybeLost]:
+        """What enough images, up to the last that shows it, say is false."""
+        found = {atom: times for atom, times in self._false_at.items() if len(times) >= LEAST_LOST}
+        return [MaybeLost(self._number, min(times), atom, len(times)) for atom, times in found.items()]
 
 
 def _apart(program: Program, footage: Footage) -> dict[str, float]:
@@ -147,16 +164,6 @@ def _apart(program: Program, footage: Footage) -> dict[str, float]:
         if len(t) and np.abs(after).min() > FARTHEST:
             found[camera] = float(after[np.argmin(np.abs(after))])
     return found
-
-
-def _note_false(detection: Detection, t: float, planned: Iterable[str], false_at: dict[str, list[float]]) -> None:
-    """Add an image of time t [s] to those that showed, one after the other, that a planned literal is false."""
-    for atom in planned:
-        seen = detection.truth(atom)
-        if seen == Truth.FALSE:
-            false_at[atom].append(t)
-        elif seen == Truth.TRUE:
-            false_at[atom].clear()
 
 
 def frames_of(footage: Footage, index: int, step: Step, offsets: Mapping[str, float]) -> dict[Frame, float]:
