@@ -219,8 +219,7 @@ class OpenProgram:
             if outputs.log is not None:
                 writer = LogWriter(outputs.log, header(self.program, workspace, self.seed, injected))
                 closing.callback(writer.close)
-            heard = [*(() if writer is None else (writer,)), *listeners, events.append]
-            heard += [] if recorder is None else [recorder]
+            heard: list[Listener] = [one for one in (writer, *listeners, events.append, recorder) if one is not None]
             states = witnessed or writer is not None or recorder is not None
             if outputs.frames is not None:
                 save_program(made_for(self.program, outputs.frames / PROGRAM, workspace), outputs.frames / PROGRAM)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from sqrp_cli.api.scores import ScoreRun
     from sqrp_cli.scoring.scorecard import Expected, Scorecard
+    from sqrp_cli.scoring.sweep import Sweep
     from sqrp_cli.scoring.work.compute import Means
 
 NAME = "score"
@@ -176,25 +177,26 @@ def _write_page(run: ScoreRun, findings: Scorecard, means: Means, page: Path, ar
 def show(scores: Scores, *, as_json: bool) -> ExitCode:
     """Print the findings; returns their exit code."""
     answer(scores, as_json=as_json)
-    if scores.findings.interrupted:
+    return _code(scores.findings)
+
+
+def _code(findings: Scorecard) -> ExitCode:
+    if findings.interrupted:
         return ExitCode.INTERRUPTED
-    if scores.findings.count("error"):
+    if findings.count("error"):
         return ExitCode.BAD_INPUT
-    return ExitCode.OK if scores.passed else ExitCode.NONE_FEASIBLE
+    return ExitCode.OK if findings.passed else ExitCode.NONE_FEASIBLE
 
 
 def _vary(
     paths: Sequence[str], texts: Sequence[str], draws: int | None, wanted: Path | None, means: Means, *, as_json: bool
 ) -> ExitCode:
     """Score variants, print them and write the best as a patch. wanted: its file; None: NAME-best.patch."""
-    from sqrp_cli.api.scores import nothing_scored, why_not_scored
     from sqrp_cli.checks.formulas import intervals_outside
-    from sqrp_cli.report.documents.scores import VaryDocument
     from sqrp_cli.scoring.score import find_workspaces, short_names, wanted_of
     from sqrp_cli.scoring.sweep import grid_shape, read_variants, read_variation, sweep, variants
     from sqrp_cli.scoring.work.compute import open_computer
-    from sqrp_cli.terminal.console import note, print_problems, progress, say_raw
-    from sqrp_cli.terminal.score_table import print_sweep
+    from sqrp_cli.terminal.console import note, print_problems, progress
 
     variations = [read_variation(text) for text in texts]
     values = variants(variations, draws, means.seed)
@@ -213,10 +215,20 @@ def _vary(
         assessments = [outcome.assessment for outcome in map(computer.outcome, wants) if outcome is not None]
     print_problems(problem for problem in read[0].cell.problems if problem.severity == "warning")
     print_problems(intervals_outside(assessments))
-    if found.interrupted:
-        count = len(read)
-        note(f"interrupted before all {count} variants were scored, so none is named the best and no patch is written")
-        return ExitCode.INTERRUPTED
+    if not found.interrupted:
+        return _show_sweep(found, name, patch, as_json=as_json)
+    count = len(read)
+    note(f"interrupted before all {count} variants were scored, so none is named the best and no patch is written")
+    return ExitCode.INTERRUPTED
+
+
+def _show_sweep(found: Sweep, name: str, patch: Path, *, as_json: bool) -> ExitCode:
+    """Print the variants of a workspace and write the best as a patch; returns its exit code."""
+    from sqrp_cli.api.scores import nothing_scored, why_not_scored
+    from sqrp_cli.report.documents.scores import VaryDocument
+    from sqrp_cli.terminal.console import say_raw
+    from sqrp_cli.terminal.score_table import print_sweep
+
     each = [variant.findings for variant in found.variants]
     if nothing_scored(*each):
         raise InputError(*why_not_scored(*each))
@@ -226,6 +238,4 @@ def _vary(
         say_raw(as_text(VaryDocument.of(found, name, str(patch) if found.patch else None)))
     else:
         print_sweep(found, patch)
-    if found.best.findings.count("error"):
-        return ExitCode.BAD_INPUT
-    return ExitCode.OK if found.best.findings.passed else ExitCode.NONE_FEASIBLE
+    return _code(found.best.findings)
