@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -126,7 +127,6 @@ def ground_primitives(use: SkillUse, scene: CollisionScene) -> GroundSkill | Inf
     X_TO: dict[str, Array] = {}
     grounded: list[GroundPrimitive] = []
     for primitive in use.skill.primitives:
-        X_start, during = X_WT, world
         if world.held is not None and world.X_TO is not None:
             X_TO[world.held] = world.X_TO
         waypoints = WaypointGrounder(
@@ -138,26 +138,38 @@ def ground_primitives(use: SkillUse, scene: CollisionScene) -> GroundSkill | Inf
             X_WO=world.X_WO,
             X_TO=X_TO,
         )
-        named = _waypoints_of(primitive)
-        if (missing := next(filter(None, map(waypoints.missing, named)), None)) is not None:
-            return Infeasible((missing,))
-        curves, guard = _curves(primitive, X_start, waypoints), None
-        if isinstance(primitive, StraightMove) and primitive.until_contact is not None:
-            line, guard = _guarded(primitive, ToolLine(X_start, curves[0].X_end), use, world, scene)
-            curves = (line,)
-        if curves:
-            X_WT = curves[-1].X_end
-        elif named:
-            X_WT = waypoints.pose(named[-1])
-        changed = _after(primitive, use, X_WT, world, scene)
-        if isinstance(changed, Infeasible):
-            return changed
-        world = changed
-        ground = replace(
-            _ground(primitive, named[-1] if named else None, X_start, X_WT, use, during), curves=curves, guard=guard
-        )
-        grounded.append(_with_fingers(ground, model, during, world))
+        step = _step(primitive, X_WT, replace(use, world=world), waypoints, scene)
+        if isinstance(step, Infeasible):
+            return step
+        grounded.append(step.primitive)
+        X_WT, world = step.primitive.X_end, step.after
     return GroundSkill(_with_allowed_contacts(grounded, world, scene), world)
+
+
+class _Step(NamedTuple):
+    """A primitive with the world that it leaves."""
+
+    primitive: GroundPrimitive
+    after: World
+
+
+def _step(
+    primitive: PrimitiveAction, X_start: Array, use: SkillUse, waypoints: WaypointGrounder, scene: CollisionScene
+) -> _Step | Infeasible:
+    """A primitive that begins in the world of a use, with the tool at X_start."""
+    named = _waypoints_of(primitive)
+    if (missing := next(filter(None, map(waypoints.missing, named)), None)) is not None:
+        return Infeasible((missing,))
+    curves, guard = _curves(primitive, X_start, waypoints), None
+    if isinstance(primitive, StraightMove) and primitive.until_contact is not None:
+        line, guard = _guarded(primitive, ToolLine(X_start, curves[0].X_end), use, scene)
+        curves = (line,)
+    X_end = curves[-1].X_end if curves else waypoints.pose(named[-1]) if named else X_start
+    after = _after(primitive, use, X_end, scene)
+    if isinstance(after, Infeasible):
+        return after
+    ground = replace(_ground(primitive, named[-1] if named else None, X_start, X_end, use), curves=curves, guard=guard)
+    return _Step(_with_fingers(ground, scene.model, after), after)
 
 
 def _waypoints_of(primitive: PrimitiveAction) -> tuple[str, ...]:
@@ -188,21 +200,19 @@ def _curves(primitive: PrimitiveAction, X_start: Array, waypoints: WaypointGroun
     return ()
 
 
-def _guarded(
-    move: StraightMove, line: ToolLine, use: SkillUse, world: World, scene: CollisionScene
-) -> tuple[ToolLine, GuardedLine]:
+def _guarded(move: StraightMove, line: ToolLine, use: SkillUse, scene: CollisionScene) -> tuple[ToolLine, GuardedLine]:
     """The part of a guarded move up to where contact is expected, and the rest of it."""
-    other = use.binding[move.until_contact or ""]
-    share = contact_share(scene, world, line, other) if other in world.X_WO and other != world.held else None
+    other, world = use.binding[move.until_contact or ""], use.world
+    share = _contact_share(scene, world, line, other) if other in world.X_WO and other != world.held else None
     first = line if share is None else line.until(share)
     return first, GuardedLine(setting_number(move.force, use.values), ToolLine(first.X_end, line.X_end))
 
 
-def _ground(
-    primitive: PrimitiveAction, to: str | None, X_start: Array, X_end: Array, use: SkillUse, world: World
-) -> GroundPrimitive:
+def _ground(primitive: PrimitiveAction, to: str | None, X_start: Array, X_end: Array, use: SkillUse) -> GroundPrimitive:
     values = use.values
-    base = GroundPrimitive(name=primitive.name, kind=type(primitive), to=to, X_start=X_start, X_end=X_end, world=world)
+    base = GroundPrimitive(
+        name=primitive.name, kind=type(primitive), to=to, X_start=X_start, X_end=X_end, world=use.world
+    )
     match primitive:
         case JointMove():
             via_home = to != HOME and setting_value(primitive.via, values) == HOME
@@ -236,23 +246,21 @@ def _free(settings: Mapping[str, Setting], values: Mapping[str, MotionValue]) ->
     return {name: parameter for name, parameter in named.items() if values[parameter] == ANY}
 
 
-def _with_fingers(primitive: GroundPrimitive, model: RobotModel, during: World, after: World) -> GroundPrimitive:
-    """The primitive with the motion of its fingers between the two worlds, as long as its standstill, or longer."""
-    start, end = model.finger_positions(during.joints), model.finger_positions(after.joints)
+def _with_fingers(primitive: GroundPrimitive, model: RobotModel, after: World) -> GroundPrimitive:
+    """The primitive with the motion of its fingers up to the world after it, as long as its standstill, or longer."""
+    start, end = model.finger_positions(primitive.world.joints), model.finger_positions(after.joints)
     if np.array_equal(start, end):
         return primitive
     fingers = move_fingers(model.fingers, start, end, primitive.hold)
     return replace(primitive, fingers=fingers, hold=fingers.duration)
 
 
-def _after(
-    primitive: PrimitiveAction, use: SkillUse, X_WT: Array, world: World, scene: CollisionScene
-) -> World | Infeasible:
+def _after(primitive: PrimitiveAction, use: SkillUse, X_WT: Array, scene: CollisionScene) -> World | Infeasible:
     """The world after a primitive that ends with the tool at X_WT.
 
     Grasp closes the fingers on the object and attaches it, release opens them and detaches it.
     """
-    fingers = scene.model.fingers
+    world, fingers = use.world, scene.model.fingers
     match primitive:
         case Grasp(name=name, object=parameter):
             grasped = use.binding[parameter]
@@ -338,7 +346,7 @@ ARM_OF_TURN = 0.5
 """No part of tool and held object is further from the tool frame [m]: bounds their motion while the tool turns."""
 
 
-def contact_share(scene: CollisionScene, world: World, line: ToolLine, other: str) -> float | None:
+def _contact_share(scene: CollisionScene, world: World, line: ToolLine, other: str) -> float | None:
     """The first s in [0, 1] at which the tool, or what it holds, touches an object on a line; None if it does not.
 
     Steps are as long as the distance allows (conservative advancement), so that no contact is stepped over.

@@ -71,19 +71,26 @@ def find_way(
     A sampled polyline is shortened at random, and its corners are blended by the widest free curves; where that is
     faster, or no curve is free, the arm stops at the corner. `PlacedScene.check_path` proves the whole result free.
     """
-    checks = 0
-
-    def is_free(first: Array, second: Array) -> bool:
-        nonlocal checks
-        checks += 1
-        return scene.is_free(JointPath.line(first, second), SPARE)
-
-    corners = plan_polyline(q0, q1, bounds, np.maximum(radii, LEAST_SCALE), is_free, tries, seed)
-    found_after = checks
+    is_free = _FreePieces(scene)
+    corners = _plan_polyline(q0, q1, bounds, np.maximum(radii, LEAST_SCALE), is_free, tries, seed)
+    found_after = is_free.checks
     if corners is None:
         return WaySearch(None, found_after)
     trajectory = _fastest(scene, _shortened(corners, limits.velocity, is_free, seed), limits)
     return WaySearch(trajectory if scene.check_path(trajectory.path) is None else None, found_after)
+
+
+@dataclass(eq=False)
+class _FreePieces:
+    """Tells of straight pieces whether they are free."""
+
+    scene: PlacedScene
+    checks: int = 0
+    """How many it was asked about."""
+
+    def __call__(self, first: Array, second: Array) -> bool:
+        self.checks += 1
+        return self.scene.is_free(JointPath.line(first, second), SPARE)
 
 
 def _shortened(corners: Array, velocity: Array, is_free: Callable[[Array, Array], bool], seed: int) -> Array:
@@ -163,39 +170,27 @@ def _joined(legs: Sequence[Trajectory]) -> Trajectory:
     return Trajectory(path, PiecewiseCubic(np.concatenate(law_breaks), np.concatenate(laws)))
 
 
-def plan_polyline(
-    q0: Array,
-    q1: Array,
-    bounds: JointSpan,
-    scale: Array,
-    is_free: Callable[[Array, Array], bool],
-    tries: int,
-    seed: int,
+def _plan_polyline(
+    q0: Array, q1: Array, bounds: JointSpan, scale: Array, is_free: _FreePieces, tries: int, seed: int
 ) -> Array | None:
     """Corners of a free polyline from q0 to q1, shape (n,), ends included, shape (k, n).
 
     bounds: lower and upper limits of the joints, shape (n,) each. scale: makes joints comparable, shape (n,): distances
-    are those of q * scale. is_free: whether the straight line between two joint positions is free; it is called at most
-    `tries` times. None if no polyline was found by then, which does not prove that there is none. The result depends
-    only on the arguments.
+    are those of q * scale. is_free: not asked before, and here at most `tries` times. None if no polyline was found by
+    then, which does not prove that there is none. The result depends only on the arguments.
     """
     from ompl import base, geometric, util
 
     util.noOutputHandler()
     util.RNG.setSeed(seed + 1)  # 0 means no seed to OMPL; objects made from here on use the seed
-    checks = 0
 
-    def counted_is_free(first: Array, second: Array) -> bool:
-        nonlocal checks
-        if checks >= tries:
-            return False
-        checks += 1
-        return is_free(first / scale, second / scale)
+    def is_free_in_time(first: Array, second: Array) -> bool:
+        return is_free.checks < tries and is_free(first / scale, second / scale)
 
     space = _space(q0 * scale, q1 * scale, bounds.lower * scale, bounds.upper * scale, MARGIN * scale)
     information = base.SpaceInformation(space)
     information.setStateValidityChecker(lambda _: True)
-    information.setMotionValidator(_validator(information, counted_is_free, len(q0)))
+    information.setMotionValidator(_validator(information, is_free_in_time, len(q0)))
     information.setup()
     problem = base.ProblemDefinition(information)
     problem.setStartAndGoalStates(_state(space, q0 * scale), _state(space, q1 * scale))
@@ -203,7 +198,7 @@ def plan_polyline(
     planner.setRange(LONGEST_EDGE)
     planner.setProblemDefinition(problem)
     planner.setup()
-    planner.solve(base.PlannerTerminationCondition(lambda: checks >= tries))
+    planner.solve(base.PlannerTerminationCondition(lambda: is_free.checks >= tries))
     if not problem.hasExactSolution():
         return None
     corners = np.stack([_values(state, len(q0)) for state in problem.getSolutionPath().getStates()]) / scale
