@@ -13,11 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, Indices, Mask, begins_run, cross, inverse, transform
+from sqrp_cli.geometry import Array, Indices, Mask, begins_run, cross
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
 from sqrp_cli.programming.sensing.visibility import silhouette
-from sqrp_cli.programming.sensing.visibility.seen_boxes import BEFORE, SeenBoxes, in_all
+from sqrp_cli.programming.sensing.visibility.seen_boxes import BEFORE, SeenBoxes, SeenSolids, SeenTriangles, in_all
 
 _TRIANGLES = 400_000
 """Triangles to compare with rays at once, counted for each sight line, to bound the memory."""
@@ -120,25 +120,21 @@ class _Boxes:
 
     def blocked(self, poses: SolidPoses, pairs: Pairs, state: Indices) -> _Blocked:
         """Where the rays to the boxes meet solids before they leave the boxes; state: of each pair, by index."""
-        view, at, found = self.view, self.hull[pairs.line], []
-        X_WP = poses.at(pairs.solid, state)
-        X_CP, X_BP = view.X_CW[at] @ X_WP, view.X_BW[at] @ X_WP
+        view, found = self.view, []
+        seen = SeenSolids.of(view, self.hull, poses, pairs, state)
+        eyes_P = seen.eyes_P
         for index in np.flatnonzero(np.bincount(pairs.solid)).tolist():
             rows, surface = np.flatnonzero(pairs.solid == index), silhouette.Triangulation.of(poses.solids[index])
-            points_C, points_B = transform(X_CP[rows], surface.vertices), transform(X_BP[rows], surface.vertices)
-            regions = in_all(view.regions(at[rows], points_B, points_C), surface.triangles)
-            near = (regions & ~BEFORE) == 0  # the others lie beyond one side of the rays
-            if surface.is_convex:  # a ray that meets its back has met its front, unless the camera is inside
-                front = silhouette.facing(surface, inverse(X_CP[rows])[:, :, 3].T.astype(np.float32))[:-1].T > 0
-                near &= front | ~front.any(axis=1, keepdims=True)
-            of, triangle = np.nonzero(near)
-            corners = np.moveaxis(points_C[of[:, None], surface.triangles[triangle]], (2, 1), (0, 1))
-            met = view.blocked(at[rows[of]], corners)
-            met = silhouette.MetRays(
-                *(values[self.silhouettes[met.column, at[rows[of]][met.shape], met.row]] for values in met)
-            )
-            ray = (pairs.line[rows[of]][met.shape] * silhouette.COLUMNS + met.column) * silhouette.ROWS + met.row
-            found.append(_Blocked(ray, _depths(view, at[rows[of]], met, corners)))
+            points = seen.points(view, rows, surface.vertices)
+            near = (in_all(points.regions, surface.triangles) & ~BEFORE) == 0  # others lie beyond one side of the rays
+            turned = silhouette.facing(surface, eyes_P.take(rows, axis=1))[:-1]
+            triangles = SeenTriangles.of(rows, surface, points, near, turned)
+            pair, corners = triangles.pair, triangles.corners_C
+            hull, met = seen.hull[pair], view.blocked(seen.hull[pair], corners)
+            inside = self.silhouettes[met.column, hull[met.shape], met.row]
+            met = silhouette.MetRays(*(values[inside] for values in met))
+            ray = (pairs.line[pair[met.shape]] * silhouette.COLUMNS + met.column) * silhouette.ROWS + met.row
+            found.append(_Blocked(ray, _depths(view, hull, met, corners)))
         return _Blocked(*map(np.concatenate, zip(*found, strict=True)))
 
 

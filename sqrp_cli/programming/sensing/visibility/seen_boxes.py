@@ -218,6 +218,11 @@ class SeenSolids:
             corners=self.corners[kept],
         )
 
+    @property
+    def eyes_P(self) -> NDArray[np.float32]:
+        """Camera centres in the parents' frames, as `silhouette.facing` wants them, shape (4, n) [m]."""
+        return inverse(self.X_CP)[:, :, 3].T.astype(np.float32)
+
     def reach_through(self, view: SeenBoxes) -> Mask:
         """Whether each may have triangles that reach through the far side of its box, shape (n,)."""
         depth = (self.corners @ self.X_CP[:, 2, :3, None])[..., 0] + self.X_CP[:, 2, 3, None]
@@ -242,6 +247,50 @@ class SeenPoints(NamedTuple):
     """In the optical frame, shape (k, m, 3) [m]."""
     regions: NDArray[np.uint16]
     """See `SeenBoxes.regions`, shape (k, m)."""
+
+
+class SeenTriangles(NamedTuple):
+    """Some triangles of a solid in k pairs of sight line and solid: n of them."""
+
+    pairs: Indices
+    """Index of each pair, shape (k,)."""
+    row: Indices
+    """Place of each one's pair among these, shape (n,)."""
+    triangle: Indices
+    """Index of each, shape (n,)."""
+    points: Array
+    """The solid's in the optical frames, shape (k, V, 3) [m]."""
+    triangles: Indices
+    """The points of all triangles of the solid, by index, shape (F, 3)."""
+
+    @classmethod
+    def of(
+        cls, pairs: Indices, surface: silhouette.Triangulation, seen: SeenPoints, may: Mask, turned: NDArray[np.int8]
+    ) -> SeenTriangles:
+        """Those that rays may meet first of the triangles that `may` block them, (k, F).
+
+        seen: the solid's points. turned: see `silhouette.facing`, without the last, (F, k).
+        """
+        if surface.is_convex:  # a ray that meets its back has met its front, unless the camera is inside
+            front = turned.T > 0
+            may = may & (front | ~front.any(axis=1, keepdims=True))
+        row, triangle = np.nonzero(may)
+        return cls(pairs=pairs, row=row, triangle=triangle, points=seen.optical, triangles=surface.triangles)
+
+    def of_pairs(self, wanted: Mask) -> SeenTriangles:
+        """Those of some of all pairs."""
+        kept = wanted[self.pair]
+        return self._replace(row=self.row[kept], triangle=self.triangle[kept])
+
+    @property
+    def pair(self) -> Indices:
+        """Index of each one's pair, shape (n,)."""
+        return self.pairs[self.row]
+
+    @property
+    def corners_C(self) -> Array:
+        """Of each, in the optical frame, coordinate first, shape (3, 3, n) [m]."""
+        return np.moveaxis(self.points[self.row[:, None], self.triangles[self.triangle]], (2, 1), (0, 1))
 
 
 def in_all(regions: NDArray[np.uint16], triangles: Indices) -> NDArray[np.uint16]:

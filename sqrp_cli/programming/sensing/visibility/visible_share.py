@@ -15,14 +15,13 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, Indices, Mask, begins_run, inverse, transform
 from sqrp_cli.programming.sensing.limits import cut_by_image
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines, WatchedBoxes
 from sqrp_cli.programming.sensing.visibility import silhouette
-from sqrp_cli.programming.sensing.visibility.seen_boxes import BEFORE, SeenBoxes, SeenSolids, in_all
+from sqrp_cli.programming.sensing.visibility.seen_boxes import BEFORE, SeenBoxes, SeenSolids, SeenTriangles, in_all
 
 _CHUNK = 1024
 """Most sight lines to sample together."""
@@ -146,9 +145,8 @@ def _rays(view: SeenBoxes, hull: Indices, poses: SolidPoses, seen: SeenSolids, e
     is wholly before it leaves enough.
     """
     hulls, lines = len(view.eyes), len(hull)
-    eyes_P = inverse(seen.X_CP)[:, :, 3].T.astype(np.float32)
     sides = silhouette.beyond_sides(seen.maps, np.abs(seen.corners).max())
-    reaching, crossing = seen.reach_through(view), []
+    eyes_P, reaching, crossing = seen.eyes_P, seen.reach_through(view), []
     # One layer for each silhouette, then one for the occluders of each line.
     bends, layers = [view.bends()], np.concatenate([np.arange(hulls), hulls + seen.line])
     for index in np.flatnonzero(np.bincount(seen.solid)).tolist():
@@ -159,7 +157,8 @@ def _rays(view: SeenBoxes, hull: Indices, poses: SolidPoses, seen: SeenSolids, e
         if len(doubtful):
             points = seen.points(view, rows[doubtful], surface.vertices)
             regions = in_all(points.regions, surface.triangles)
-            crossing.append(_Crossing.of(rows[doubtful], surface, points.optical, regions == 0, turned[:-1, doubtful]))
+            through = SeenTriangles.of(rows[doubtful], surface, points, regions == 0, turned[:-1, doubtful])
+            crossing.append(through)
             turned[:-1, doubtful] *= ((regions & BEFORE) != 0).T
         bends.append(silhouette.Bends.of(surface, turned, sides.take(rows, axis=2), hulls + rows))
     maps = np.concatenate([view.maps, seen.maps], axis=2)
@@ -169,46 +168,9 @@ def _rays(view: SeenBoxes, hull: Indices, poses: SolidPoses, seen: SeenSolids, e
         return found
     open_ones = ~(found.shares < enough)
     for some in (triangles.of_pairs(open_ones[seen.line]) for triangles in crossing):
-        pair = some.pairs[some.row]
-        rays = view.blocked(seen.hull[pair], some.corners_C)
-        found.blocked[rays.column, seen.line[pair[rays.shape]], rays.row] = True
+        rays = view.blocked(seen.hull[some.pair], some.corners_C)
+        found.blocked[rays.column, seen.line[some.pair[rays.shape]], rays.row] = True
     return found
-
-
-class _Crossing(NamedTuple):
-    """Triangles of a solid that reach through the far sides of boxes: n of them, in k pairs of sight line and solid."""
-
-    pairs: Indices
-    """Index of each pair, shape (k,)."""
-    row: Indices
-    """Place of each one's pair among these, shape (n,)."""
-    triangle: Indices
-    """Index of each, shape (n,)."""
-    points: Array
-    """The solid's in the optical frames, shape (k, V, 3) [m]."""
-    triangles: Indices
-    """The points of all triangles of the solid, by index, shape (F, 3)."""
-
-    @classmethod
-    def of(
-        cls, pairs: Indices, surface: silhouette.Triangulation, points: Array, through: Mask, turned: NDArray[np.int8]
-    ) -> _Crossing:
-        """Those of the triangles of a solid that may reach `through`, (k, F); turned: see `facing`, (F, k)."""
-        if surface.is_convex:  # a ray that meets its back has met its front, unless the camera is inside
-            front = turned.T > 0
-            through = through & (front | ~front.any(axis=1, keepdims=True))
-        row, triangle = np.nonzero(through)
-        return cls(pairs=pairs, row=row, triangle=triangle, points=points, triangles=surface.triangles)
-
-    def of_pairs(self, wanted: Mask) -> _Crossing:
-        """Those of some of all pairs."""
-        kept = wanted[self.pairs[self.row]]
-        return self._replace(row=self.row[kept], triangle=self.triangle[kept])
-
-    @property
-    def corners_C(self) -> Array:
-        """Of each triangle, in the optical frame, coordinate first, shape (3, 3, n) [m]."""
-        return np.moveaxis(self.points[self.row[:, None], self.triangles[self.triangle]], (2, 1), (0, 1))
 
 
 def count_rays(rays: Mask) -> Array:
