@@ -164,9 +164,9 @@ class CameraSearch:
         )
 
     def _met(self, move: CameraMove, vector: Array | None) -> Met | None:
-        if vector is None:
-            return None
-        change = move.change(vector)
+        return None if vector is None else self._decided(move.change(vector))
+
+    def _decided(self, change: ProposedChange) -> Met | None:
         found = self.decide(change)
         return None if found is None else Met(change, found)
 
@@ -223,17 +223,11 @@ class CameraSearch:
     def _lens_met(self, lens: Lens, steps: int) -> Met | None:
         if steps == 0 or not self._lens_passes(lens, steps):
             return None
-        change = lens.change(steps)
-        found = self.decide(change)
-        return None if found is None else Met(change, found)
+        return self._decided(lens.change(steps))
 
     def decide(self, change: ProposedChange) -> Assessment | None:
         """The candidate's figures with a change if they meet the wish, from the exact timeline."""
-        if change.camera is None or not self._free(change.camera.X_FC[None])[0]:
-            return None
-        failure = self.base.failure(change)
-        if failure is not None:
-            self._learn(failure)
+        if not self._may_be_there(change) or self._fails(change):
             return None
         study = self.base.observed(change)
         found = study.assessment
@@ -244,12 +238,19 @@ class CameraSearch:
 
     def _may(self, change: ProposedChange) -> bool:
         """Whether a change meets the wish, as far as the events of interest show where it is about nothing else."""
-        if self.base.wish.only_events and change.camera is not None and self._free(change.camera.X_FC[None])[0]:
-            failure = self.base.failure(change)
-            if failure is not None:
-                self._learn(failure)
-            return failure is None
+        if self.base.wish.only_events:
+            return self._may_be_there(change) and not self._fails(change)
         return self.decide(change) is not None
+
+    def _may_be_there(self, change: ProposedChange) -> bool:
+        return change.camera is not None and bool(self._free(change.camera.X_FC[None])[0])
+
+    def _fails(self, change: ProposedChange) -> bool:
+        """Whether the events of interest show that the wish is missed; learns from them."""
+        failure = self.base.failure(change)
+        if failure is not None:
+            self._learn(failure)
+        return failure is not None
 
     def margin(self, move: CameraMove, change: ProposedChange) -> Margin:
         """How much less and how much more of a change along the same direction meets the wish."""
@@ -287,10 +288,9 @@ class CameraSearch:
         apart = np.linalg.norm(places[rows, None] - places[None], axis=2)
         room = np.where(np.isin(np.arange(len(places)), rows), np.inf, apart).min(axis=1)
         for row in rows[np.argsort(-room, kind="stable")][:_PLACES_DECIDED].tolist():
-            change = self._placed(whole(places[row]), aim)
-            found = self.decide(change)
-            if found is not None and self.base.finely_met(change):
-                return Met(change, found)
+            met = self._decided(self._placed(whole(places[row]), aim))
+            if met is not None and self.base.finely_met(met.change):
+                return met
         return None
 
     def room_around(self, change: ProposedChange) -> Margin:

@@ -75,8 +75,8 @@ class ObjectSearch:
         found: list[Near] = []
         for angle in np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS):
             change = self._change(_RADII[3] * _direction(angle))
-            done = self._study(change) if self._fits(change) else None
-            found += [Near(change, done)] if isinstance(done, WholeStudy) else []
+            done = self._study(change)
+            found += [] if done is None else [Near(change, done)]
         return min(found, key=lambda near: self.question.wish.shortfall(near.study.assessment), default=None)
 
     def _confirmed(self, met: Met) -> Met | None:
@@ -85,8 +85,8 @@ class ObjectSearch:
 
         def finely(length: float) -> Met | None:
             change = self._change(length * unit)
-            found = self._study(change) if self._fits(change) else None
-            if not isinstance(found, WholeStudy) or not question.wish.met(found.assessment):
+            found = self._study(change)
+            if found is None or not question.wish.met(found.assessment):
                 return None
             fine = finely_met(question.wish, question.cell, found, question.sampling)
             return Met(change, found.assessment) if fine else None
@@ -130,10 +130,13 @@ class ObjectSearch:
         found = WholeStudy(self.way, tuple(with_delays(cell, seen, question.sampling))).assessment
         return Met(change, found) if question.wish.met(found) else None
 
-    def _study(self, change: ProposedChange) -> WholeStudy | Infeasible:
-        """The way with the object elsewhere."""
-        question = self.question
-        return whole_study(question.cell, self.way, change.in_world(question.world), question.sampling, full=False)
+    def _study(self, change: ProposedChange) -> WholeStudy | None:
+        """The way with the object elsewhere; None where it does not fit, or cannot be handled."""
+        question, world = self.question, change.in_world(self.question.world)
+        if not self._fits(change):
+            return None
+        found = whole_study(question.cell, self.way, world, question.sampling, full=False)
+        return None if isinstance(found, Infeasible) else found
 
     def _change(self, offset: Array) -> ProposedChange:
         moved = whole(np.append(offset, 0.0))
