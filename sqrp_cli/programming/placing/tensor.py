@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from sqrp_cli.geometry import Indices, Mask
+from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.workspace.mounts import LensChoice, Spot
 from sqrp_cli.platform.processes import in_processes
@@ -122,13 +122,19 @@ def _in_frame(
     for gain in np.unique(gains):
         alike = np.flatnonzero(gains == gain)
         asked: Mask = np.any(whole[alike], axis=0)[:, item]
-        seen = np.zeros(asked.shape, dtype=bool)
-        pose, look = np.nonzero(asked)
-        for start in range(0, len(pose), _LOOKS_TOGETHER):
-            chunk = slice(start, start + _LOOKS_TOGETHER)
-            seen[pose[chunk], look[chunk]] = moved[alike[0]].unhidden(X_FC[pose[chunk]], look[chunk])
-        sees[alike] = whole[alike] & np.logical_and.reduceat(seen, begins, axis=1)
+        unhidden = _unhidden(moved[alike[0]], X_FC, asked)
+        sees[alike] = whole[alike] & np.logical_and.reduceat(unhidden, begins, axis=1)
     return sees
+
+
+def _unhidden(camera: MovedCamera, X_FC: Array, asked: Mask) -> Mask:
+    """Which of the looks (v, n) that are asked for show enough of their boxes from poses (v, 4, 4), shape (v, n)."""
+    found = np.zeros(asked.shape, dtype=bool)
+    pose, look = np.nonzero(asked)
+    for start in range(0, len(pose), _LOOKS_TOGETHER):
+        chunk = slice(start, start + _LOOKS_TOGETHER)
+        found[pose[chunk], look[chunk]] = camera.unhidden(X_FC[pose[chunk]], look[chunk])
+    return found
 
 
 def _looks(way: JudgedWay) -> tuple[Indices, Indices, Indices]:

@@ -10,12 +10,10 @@ from sqrp_cli.geometry import Array, Indices, Mask, box_corners, inverse, transf
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.light import Light
 from sqrp_cli.programming.sensing.limits import Cause, check_limits
+from sqrp_cli.programming.sensing.observer import needed_shares, unseen
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.sensing.sight_lines import SightLines, WatchedBoxes, shrink
-from sqrp_cli.programming.sensing.visibility.backdrop import backdrop_of
-from sqrp_cli.programming.sensing.visibility.lighting import lighting_of
 from sqrp_cli.programming.sensing.visibility.occlusion import HullTester, near_pairs
-from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
 from sqrp_cli.programming.solids import Solid, Solids
 from sqrp_cli.programming.targets import SoughtBox
 
@@ -53,7 +51,6 @@ class MovedCamera:
         shrunk = [shrink(entry.size, entry.normal) for entry in boxes]
         self._half_size = np.array([entry.half_size for entry in shrunk])
         self._offset = np.array([entry.offset for entry in shrunk])
-        self._least = np.array([entry.limits.min_visible for entry in boxes])
 
     def world_poses(self, X_FC: Array, look: Indices) -> Array:
         """World poses (v, 4, 4) of the optical frame at poses (v, 4, 4) in its frame, in the states of some looks."""
@@ -89,14 +86,9 @@ class MovedCamera:
             half_size=self._half_size[box],
             offset=self._offset[box],
         )
-        poses, least = self._watched.solid_poses, self._least[box]
-        gain = np.full(len(look), self._projection.camera.brightness)
-        lost = lighting_of(lines, self._watched, gain, self._lights).lost if self._lights else 0.0
-        needed = backdrop_of(lines, self._boxes, poses, self._watched.alike).needed(least, lost)
-        near = near_pairs(lines, poses, self._watched.opaque)
+        watched, gain = self._watched, np.full(len(look), self._projection.camera.brightness)
+        needed = needed_shares(watched, lines, gain, self._lights)
         visible: Mask = needed <= 1.0
-        # Shares also detect free hulls, and faster.
-        seen = visible_shares(lines, poses, near.of_lines(least < 1), enough=needed)
-        visible[seen.line[seen.share < needed[seen.line]]] = False
-        visible[self._tester.met(lines, poses, near.of_lines(least >= 1), first_only=True).line] = False
+        near = near_pairs(lines, watched.solid_poses, watched.opaque)
+        visible[unseen(watched, lines, near, needed, self._tester)] = False
         return visible

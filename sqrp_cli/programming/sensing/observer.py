@@ -279,24 +279,10 @@ class Observer:
         return near_pairs(lines, watched.solid_poses, watched.opaque)
 
     def _needed(self, watched: WatchedBoxes, lines: SightLines, gain: Array) -> Array:
-        """The share of the box of each of v sight lines that must be visible to be seen; above 1 if none is enough.
-
-        gain: of the camera of each, shape (v,).
-        """
-        lost = lighting_of(lines, watched, gain, tuple(self.lights.values())).lost if self.lights else 0.0
-        backdrop = backdrop_of(lines, watched.boxes, watched.solid_poses, watched.alike)
-        return backdrop.needed(watched.least_of(lines), lost)
+        return needed_shares(watched, lines, gain, tuple(self.lights.values()))
 
     def _unseen(self, watched: WatchedBoxes, lines: SightLines, near: Pairs, needed: Array) -> Indices:
-        """Those of the sight lines in the pairs along which too little is visible of the box, by index.
-
-        needed: the share that must be visible along each of v lines, shape (v,).
-        """
-        whole = watched.least_of(lines) >= 1
-        # Shares also detect free hulls, and faster.
-        seen = visible_shares(lines, watched.solid_poses, near.of_lines(~whole), enough=needed)
-        met = self._tester.met(lines, watched.solid_poses, near.of_lines(whole), first_only=True)
-        return np.concatenate([seen.line[seen.share < needed[seen.line]], met.line])
+        return unseen(watched, lines, near, needed, self._tester)
 
     def _box_verdicts(
         self, boxes: Sequence[SoughtBox], states: SceneStates, rows: Sequence[Indices], *, shares: bool
@@ -344,6 +330,28 @@ class Observer:
             cause[bright], by[bright] = Cause.TOO_BRIGHT, lighting.brightest[bright]
             cause[dark], by[dark] = Cause.TOO_DARK, lighting.shading(dark, self._parts)
         return _ViewVerdicts(cause, by, visible)
+
+
+def needed_shares(watched: WatchedBoxes, lines: SightLines, gain: Array, lights: Sequence[Light]) -> Array:
+    """The share of the box of each of v sight lines that must be visible to be seen; above 1 if none is enough.
+
+    gain: of the camera of each, shape (v,).
+    """
+    lost = lighting_of(lines, watched, gain, lights).lost if lights else 0.0
+    backdrop = backdrop_of(lines, watched.boxes, watched.solid_poses, watched.alike)
+    return backdrop.needed(watched.least_of(lines), lost)
+
+
+def unseen(watched: WatchedBoxes, lines: SightLines, near: Pairs, needed: Array, tester: HullTester) -> Indices:
+    """Those of the sight lines in the pairs along which too little is visible of the box, by index.
+
+    needed: the share that must be visible along each of v lines, shape (v,).
+    """
+    whole = watched.least_of(lines) >= 1
+    # Shares also detect free hulls, and faster.
+    seen = visible_shares(lines, watched.solid_poses, near.of_lines(~whole), enough=needed)
+    met = tester.met(lines, watched.solid_poses, near.of_lines(whole), first_only=True)
+    return np.concatenate([seen.line[seen.share < needed[seen.line]], met.line])
 
 
 class _ViewVerdicts(NamedTuple):
