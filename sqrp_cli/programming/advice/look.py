@@ -246,36 +246,33 @@ class CameraLook:
 def _of_step(step: Study, wish: Wish) -> Samples:
     """The samples of a step that a wish is about, thinned."""
     samples = step.timeline.samples
-    rows = _thinned(samples, np.flatnonzero(_wished(step, samples, wish)))
-    return Samples(samples.piece[rows], samples.t[rows])
+    return samples.some(_thinned(samples, np.flatnonzero(_wished(step, samples, wish))))
 
 
 def _with_failures(step: Study, samples: Samples, timeline: Timeline, wish: Wish) -> Samples:
     """The samples with those of a timeline of the step that are not covered, thinned."""
     lost = _wished(step, timeline.samples, wish) & ~timeline.covered
     rows = _thinned(timeline.samples, np.flatnonzero(lost), MOST_SAMPLES // 4)
-    piece, t = timeline.samples.piece[rows], timeline.samples.t[rows]
+    found = timeline.samples.some(rows)
     known = set(zip(samples.piece.tolist(), samples.t.tolist(), strict=True))
-    new = np.array([pair not in known for pair in zip(piece.tolist(), t.tolist(), strict=True)], dtype=bool)
-    added = Samples(piece[new], t[new])
+    pairs = zip(found.piece.tolist(), found.t.tolist(), strict=True)
+    added = found.some(np.array([pair not in known for pair in pairs], dtype=bool))
     return samples.joined(added, samples.merge_order(added))
 
 
 def _steps_after(step: Study, samples: Samples) -> tuple[Array, Array]:
     """The time from each of a step's r samples to the next in its piece, and that in events of interest, (r,) each."""
-    after = np.append(np.where(np.diff(samples.piece) == 0, np.diff(samples.t), 0.0), 0.0)[: len(samples)]
-    interesting = np.array([piece.of_interest for piece in step.stage.pieces])[samples.piece]
-    return after, np.where(interesting, after, 0.0)
+    after = np.append(samples.steps, 0.0)[: len(samples)]
+    return after, np.where(step.stage.of_interest(samples), after, 0.0)
 
 
 def _wished(study: Study, samples: Samples, wish: Wish) -> Mask:
     """Which samples a wish is about."""
-    pieces = study.stage.pieces
     wished = np.zeros(len(samples), dtype=bool)
     if wish.q_avg is not None:
-        wished |= np.array([bool(piece.literals) for piece in pieces])[samples.piece]
+        wished |= np.array([bool(piece.literals) for piece in study.stage.pieces])[samples.piece]
     if wish.q_eoi is not None:
-        wished |= np.array([piece.of_interest for piece in pieces])[samples.piece]
+        wished |= study.stage.of_interest(samples)
     if wish.delay is not None:
         for fault in study.timeline.faults:
             wished |= _inside(study, fault, samples)
@@ -293,10 +290,9 @@ def _thinned(samples: Samples, rows: Indices, most: int = MOST_SAMPLES) -> Indic
     """So many of the rows at most, evenly in time, with the ends of every piece."""
     if len(rows) <= most:
         return rows
-    piece, t = samples.piece[rows], samples.t[rows]
-    ends = np.flatnonzero((np.diff(piece, prepend=-1) != 0) | (np.diff(piece, append=-1) != 0))
-    even = np.searchsorted(t, np.linspace(t[0], t[-1], most), side="right") - 1
-    thinned: Indices = rows[np.unique(np.concatenate([ends, even]))]
+    some = samples.some(rows)
+    even = np.searchsorted(some.t, np.linspace(some.t[0], some.t[-1], most), side="right") - 1
+    thinned: Indices = rows[np.unique(np.concatenate([np.flatnonzero(some.ends), even]))]
     return thinned
 
 

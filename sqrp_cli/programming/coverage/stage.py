@@ -10,7 +10,7 @@ from itertools import chain, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.knowledge.frames import Stay, carried_poses, frame_poses
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.fingers import closed_behind
@@ -29,6 +29,21 @@ class Samples:
 
     def __len__(self) -> int:
         return len(self.t)
+
+    @property
+    def steps(self) -> Array:
+        """Time from each sample to the next within its piece [s], 0 at the end of a piece, shape (m - 1,)."""
+        return np.where(np.diff(self.piece) == 0, np.diff(self.t), 0.0)
+
+    @property
+    def ends(self) -> Mask:
+        """Whether each sample is the first or the last of its piece, shape (m,)."""
+        ends: Mask = (np.diff(self.piece, prepend=-1) != 0) | (np.diff(self.piece, append=-1) != 0)
+        return ends
+
+    def some(self, which: Mask | Indices | list[int]) -> Samples:
+        """Some of the samples, by mask or by index."""
+        return Samples(self.piece[which], self.t[which])
 
     def merge_order(self, other: Samples) -> NDArray[np.int64]:
         """The order that sorts these samples, followed by the others, by piece and time."""
@@ -62,6 +77,10 @@ class Stage:
     def with_pieces(self, pieces: Sequence[Piece]) -> Stage:
         """The same motion, cut into other pieces."""
         return Stage(self.model, self.motion, pieces, self.X_WO, self._carried)
+
+    def of_interest(self, samples: Samples) -> Mask:
+        """Whether each of m samples lies in an event of interest, shape (m,)."""
+        return np.array([piece.of_interest for piece in self.pieces], dtype=bool)[samples.piece]
 
     def once_lost(self, closed: float = 1.0) -> Stage:
         """The motion of a tool that has lost what it should hold.

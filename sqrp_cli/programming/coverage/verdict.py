@@ -248,7 +248,7 @@ class _CauseLook:
         return cls(
             study=study,
             rows=rows,
-            samples=Samples(samples.piece[chosen], samples.t[chosen]),
+            samples=samples.some(chosen),
             targets=tuple(study.targets[column] for column in columns.tolist()),
             uncovered=uncovered[:, columns],
         )
@@ -286,7 +286,7 @@ class _WorstLoss:
     def longest_loss(self, cell: Cell) -> Indices:
         """The samples of the longest part of the stretch in which the target is required and lost."""
         timeline, rows = self.study.timeline, self.rows
-        samples = Samples(timeline.samples.piece[rows], timeline.samples.t[rows])
+        samples = timeline.samples.some(rows)
         every = np.arange(len(rows))
         states = states_of([self.study.stage], [samples])
         (boxes,) = cell.observer.verdicts([self.target], states, rows=[every], shares=False)

@@ -80,8 +80,8 @@ def qualities(way: JudgedWay, covered: Mask) -> list[float]:
     sample, samples, scene = way.items.sample, way.samples, way.scene
     state: Mask = np.array(np.any(way.required, axis=1, keepdims=True))[:, 0]
     state[sample[~covered]] = False
-    steps = np.where(state[1:] & state[:-1] & (np.diff(samples.piece) == 0), np.diff(samples.t), 0.0)
-    interesting = np.array([piece.of_interest for piece in scene.stage.pieces], dtype=bool)[samples.piece[:-1]]
+    steps = np.where(state[1:] & state[:-1], samples.steps, 0.0)
+    interesting = scene.stage.of_interest(samples)[:-1]
     found = [float(steps[interesting].sum() / scene.T_eoi)] if scene.T_eoi > 0 else []
     return [*found, float(steps.sum() / scene.T)] if scene.T > 0 else found
 

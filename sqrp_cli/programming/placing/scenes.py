@@ -85,13 +85,17 @@ class JudgedWay(SampledScene):
 
 
 def judged(cell: Cell, task: str, candidate: Candidate, scene: Rehearsal) -> JudgedWay:
-    """A way with its first samples: they do not depend on cameras."""
-    samples = first_samples(Adaptive(), scene.stage, Observer((), cell.observer.solids), scene.targets)
-    piece = samples.piece
-    ends = (np.diff(piece, prepend=-1) != 0) | (np.diff(piece, append=-1) != 0)
+    """A way with some of its first samples."""
+    samples = _first_samples(cell, scene)
+    ends = samples.ends
     number = np.arange(len(samples)) - np.maximum.accumulate(np.where(ends, np.arange(len(samples)), 0))
     rows = np.flatnonzero(ends | (number % EVERY == 0))
-    return JudgedWay(scene, Samples(piece[rows], samples.t[rows]), task=task, candidate=candidate)
+    return JudgedWay(scene, samples.some(rows), task=task, candidate=candidate)
+
+
+def _first_samples(cell: Cell, scene: Rehearsal) -> Samples:
+    """The first samples of a way, which do not depend on cameras."""
+    return first_samples(Adaptive(), scene.stage, Observer((), cell.observer.solids), scene.targets)
 
 
 def varied(scenes: Sequence[Rehearsal]) -> list[Rehearsal]:
@@ -201,8 +205,7 @@ def blocked(cell: Cell, way: JudgedWay, spots: Sequence[Spot]) -> Mask:
     What is fixed to the same link as a place is not looked at.
     """
     found = np.zeros(len(spots), dtype=bool)
-    samples = first_samples(Adaptive(), way.scene.stage, Observer((), cell.observer.solids), way.scene.targets)
-    states = way.scene.stage.states(samples)
+    states = way.scene.stage.states(_first_samples(cell, way.scene))
     order = sorted(range(len(spots)), key=lambda index: (spots[index].frame, spots[index].entry.body))
     for (frame, body), group in groupby(order, key=lambda index: (spots[index].frame, spots[index].entry.body)):
         rows = np.array(list(group))

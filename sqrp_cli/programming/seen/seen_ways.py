@@ -224,7 +224,7 @@ class _Glance:
         at = np.array([piece.primitive for piece in scene.stage.pieces])[look.samples.piece]
         count = np.bincount(at, minlength=len(primitives))
         step = np.array([p.end - p.start for p in primitives]) / np.maximum(count, 1)
-        interesting = np.array([piece.of_interest for piece in scene.stage.pieces])[look.samples.piece]
+        interesting = scene.stage.of_interest(look.samples)
         return cls(
             scene,
             blind=np.bincount(at, blind, len(primitives)) * step,

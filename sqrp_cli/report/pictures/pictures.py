@@ -20,7 +20,6 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study
 from sqrp_cli.programming.coverage.blind_spans import Failure, by_name, first_failures
 from sqrp_cli.programming.coverage.in_the_way import HiddenView, HiddenViews, hidden_views
-from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.coverage.verdict import stretches
 from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.scene_states import SceneStates
@@ -75,7 +74,7 @@ def write_pictures(cell: Cell, study: Study, folder: Path) -> int:
     sheet, intervals = [], list(blind_intervals(study))
     views = hidden_views(cell, study, np.array([interval.row for interval in intervals], dtype=np.int64))
     for number, interval in enumerate(intervals, 1):
-        samples = Samples(study.timeline.samples.piece[[interval.row]], study.timeline.samples.t[[interval.row]])
+        samples = study.timeline.samples.some([interval.row])
         states = study.stage.states(samples)
         photographer = Photographer(cell, states)
         pictures = []
