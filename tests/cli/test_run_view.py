@@ -139,6 +139,18 @@ def test_wrong_predictions_of_a_single_step_do_not_number_it(capsys: pytest.Capt
     assert any(line.startswith("open  ") for line in capsys.readouterr().out.splitlines())
 
 
+@pytest.mark.parametrize("t", [0.45, 0.75, 1.85])
+def test_an_image_has_the_same_time_where_the_start_of_its_step_is_known_to_microseconds_only(
+    capsys: pytest.CaptureFixture[str], t: float
+) -> None:
+    told = []
+    for time in (t, t - 3e-6, t + 3e-6):
+        print_disagreements([replace(disagreement(0, "open", predicted=True), t=time)], 1)
+        told.append(capsys.readouterr().out)
+    assert told[0] == told[1] == told[2]
+    assert f"{t:.1f} - {t:.1f}" in told[0]
+
+
 def test_titles_break_where_their_columns_are_wide_enough_anyway(capsys: pytest.CaptureFixture[str]) -> None:
     columns = [Column("a literal"), Column("from - to [s]", right=True), Column("predicted", right=True)]
     print_table(columns, [["x" * 56, "0.1 - 0.2", "1"]])
