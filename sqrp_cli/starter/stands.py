@@ -114,8 +114,7 @@ def places_pointing_down(model: RobotModel) -> Array:
     upper = np.where(np.isfinite(model.upper), np.minimum(model.upper, 2 * np.pi), middle)
     q = lower + (upper - lower) * halton(PLACES, len(model.arm))
     targets = pointing_down(model.tool_poses(q))
-    everything = np.ones(len(model.arm), dtype=bool)
-    reached, errors = descend(model, targets, q, everything, STEPS, within=(model.lower, model.upper))
+    reached, errors = descend(model, targets, q, STEPS)
     met = np.abs(errors).max(axis=1) < MET + model.angle_tolerance
     return model.tool_poses(reached[met])
 

@@ -172,7 +172,7 @@ def _branches(model: RobotModel, X_WT: Array, held: Mask, samples: Array) -> Arr
     starts[:, held] = np.repeat(samples[:, held], per_sample, axis=0)
     found = np.empty((0, len(model.arm)))
     while len(starts):
-        more = _distinct(model, _solutions_from(model, X_WT, starts, ~held, STEPS))
+        more = _distinct(model, _solutions_from(model, X_WT, starts, STEPS, ~held))
         known = len(found)
         found = _distinct(model, np.concatenate([found, _settled(model, X_WT, more, ~held)]))[:MOST_BRANCHES]
         if held.any():
@@ -183,9 +183,8 @@ def _branches(model: RobotModel, X_WT: Array, held: Mask, samples: Array) -> Arr
 
 def _any_solutions(model: RobotModel, X_WT: Array) -> Array:
     """Some solutions within the limits, with all joints free to move, shape (k, n)."""
-    everything = np.ones(len(model.arm), dtype=bool)
     starts = np.concatenate([model.home[None], spread_starts(model, STARTS)])
-    return _distinct(model, _solutions_from(model, X_WT, starts, everything, STEPS, (model.lower, model.upper)))
+    return _distinct(model, _solutions_from(model, X_WT, starts, STEPS, limited=True))
 
 
 def _solutions_near(model: RobotModel, X_WT: Array, seeds: Array) -> Array:
@@ -194,21 +193,21 @@ def _solutions_near(model: RobotModel, X_WT: Array, seeds: Array) -> Array:
     Those are EAIK's least-squares results. Their branch may have no solution here, but may also be singular, and they
     may lie where the pose error is large but has zero gradient.
     """
-    errors, everything = pose_errors(model.tool_poses(seeds), X_WT), np.ones(len(model.arm), dtype=bool)
+    errors = pose_errors(model.tool_poses(seeds), X_WT)
     if (errors**2).sum(axis=1).max() <= FOLLOWED:
-        solutions, solved = _polished(model, X_WT, seeds, everything)
+        solutions, solved = _polished(model, X_WT, seeds)
         return solutions[solved]
     rough = np.abs(errors).max(axis=1) > NEARLY_SOLVED
     around = SEED_SPREAD * (2 * halton(SEED_STARTS, len(model.arm)) - 1)
     starts = np.concatenate([seeds, *(seed + around for seed in seeds[rough])])
-    return _solutions_from(model, X_WT, starts, everything, SEED_STEPS)
+    return _solutions_from(model, X_WT, starts, SEED_STEPS)
 
 
 def _solutions_from(
-    model: RobotModel, X_WT: Array, starts: Array, moving: Mask, steps: int, within: tuple[Array, Array] | None = None
+    model: RobotModel, X_WT: Array, starts: Array, steps: int, moving: Mask | None = None, *, limited: bool = False
 ) -> Array:
-    """The solutions that the search finds from starting points (m, n), possibly repeated, (k, n)."""
-    reached, errors = descend(model, X_WT, starts, moving, steps, within=within)
+    """The solutions that the search finds from starting points (m, n), possibly repeated, (k, n); see `descend`."""
+    reached, errors = descend(model, X_WT, starts, steps, moving=moving, limited=limited)
     near = max(NEARLY_SOLVED, 2.0 * model.angle_tolerance)
     solutions, solved = _polished(model, X_WT, reached[np.abs(errors).max(axis=1) < near], moving)
     return solutions[solved]
@@ -235,7 +234,7 @@ def _variations(model: RobotModel, q: Array) -> Array:
     return np.concatenate(variations)
 
 
-def _polished(model: RobotModel, X_WT: Array, q: Array, moving: Mask) -> tuple[Array, Mask]:
+def _polished(model: RobotModel, X_WT: Array, q: Array, moving: Mask | None = None) -> tuple[Array, Mask]:
     """The results of Newton's method from positions q (m, n), and whether they are solutions, (m,)."""
     q, errors = newton(model, X_WT, q, POLISHED, moving)
     return q, errors < SOLVED

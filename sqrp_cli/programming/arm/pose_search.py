@@ -53,6 +53,11 @@ class Approach(NamedTuple):
     errors: Array
     """Remaining pose errors: of `descend`, shape (m, 6); of `newton`, the largest magnitude of each, (m,)."""
 
+    def best(self, count: int) -> Approach:
+        """The closest ones of `descend`, in order."""
+        rows = np.argsort((self.errors**2).sum(axis=1), kind="stable")[:count]
+        return Approach(self.q[rows], self.errors[rows])
+
 
 def pose_errors(X_WT: Array, X_target: Array) -> Array:
     """Position error [m] over rotation vector [rad] from poses to targets, in world axes, shape (m, 6).
@@ -100,30 +105,33 @@ def descend(
     model: RobotModel,
     X_target: Array,
     starts: Array,
-    moving: Mask,
     steps: int,
+    *,
     turn_weight: float = 1.0,
-    within: tuple[Array, Array] | None = None,
+    moving: Mask | None = None,
+    limited: bool = True,
 ) -> Approach:
     """Minimize the pose error from each of m starts, shape (m, n).
 
-    X_target: one pose X_WT of the tool frame, shape (4, 4), or one for each start, (m, 4, 4).
-    moving: which joints may move, (n,). turn_weight: what an error of 1 rad counts against one of 1 m.
-    within: lower and upper limits that are kept, shape (n,); by default none are.
+    X_target: one pose X_WT of the tool frame, shape (4, 4), or one for each start, (m, 4, 4). turn_weight: what an
+    error of 1 rad counts against one of 1 m. moving: which joints may move, (n,); by default all. limited: whether
+    joints stay within their limits.
 
     Returns the final joint positions, (m, n), and their weighted pose errors, (m, 6). A start ends once the square of
     its error is at most `FOLLOWED`, or when a step reduces that by no more than one part in `STALLED`.
     """
     weights = np.repeat([1.0, turn_weight], 3)
     least_damping = _LEAST_DAMPING * max(1.0, turn_weight) ** 2  # above the rounding of the normal equations
-    targets = np.broadcast_to(X_target, (len(starts), 4, 4))
-    q = starts if within is None else np.clip(starts, *within)
-    q_all, e_all = q.copy(), np.empty((len(q), 6))
-    rows = np.arange(len(q))
+    lower, upper = (model.lower, model.upper) if limited else (-np.inf, np.inf)
+
+    def measured(q: Array, targets: Array) -> tuple[Array, Array]:
+        X, J = model.tool_poses_and_jacobians(q)
+        return pose_errors(X, targets) * weights, J * weights[:, None]
+
+    q, targets = np.clip(starts, lower, upper), np.broadcast_to(X_target, (len(starts), 4, 4))
+    e, J = measured(q, targets)
+    q_all, e_all, rows = q.copy(), e.copy(), np.arange(len(q))
     damping, going = np.full(len(q), _FIRST_DAMPING), np.ones(len(q), dtype=bool)
-    X, J = model.tool_poses_and_jacobians(q)
-    e, J = pose_errors(X, targets) * weights, J * weights[:, None]
-    e_all[:] = e
     cost = (e**2).sum(axis=1)
     for _ in range(steps):
         going &= cost > FOLLOWED
@@ -132,21 +140,18 @@ def descend(
         if not going.all():
             rows = rows[going]
             targets, q, e, J, cost, damping = (values[going] for values in (targets, q, e, J, cost, damping))
-        free = np.broadcast_to(moving, q.shape)
         pull = (np.swapaxes(J, 1, 2) @ e[:, :, None])[..., 0]
-        if within is not None:
-            free = free & ~((q <= within[0]) & (pull < 0)) & ~((q >= within[1]) & (pull > 0))
+        free = ~((q <= lower) & (pull < 0)) & ~((q >= upper) & (pull > 0))
+        if moving is not None:
+            free &= moving
         J_free = J * free[:, None, :]
         normal = np.swapaxes(J_free, 1, 2) @ J_free + damping[:, None, None] * np.eye(q.shape[1])
-        q_next = q + np.linalg.solve(normal, (pull * free)[..., None])[..., 0]
-        if within is not None:
-            q_next = np.clip(q_next, *within)
-        X, J_next = model.tool_poses_and_jacobians(q_next)
-        e_next = pose_errors(X, targets) * weights
+        q_next = np.clip(q + np.linalg.solve(normal, (pull * free)[..., None])[..., 0], lower, upper)
+        e_next, J_next = measured(q_next, targets)
         cost_next = (e_next**2).sum(axis=1)
         better = cost_next < cost
         q, e = np.where(better[:, None], q_next, q), np.where(better[:, None], e_next, e)
-        J = np.where(better[:, None, None], J_next * weights[:, None], J)
+        J = np.where(better[:, None, None], J_next, J)
         going = ~better & (damping < _MOST_DAMPING) | (cost_next < cost * (1.0 - 1.0 / STALLED))
         cost = np.where(better, cost_next, cost)
         damping = np.clip(damping * np.where(better, 0.2, 4.0), least_damping, _MOST_DAMPING)

@@ -113,13 +113,9 @@ def _out_of_reach(model: RobotModel, X_WT: Array) -> OutOfReach | WrongWayRound:
 
     A growing weight holds the orientation (the penalty method); the best of many starting points counts.
     """
-    everything = np.ones(len(model.arm), dtype=bool)
-    limits = (model.lower, model.upper)
     q = np.concatenate([model.home[None], spread_starts(model, STARTS)])
     for weight, steps, kept in STAGES:
-        q, errors = descend(model, X_WT, q, everything, steps, weight, limits)
-        best = np.argsort((errors**2).sum(axis=1), kind="stable")[:kept]
-        q, errors = q[best], errors[best]
+        q, errors = descend(model, X_WT, q, steps, turn_weight=weight).best(kept)
     distances = np.linalg.norm(errors[:, :3], axis=1)
     angles = np.linalg.norm(errors[:, 3:], axis=1) / weight
     held = angles < max(HELD_ORIENTATION, model.angle_tolerance)
@@ -143,15 +139,8 @@ def _is_in_hole(model: RobotModel, X_WT: Array, q: Array, missing: Array) -> boo
         np.linspace(0.0, farthest, PLACES_BEYOND)[:, None] * missing / max(float(np.linalg.norm(missing)), 1e-12)
     )
     starts = np.concatenate([q[None], spread_starts(model, STARTS_BEYOND - 1)])
-    everything = np.ones(len(q), dtype=bool)
-    _, errors = descend(
-        model,
-        np.repeat(beyond, STARTS_BEYOND, axis=0),
-        np.tile(starts, (PLACES_BEYOND, 1)),
-        everything,
-        STEPS,
-        within=(model.lower, model.upper),
-    )
+    targets, starts = np.repeat(beyond, STARTS_BEYOND, axis=0), np.tile(starts, (PLACES_BEYOND, 1))
+    _, errors = descend(model, targets, starts, STEPS)
     return bool((np.abs(errors).max(axis=1) < max(1e-6, 2.0 * model.angle_tolerance)).any())
 
 
