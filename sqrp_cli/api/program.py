@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -238,7 +238,7 @@ class OpenProgram:
     def sweep(self, slip: str, count: int = DEFAULT_RUNS, *, progress: Progress = silent) -> SlipSweep:
         """Run the program `count` times with a slip at other instants of a primitive action.
 
-        slip: as `sqrp run --sweep` takes it, such as `slip@a4`.
+        slip: as `sqrp run --sweep` takes it, such as `slip@a4`. At Ctrl-C the result has the runs that are finished.
         """
         from sqrp_cli.api.run_results import SlipSweep
         from sqrp_cli.runtime.run.injected_fault import parse_sweep
@@ -247,14 +247,15 @@ class OpenProgram:
         arguments.check_count(count, "count", 1)
         arguments.check_progress(progress)
         simulation = self._simulation()
-        from sqrp_cli.runtime.run.simulation import SweepSummary, sweep
+        from sqrp_cli.runtime.run.simulation import SweepRun, SweepSummary, sweep
 
         place, primitive = parse_sweep(slip, self.program.steps, "slip")
-        with progress(f"Sweeping {slip}", count) as advance:
-            runs = list(sweep(simulation, place.number, primitive, count, lambda: advance(1)))
+        runs: list[SweepRun] = []
+        with suppress(KeyboardInterrupt), progress(f"Sweeping {slip}", count) as advance:
+            runs.extend(sweep(simulation, place.number, primitive, count, lambda: advance(1)))  # keeps the finished
         slowest = max(1.0 / camera.rate for camera in self.workspace.cameras.values())
         summary = SweepSummary.of(runs, slowest)
-        return SlipSweep(self.program, self.workspace.name, slip, place.number, runs, summary)
+        return SlipSweep(self.program, self.workspace.name, slip, place.number, runs, summary, count)
 
     def audit(
         self,

@@ -91,31 +91,48 @@ class SlipSweep(Answer["SweepDocument"]):
     step: int
     """Number of the step that was swept, from 1."""
     runs: Sequence[SweepRun]
+    """Those that are finished."""
     summary: SweepSummary
+    count: int
+    """How many runs were asked for."""
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether some are missing because of Ctrl-C."""
+        return len(self.runs) < self.count
 
     @property
     def done(self) -> bool:
         """Whether all runs were completed."""
-        return all(run.report.outcome == "done" for run in self.runs)
+        return not self.interrupted and all(run.report.outcome == "done" for run in self.runs)
 
     @property
     def brief(self) -> str:
         """Its main figures, in a line."""
         done = sum(run.report.outcome == "done" for run in self.runs)
-        return f"{self.text} in step {self.step}, {self.workspace}: {done} of {how_many(self.runs, 'run')} done"
+        cut = ", interrupted" if self.interrupted else ""
+        return f"{self.text} in step {self.step}, {self.workspace}: {done} of {how_many(self.runs, 'run')} done{cut}"
 
     @cached_property
     def document(self) -> SweepDocument:
         """The document of `sqrp run --sweep`."""
         from sqrp_cli.report.documents.runs import SweepDocument
 
-        return SweepDocument.of(self.workspace, self.text, self.step, self.runs, self.summary)
+        return SweepDocument.of(
+            self.workspace, self.text, self.step, self.runs, self.summary, interrupted=self.interrupted
+        )
 
     def show(self) -> None:
         """Print what `sqrp run --sweep` prints."""
+        from sqrp_cli.terminal.console import say
         from sqrp_cli.terminal.run_view import print_sweep
 
-        print_sweep(self.program, self.step, self.workspace, self.text, self.runs, self.summary)
+        if self.runs:
+            print_sweep(self.program, self.step, self.workspace, self.text, self.runs, self.summary)
+        if self.interrupted:
+            are = "is" if 1 in (len(self.runs), self.count) else "are"
+            of_all = f"of {self.count} slip{'' if self.count == 1 else 's'}"
+            say(f"Interrupted: {len(self.runs)} {of_all} {are} finished.", "yellow")
 
 
 @dataclass(frozen=True, eq=False, repr=False)

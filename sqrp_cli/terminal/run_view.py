@@ -276,7 +276,8 @@ def print_sweep(
 ) -> None:
     """The runs of a sweep, and how predicted and measured delays compare. number: of the step that was swept."""
     step = "" if len(program.steps) == 1 else f"step {number}, "
-    say(f"{step}{program.steps[number - 1].short_task} in {workspace}: {text} at {len(runs)} instants")
+    instants = f"{len(runs)} instant{'' if len(runs) == 1 else 's'}"
+    say(f"{step}{program.steps[number - 1].short_task} in {workspace}: {text} at {instants}")
     say()
     columns = ("slip at", "t_f", "t_r", "t_r - t_f", "predicted", "t_e")
     print_table(
@@ -301,17 +302,24 @@ def print_sweep(
 
 def _print_comparison(summary: SweepSummary) -> None:
     """How predicted and measured delays of a sweep compare, in sentences."""
-    sooner = f"{summary.sooner} sooner by more than {1000 * summary.tolerance:.0f} ms"
-    say(
-        f"{summary.seen} of {summary.predictable} slips that the prediction says can be seen were seen: "
-        f"{summary.as_predicted} as predicted, {sooner}, {summary.later} later than predicted at worst."
-    )
-    if summary.excesses:
-        say(f"These exceed what was predicted by up to {max(summary.excesses):.3f} s.", "yellow")
-    if summary.delays:
+    if summary.predictable:
+        sooner = f"{summary.sooner} sooner by more than {1000 * summary.tolerance:.0f} ms"
+        say(
+            f"{summary.seen} of {summary.predictable} slips that the prediction says can be seen were seen: "
+            f"{summary.as_predicted} as predicted, {sooner}, {summary.later} later than predicted at worst."
+        )
+        if summary.excesses:
+            say(f"These exceed what was predicted by up to {max(summary.excesses):.3f} s.", "yellow")
+    unpromised = [delay for delay in summary.unpromised if delay is not None]
+    if summary.unpromised:
+        which = "the others" if summary.predictable else "the slips"
+        seen = f"{len(unpromised)} of {len(summary.unpromised)} were seen"
+        say(f"No image is promised to show {which}, but usual images may: {seen}.")
+    elif not summary.predictable:
+        say("No slip came true.")
+    if delays := [*summary.delays, *unpromised]:
         done = f"; done after {sum(summary.ends) / len(summary.ends):.1f} s on average" if summary.ends else ""
-        mean = sum(summary.delays) / len(summary.delays)
-        say(f"Seen after {mean:.2f} s on average, {max(summary.delays):.2f} s at worst{done}.")
+        say(f"Seen after {sum(delays) / len(delays):.2f} s on average, {max(delays):.2f} s at worst{done}.")
 
 
 def _print_stops(runs: Sequence[SweepRun]) -> None:

@@ -12,8 +12,11 @@ import pytest
 import yaml
 
 from sqrp_cli.runtime.record.events import Event, StepBegan
+from sqrp_cli.runtime.record.report import FaultRecord, RunReport
+from sqrp_cli.runtime.run.simulation import Simulation
 from sqrp_cli.terminal.run_view import LiveView
 from tests.cells import read_cell, shipped_cell, write_cell
+from tests.cli.ctrl_c import press_ctrl_c
 from tests.cli.slip_run import QUICK_ARM, RATE, ROOT, Cell, SlipRun
 
 
@@ -230,6 +233,72 @@ def test_a_sweep_goes_to_the_step_in_which_something_can_slip(sqrp: Callable[...
     assert (found["sweep"], found["step"]) == ("slip@a4", 2)
     assert run["x"] == pytest.approx((a4["start"] + a4["end"]) / 2)
     assert run["injected"] > first["time"] + run["x"]
+
+
+def _swept_to(results: list[tuple[float, float | None, float | None] | None]) -> Callable[..., RunReport]:
+    """In place of a run of a sweep: when it happened, delay and prediction of each; Ctrl-C for None."""
+    coming = iter(results)
+
+    def run_in(*_: object) -> RunReport:
+        if (result := next(coming)) is None:
+            press_ctrl_c()
+        happened, delay, predicted = result or (0.0, None, None)
+        detected = None if delay is None else happened + delay
+        return RunReport(faults=[FaultRecord("slip", 5.0, happened, detected, None, 14.0, predicted)])
+
+    return run_in
+
+
+@pytest.mark.usefixtures("heeded_ctrl_c")
+def test_ctrl_c_in_a_sweep_keeps_the_slips_that_are_finished(
+    sqrp: Callable[..., Any], cell: Cell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs: list[tuple[float, float | None, float | None] | None] = [(5.0, 0.1, 0.2), (6.0, 0.15, 0.2), None]
+    arguments = ("run", cell.program, "--sim", "--sweep", "slip@a4", "--n", 3)
+    monkeypatch.setattr(Simulation, "run_in", _swept_to(runs))
+    found = sqrp(*arguments)
+    assert found.code == 130
+    assert [line.split()[1:5] for line in found.out.splitlines()[3:5]] == [
+        ["5.00", "5.10", "0.10", "<=0.20"],
+        ["6.00", "6.15", "0.15", "<=0.20"],
+    ]
+    assert found.out.endswith("on average.\nInterrupted: 2 of 3 slips are finished.\n")
+    monkeypatch.setattr(Simulation, "run_in", _swept_to(runs))
+    found = sqrp(*arguments, "--json")
+    assert found.code == 130
+    assert [run["delay"] for run in found.document["runs"]] == pytest.approx([0.1, 0.15])
+    assert found.document["interrupted"] is True
+
+
+@pytest.mark.usefixtures("heeded_ctrl_c")
+def test_ctrl_c_before_a_slip_of_a_sweep_is_finished_says_so(
+    sqrp: Callable[..., Any], cell: Cell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Simulation, "run_in", _swept_to([None]))
+    found = sqrp("run", cell.program, "--sim", "--sweep", "slip@a4", "--n", 3)
+    assert (found.code, found.out) == (130, "Interrupted: 0 of 3 slips are finished.\n")
+
+
+def test_a_sweep_says_how_slips_compare_with_predictions_and_that_no_image_is_promised_to_show_others(
+    sqrp: Callable[..., Any], cell: Cell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def told(*runs: tuple[float, float | None, float | None]) -> str:
+        monkeypatch.setattr(Simulation, "run_in", _swept_to(list(runs)))
+        found = sqrp("run", cell.program, "--sim", "--sweep", "slip@a4", "--n", len(runs), "--json")
+        assert "interrupted" not in found.document
+        monkeypatch.setattr(Simulation, "run_in", _swept_to(list(runs)))
+        found = sqrp("run", cell.program, "--sim", "--sweep", "slip@a4", "--n", len(runs))
+        return " ".join(found.out.split("all in s\n", 1)[1].split())
+
+    assert told((5.0, 0.49, None), (6.0, 2.54, None), (7.0, None, None)) == (
+        "No image is promised to show the slips, but usual images may: 2 of 3 were seen. "
+        "Seen after 1.51 s on average, 2.54 s at worst; done after 14.0 s on average."
+    )
+    assert told((5.0, 0.1, 0.2), (6.0, 0.5, None)) == (
+        "1 of 1 slips that the prediction says can be seen were seen: 1 as predicted, 0 sooner by more than 145 ms, "
+        "0 later than predicted at worst. No image is promised to show the others, but usual images may: 1 of 1 were "
+        "seen. Seen after 0.30 s on average, 0.50 s at worst; done after 14.0 s on average."
+    )
 
 
 def test_what_is_wrong_with_a_fault_of_a_step_is_said_of_that_step(sqrp: Callable[..., Any], two_steps: Cell) -> None:

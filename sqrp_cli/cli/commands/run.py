@@ -212,13 +212,15 @@ def _replay(log: Path, program: Path | None, page: Path | None, arguments: Seque
 
 
 def _sweep(opened: OpenProgram, slip: str, count: int | None, *, as_json: bool) -> ExitCode:
-    """Many runs of a program, each with a slip at another instant."""
+    """Many runs of a program, each with a slip at another instant; at Ctrl-C those that are finished are shown."""
     from sqrp_cli.runtime.run.injected_fault import parse_sweep
     from sqrp_cli.terminal.console import progress
 
     parse_sweep(slip, opened.program.steps, "--sweep")
     swept = opened.sweep(slip, count or DEFAULT_RUNS, progress=progress)
     answer(swept, as_json=as_json)
+    if swept.interrupted:
+        return ExitCode.INTERRUPTED
     return ExitCode.OK if swept.done else ExitCode.STOPPED_ON_FAULT
 
 

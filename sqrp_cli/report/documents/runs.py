@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 from sqrp_cli.calibrating.fit import Judged
 from sqrp_cli.knowledge.camera.curve import Curve
 from sqrp_cli.knowledge.text.entries import completed
-from sqrp_cli.report.documents.document import Record, WorkspaceDocument
+from sqrp_cli.report.documents.document import LEFT_OUT, Record, WorkspaceDocument
 from sqrp_cli.runtime.record.report import Confusion, Disagreement, RunReport, StepRecord
 
 if TYPE_CHECKING:
@@ -139,12 +139,24 @@ class SweepDocument(WorkspaceDocument):
     """Runs in which it was seen later than predicted at worst, by more than a step of the physics (2 ms)."""
     runs: list[SweptRun]
     """In the order of `x`."""
+    interrupted: bool | None = field(default=None, metadata=LEFT_OUT)
+    """True if Ctrl-C came before all runs were finished."""
 
     @classmethod
-    def of(cls, workspace: str, text: str, step: int, runs: Sequence[SweepRun], summary: SweepSummary) -> SweepDocument:
+    def of(
+        cls,
+        workspace: str,
+        text: str,
+        step: int,
+        runs: Sequence[SweepRun],
+        summary: SweepSummary,
+        *,
+        interrupted: bool = False,
+    ) -> SweepDocument:
         """The runs of a sweep. step: the number of the one that was swept."""
         swept = [completed(SweptRun, run, run.report, run.fault) for run in runs]
-        return completed(cls, summary, workspace=workspace, sweep=text, step=step, runs=swept)
+        stated = {"workspace": workspace, "sweep": text, "step": step, "interrupted": interrupted or None}
+        return completed(cls, summary, runs=swept, **stated)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -78,6 +78,8 @@ class SweepSummary:
     """By how much delays exceeded what was predicted, of those that did [s]."""
     delays: tuple[float, ...]
     """Measured, of the same [s]."""
+    unpromised: tuple[float | None, ...]
+    """Measured delays of the faults that no image is promised to show [s]; None: not seen."""
     ends: tuple[float, ...]
     """When steps were done after all [s]."""
 
@@ -85,7 +87,8 @@ class SweepSummary:
     def of(cls, runs: Iterable[SweepRun], period: float) -> SweepSummary:
         """The summary of a sweep; period: of the slowest camera [s]."""
         faults = [run.fault for run in runs]
-        able = [fault for fault in faults if fault.predicted_delay is not None and fault.happened is not None]
+        happened = [fault for fault in faults if fault.happened is not None]
+        able = [fault for fault in happened if fault.predicted_delay is not None]
         pairs = [(fault.delay, fault.predicted_delay) for fault in able]
         seen = [(delay, predicted) for delay, predicted in pairs if delay is not None and predicted is not None]
         return cls(
@@ -94,6 +97,7 @@ class SweepSummary:
             tuple(delay - predicted for delay, predicted in seen),
             tuple(late for late in map(excess, able) if late),
             tuple(delay for delay, _ in seen),
+            tuple(fault.delay for fault in happened if fault.predicted_delay is None),
             tuple(fault.recovered for fault in faults if fault.recovered is not None),
         )
 

@@ -29,4 +29,5 @@ def test_a_delay_is_as_predicted_up_to_the_longest_and_a_step_of_the_physics() -
 def test_what_cannot_be_predicted_or_did_not_happen_does_not_count_and_what_was_missed_is_not_seen() -> None:
     summary = SweepSummary.of([run(0.1, None), run(None, 0.2, None), run(None, 0.2), run(0.2, 0.2)], PERIOD)
     assert (summary.predictable, summary.seen, summary.as_predicted) == (2, 1, 1)
+    assert summary.unpromised == pytest.approx((0.1,))
     assert summary.ends == (20.0,) * 4
