@@ -39,7 +39,20 @@ def test_the_plan_of_the_document_is_what_ranking_its_step_gives(sqrp, laying, h
     best = sqrp("rank", laying, "lay g2", "--after", holding, "--json").document["candidates"][0]
     (step,) = candidate["plan"]
     assert candidate["planning"] == "plan"
-    assert step == {"action": "lay(g2)", **{name: best[name] for name in ("feasible", "q_avg", "q_eoi", "reasons")}}
+    figures = ("feasible", "q_avg", "q_eoi", "time", "reasons")
+    assert step == {"action": "lay(g2)", **{name: best[name] for name in figures}}
+
+
+def test_the_document_has_the_figures_that_are_printed(sqrp, laying, holding):
+    command = ("check", laying, "pickup g3", "--after", holding)
+    (candidate,) = sqrp(*command, "--json").document["candidates"]
+    rows = [line.split() for line in sqrp(*command).out.splitlines() if line[:1].isdigit()]
+    steps = [*candidate["plan"], candidate["last"]]
+    assert [step["action"] for step in steps] == ["lay(g2)", "pickup(g3)"]
+    assert [f"{step['time']:.2f}" for step in steps] == [row[-1] for row in rows]
+    (candidate,) = sqrp("check", laying, "pickup g3", "--json").document["candidates"]
+    row = sqrp("check", laying, "pickup g3").out.splitlines()[-1].split()
+    assert (candidate["last"], row) == (None, ["g3", f"{candidate['time']:.2f}"])
 
 
 def test_the_whole_suggestion_becomes_a_program(sqrp, laying, program):

@@ -47,7 +47,7 @@ class ReportedProblem(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedStep(Record):
-    """A step that has to be done first, in its best way."""
+    """A step of a plan, in its best way."""
 
     action: str
     """A skill with its objects as planners write it, such as `place(g2, tray)`."""
@@ -57,13 +57,15 @@ class PlannedStep(Record):
     """Q_avg in 0..1 of its best candidate; null if it is infeasible, or where no formula applies."""
     q_eoi: float | None
     """Q_eoi in 0..1 of that candidate; null if it is infeasible, or where there is no event of interest."""
+    time: float | None
+    """Duration of its motion [s]; null if it is infeasible."""
     reasons: list[str]
     """Why it is infeasible; empty if it is feasible."""
 
     @classmethod
     def of(cls, step: SuggestedStep) -> PlannedStep:
         """A step of a suggestion."""
-        figures = {name: getattr(step.assessment, name, None) for name in ("q_avg", "q_eoi")}
+        figures = {name: getattr(step.assessment, name, None) for name in ("q_avg", "q_eoi", "time")}
         return completed(cls, step, reasons=list(step.reasons), **figures)
 
 
@@ -77,21 +79,26 @@ class CheckedCandidate(Record):
     """Whether it can be done at once: its precondition holds, and the robot can make its motion."""
     reasons: list[str]
     """Why it is infeasible, most useful first."""
+    time: float | None
+    """Duration of its motion, with the first grip that works, in the fastest branch [s]; null if it is infeasible."""
     plan: list[PlannedStep] | None
     """What has to be done first; empty if nothing, null if no plan was found."""
+    last: PlannedStep | None
+    """The candidate itself, after that; null if nothing has to be done first, or no plan was found."""
     planning: str
     """How planning ended."""
 
     @classmethod
     def of(cls, found: Feasibility) -> CheckedCandidate:
         """What was found about a candidate."""
-        steps = found.suggestion.steps
+        steps, last = found.suggestion.steps, found.suggestion.last
         return completed(
             cls,
             found,
             parameters=found.candidate.parameters,
             reasons=list(found.reasons),
             plan=None if steps is None else [PlannedStep.of(step) for step in steps],
+            last=None if last is None else PlannedStep.of(last),
             planning=found.suggestion.outcome,
         )
 
