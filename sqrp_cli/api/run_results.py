@@ -148,23 +148,29 @@ class Audit(Answer["AuditDocument"]):
     """Where each camera of the recording is, and what its clock says."""
     unsurveyed: str = ""
     """Why that is not known of any."""
+    written: bool = False
+    """Whether its patch was written to a file."""
+
+    @property
+    def not_as_stated(self) -> list[str]:
+        """The cameras that are known to have moved, and the clocks that are wrong, in words."""
+        moved = [f"{name} has moved" for name, one in self.cameras.items() if one.has_moved]
+        wrong = {name for name, one in self.cameras.items() if one.has_wrong_clock} | {*self.report.apart}
+        return [*moved, *(f"the clock of {name} is wrong" for name in sorted(wrong))]
 
     @property
     def passed(self) -> bool:
-        """Whether so many came true, no camera has moved and no clock is wrong."""
+        """Whether so many came true, no camera is known to have moved and no clock to be wrong."""
         precision = self.report.total.precision
-        as_stated = not any(one.has_moved or one.has_wrong_clock for one in self.cameras.values())
-        as_stated = as_stated and not self.report.apart
-        return precision is not None and precision >= self.threshold and as_stated
+        return precision is not None and precision >= self.threshold and not self.not_as_stated
 
     @property
     def brief(self) -> str:
         """Its main figures, in a line."""
         precision = self.report.total.precision
         share = "nothing was predicted" if precision is None else f"{100 * precision:.1f} % of predictions came true"
-        moved = [f"{name} has moved" for name, one in self.cameras.items() if one.has_moved]
-        wrong = [f"the clock of {name} is wrong" for name, one in self.cameras.items() if one.has_wrong_clock]
-        return ", ".join([f"{self.workspace.name}: {share}", *moved, *wrong, "passed" if self.passed else "not passed"])
+        passed = "passed" if self.passed else "not passed"
+        return ", ".join([f"{self.workspace.name}: {share}", *self.not_as_stated, passed])
 
     @cached_property
     def patch(self) -> str:
@@ -200,4 +206,13 @@ class Audit(Answer["AuditDocument"]):
         """Print what `sqrp audit` prints."""
         from sqrp_cli.terminal.audit_view import print_audit
 
-        print_audit(self.program, self.workspace.name, self.report, self.threshold, self.cameras, self.unsurveyed)
+        print_audit(
+            self.program,
+            self.workspace.name,
+            self.report,
+            self.threshold,
+            self.cameras,
+            unsurveyed=self.unsurveyed,
+            not_as_stated=self.not_as_stated,
+            written=self.written,
+        )

@@ -26,9 +26,16 @@ def print_audit(
     report: AuditReport,
     threshold: float,
     cameras: Mapping[str, CameraSurvey],
-    unsurveyed: str = "",
+    *,
+    unsurveyed: str,
+    not_as_stated: Sequence[str],
+    written: bool,
 ) -> None:
-    """What a recording says about a program's predictions; unsurveyed: why nothing is known of the cameras."""
+    """What a recording says about a program's predictions.
+
+    unsurveyed: why nothing is known of the cameras. not_as_stated: what is wrong with them, in words. written: whether
+    a patch is written for those that have moved.
+    """
     what = "; ".join(step.short_task for step in program.steps)
     say(f"{what} in {workspace}: {report.images} images compared, {report.skipped} skipped (not as planned)")
     _print_left_out(report)
@@ -36,7 +43,7 @@ def print_audit(
     if unsurveyed:
         say(f"Whether cameras have moved is not known: {unsurveyed}.", "yellow")
     else:
-        _print_cameras(cameras)
+        _print_cameras(cameras, written=written)
     say()
     print_prediction(report.prediction, report.usual)
     print_disagreements(report.disagreements, len(report.prediction))
@@ -44,7 +51,7 @@ def print_audit(
         since = f"From {one.t:.2f} s of step {one.step} on, `{one.atom}` is false in each of the {one.images} images"
         say(f"{since} that show it: perhaps the part was lost there, and its detector is right.", "yellow")
     say()
-    say(_total(report.total.precision, threshold))
+    say(_total(report.total.precision, threshold, not_as_stated))
 
 
 def _print_left_out(report: AuditReport) -> None:
@@ -63,12 +70,14 @@ def _print_left_out(report: AuditReport) -> None:
         say(f"{report.repeated} images are bit by bit the same as the one before them; they count as blind.", "yellow")
 
 
-def _total(precision: float | None, threshold: float) -> str:
-    """How much of what was predicted to be seen was seen."""
+def _total(precision: float | None, threshold: float, not_as_stated: Sequence[str]) -> str:
+    """How much of what was predicted to be seen was seen, and what else is wrong."""
+    wrong = f" Not passed: {listed(not_as_stated)}." if not_as_stated else ""
     if precision is None:
-        return "No image was predicted to show anything, so there is nothing to confirm."
+        return f"No image was predicted to show anything, so there is nothing to confirm.{wrong}"
     verdict = "at least" if precision >= threshold else "less than"
-    return f"{100 * precision:.1f} % of what was predicted to be seen was seen, {verdict} {100 * threshold:g} %."
+    seen = f"{100 * precision:.1f} % of what was predicted to be seen was seen"
+    return f"{seen}, {verdict} {100 * threshold:g} %.{wrong}"
 
 
 def _without(cameras: Sequence[str], topics: Sequence[str]) -> str:
@@ -80,7 +89,7 @@ def _without(cameras: Sequence[str], topics: Sequence[str]) -> str:
     return f"{said} Images of no camera are on {first_names(topics)}: --topic {cameras[0]}={topics[0]}"
 
 
-def _print_cameras(cameras: Mapping[str, CameraSurvey]) -> None:
+def _print_cameras(cameras: Mapping[str, CameraSurvey], *, written: bool) -> None:
     titles = ("images", "clock [ms]", "turned [deg]", "shifted [mm]", "off by [px]")
     columns = [Column("camera"), *numbers(*titles)]
     print_table(columns, [[name, str(one.images), *_cells(one)] for name, one in cameras.items()])
@@ -92,10 +101,13 @@ def _print_cameras(cameras: Mapping[str, CameraSurvey]) -> None:
     moved = [name for name, one in cameras.items() if one.has_moved]
     if moved:
         verb, them = ("has", "it is") if len(moved) == 1 else ("have", "they are")
-        say(f"{listed(moved)} {verb} moved. --patch FILE writes where {them} into the workspace.", "red")
+        how = "" if written else f" --patch FILE writes where {them} into the workspace."
+        say(f"{listed(moved)} {verb} moved.{how}", "red")
     blind = [name for name, one in cameras.items() if one.fit is None]
     if blind:
-        say(f"Images of {listed(blind)} show too little of the cell to tell where it is.", "yellow")
+        it, has = ("it is", "it has") if len(blind) == 1 else ("they are", "they have")
+        little = f"Images of {listed(blind)} show too little of the cell to tell where {it}"
+        say(f"{little}, or {has} moved by more than can be found out.", "yellow")
 
 
 def _cells(survey: CameraSurvey) -> list[Any]:

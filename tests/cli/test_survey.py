@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
-from sqrp_cli.api.program import open_program
+from sqrp_cli.api.program import OpenProgram, open_program
 from sqrp_cli.api.run_results import Audit
 from sqrp_cli.geometry import inverse, pose
 from sqrp_cli.knowledge.text.yaml_file import parse_yaml
@@ -17,6 +19,7 @@ from sqrp_cli.ros.bag import Bag
 from sqrp_cli.runtime.audit.bag_footage import BagFootage
 from sqrp_cli.runtime.audit.frame_audit import AuditReport
 from sqrp_cli.runtime.audit.survey import survey
+from sqrp_cli.runtime.record.report import Confusion
 from tests.cli.slip_run import Cell
 from tests.recordings.make import CellPictures, Truth, record
 
@@ -84,6 +87,41 @@ def test_a_second_run_in_the_recording_is_told(audit: Audit) -> None:
     assert (audit.document.runs, twice.document.runs) == (1, 2)
     assert "is there 2 times (runs, or a retry): the first is compared" in str(twice)
     assert "(runs, or a retry)" not in str(audit)
+
+
+def test_the_last_line_says_why_an_audit_is_not_passed_though_all_came_true(audit: Audit) -> None:
+    seen: Any = ({"hold(g2)": {"cam3": Confusion(tp=9)}},), ({"hold(g2)": {"cam3": Confusion()}},)
+    report = replace(audit.report, prediction=seen[0], usual=seen[1])
+    last = "100.0 % of what was predicted to be seen was seen, at least 97 %."
+    why = "cam3 has moved, the clock of cam3 is wrong and the clock of cam5 is wrong"
+    assert " ".join(str(replace(audit, report=report)).split()).endswith(f"{last} Not passed: {why}.")
+    alone = replace(audit, report=replace(report, apart={"cam5": 60.0}), cameras={}, unsurveyed="no OpenGL")
+    assert " ".join(str(alone).split()).endswith(f"{last} Not passed: the clock of cam5 is wrong.")
+    assert str(replace(audit, report=report, cameras={})).endswith(f"\n{last}")
+
+
+def test_of_a_camera_that_was_not_found_it_is_not_said_that_it_has_not_moved(
+    audit: Audit, sqrp: Callable[..., Any], quick_cell: Cell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lost = replace(audit, cameras={"cam3": replace(audit.cameras["cam3"], fit=None)})
+    monkeypatch.setattr(OpenProgram, "audit", lambda *_args, **_options: lost)
+    found = sqrp("audit", quick_cell.program, "run.mcap", "--patch", quick_cell.folder / "no.patch", columns=200)
+    little = "Images of cam3 show too little of the cell to tell where it is"
+    assert f"{little}, or it has moved by more than can be found out.\n" in found.out
+    assert "of no camera is it known that it has moved, so" in found.err
+
+
+def test_how_a_patch_is_written_is_said_until_it_is(
+    audit: Audit, sqrp: Callable[..., Any], quick_cell: Cell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(OpenProgram, "audit", lambda *_args, **_options: audit)
+    patch = quick_cell.folder / "moved.patch"
+    for option, said in [((), True), (("--patch", patch), False)]:
+        found = sqrp("audit", quick_cell.program, "run.mcap", *option, columns=200)
+        assert found.code == 1
+        assert ("cam3 has moved. --patch FILE writes where it is into the workspace.\n" in found.out) is said
+        assert ("cam3 has moved.\n" in found.out) is not said
+    assert patch.read_text(encoding="utf-8").endswith(audit.patch)
 
 
 @pytest.mark.parametrize("kind", ["ros1", "sqlite3"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -65,13 +66,13 @@ def command(
         PATCHES.check(patch)
         check_not_read([patch], opened.files)
     audit = opened.audit(recording, share, topics=topics, progress=progress)
-    answer(audit, as_json=as_json)
+    answer(replace(audit, written=patch is not None), as_json=as_json)
     if patch is not None:
         if audit.patch:
             PATCHES.write(patch, audit.patch)
             note(f"to have the poses: {to_apply(patch, opened.workspace.whole_file.file)}")
         else:
-            note(f"no camera has moved, so {patch} is not written")
+            note(f"of no camera is it known that it has moved, so {patch} is not written")
     return ExitCode.OK if audit.passed else ExitCode.NONE_FEASIBLE
 
 

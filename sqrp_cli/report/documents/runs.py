@@ -204,7 +204,7 @@ class AuditedCamera(Record):
     clock: AuditedClock
     """Its clock beside the robot's."""
     pose: AuditedPose | None
-    """Null where images show too little of the cell to tell."""
+    """Null where images show too little of the cell to tell, or it has moved by more than can be found out."""
 
     @classmethod
     def of(cls, survey: CameraSurvey) -> AuditedCamera:
@@ -255,12 +255,12 @@ class AuditDocument(WorkspaceDocument):
     threshold: float
     """Least `precision` that passes, in 0..1."""
     passed: bool
-    """Whether `precision` is at least that, no camera has moved, and no clock is wrong or `apart`."""
+    """Whether `precision` is at least that, no camera is known to have moved, and no clock is wrong or `apart`."""
     cameras: Mapping[str, AuditedCamera]
     """By name; none without an OpenGL that draws."""
     patch: str
-    """The change of the workspace file that puts cameras where they are; empty if none has moved, or another file says
-    where they are."""
+    """The change of the workspace file that puts cameras where they are; empty if none is known to have moved, or another
+    file says where they are."""
     prediction: list[Counts]
     """Per step."""
     usual: list[Counts]

@@ -59,7 +59,7 @@ class CameraSurvey:
     images: int
     """Of the recording."""
     fit: CameraFit | None
-    """None where its images show too little of the cell."""
+    """None where its images show too little of the cell, or it is not near where the workspace says."""
 
     @property
     def offset(self) -> float | None:
