@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from sqrp_cli.runtime.audit.frame_audit import AuditReport
     from sqrp_cli.runtime.audit.survey import CameraSurvey
 
+TAIL = 0.3
+"""A step whose last image that is compared is earlier than this before its end [s] is not seen to its end."""
+
 
 def print_audit(
     program: Program,
@@ -39,6 +42,7 @@ def print_audit(
     what = "; ".join(step.short_task for step in program.steps)
     say(f"{what} in {workspace}: {report.images} images compared, {report.skipped} skipped (not as planned)")
     _print_left_out(report)
+    _print_ends(program, report.until)
     say()
     if unsurveyed:
         say(f"Whether cameras have moved is not known: {unsurveyed}.", "yellow")
@@ -68,6 +72,17 @@ def _print_left_out(report: AuditReport) -> None:
         say(_without(report.missing, report.other_topics), "yellow")
     if report.repeated:
         say(f"{report.repeated} images are bit by bit the same as the one before them; they count as blind.", "yellow")
+
+
+def _print_ends(program: Program, until: Sequence[float | None]) -> None:
+    """How far images are compared of steps that they do not show to the end."""
+    for number, (step, t) in enumerate(zip(program.steps, until, strict=True), 1):
+        motion = "the motion" if len(program.steps) == 1 else f"step {number}"
+        if t is None:
+            say(f"No image of {motion} is compared.", "yellow")
+        elif t < step.time - TAIL:
+            upto = f"Images are compared up to {t:.2f} s of {step.time:.2f} s of {motion}"
+            say(f"{upto}: then the recording ends, or the robot does not do as planned.", "yellow")
 
 
 def _total(precision: float | None, threshold: float, not_as_stated: Sequence[str]) -> str:

@@ -46,6 +46,13 @@ def test_an_audit_finds_in_it_what_it_finds_in_the_frames(
                 assert abs(counts["fn"] - kept["fn"]) <= 1, (literal, camera)
 
 
+def test_it_tells_how_far_images_are_compared(slip_run: SlipRun, audited: Any) -> None:
+    footage = (opened := open_program(slip_run.cell.program)).footage(slip_run.cell.folder / "run.mcap", {})
+    last = max(frames_of(footage, 0, opened.program.steps[0], {}).values())
+    assert audited.document["until"] == [pytest.approx(last, abs=1e-3)]
+    assert last < opened.program.steps[0].time - 0.3  # the part fell
+
+
 def test_a_detector_learns_the_same_from_it_as_from_the_frames(slip_run: SlipRun) -> None:
     opened, folder = open_program(slip_run.cell.program), slip_run.cell.folder
     looks = []

@@ -36,7 +36,7 @@ def audit(quick_cell: Cell) -> Audit:
     for one in (path, path.with_suffix(".bag")):
         record(one, pictures, TRUTH, drawn)
     found = survey(program, workspace, BagFootage(program, workspace, path, {}), lambda: None)
-    return Audit(program, workspace, AuditReport((), (), (), 0, 0, 0), 0.97, found)
+    return Audit(program, workspace, AuditReport((), (), (), 0, 0, 0, (None,)), 0.97, found)
 
 
 def test_the_camera_that_was_turned_is_named_and_no_other(audit: Audit) -> None:
@@ -87,6 +87,26 @@ def test_a_second_run_in_the_recording_is_told(audit: Audit) -> None:
     assert (audit.document.runs, twice.document.runs) == (1, 2)
     assert "is there 2 times (runs, or a retry): the first is compared" in str(twice)
     assert "(runs, or a retry)" not in str(audit)
+
+
+@pytest.mark.parametrize(
+    ("until", "said"),
+    [
+        (None, "No image of the motion is compared."),
+        (
+            0.4,
+            "Images are compared up to 0.40 s of {time:.2f} s of the motion: then the recording ends, or",
+        ),
+    ],
+)
+def test_how_far_images_are_compared_is_told_where_they_end_before_the_motion(
+    audit: Audit, until: float | None, said: str
+) -> None:
+    time = audit.program.steps[0].time
+    cut, whole = (replace(audit, report=replace(audit.report, until=(t,))) for t in (until, time - 0.1))
+    assert said.format(time=time) in " ".join(str(cut).split())
+    assert cut.document.until == (until,)
+    assert "Images are compared" not in str(whole)
 
 
 def test_the_last_line_says_why_an_audit_is_not_passed_though_all_came_true(audit: Audit) -> None:

@@ -239,6 +239,9 @@ class AuditDocument(WorkspaceDocument):
     """Images of times at which the step did not go as planned."""
     repeated: int
     """Images identical to the one before them."""
+    until: Sequence[float | None]
+    """When the last image that was compared was taken, per step, in seconds of the step; null where none was. After it
+    the recording ends, or the step did not go on as planned."""
     runs: int
     """How often the program's motion is in the recording: runs, or a retry. The first one counts."""
     damaged: int
@@ -259,8 +262,8 @@ class AuditDocument(WorkspaceDocument):
     cameras: Mapping[str, AuditedCamera]
     """By name; none without an OpenGL that draws."""
     patch: str
-    """The change of the workspace file that puts cameras where they are; empty if none is known to have moved, or another
-    file says where they are."""
+    """The change of the workspace file that puts cameras where they are; empty if none is known to have moved, or
+    another file says where they are."""
     prediction: list[Counts]
     """Per step."""
     usual: list[Counts]

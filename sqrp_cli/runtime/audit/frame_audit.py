@@ -60,6 +60,8 @@ class AuditReport:
     """How many were taken when the step did not go as planned."""
     repeated: int
     """How many were identical to the image before them."""
+    until: tuple[float | None, ...]
+    """When the last image of each step that was compared was taken, of the step [s]; None where none was."""
     lost: tuple[MaybeLost, ...] = ()
     """What may have been lost without the arm leaving its path."""
     missing: tuple[str, ...] = ()
@@ -114,6 +116,7 @@ def audit(
         images=compared,
         skipped=len(footage.frames) + footage.unplanned - compared - len(footage.damaged),
         repeated=sum(step.repeated for step in steps),
+        until=tuple(step.until for step in steps),
         lost=tuple(lost for step in steps for lost in step.lost),
         missing=tuple(name for name in workspace.cameras if name not in footage.recorded),
         other_topics=tuple(footage.other_topics),
@@ -130,6 +133,7 @@ class _StepAudit:
         """index: of the step. cameras: names of all."""
         self.check = PredictionCheck(index, nominal, cameras)
         self.compared = self.repeated = 0
+        self.until: float | None = None
         self._number, self._nominal, self._monitor = index + 1, nominal, StepMonitor(nominal, 1.0)
         self._false_at: dict[str, list[float]] = {atom: [] for atom in nominal.step.targets}
 
@@ -137,6 +141,7 @@ class _StepAudit:
         """Compare an image taken at time t [s] of the step."""
         self.compared += 1
         self.repeated += detection.frozen
+        self.until = t if self.until is None else max(self.until, t)
         truths = {atom: self._nominal.holds(atom, t) for atom in self._false_at}
         asked = self._monitor.monitored(t)
         self.check.add(detection, t, asked, truths)

@@ -121,16 +121,20 @@ def found_steps(program: Program, arm: Sequence[str], tracks: JointTracks, path:
     for number, step in enumerate(program.steps, 1):
         fit = _best_start(step, columns, arm, tracks, left)
         if fit.share < LEAST_SHARE:
-            message = (
-                f"the motion of step {number}, {step.short_task}, is not in the joint states of this recording: where"
-                f" they are nearest to it, at {fit.start - known.start:.2f} s, {fit.share:.0%} of it fits;"
-                " expected one that begins before the motion does"
-            )
-            raise bad_input("other-motion", message, Place(path))
+            raise bad_input("other-motion", _not_there(number, step, fit, known), Place(path))
         fits.append(fit)
         left = Stretch(fit.start + 0.5 * step.time, known.end)
     runs = _runs([0.5 * step.time for step in program.steps], [fit.all_starts for fit in fits])
     return FoundMotion([fit.start for fit in fits], runs)
+
+
+def _not_there(number: int, step: Step, fit: _Fit, known: Stretch) -> str:
+    """What is said of a step that is not there, of the fit that is nearest to it."""
+    motion, least = f"the motion of step {number}, {step.short_task}", f"the first {LEAST_SHARE:.0%} of it"
+    if fit.start + (fit.share + 1 / POINTS) * step.time > known.end:
+        return f"this recording ends at {known.length:.2f} s, too early in {motion}; expected at least {least}"
+    nearest = f"where they are nearest to it, at {fit.start - known.start:.2f} s, {fit.share:.0%} of it fits"
+    return f"{motion}, is not in the joint states of this recording: {nearest}; expected at least {least}"
 
 
 def _runs(times: Sequence[float], starts: Sequence[Sequence[float]]) -> int:
@@ -162,7 +166,7 @@ def _best_start(step: Step, columns: Sequence[int], arm: Sequence[str], tracks: 
     """
     tau = np.linspace(0.0, step.time, POINTS)
     planned = planned_joints(step, tau)[:, columns]
-    starts = np.arange(span.start - SPACING, max(span.end - LEAST_SHARE * step.time, span.start) + SPACING, SPACING)
+    starts = np.arange(span.start - SPACING, span.end + SPACING, SPACING)
     costs, shares = np.empty(len(starts)), np.empty(len(starts))
     for first in range(0, len(starts), _BLOCK):
         t = starts[first : first + _BLOCK, None] + tau

@@ -40,11 +40,11 @@ def position(runs: list[tuple[float, Any, float]], t: np.ndarray) -> np.ndarray:
     return q
 
 
-def recorded(runs: list[tuple[float, Any, float]], rate: float = 50.0) -> JointTracks:
+def recorded(runs: list[tuple[float, Any, float]], rate: float = 50.0, end: float = 20.0) -> JointTracks:
     """Joint states, each joint on a topic of its own and a little later than the other."""
     tracks, rng = JointTracks(), np.random.default_rng(0)
     for column, name in enumerate(ARM):
-        t = np.arange(0.0, 20.0, 1.0 / rate) + 0.003 * column
+        t = np.arange(0.0, end, 1.0 / rate) + 0.003 * column
         q = position(runs, t)[:, column] + rng.normal(0.0, 1e-4, len(t))
         for time, value in zip(t, q, strict=True):
             tracks.add(f"/{name}", time, [name, "finger"], [value, float("nan")])
@@ -79,12 +79,23 @@ def test_a_step_that_was_stopped_on_the_way_is_found_by_its_beginning() -> None:
     assert found.starts == pytest.approx([5.0], abs=2e-3)
 
 
+@pytest.mark.parametrize("end", [0.7, 1.0])
+def test_of_a_recording_that_was_interrupted_it_is_said_that_it_ends_too_early(end: float) -> None:
+    says = f"this recording ends at {end - 0.02:.2f} s, too early in the motion of step 1, pickup g1; expected at least"
+    with pytest.raises(InputError, match=f"{says} the first 35% of it"):
+        found_steps(PROGRAM, ARM, recorded([(0.05, OUT, 1.0)], end=end), Path("run.mcap"))
+
+
 @pytest.mark.parametrize(
     ("runs", "arm", "says"),
     [
         ([], ["shoulder", "wrist"], "lack wrist; they have `elbow`, `shoulder`"),
         ([(5.0, OUT, 1.0)], ARM, "the motion of step 2, pickup g1, is not in the joint states"),
-        ([(5.0, moved([0.0, 0.0], [0.6, -0.4], 9.0), 1.0)], ARM, "the motion of step 1"),
+        (
+            [(5.0, moved([0.0, 0.0], [0.6, -0.4], 9.0), 1.0)],
+            ARM,
+            "step 1, .* it fits; expected at least the first 35% of",
+        ),
     ],
 )
 def test_what_is_not_there_is_said(runs: Any, arm: list[str], says: str) -> None:
