@@ -50,13 +50,8 @@ class LoggedRun:
 
     def of(self, opened: OpenProgram) -> LoggedRun:
         """The same with its program. Raises InputError for one whose steps are not those of the log."""
-        ran = [(step.skill, step.parameters, step.time) for step in self.header.steps]
-        steps = [(step.skill, dict(step.parameters), step.time) for step in opened.program.steps]
-        if ran and ran != steps:
-            was, now = (", ".join(f"{skill} of {time:.2f} s" for skill, _, time in one) for one in (ran, steps))
-            name, now = opened.path, now or "empty"
-            message = f"this log is not of a run of {name} as it is now: that was {was}; now it is {now}"
-            raise bad_input("other-program", message, Place(self.log, 1), mend=self._replay)
+        if self.header.steps:
+            opened.check_ran(self.header.steps, "this log is", Place(self.log, 1), self._replay)
         return replace(self, program=opened)
 
     def replay(self, *listeners: Callable[[Event], None]) -> SimulatedRun | None:

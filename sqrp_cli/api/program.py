@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from sqrp_cli.runtime.audit.footage import Footage
     from sqrp_cli.runtime.audit.survey import CameraSurvey
     from sqrp_cli.runtime.record.bag_recorder import BagRecorder
-    from sqrp_cli.runtime.record.events import Event, Listener
+    from sqrp_cli.runtime.record.events import Event, Listener, ProgramStep
     from sqrp_cli.runtime.record.film import ImageRecorder, Screen
     from sqrp_cli.runtime.record.report import RunReport
     from sqrp_cli.runtime.run.injected_fault import InjectedFault
@@ -83,6 +83,15 @@ class OpenProgram:
         check_program(self.program, self.path, self.workspace)
         if not self.program.steps:
             raise bad_input("no-steps", "this program has no steps", Place(self.path))
+
+    def check_ran(self, ran: Sequence[Step] | Sequence[ProgramStep], what: str, place: Place, mend: str) -> None:
+        """Raises InputError where steps that were run are not its own; what: tells of that run, at a place."""
+        runs = [[(one.skill, dict(one.parameters), one.time) for one in steps] for steps in (ran, self.program.steps)]
+        if runs[0] != runs[1]:
+            alike = set.intersection(*({*parameters.items()} for run in runs for _, parameters, _ in run))
+            was, now = (", ".join(_in_short(*step, alike) for step in run) for run in runs)
+            message = f"{what} not of a run of {self.path} as it is now: that was {was}; now it is {now or 'empty'}"
+            raise bad_input("other-program", message, place, mend=mend)
 
     @property
     def workspace(self) -> Workspace:
@@ -302,7 +311,11 @@ class OpenProgram:
             return {}, error.problems[0].message
 
     def footage(self, path: Path, topics: Mapping[str, str]) -> Footage:
-        """A recording of the program's run, of any kind; topics: see `audit`. Raises InputError for what is none."""
+        """A recording of the program's run, of any kind; topics: see `audit`.
+
+        Raises InputError for what is none, and for frames beside which lies another program that was run.
+        """
+        from sqrp_cli.program.file import load_program
         from sqrp_cli.ros.bag import check_kind, is_bag
         from sqrp_cli.runtime.audit.bag_footage import BagFootage
         from sqrp_cli.runtime.audit.footage import FolderFootage
@@ -314,6 +327,9 @@ class OpenProgram:
         check_kind(path)
         if path.exists() and is_bag(path):
             return BagFootage(self.program, self.workspace, path, topics)
+        if (kept := path / PROGRAM).is_file():
+            mend = f"name the program that was run: {kept}"
+            self.check_ran(load_program(kept).steps, "these frames are", Place(path), mend)
         return FolderFootage(self.program, self.workspace, path)
 
     def _simulation(self) -> Simulation:
@@ -323,6 +339,14 @@ class OpenProgram:
         from sqrp_cli.runtime.run.simulation import Simulation
 
         return Simulation(self.program, self.workspace, LazyReplanner(self.workspace), self.seed)
+
+
+def _in_short(
+    skill: str, parameters: Mapping[str, float | str], time: float, alike: Collection[tuple[str, float | str]]
+) -> str:
+    """A step by its skill, the parameters that others do not have alike, and its time [s]."""
+    own = (f"{name}={value}" for name, value in parameters.items() if (name, value) not in alike)
+    return " ".join([skill, *own, f"of {time:.2f} s"])
 
 
 class LazyReplanner:
