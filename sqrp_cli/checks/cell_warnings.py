@@ -89,9 +89,8 @@ def cameras_inside(workspace: Workspace, model: RobotModel, solids: Sequence[Sol
 
     The link that carries a camera counts like any other.
     """
-    X_WL = {link: poses[0] for link, poses in model.link_poses(model.home[None]).items()}
     X_WO = {item.name: item.X_WO for item in workspace.objects.values() if item.X_WO is not None}
-    X_WF = frame_poses(X_WL, X_WO, {})
+    X_WF = frame_poses(model.home_links, X_WO, {})
     for camera in workspace.cameras.values():
         eye = (X_WF[camera.frame] @ camera.X_FC)[:3, 3]
         for solid in solids:

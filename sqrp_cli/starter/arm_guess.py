@@ -76,14 +76,13 @@ def _guess(urdf: UrdfModel, chain: Sequence[UrdfJoint], tip: str) -> ArmGuess:
 
 def _chain_to(urdf: UrdfModel, tip: str) -> list[UrdfJoint]:
     """The movable joints that carry a link. Raises InputError if there is none, or no such link."""
+    mend = "name the link that carries the tool: `--tip LINK`, or leave `--tip` out to have it guessed"
     if tip not in urdf.links:
         message = f"found `{tip}`, which is no link of `{urdf.name}`; {expected_names(tip, urdf.links)}"
-        mend = "name the link that carries the tool: `--tip LINK`, or leave `--tip` out to have it guessed"
         raise bad_input("unknown-link", message, urdf.links[urdf.root].place, mend=mend)
     chain = [joint for joint in urdf.chain(tip) if joint.movable]
     if not chain:
         message = f"no joint moves `{tip}`; expected a link at the end of an arm"
-        mend = "name the link that carries the tool: `--tip LINK`, or leave `--tip` out to have it guessed"
         raise bad_input("no-arm", message, urdf.links[tip].place, mend=mend)
     return chain
 

@@ -105,10 +105,10 @@ class NoHome:
 
 def tool_seat(cell: Cell, arm: ArmGuess) -> Array:
     """Pose X_LT of a tool in the link at the arm's end, z out of it, beyond everything that it carries; (4, 4)."""
-    X_WL = cell.model.link_poses(cell.model.home[None])
-    X_TW = np.linalg.inv(X_WL[arm.tip][0])
+    X_WL = cell.model.home_links
+    X_TW = np.linalg.inv(X_WL[arm.tip])
     solids = load_solids([part for part in cell.model.parts if part.parent in arm.carried])
-    points = [transform(X_TW @ X_WL[solid.part.parent][0], solid.vertices) for solid in solids]
+    points = [transform(X_TW @ X_WL[solid.part.parent], solid.vertices) for solid in solids]
     out = arm.out if arm.swinging is None or not points else _swung(np.concatenate(points), arm.swinging, arm.out)
     furthest = max((float((ends @ out).max()) for ends in points), default=0.0)
     x = np.eye(3)[(int(np.abs(out).argmax()) + 1) % 3]

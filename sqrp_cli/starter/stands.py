@@ -150,6 +150,5 @@ def lowest_point(cell: Cell) -> float:
 def still_points(cell: Cell) -> Sequence[Array]:
     """Corners of the solids that the arm does not move, in the world [m], shape (V, 3) each."""
     bound = cell.collision.bound
-    X_WL = cell.model.link_poses(cell.model.home[None])
     parts = [part for part in cell.model.parts if bound.depth[part.parent] == 0 and part.parent not in bound.rods]
-    return [transform(X_WL[solid.part.parent][0], solid.vertices) for solid in load_solids(parts)]
+    return [transform(cell.model.home_links[solid.part.parent], solid.vertices) for solid in load_solids(parts)]

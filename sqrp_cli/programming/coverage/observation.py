@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Hashable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import pairwise, starmap
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,6 @@ from sqrp_cli.programming.coverage.stage import Samples, Stage, states_of
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, CoveredStates, Observer, sees_all
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.targets import Target
-
-Scalar = TypeVar("Scalar", bound=np.generic)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,37 +95,25 @@ class Observation:
     def joined(self, other: Observation, order: Indices) -> Observation:
         """The rows of both in the given order."""
 
-        def join(first: NDArray[Scalar], second: NDArray[Scalar]) -> NDArray[Scalar]:
-            return np.concatenate([first, second])[order]
+        def join(one: Observation | BoxVerdicts, more: Observation | BoxVerdicts) -> dict[str, NDArray[Any]]:
+            arrays = ((part.name, getattr(one, part.name)) for part in fields(one))
+            pairs = ((name, rows, getattr(more, name)) for name, rows in arrays if isinstance(rows, np.ndarray))
+            return {name: np.concatenate([rows, added])[order] for name, rows, added in pairs}
 
         matrix = None
         if self.matrix is not None and other.matrix is not None:
             matrix = tuple(
-                tuple(
-                    BoxVerdicts(
-                        cause=join(box.cause, more.cause),
-                        by=join(box.by, more.by),
-                        figure=join(box.figure, more.figure),
-                        visible=join(box.visible, more.visible),
-                    )
-                    for box, more in zip(boxes, others, strict=True)
-                )
+                tuple(BoxVerdicts(**join(box, more)) for box, more in zip(boxes, others, strict=True))
                 for boxes, others in zip(self.matrix, other.matrix, strict=True)
             )
-        return Observation(
-            looked=join(self.looked, other.looked),
-            required=join(self.required, other.required),
-            known=join(self.known, other.known),
-            covered=join(self.covered, other.covered),
-            response=join(self.response, other.response),
-            matrix=matrix,
-        )
+        return Observation(**join(self, other), matrix=matrix)
 
 
-def full_observation(observer: Observer, targets: Sequence[Target], states: SceneStates, required: Mask) -> Observation:
-    """The verdicts of every camera on every target; required: see `Observation`."""
+def full_observation(observer: Observer, look: Look) -> Observation:
+    """The verdicts of every camera on every target of a look, whatever is known already."""
     responses = np.array([camera.response for camera in observer.cameras])
-    return observation_of(observer.verdicts(targets, states), responses, targets, required)
+    matrix = observer.verdicts(look.targets, look.stage.states(look.samples))
+    return observation_of(matrix, responses, look.targets, look.stage.requires(look.targets, look.samples))
 
 
 def observation_of(

@@ -212,12 +212,7 @@ def observe_all(watches: Sequence[Watch], observer: Observer, sampling: Sampling
 
 def _seen(observer: Observer, looks: Sequence[Look], *, full: bool) -> Sequence[Observation]:
     """What the cameras see in looks; full: by the verdicts of every camera, whatever is known already."""
-    if not full:
-        return look_at(observer, looks)
-    return [
-        full_observation(observer, s.targets, s.stage.states(s.samples), s.stage.requires(s.targets, s.samples))
-        for s in looks
-    ]
+    return [full_observation(observer, look) for look in looks] if full else look_at(observer, looks)
 
 
 def bisection_error(sampling: Sampling) -> float:

@@ -133,10 +133,10 @@ SIDES = ("+z", "+x", "-x", "+y", "-y", "-z")
 
 def tool_turns(model: RobotModel) -> int:
     """In how many equal turns about its z axis the tool looks the same; a gripper counts as 1."""
-    X_WL = model.link_poses(model.home[None])
-    X_TW = np.linalg.inv(X_WL[model.tool_frame][0])
+    X_WL = model.home_links
+    X_TW = np.linalg.inv(X_WL[model.tool_frame])
     parts = [part for part in model.parts if part.parent in model.hand_links]
-    placed = (_turns(part, X_TW @ X_WL[part.parent][0] @ part.X_PG, 2) for part in parts)
+    placed = (_turns(part, X_TW @ X_WL[part.parent] @ part.X_PG, 2) for part in parts)
     return ROUND if parts and not model.fingers.joints and gcd(*placed) == ROUND else 1
 
 

@@ -102,8 +102,6 @@ class _Worker:
 
     def answer_all(self) -> None:
         while self._unanswered:
-            if not self._process.answered(ANSWER_WITHIN):
-                raise PerceptionError(self.cameras, "does not answer")
             self._take()
 
     def is_free(self) -> bool:
@@ -119,12 +117,12 @@ class _Worker:
     def receive(self, camera: str) -> Detection:
         waiting = self._ready[camera]
         while not waiting:
-            if not self._process.answered(ANSWER_WITHIN):
-                raise PerceptionError(self.cameras, "does not answer")
             self._take()
         return waiting.popleft()
 
     def _take(self) -> None:
+        if not self._process.answered(ANSWER_WITHIN):
+            raise PerceptionError(self.cameras, "does not answer")
         try:
             detection = self._process.receive()
         except Exception as error:  # it died, or found what it cannot cope with

@@ -252,10 +252,10 @@ class SeenPoints(NamedTuple):
 class SeenTriangles(NamedTuple):
     """Some triangles of a solid in k pairs of sight line and solid: n of them."""
 
-    pairs: Indices
-    """Index of each pair, shape (k,)."""
+    pair: Indices
+    """Index of each one's pair, shape (n,)."""
     row: Indices
-    """Place of each one's pair among these, shape (n,)."""
+    """Its place among the k, shape (n,)."""
     triangle: Indices
     """Index of each, shape (n,)."""
     points: Array
@@ -267,7 +267,7 @@ class SeenTriangles(NamedTuple):
     def of(
         cls, pairs: Indices, surface: silhouette.Triangulation, seen: SeenPoints, may: Mask, turned: NDArray[np.int8]
     ) -> SeenTriangles:
-        """Those that rays may meet first of the triangles that `may` block them, (k, F).
+        """Those that rays may meet first of the triangles that `may` block them, (k, F), in some pairs, by index, (k,).
 
         seen: the solid's points. turned: see `silhouette.facing`, without the last, (F, k).
         """
@@ -275,17 +275,12 @@ class SeenTriangles(NamedTuple):
             front = turned.T > 0
             may = may & (front | ~front.any(axis=1, keepdims=True))
         row, triangle = np.nonzero(may)
-        return cls(pairs=pairs, row=row, triangle=triangle, points=seen.optical, triangles=surface.triangles)
+        return cls(pair=pairs[row], row=row, triangle=triangle, points=seen.optical, triangles=surface.triangles)
 
     def of_pairs(self, wanted: Mask) -> SeenTriangles:
         """Those of some of all pairs."""
         kept = wanted[self.pair]
-        return self._replace(row=self.row[kept], triangle=self.triangle[kept])
-
-    @property
-    def pair(self) -> Indices:
-        """Index of each one's pair, shape (n,)."""
-        return self.pairs[self.row]
+        return self._replace(pair=self.pair[kept], row=self.row[kept], triangle=self.triangle[kept])
 
     @property
     def corners_C(self) -> Array:
