@@ -135,7 +135,7 @@ class MarkerDetector:
 def _beside(image: ImageArray, hiding: _Hiding, dictionary: str) -> Iterator[FoundMarker]:
     """Markers that are not found because a part of the robot touches them in the image."""
     for marker in markers_beside(image[hiding.crop], hiding.mask, dictionary):
-        yield FoundMarker(marker.id, marker.corners + np.array(hiding.crop.origin))
+        yield FoundMarker(marker.id, marker.corners + hiding.crop.origin)
 
 
 def _center(marker: FoundMarker) -> Array:

@@ -112,9 +112,9 @@ class Crop(NamedTuple):
         return self.rows.stop - self.rows.start, self.columns.stop - self.columns.start
 
     @property
-    def origin(self) -> tuple[int, int]:
-        """Its first pixel (x, y)."""
-        return self.columns.start, self.rows.start
+    def origin(self) -> NDArray[np.int32]:
+        """Its first pixel (x, y), shape (2,)."""
+        return np.array([self.columns.start, self.rows.start], dtype=np.int32)
 
     def wider(self, by: int) -> Crop:
         """With a margin on every side [pixels], which may reach beyond the image: it then indexes nothing."""
@@ -127,7 +127,7 @@ def filled(crop: Crop, polygons: Iterable[Corners]) -> Mask:
     polygons: (n, 2) each, or several with as many corners at once, (p, n, 2).
     """
     canvas = np.zeros(crop.shape, dtype=np.uint8)
-    first = np.array(crop.origin, dtype=np.int32) << _SUBPIXEL
+    first = crop.origin << _SUBPIXEL
     for corners in polygons:
         if corners.ndim == 2:
             cv2.fillConvexPoly(canvas, corners - first, 1, cv2.LINE_8, _SUBPIXEL)

@@ -7,9 +7,9 @@ not stated; where nothing is behind, the image shows a floor or a wall without a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -61,14 +61,8 @@ def backdrop_of(lines: SightLines, boxes: Sequence[SoughtBox], poses: SolidPoses
     """
     share, by = np.zeros(len(lines.state)), np.full(len(lines.state), -1, dtype=np.int64)
     asked = _asked(lines, boxes, poses, alike)
-    if asked is None:
-        return Backdrop(share, by)
-    found, culprit = np.zeros(len(asked.near.T)), np.full(len(asked.near.T), -1, dtype=np.int64)
-    wanted = np.flatnonzero(asked.may_be)
-    for some in np.array_split(wanted, 1 + len(wanted) // _TOGETHER):
-        if len(some):
-            found[some], culprit[some] = asked.views.some(some).alike(poses, asked.near[:, some], alike)
-    share[asked.line], by[asked.line] = found[asked.view], culprit[asked.view]
+    if asked is not None:
+        asked.tell((share, by), lambda views, near: views.alike(poses, near, alike))
     return Backdrop(share, by)
 
 
@@ -98,14 +92,8 @@ def backdrop_bounds(
     """What may be behind the boxes of sight lines, from cameras up to `reach` [m] away; see `backdrop_of`."""
     low, high = np.zeros(len(lines.state)), np.zeros(len(lines.state))
     asked = _asked(lines, boxes, poses, alike, reach)
-    if asked is None:
-        return BackdropBounds(low, high)
-    least, most = (np.zeros(len(asked.near.T)) for _ in range(2))
-    wanted = np.flatnonzero(asked.may_be)
-    for some in np.array_split(wanted, 1 + len(wanted) // _TOGETHER):
-        if len(some):
-            least[some], most[some] = asked.views.some(some).alike_within(poses, asked.near[:, some], alike, reach)
-    low[asked.line], high[asked.line] = least[asked.view], most[asked.view]
+    if asked is not None:
+        asked.tell((low, high), lambda views, near: views.alike_within(poses, near, alike, reach))
     return BackdropBounds(low, high)
 
 
@@ -122,6 +110,16 @@ class _Asked(NamedTuple):
     """Which solids may be behind the box of each view, shape (s, v)."""
     may_be: Mask
     """Whether any of them has the box's colour, shape (v,)."""
+
+    def tell(self, found: tuple[Array, Array | Indices], look: Callable[[_Looks, Mask], tuple[Array, Any]]) -> None:
+        """Write what looks at the views tell, some at a time, into two arrays of all lines; others stay as they are."""
+        of_view = [np.full(len(self.may_be), values[self.line[0]]) for values in found]
+        wanted = np.flatnonzero(self.may_be)
+        for some in np.array_split(wanted, 1 + len(wanted) // _TOGETHER):
+            if len(some):
+                of_view[0][some], of_view[1][some] = look(self.views.some(some), self.near[:, some])
+        for values, told in zip(found, of_view, strict=True):
+            values[self.line] = told[self.view]
 
 
 def _asked(
@@ -167,15 +165,8 @@ class _Looks:
     @classmethod
     def of(cls, lines: SightLines, which: Indices) -> _Looks:
         hull = lines.hull[which]
-        return cls(
-            lines.state[which],
-            lines.box[hull],
-            lines.X_WC[hull],
-            lines.X_WB[hull],
-            lines.half_size[hull],
-            lines.offset[hull],
-            lines.corners[hull],
-        )
+        of_hulls = (lines.X_WC, lines.X_WB, lines.half_size, lines.offset, lines.corners)
+        return cls(lines.state[which], lines.box[hull], *(values[hull] for values in of_hulls))
 
     def some(self, which: Indices) -> _Looks:
         """Some of the views, by index."""

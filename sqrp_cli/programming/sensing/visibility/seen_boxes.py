@@ -208,15 +208,8 @@ class SeenSolids:
         """Those of some of the lines, which are counted anew; hull: the new index of the view of each of these."""
         kept = wanted[self.line]
         line = (np.cumsum(wanted) - 1)[self.line[kept]]
-        return SeenSolids(
-            line=line,
-            hull=hull[line],
-            solid=self.solid[kept],
-            X_WP=self.X_WP[kept],
-            X_CP=self.X_CP[kept],
-            maps=self.maps[:, :, kept],
-            corners=self.corners[kept],
-        )
+        rest = {name: getattr(self, name)[kept] for name in ("solid", "X_WP", "X_CP", "corners")}
+        return replace(self, line=line, hull=hull[line], maps=self.maps[:, :, kept], **rest)
 
     @property
     def eyes_P(self) -> NDArray[np.float32]:
