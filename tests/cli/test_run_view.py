@@ -70,6 +70,14 @@ def test_a_dry_run_that_stops_says_what_it_was(capsys: pytest.CaptureFixture[str
     )
 
 
+def test_a_fault_is_called_as_it_was_injected_and_as_the_skill_calls_it(capsys: pytest.CaptureFixture[str]) -> None:
+    missed = FaultRecord("slip", 0.05, 4.63, 5.05, 5.45, 13.25, 0.53, kind="miss-pick")
+    slipped = FaultRecord("slip", 6.0, 6.1, 6.2, 6.4, 13.25, 0.53, kind="slip")
+    print_run("cell", RunReport(faults=[missed, slipped]))
+    rows = [line.split("  ")[0] for line in capsys.readouterr().out.splitlines()[3:5]]
+    assert rows == ["miss-pick (slip)", "slip"]
+
+
 def test_faults_of_cameras_name_them(capsys: pytest.CaptureFixture[str]) -> None:
     seen = FaultRecord("camera-loss", 1.05, detected=1.17, acted=1.17, camera="cam2")
     other = FaultRecord("camera-loss", 1.05, camera="cam3")

@@ -44,6 +44,8 @@ class Fault(Record):
     """How long the robot moved on to look, after `detected` [s]."""
     camera: str | None
     """The camera that failed; null for a fault of the step."""
+    kind: str | None
+    """What was injected, such as `miss-pick`; null if nothing was."""
     delay: float | None
     """From `happened` to `detected` [s]."""
 

@@ -67,11 +67,14 @@ class FaultRecord(_Recorded):
     """How long the robot then moved on, to where the condition of a retry can be seen [s]; None if it did not."""
     camera: str | None = None
     """The camera that failed, None for a fault of the step."""
+    kind: str | None = None
+    """What was injected, such as `miss-pick`; None if nothing was. Logs of earlier versions lack it."""
 
     @property
     def label(self) -> str:
-        """For display: the name, and the camera that failed."""
-        return self.name if self.camera is None else f"{self.name} {self.camera}"
+        """For display: the name, after what was injected if that is called otherwise; and the camera that failed."""
+        name = self.name if self.kind in (None, self.name) else f"{self.kind} ({self.name})"
+        return name if self.camera is None else f"{name} {self.camera}"
 
     @property
     def delay(self) -> float | None:

@@ -59,7 +59,7 @@ class FaultTracker:
     def inject(self, fault: InjectedFault, t: float, attempt: Attempt) -> None:
         """Inject a fault."""
         self._make_happen(fault)
-        record = FaultRecord(_name(fault, attempt), injected=t, camera=fault.camera)
+        record = FaultRecord(_name(fault, attempt), injected=t, camera=fault.camera, kind=fault.kind)
         self.records.append(record)
         if fault.kind in PHYSICAL:
             self._open.append(record)
