@@ -18,11 +18,16 @@ WORKSPACE_FILE = "workspace.yaml"
 
 
 def read_workspace_document(path: Path, content: bytes | None = None) -> SourceDocument:
-    """A workspace file as YAML; content: replaces that of the file. Raises as `read_yaml`, and for a program."""
+    """A workspace file as YAML; content: replaces that of the file.
+
+    Raises as `read_yaml`, and for a program or skill.
+    """
     keys = ("robot", "cameras", "objects", "skills")
     document = read_yaml(path, keys=keys) if content is None else parse_yaml(path, content, keys=keys)
     if "sqrp_program" in document.data:
         raise InputError(_is_program(document))
+    if "primitives" in document.data and "robot" not in document.data:
+        raise bad_input("no-workspace", "this is a skill; name the workspace that uses it", Place(path))
     return document
 
 

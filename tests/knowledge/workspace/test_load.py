@@ -18,6 +18,7 @@ from sqrp_cli.knowledge.skill.skill import JointMove, RetryEntry, StraightMove
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.shapes import Box
+from tests.cells import ROOT
 
 Damage = Callable[[dict[str, Any]], Path]
 SHIPPED = sorted((Path(__file__).parents[3] / "workspaces").glob("*/workspace.yaml"))
@@ -82,6 +83,16 @@ def test_a_program_where_a_workspace_is_expected_is_one_message_that_names_its_w
         load_workspace(program)
     (problem,) = caught.value.problems
     assert str(problem) == f"{program}: this is a program; its workspace is {tmp_path}/mycell/workspace.yaml"
+
+
+@pytest.mark.parametrize("name", ["skill.yaml", "other.yaml"])
+def test_a_skill_where_a_workspace_is_expected_is_one_message(tmp_path: Path, name: str) -> None:
+    skill = tmp_path / name
+    shutil.copy(ROOT / "skills" / "pickup" / "skill.yaml", skill)
+    with pytest.raises(InputError) as caught:
+        load_workspace(skill)
+    (problem,) = caught.value.problems
+    assert str(problem) == f"{skill}: this is a skill; name the workspace that uses it"
 
 
 def test_values_are_in_si_units(cell: Path) -> None:
