@@ -105,7 +105,8 @@ def thresholds_out_of_reach(workspace: Workspace) -> Iterator[Problem]:
             takes = f"a frame and the latency of `{fastest.name}`, the fastest camera, take {fastest.response:.3g} s"
             message = f"`max_delay` of `{task.task}` is {most:g} s, but {takes}: nothing can meet it"
             place = workspace.places.get(f"tasks.{index}.max_delay")
-            mend = f"allow {fastest.response:.3g} s or more, or use a faster camera"
+            on_top = "and the time in which a lost part parts from the tool on top"
+            mend = f"allow {fastest.response:.3g} s, {on_top}, or use a faster camera"
             yield Problem("threshold-out-of-reach", message, place, severity="warning", mend=mend)
 
 

@@ -261,8 +261,9 @@ def unmet_in_words(found: PlaceDocument, wish: Wish | None) -> str:
         return ""
     if wish.delay is not None and wish.delay < found.quickest:
         return (
-            f"No choice of these mounts reaches {wish}: with the frame period and latency of these cameras, a fault is "
-            f"seen {found.quickest:.4g} s after it happens at the earliest. The nearest is below."
+            f"No choice of these mounts reaches {wish}: a frame period and the latency of the fastest of these cameras "
+            f"are {found.quickest:.4g} s at worst, and the time that tool and part take to part comes on top. The "
+            "nearest is below."
         )
     if found.late and found.delay_worst is not None:
         return (
