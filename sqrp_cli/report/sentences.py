@@ -189,7 +189,7 @@ def change_in_words(change: ProposedChange) -> str:
         case "lens":
             return f"{'widen' if values[0] > 0 else 'narrow'} the view of {change.target} by {size}"
         case "camera":
-            return f"add {change.target} at {', '.join(f'{value:.2f}' for value in values)} m"
+            return f"add {change.target} at {', '.join(f'{value:z.2f}' for value in values)} m"
         case _:
             turn = f", and turn it {shown_size(change.turn, 'rad')}" if change.turn else ""
             return f"move {change.target} {size}, {_mostly(values, ('+x', '+y', '+z'), ('-x', '-y', '-z'))}{turn}"

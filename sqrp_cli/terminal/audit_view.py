@@ -129,7 +129,7 @@ def _cells(survey: CameraSurvey) -> list[Any]:
     fit = survey.fit
     if fit is None:
         return ["-"] * 4
-    clock = "-" if survey.offset is None else f"{1e3 * survey.offset:+.1f} ±{1e3 * survey.offset_error:.1f}"
+    clock = "-" if survey.offset is None else f"{1e3 * survey.offset:+z.1f} ±{1e3 * survey.offset_error:.1f}"
     style = "red" if survey.has_moved else ""
     turn, shift = np.degrees(fit.change[:3]), 1e3 * fit.change[3:6]
     errors = np.degrees(fit.deviations[:3]), 1e3 * fit.deviations[3:6]

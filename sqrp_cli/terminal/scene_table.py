@@ -44,7 +44,7 @@ def print_scene(cell: Cell) -> None:
 
 def _print_joints(model: RobotModel) -> None:
     joints = [
-        (name, *(f"{np.degrees(value):.0f}" if turns else f"{1000 * value:.0f} mm" for value in values))
+        (name, *(f"{np.degrees(value):z.0f}" if turns else f"{1000 * value:z.0f} mm" for value in values))
         for name, turns, *values in zip(
             model.arm, model.turns, model.lower, model.upper, model.velocity, model.acceleration, model.jerk,
             model.home, strict=True,
@@ -169,4 +169,4 @@ def _checked_pairs(cell: Cell) -> str:
 
 def _numbers(values: object) -> str:
     """Numbers [m] to 1 mm."""
-    return " ".join(f"{round(value, 3) + 0.0:.3f}" for value in values)  # type: ignore[attr-defined]
+    return " ".join(f"{value:z.3f}" for value in values)  # type: ignore[attr-defined]

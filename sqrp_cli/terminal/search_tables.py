@@ -198,8 +198,8 @@ def _print_cameras(found: placing.PlaceDocument) -> None:
         columns.append(Column("price", right=True))
     rows = []
     for one in found.cameras:
-        where = " ".join(f"{row[3]:.3f}" for row in one.pose[:3]) + ("" if one.frame == "world" else f" {one.frame}")
-        row = [one.name, one.mount, one.lens, where, f"{100 * one.alone:.1f}", f"{100 * one.loss:.1f}"]
+        where = " ".join(f"{row[3]:z.3f}" for row in one.pose[:3]) + ("" if one.frame == "world" else f" {one.frame}")
+        row = [one.name, one.mount, one.lens, where, f"{100 * one.alone:.1f}", f"{100 * one.loss:z.1f}"]
         rows.append([*row, f"{one.price:g}"][: len(columns)])
     print_table(columns, rows)
 

@@ -287,6 +287,14 @@ def test_the_slider_moves_robot_and_cursor_and_words_together(shown):
     assert "forearm_link" in shown.texts("#hiding")[0]
 
 
+def test_a_tool_at_hardly_less_than_zero_is_at_zero(shown):
+    at = "x => { sqrp.scene.toolPosition = () => [x, -0.36, 0.1]; sqrp.seek(12.4); delete sqrp.scene.toolPosition; }"
+    shown.js(at, -0.0004)
+    assert shown.texts("#tool")[0].startswith("tool at 0.000, -0.360, 0.100 m")
+    shown.js(at, -0.0006)
+    assert shown.texts("#tool")[0].startswith("tool at -0.001, -0.360, 0.100 m")
+
+
 def test_play_goes_on_and_stops(shown):
     shown.page.select_option("#speed", "4")
     shown.page.click("#play")

@@ -301,6 +301,16 @@ def test_the_scene_is_shown_to_a_millimetre(sqrp, own_watch):
     assert re.search(r"seen +green cube +0\.045 0\.100 0\.100 +0\.025 0\.300 0\.000 ", sqrp("show", own_watch).out)
 
 
+def test_a_joint_at_hardly_less_than_zero_is_at_zero(sqrp, own_watch):
+    file = own_watch / "workspace.yaml"
+    text = file.read_text(encoding="utf-8")
+    file.write_text(
+        text.replace("home: {turn: 0.5, slide: 5 cm}", "home: {turn: -0.1 deg, slide: 0}"), encoding="utf-8"
+    )
+    rows = [line.split() for line in sqrp("show", own_watch).out.splitlines() if line.startswith(("turn ", "slide "))]
+    assert [row[-2:] for row in rows] == [["573", "0"], ["0", "mm"]]
+
+
 @pytest.mark.parametrize("name", ["screws", "tabletop", "tower"])
 def test_the_shipped_scenes_fit_into_eighty_columns(sqrp, tabletop, name):
     lines = sqrp("show", tabletop.parent / name).out.splitlines()

@@ -70,14 +70,14 @@ function showPlacement({ by, cameras, keep, mounts }, look) {
   const titles = ['camera', 'mount', 'lens', 'where [m]', 'alone', 'loss if it fails', ...(priced ? ['price'] : [])];
   const number = (i) => (i > 3 ? { class: 'number' } : {});
   const row = ({ name, mount, lens, pose, frame, alone, loss, price }) => {
-    const place = pose.slice(0, 3).map((line) => line[3].toFixed(2));
+    const place = pose.slice(0, 3).map((line) => fixed(line[3], 2));
     const cells = [
       make('button', { type: 'button', 'aria-label': `Look through ${name}`, onclick: () => look(name) }, named(name)),
       named(mount),
       named(lens),
       named(`${place.join(', ')}${frame === 'world' ? '' : ` on ${frame}`}`),
       percent(alone),
-      `−${(100 * loss).toFixed(1)} points`,
+      `−${fixed(100 * loss, 1)} points`,
       ...(priced ? [String(+price.toPrecision(4))] : []),
     ];
     return make('tr', {}, ...cells.map((cell, i) => make('td', number(i), cell)));

@@ -232,7 +232,7 @@ class Page {
     this.moment.forEach(([at, button]) => button.setAttribute('aria-pressed', String(Math.abs(at - this.time) < 1e-6)));
     if (!this.scene || this.entries[this.selected].scene === null) return;
     this.scene.seek(this.time);
-    const tool = this.scene.toolPosition().map((x) => x.toFixed(3));
+    const tool = this.scene.toolPosition().map((x) => fixed(x, 3));
     const held = this.motion.detail.track && this.scene.place.held;
     byId('tool').replaceChildren(`tool at ${tool.join(', ')} m`, ...(held ? [', holds ', named(held)] : []));
     const hiding = [...this.scene.culprits];
