@@ -80,7 +80,7 @@ BAD = [
     (["explain", "CELL", "watch seen", "--choose", "sen"], ["`sen`", "did you mean `seen`?"]),
     (["explain", "TMP/none.yaml", "--step", "1"], ["none.yaml", "no such file or folder"]),
     (["explain", "CELL", "watch seen", "--choose", ""], ["there is no candidate ``", "`seen`"]),
-    (["check", "CELL", "watch seen", "--after", "TMP"], ["found a folder, expected a file"]),
+    (["check", "CELL", "watch seen", "--after", "TMP"], ["found a folder, expected the file of a program"]),
     (["show", "TMP"], ["no workspace.yaml", "empty"]),
     (["init", "CELL"], ["not empty", "nothing is ever overwritten"]),
     (["init", "TMP/no/such"], ["there is no folder", "mkdir -p"]),
