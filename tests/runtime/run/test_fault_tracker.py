@@ -45,3 +45,11 @@ def test_a_process_that_ends_is_noticed_for_all_its_cameras() -> None:
 @pytest.mark.parametrize("kind", ["camera-loss", "frozen", "latency", "perception-crash"])
 def test_no_fault_of_a_camera_is_noticed_where_the_robot_stops_for_another_reason(kind: FaultKind) -> None:
     assert detected(None, (kind, "cam1")) == [(f"{kind} cam1", None)]
+
+
+def test_a_fault_keeps_what_was_injected_beside_the_name_that_the_skill_has_for_it() -> None:
+    ledger = FaultTracker(MagicMock(), MagicMock(), MagicMock())
+    named = SimpleNamespace(step=SimpleNamespace(formulas=(SimpleNamespace(fault="slip"),)), undisturbed=True)
+    ledger.inject(InjectedFault("miss-pick", "miss-pick"), 0.05, named)
+    (record,) = ledger.records
+    assert (record.name, record.kind, record.label) == ("slip", "miss-pick", "miss-pick (slip)")
