@@ -131,25 +131,28 @@ def too_small_boxes(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
 
 def colors(workspace: Workspace) -> Iterator[Problem]:
     """Objects that a detector of colours looks for, and cannot see or cannot tell from what they stand on."""
-    alike, unseen = dict[str, list[str]](), dict[str, list[str]]()
+    alike, unseen = dict[str, list[str]](), dict[str | None, list[str]]()
     for item in _sought_by_color(workspace):
         support = workspace.objects.get(item.on or "")
-        if item.color is not None and hue_of(item.color) is None and not item.fixed:
+        if (item.color is None or hue_of(item.color) is None) and not item.fixed:
             unseen.setdefault(item.color, []).append(item.name)
         elif support is not None and look_alike(item.color, support.color):
             alike.setdefault(support.name, []).append(item.name)
     for color, parts in unseen.items():
-        known = expected_names(color, [name for name in COLORS if hue_of(name) is not None])
-        why = ", which has no hue" if color.lower() in COLORS else f"; {known}"
-        message = f"detectors of colours look for {first_names(parts)}, and see nothing that is `{color}`{why}"
-        place = workspace.places.get(f"objects.{parts[0]}.color")
+        sought, place = f"detectors of colours look for {first_names(parts)}", f"objects.{parts[0]}"
+        if color is None:
+            message = f"{sought}, and see nothing without a colour"
+        else:
+            known = expected_names(color, [name for name in COLORS if hue_of(name) is not None])
+            why = ", which has no hue" if color.lower() in COLORS else f"; {known}"
+            message, place = f"{sought}, and see nothing that is `{color}`{why}", f"{place}.color"
         mend = "give it a colour with a hue, or look for markers"
-        yield Problem("unseen-colour", message, place, severity="warning", mend=mend)
+        yield Problem("unseen-colour", message, workspace.places.get(place), severity="warning", mend=mend)
     for name, parts in alike.items():
         what = f"{first_names(parts)} from `{name}` below, which has the same colour"
-        place = workspace.places.get(f"objects.{name}.color")
         mend = "give one of them another colour, or look for markers"
-        yield Problem("same-colour", f"detectors of colours cannot tell {what}", place, severity="warning", mend=mend)
+        at = workspace.places.get(f"objects.{name}.color")
+        yield Problem("same-colour", f"detectors of colours cannot tell {what}", at, severity="warning", mend=mend)
 
 
 def _sought_by_color(workspace: Workspace) -> Iterable[SceneObject]:

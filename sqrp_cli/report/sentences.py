@@ -46,7 +46,7 @@ KIND_WORDS: Mapping[Kind, str] = {
 _SHOWN: dict[Criterion, tuple[str, float, str]] = {
     "q_eoi": ("Q_eoi", 100.0, "{:.1f} %"),
     "q_avg": ("Q_avg", 100.0, "{:.1f} %"),
-    "time": ("a time of", 1.0, "{:.1f} s"),
+    "time": ("a time of", 1.0, "{:.2f} s"),
     "delay": ("a mean delay of", 1.0, "{:.2f} s"),
     "expected_time": ("all done at", 1.0, "{:.1f} s"),
 }

@@ -353,12 +353,17 @@ NAMED = 3
 
 
 def print_infeasible(found: Iterable[tuple[Candidate, str]]) -> None:
-    """A line for each reason; candidates share one if theirs differ in nothing but their own objects."""
+    """A line for each reason.
+
+    Candidates share one if theirs differ in nothing but their own objects; then it names parameters, as `<object>`.
+    """
     groups: dict[str, list[tuple[Candidate, str]]] = {}
     for candidate, reason in found:
         groups.setdefault(_in_general(candidate, reason), []).append((candidate, reason))
-    for group in groups.values():
-        say(joined([("infeasible ", "red"), f"{_who([candidate for candidate, _ in group])}: {group[0][1]}"]), indent=2)
+    for general, group in groups.items():
+        reasons = {reason for _, reason in group}
+        shared = general if len(reasons) > 1 else reasons.pop()
+        say(joined([("infeasible ", "red"), f"{_who([candidate for candidate, _ in group])}: {shared}"]), indent=2)
 
 
 def _in_general(candidate: Candidate, reason: str) -> str:

@@ -36,14 +36,14 @@ def print_advice(
     """
     say(joined([(found.task, "bold"), f" in {found.workspace}: {found.candidate} is to have {wish}\n"]))
     as_it_is = "As it moves with --ways fastest" if fastest else "In its best way, as rank takes it"
-    say(f"{as_it_is}, it has {_figures(found.before)}.")
+    say(f"{as_it_is}, it has {_figures(found.before, found.want)}.")
     if found.met:
         say("\nThat is met already: nothing has to change.")
         return
     if found.best is not None:
         say(
-            f"The way that rank and score take meets the wish already, with {_figures(found.best)}; what follows is "
-            "for the motion of --ways fastest, which is planned without a look at the cameras."
+            f"The way that rank and score take meets the wish already, with {_figures(found.best, found.want)}; what "
+            "follows is for the motion of --ways fastest, which is planned without a look at the cameras."
         )
     if found.advice:
         say()
@@ -77,7 +77,7 @@ def _conclude(found: advice.AdviceDocument, *, fixed: bool, written: bool) -> No
     judged = " with --ways fastest" if fixed else ""
     cost = "what it costs is said above" if one.worse else f"no task gets worse{judged}"
     words = one.words
-    say(f"{words[0].upper()}{words[1:]}: {found.candidate} then has {_figures(one)}, and {cost}.")
+    say(f"{words[0].upper()}{words[1:]}: {found.candidate} then has {_figures(one, found.want)}, and {cost}.")
     if one.patch and not written:
         say_command("To have it, add", f"--apply {number}")
     elif one.unwritten:
@@ -106,17 +106,21 @@ def _print_nearest(outcome: advice.KindOutcome) -> None:
     nearest = outcome.nearest
     if nearest is not None:
         then = f"nearest: {nearest.words}, then {'; '.join(nearest.missing)}"
-        near = then if nearest.nearer else "nothing comes nearer"
-        limit = f" ({nearest.limit})" if nearest.limit else ""
+        near, about = (then, "") if nearest.nearer else ("nothing comes nearer", f"to {nearest.words}: ")
+        limit = f" ({about}{nearest.limit})" if nearest.limit else ""
         say(plain(f"      {near}{limit}", "dim"), indent=6)
 
 
-def _figures(found: advice.AdvisedFigures) -> str:
-    parts = [f"Q_eoi {100 * found.q_eoi:.1f} %"] if found.q_eoi is not None else []
-    parts += [f"Q_avg {100 * found.q_avg:.1f} %"] if found.q_avg is not None else []
+def _figures(found: advice.AdvisedFigures, want: advice.WishedFigures) -> str:
+    """The figures of a candidate; how late faults are seen only where that is wished for."""
     if found.time is None:
         return "no feasible motion"
-    return ", ".join([*parts, f"{found.time:.1f} s"])
+    parts = [f"Q_eoi {100 * found.q_eoi:.1f} %"] if found.q_eoi is not None else []
+    parts += [f"Q_avg {100 * found.q_avg:.1f} %"] if found.q_avg is not None else []
+    late = want.delay is not None and found.delay_worst is not None
+    return ", ".join(
+        [*parts, f"{found.time:.1f} s", *([f"a fault seen after {found.delay_worst:.2f} s at worst"] * late)]
+    )
 
 
 MOST_UNSEEN = 8

@@ -53,7 +53,7 @@ def test_objects_of_any_shape_in_one_place_are_told_with_and_without_a_task(
     sqrp: Callable[..., Outcome], own_watch: Path
 ) -> None:
     peg = (
-        "  peg: {type: peg, size: [2 cm, 2 cm, 9 cm], pose: {position: [2, 0.3, 1.09]},"
+        "  peg: {type: peg, color: blue, size: [2 cm, 2 cm, 9 cm], pose: {position: [2, 0.3, 1.09]},"
         " parts: [{cylinder: {radius: 1 cm, length: 9 cm}}]}\n"
     )
     file = _replaced(own_watch, "  wall: {", peg + "  wall: {")

@@ -99,7 +99,7 @@ def test_a_reason_that_many_share_is_said_once(sqrp, tmp_path):
 
 
 def test_a_ranking_that_waits_for_another_skill_says_how_to_find_it(sqrp, tabletop):
-    hint = f"To see what has to be done first:\nsqrp check {tabletop} 'stack g1 g2'\n"
+    hint = f"To see whether something done first helps:\nsqrp check {tabletop} 'stack g1 g2'\n"
     waiting = sqrp("rank", tabletop, "stack g1 g2")
     assert waiting.code == 1
     assert waiting.out.endswith(hint)

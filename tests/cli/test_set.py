@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+
+import yaml
+
 
 def test_a_value_is_written_and_comments_stay(sqrp, own_watch):
     file = own_watch / "workspace.yaml"
@@ -27,3 +31,25 @@ def test_a_path_that_is_set_twice_is_refused_and_nothing_is_written(sqrp, own_wa
     assert refused.code == 2
     assert "`cameras.eye.rate` is set twice" in refused.err
     assert file.read_bytes() == before
+
+
+def test_what_was_emptied_is_filled_again(sqrp, own_watch):
+    file = own_watch / "workspace.yaml"
+    before = yaml.safe_load(file.read_text(encoding="utf-8"))
+    for values in (
+        ("objects.seen.color=", "objects.seen.color=green"),
+        ("tasks=[]", f"tasks={json.dumps(before['tasks'])}"),
+    ):
+        for value in values:
+            assert sqrp("set", own_watch, value).code == 0, value
+        assert yaml.safe_load(file.read_text(encoding="utf-8")) == before
+
+
+def test_an_item_of_a_list_is_replaced(sqrp, own_watch):
+    file = own_watch / "workspace.yaml"
+    tasks = yaml.safe_load(file.read_text(encoding="utf-8"))["tasks"]
+    assert sqrp("set", own_watch, "tasks.0={task: watch green, min_q_avg: 0.5}").code == 0
+    assert yaml.safe_load(file.read_text(encoding="utf-8"))["tasks"] == [
+        {"task": "watch green", "min_q_avg": 0.5},
+        *tasks[1:],
+    ]

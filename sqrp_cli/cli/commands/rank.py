@@ -115,7 +115,7 @@ def command(
         note(message)
     if not as_json and ranked[0].rank is None and _lacks_a_precondition(session):
         words = [str(workspace), task, *([] if before is None else ["--after", str(before)])]
-        say_command("\nTo see what has to be done first:", f"sqrp check {shlex.join(words)}")
+        say_command("\nTo see whether something done first helps:", f"sqrp check {shlex.join(words)}")
     return code
 
 

@@ -35,8 +35,9 @@ def edited(document: SourceDocument, values: Mapping[str, str]) -> bytes:
     nodes = {path: _node(root, tuple(path.split("."))) for path in values}
     spans = sorted(((n.start_mark.index, n.end_mark.index, values[path]) for path, n in nodes.items()), reverse=True)
     for start, end, value in spans:
-        text = text[:start] + value + text[end:]
-    return _changed_only(document, text, ", ".join(values), values.__contains__)
+        value, rest = (value, text[end:]) if end > start else (f" {value}", text[end:].removeprefix(" "))
+        text = text[:start] + value + rest
+    return _changed_only(document, text, ", ".join(values), lambda name: any(_is_in(name, path) for path in values))
 
 
 def with_values(document: SourceDocument, values: Mapping[str, str]) -> bytes:
@@ -57,7 +58,11 @@ def _with_value(document: SourceDocument, path: str, text: str) -> bytes:
     known = {dotted(keys): keys for keys in document.values}
     if path and path in known:
         keys = known[path]
-        return respelled(document, keys, str(keys[-1]), text)
+        if isinstance(document.at(keys[:-1]), dict):
+            return respelled(document, keys, str(keys[-1]), text)
+        whole = document.content.decode("utf-8-sig")
+        node = _node(_root(whole), keys)
+        return _checked(document, whole[: node.start_mark.index] + text + whole[_end(node) :], keys)
     parent, _, key = path.rpartition(".")
     if not key or parent not in known or not isinstance(document.at(known[parent]), dict):
         message = f"the file has no value `{path}`; {expected_names(path, known)}"
@@ -172,6 +177,11 @@ def _checked(document: SourceDocument, text: str, path: KeyPath) -> bytes:
     """The text as bytes. Raises InputError if a value outside of `path` differs."""
     within = dotted(path[:-1] if path in document.values else path)
     return _changed_only(document, text, dotted(path), lambda name: f"{name}.".startswith(within))
+
+
+def _is_in(name: str, path: str) -> bool:
+    """Whether a name is a path or, as an entry of a list or mapping that was empty, within it."""
+    return f"{name}.".startswith(f"{path}.")
 
 
 def _changed_only(document: SourceDocument, text: str, what: str, is_meant: Callable[[str], bool]) -> bytes:

@@ -161,6 +161,8 @@ class Question:
             primitives = [primitive for step in found.steps for primitive in step.motion.primitives]
             longest = max(primitives, key=lambda primitive: primitive.end - primitive.start)
             return f"its motion takes that long, {longest.end - longest.start:.1f} s of it {longest.name}"
+        if replace(self.wish, delay=None).met(found.assessment):
+            return found.assessment.why_late
         worst = worst_seen([step.assessment("") for step in found.steps])
         said = reasons_of_step(found.candidate, worst + 1, [verdict(cell, found.steps[worst])])[0]
         return found.assessment.why_late if said.endswith(NOTHING_MISSING) else said.split(HELP)[0]

@@ -20,9 +20,6 @@ NAMES = (*QUALITIES, *TIMES)
 SHOWN = {"q_eoi": "Q_eoi", "q_avg": "Q_avg", "time": "time", "delay": "delay"}
 """What texts call them."""
 
-_NOTICED = 1e-3
-"""Differences up to this, of qualities and shares of times, are none."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Wish:
@@ -80,8 +77,9 @@ class Wish:
         return missing
 
     def is_nearer(self, found: Assessment | None, start: Assessment) -> bool:
-        """Whether a candidate misses it by less than another one, by more than figures are rounded."""
-        return self.shortfall(found) < self.shortfall(start) - _NOTICED
+        """Whether a candidate misses it by less than another one, so that the figures show it."""
+        shown = found is not None and self.missed(found) != self.missed(start)
+        return shown and self.shortfall(found) < self.shortfall(start)
 
     def _stated(self, names: tuple[str, ...]) -> Iterator[tuple[str, float]]:
         yield from ((name, value) for name in names if (value := getattr(self, name)) is not None)

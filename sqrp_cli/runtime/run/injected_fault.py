@@ -252,7 +252,9 @@ def _slip_at(written: _FaultText, t: float, place: StepPlace) -> InjectedFault:
     """A slip at a time of a step [s]."""
     last = place.primitives[-1].end
     if t > last:
-        mend = None if len(place.steps) == 1 else "write N:slip@T for T seconds from the start of step N"
+        mend = (
+            _slip_instead([place]) if len(place.steps) == 1 else "write N:slip@T for T seconds from the start of step N"
+        )
         raise written.refused(f"{place.label} lasts only {last:.2f} s", mend)
     during = [one.name for one in place.primitives if one.start - SAME_TIME <= t <= one.end + SAME_TIME]
     _check_can_slip(written, place, during)

@@ -145,7 +145,7 @@ def test_what_has_changed_is_said_in_the_words_of_the_cell(before, changed, file
 
 
 def test_things_that_come_and_go_are_one_change_each(before, changed):
-    now = changed("workspace.yaml", "  lost: {type: cube, size: [4 cm, 4 cm, 4 cm], pose: unknown}\n", "")
+    now = changed("workspace.yaml", "  lost: {type: cube, size: [4 cm, 4 cm, 4 cm], pose: unknown, color: cyan}\n", "")
     assert sentences(before, now) == ("object lost is gone",)
     assert sentences(now, before) == ("object lost is new",)
 
