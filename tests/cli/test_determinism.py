@@ -27,7 +27,7 @@ def many_objects(folder) -> None:
     text = file.read_text(encoding="utf-8")
     names = [f"more{index}" for index in range(16)]
     things = "".join(
-        f"  {name}: {{type: cube, size: [2 cm, 2 cm, 2 cm],"
+        f"  {name}: {{type: cube, color: brown, size: [2 cm, 2 cm, 2 cm],"
         f" pose: {{position: [1.5, {0.05 * index - 0.4:.2f}, 1.3]}}}}\n"
         for index, name in enumerate(names)
     )
