@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from sqrp_cli.errors import InputError, Place, Problem, nearest
+from sqrp_cli.errors import InputError, Place, Problem, expected_names, nearest
 
 
 def test_a_message_quotes_no_more_than_the_beginning_of_a_long_name() -> None:
@@ -57,3 +57,8 @@ def test_one_problem_of_a_file_that_two_entries_name_is_told_once() -> None:
         Problem("image-size", "the image is too small", Place(Path("camera.yaml"), line)) for line in (3, 3, 4)
     )
     assert InputError(first, again, other).problems == (first, other)
+
+
+def test_names_with_the_word_in_them_are_listed_first() -> None:
+    known = ["against-the-plan", "camera-sees-nothing", "unknown-camera"]
+    assert expected_names("camera", known).startswith("expected one of `camera-sees-nothing`, `unknown-camera`, `ag")

@@ -98,6 +98,16 @@ def test_a_reason_that_many_share_is_said_once(sqrp, tmp_path):
     assert any(" and 1 more: " in lines[number] for number in reasons)
 
 
+def test_a_reason_that_candidates_share_names_the_object_of_none(sqrp, tmp_path):
+    cell = shipped_cell("tabletop")
+    cell["state"] = ["hand_empty"]
+    write_cell(cell, tmp_path)
+    lines = sqrp("check", tmp_path, "pickup green").out.splitlines()
+    assert [line for line in lines if line.startswith("infeasible")] == [
+        "infeasible g1, g2, g3 and 3 more: `pickup` needs `obj_on_table(<object>)`,"
+    ]
+
+
 def test_a_ranking_that_waits_for_another_skill_says_how_to_find_it(sqrp, tabletop):
     hint = f"To see whether something done first helps:\nsqrp check {tabletop} 'stack g1 g2'\n"
     waiting = sqrp("rank", tabletop, "stack g1 g2")

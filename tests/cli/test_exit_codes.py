@@ -313,6 +313,7 @@ def test_ctrl_c_exits_130_and_keeps_what_is_finished(sqrp, watch, monkeypatch):
     plain = sqrp("rank", watch, "watch cube", "--jobs", 1)
     assert plain.code == 130
     assert "turned" in plain.out
+    assert plain.out.endswith("Interrupted at 2 of 13 candidates: another one may be better.\n")
 
 
 CTRL_C_AT_THE_END = """
@@ -358,6 +359,14 @@ def test_ctrl_c_while_the_page_is_written_keeps_the_ranking(sqrp, watch, tmp_pat
     assert outcome.out == sqrp("rank", watch, "watch cube").out
     assert outcome.err == f"interrupted before {page} was written\n"
     assert not page.exists()
+
+
+@pytest.mark.usefixtures("heeded_ctrl_c")
+def test_ctrl_c_while_the_page_is_written_keeps_the_program(sqrp, watch, tmp_path, monkeypatch):
+    monkeypatch.setattr("sqrp_cli.report.pages.candidate_page.write_ranking", press_ctrl_c)
+    program = tmp_path / "program.yaml"
+    assert sqrp("rank", watch, "watch seen", "--report", tmp_path / "page.html", "--program", program).code == 130
+    assert sqrp("program", program).code == 0
 
 
 @pytest.mark.usefixtures("heeded_ctrl_c")

@@ -160,3 +160,11 @@ def test_the_length_of_the_union_counts_every_unit_of_time_once(spans: list[tupl
 def test_bounds_become_numbers() -> None:
     formula = parse_formula("always[a1.end, a4.end - 0.5] eventually[0, a2.start] hold(g1)", Place(Path("f"), 1, 1))
     assert str(with_times(formula, SPANS)) == "always[2, 5] eventually[0, 2] hold(g1)"
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "said"),
+    [(6.0, 7.25, "from 6.0 s to 7.2 s"), (6.001, 6.013, "from 6.001 s to 6.013 s"), (6.0, 6.0, "at 6.0 s")],
+)
+def test_the_ends_of_a_stretch_never_look_alike(start, end, said):
+    assert Stretch(start, end).when == said

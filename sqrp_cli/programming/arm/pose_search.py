@@ -124,12 +124,12 @@ def descend(
     least_damping = _LEAST_DAMPING * max(1.0, turn_weight) ** 2  # above the rounding of the normal equations
     lower, upper = (model.lower, model.upper) if limited else (-np.inf, np.inf)
 
-    def _measured(q: Array, targets: Array) -> tuple[Array, Array]:
+    def measured(q: Array, targets: Array) -> tuple[Array, Array]:
         X, J = model.tool_poses_and_jacobians(q)
         return pose_errors(X, targets) * weights, J * weights[:, None]
 
     q, targets = np.clip(starts, lower, upper), np.broadcast_to(X_target, (len(starts), 4, 4))
-    e, J = _measured(q, targets)
+    e, J = measured(q, targets)
     q_all, e_all, rows = q.copy(), e.copy(), np.arange(len(q))
     damping, going = np.full(len(q), _FIRST_DAMPING), np.ones(len(q), dtype=bool)
     cost = (e**2).sum(axis=1)
@@ -147,7 +147,7 @@ def descend(
         J_free = J * free[:, None, :]
         normal = np.swapaxes(J_free, 1, 2) @ J_free + damping[:, None, None] * np.eye(q.shape[1])
         q_next = np.clip(q + np.linalg.solve(normal, (pull * free)[..., None])[..., 0], lower, upper)
-        e_next, J_next = _measured(q_next, targets)
+        e_next, J_next = measured(q_next, targets)
         cost_next = (e_next**2).sum(axis=1)
         better = cost_next < cost
         q, e = np.where(better[:, None], q_next, q), np.where(better[:, None], e_next, e)

@@ -8,6 +8,8 @@ from hypothesis import strategies as st
 
 from sqrp_cli.geometry import look_at
 from sqrp_cli.programming.advice.aiming import Aim, looking_at, turned
+from sqrp_cli.programming.advice.camera_moves import Displacement
+from sqrp_cli.report.sentences import change_in_words
 from tests.programming.sensing.views import make_camera
 
 COORDINATE = st.floats(-2, 2).map(lambda value: round(value, 3))
@@ -44,3 +46,14 @@ def test_the_aim_of_a_stated_orientation_leaves_it_as_it_is():
     aim = Aim.along(camera, np.array([0.2, 0.1, 0.0]))
     again = looking_at(camera.X_FC[None, :3, 3], aim.point[None], aim.up)[0]
     np.testing.assert_allclose(again, camera.X_FC, atol=1e-12)
+
+
+def test_a_camera_that_moves_beside_its_aim_says_how_far_it_turns():
+    camera = make_camera(X_FC=look_at((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
+    aim = Aim(np.zeros(3), np.array([1.0, 0.0, 0.0]))
+    sideways = Displacement(camera, aim).change(np.array([0.0, 1.0, 0.0]))
+    towards = Displacement(camera, aim).change(np.array([0.0, 0.0, -0.5]))
+    assert np.isclose(sideways.turn, np.pi / 4)
+    assert np.isclose(towards.turn, 0.0, atol=1e-9)
+    assert change_in_words(sideways) == f"move {camera.name} 1.00 m, +y, and turn it 45.0 deg"
+    assert change_in_words(towards) == f"move {camera.name} 50.0 cm, -z"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 
 from sqrp_cli.errors import InputError
@@ -47,3 +49,9 @@ def test_without_thresholds_all_events_are_to_be_seen():
     assert wish_of(None) == Wish(q_eoi=1.0)
     assert wish_of(ExpectedTask(task="pickup green")) == Wish(q_eoi=1.0)
     assert wish_of(ExpectedTask(task="pickup green", max_delay=1.0)) == Wish(delay=1.0)
+
+
+@pytest.mark.parametrize(("delay", "nearer"), [(0.4099, False), (0.40, True), (0.43, False)])
+def test_only_what_shows_in_the_figures_comes_nearer(delay, nearer):
+    start, found = (SimpleNamespace(feasible=True, delay_worst=worst) for worst in (0.4132, delay))
+    assert Wish(delay=0.2).is_nearer(found, start) is nearer

@@ -99,7 +99,7 @@ def test_a_sweep_where_nothing_can_slip_leads_to_a_fault_and_not_to_another_swee
         ("slip", "slip@a4+0.4"),
         ("slip@a9", "no primitive `a9`"),
         ("slip@a4+9", "lasts only 3.00 s"),
-        ("slip@5.1", "the step lasts only 5.00 s"),
+        ("slip@5.1", "the step lasts only 5.00 s; write slip@a3"),
         ("slip@6000 ms", "the step lasts only 5.00 s"),
         ("slip@3 mm", "expected a time such as `50 ms` (units s, ms, us, min), 0 or more, found `3 mm`"),
         ("slip@a4+-1", "found `-1`"),

@@ -78,3 +78,15 @@ def test_no_camera_is_blamed_where_the_robot_moves_in_another_way():
     (reason,) = result.score.reasons
     assert "g4 now goes another way: left, flipped, -90 deg instead of left, flipped, 90 deg" in reason
     assert "no longer sees" not in reason
+
+
+@pytest.mark.parametrize(
+    ("shift", "said"),
+    [
+        (Shift("delay", 0.4132, 0.4099, worse=False), "the worst delay of a fault fell from 0.4132 s to 0.4099 s"),
+        (Shift("q_eoi", 0.88012, 0.88041, worse=False), "Q_eoi rose from 88.012 % to 88.041 %"),
+        (Shift("time", 9.9, 10.1, worse=True), "its time rose from 9.90 s to 10.10 s"),
+    ],
+)
+def test_figures_that_differ_never_look_alike(shift, said):
+    assert str(shift) == said
