@@ -113,13 +113,14 @@ class _Asked(NamedTuple):
 
     def tell(self, found: tuple[Array, Array | Indices], look: Callable[[_Looks, Mask], tuple[Array, Any]]) -> None:
         """Write what looks at the views tell, some at a time, into two arrays of all lines; others stay as they are."""
-        of_view = [np.full(len(self.may_be), values[self.line[0]]) for values in found]
+        of_view = [np.zeros(len(self.may_be), values.dtype) for values in found]
         wanted = np.flatnonzero(self.may_be)
         for some in np.array_split(wanted, 1 + len(wanted) // _TOGETHER):
             if len(some):
                 of_view[0][some], of_view[1][some] = look(self.views.some(some), self.near[:, some])
+        looked_at = self.may_be[self.view]
         for values, told in zip(found, of_view, strict=True):
-            values[self.line] = told[self.view]
+            values[self.line[looked_at]] = told[self.view[looked_at]]
 
 
 def _asked(
