@@ -1,0 +1,1 @@
+"""Sight: the compiled kernel of what cameras see of boxes, and its boundary."""

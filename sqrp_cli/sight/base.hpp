@@ -1,0 +1,132 @@
+// Lists, sorting, vectors and poses: all that the kernel needs, so that it links against no C++ library.
+#pragma once
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <new>
+
+constexpr double ENDLESS = 1e300;  // larger than every length and every factor of a ray
+
+template <class T> T least(T a, T b) { return b < a ? b : a; }
+template <class T> T most(T a, T b) { return a < b ? b : a; }
+template <class T> void swap(T& a, T& b) { T kept = a; a = b, b = kept; }
+
+// A growing array. Elements move as bytes: none may hold an address inside itself.
+template <class T> class List {
+    T* data_ = nullptr;
+    int size_ = 0, room_ = 0;
+
+public:
+    List() = default;
+    List(const List&) = delete;
+    List& operator=(const List&) = delete;
+    ~List() { clear(); free(data_); }
+    int size() const { return size_; }
+    bool empty() const { return size_ == 0; }
+    T* begin() { return data_; }
+    T* end() { return data_ + size_; }
+    const T* begin() const { return data_; }
+    const T* end() const { return data_ + size_; }
+    T& operator[](int i) { return data_[i]; }
+    const T& operator[](int i) const { return data_[i]; }
+    void add(const T& value) {
+        T copy = value;
+        if (size_ == room_) make_room(room_ < 8 ? 8 : 2 * room_);
+        new (data_ + size_++) T(copy);
+    }
+    void resize(int count) {  // new elements are made without arguments
+        if (count > room_) make_room(count);
+        while (size_ > count) data_[--size_].~T();
+        while (size_ < count) new (data_ + size_++) T();
+    }
+    void clear() { resize(0); }
+    T take() { return data_[--size_]; }  // the last one, of plain elements
+    void exchange(List& other) { swap_all(data_, other.data_), swap_all(size_, other.size_), swap_all(room_, other.room_); }
+
+private:
+    template <class U> static void swap_all(U& a, U& b) { U kept = a; a = b, b = kept; }
+    void make_room(int room) {
+        room_ = room, data_ = static_cast<T*>(realloc(static_cast<void*>(data_), sizeof(T) * size_t(room)));
+        if (!data_) abort();  // there is no memory left
+    }
+};
+
+// Sorts in place, keeping the order of equals: halves are sorted by themselves, then merged.
+template <class T, class Less> void sort(T* begin, T* end, Less less) {
+    if (end - begin < 16) {
+        for (T* i = begin; i < end; i++)
+            for (T* j = i; j > begin && less(*j, j[-1]); j--) swap(*j, j[-1]);
+        return;
+    }
+    T* middle = begin + (end - begin) / 2;
+    sort(begin, middle, less), sort(middle, end, less);
+    List<T> first;
+    for (T* i = begin; i < middle; i++) first.add(*i);
+    T* to = begin;
+    for (int i = 0; i < first.size();) *to++ = middle < end && less(*middle, first[i]) ? *middle++ : first[i++];
+}
+
+// Puts into the place `nth` what a sort would put there, smaller ones before it and larger ones behind it (Hoare 1961).
+template <class T, class Less> void select(T* begin, T* nth, T* end, Less less) {
+    while (end - begin > 1) {
+        T pivot = begin[(end - begin) / 2];
+        T *low = begin, *high = end - 1;
+        while (low <= high) {
+            while (less(*low, pivot)) low++;
+            while (less(pivot, *high)) high--;
+            if (low <= high) swap(*low++, *high--);
+        }
+        if (nth <= high) end = high + 1;
+        else if (nth >= low) begin = low;
+        else return;
+    }
+}
+
+struct V3 { double x, y, z; };
+inline V3 operator+(V3 a, V3 b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
+inline V3 operator-(V3 a, V3 b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+inline V3 operator*(double s, V3 a) { return {s * a.x, s * a.y, s * a.z}; }
+inline double dot(V3 a, V3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+inline V3 cross(V3 a, V3 b) { return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x}; }
+inline double norm(V3 a) { return sqrt(dot(a, a)); }
+inline V3 unit(V3 a) { return (1 / norm(a)) * a; }
+inline V3 lowest(V3 a, V3 b) { return {least(a.x, b.x), least(a.y, b.y), least(a.z, b.z)}; }
+inline V3 highest(V3 a, V3 b) { return {most(a.x, b.x), most(a.y, b.y), most(a.z, b.z)}; }
+inline double clamp(double v, double low, double high) { return least(high, most(low, v)); }
+
+// Corner i of a box about the origin: x slowest, z fastest.
+inline V3 corner(int i, V3 half) { return {i & 4 ? half.x : -half.x, i & 2 ? half.y : -half.y, i & 1 ? half.z : -half.z}; }
+
+// The pose X_AB of a frame B in a frame A: the upper rows of a 4 x 4 matrix; it maps coordinates in B to those in A.
+struct Pose {
+    double m[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+    static Pose of(const double* rows) { Pose X; memcpy(X.m, rows, sizeof X.m); return X; }
+    V3 origin() const { return {m[3], m[7], m[11]}; }
+    V3 axis(int k) const { return {m[k], m[4 + k], m[8 + k]}; }
+    V3 turn(V3 v) const {  // of a direction
+        return {m[0] * v.x + m[1] * v.y + m[2] * v.z, m[4] * v.x + m[5] * v.y + m[6] * v.z, m[8] * v.x + m[9] * v.y + m[10] * v.z};
+    }
+    V3 turn_back(V3 v) const {
+        return {m[0] * v.x + m[4] * v.y + m[8] * v.z, m[1] * v.x + m[5] * v.y + m[9] * v.z, m[2] * v.x + m[6] * v.y + m[10] * v.z};
+    }
+    V3 operator()(V3 p) const { return turn(p) + origin(); }  // of a point
+    V3 back(V3 p) const { return turn_back(p - origin()); }
+    Pose operator*(const Pose& X_BC) const {
+        Pose X_AC;
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 4; j++)
+                X_AC.m[4 * i + j] = m[4 * i] * X_BC.m[j] + m[4 * i + 1] * X_BC.m[4 + j] + m[4 * i + 2] * X_BC.m[8 + j] + (j == 3 ? m[4 * i + 3] : 0);
+        return X_AC;
+    }
+    Pose inverse() const {
+        Pose X_BA;
+        for (int i = 0; i < 3; i++) {
+            V3 a = axis(i);
+            X_BA.m[4 * i] = a.x, X_BA.m[4 * i + 1] = a.y, X_BA.m[4 * i + 2] = a.z, X_BA.m[4 * i + 3] = -dot(a, origin());
+        }
+        return X_BA;
+    }
+};
