@@ -34,6 +34,7 @@ LABEL = 18
 
 SIGNS: dict[Cause, tuple[str, str]] = {
     Cause.NONE: ("█", "green"),
+    Cause.BEHIND: ("l", "yellow"),
     Cause.TOO_NEAR: ("n", "yellow"),
     Cause.TOO_FAR: ("f", "yellow"),
     Cause.OUT_OF_IMAGE: ("o", "blue"),
@@ -56,6 +57,7 @@ LEGEND = (
     *("- not covered", "· not required"),
 )
 SELDOM = {
+    Cause.BEHIND: "l looks away",
     Cause.SAME_COLOUR: "c same colour behind",
     Cause.TOO_DARK: "d too dark",
     Cause.TOO_BRIGHT: "b too bright",

@@ -21,7 +21,7 @@ Document = dict[str, Any]
 CELLS = ("tabletop", "harsh", "watch", "gripper")
 SIGNS = np.array(list(product((-0.5, 0.5), repeat=3)))
 EXACT = 1e-9
-LIMITS = ("too_near", "too_far", "out_of_image", "detector_near", "detector_far", "oblique", "too_small")
+LIMITS = ("behind", "too_near", "too_far", "out_of_image", "detector_near", "detector_far", "oblique", "too_small")
 
 
 @pytest.fixture(params=CELLS)
@@ -172,7 +172,8 @@ def limit_margins(
     corners (8, 3) and normal (3,) in the optical frame.
     """
     depth = corners[:, 2]
-    margins = {"too_near": max(-depth.min(), (camera["near"] or 0.0) - depth.min())}
+    margins = {"behind": math.inf if depth.min() <= 0 else -depth.min()}
+    margins["too_near"] = (camera["near"] or 0.0) - depth.min()
     margins["too_far"] = depth.max() - (math.inf if camera["far"] is None else camera["far"])
     sides: dict[str, float] = {}
     pixels = None

@@ -34,6 +34,7 @@ HELP = ". It would help to "
 """Separates the sentence about the loss from the one about the remedy."""
 
 _SENTENCES = {
+    Cause.BEHIND: "{camera} looks away from {target}",
     Cause.TOO_NEAR: "{camera} is {figure} too near to {target}",
     Cause.TOO_FAR: "{camera} is {figure} too far from {target}",
     Cause.OUT_OF_IMAGE: "{camera} has {target} outside its image ({by})",
@@ -48,6 +49,7 @@ _SENTENCES = {
 }
 
 _ADVICE = {
+    Cause.BEHIND: "turn {camera} round, or say `convention: body`",
     Cause.TOO_NEAR: "move {camera} {figure} back",
     Cause.TOO_FAR: "move {camera} {figure} closer or raise its far range",
     Cause.OUT_OF_IMAGE: "turn {camera} {turn} or widen its view",

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Literal, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,26 +22,29 @@ class Cause(IntEnum):
     """The first limit that fails, in the order in which the limits are checked; NONE where the box is covered."""
 
     NONE = 0
-    TOO_NEAR = 1
-    TOO_FAR = 2
-    OUT_OF_IMAGE = 3
-    DETECTOR_NEAR = 4
-    DETECTOR_FAR = 5
-    OBLIQUE = 6
-    TOO_SMALL = 7
-    HIDDEN = 8
-    SAME_COLOUR = 9
-    TOO_DARK = 10
-    TOO_BRIGHT = 11
+    BEHIND = 1
+    TOO_NEAR = 2
+    TOO_FAR = 3
+    OUT_OF_IMAGE = 4
+    DETECTOR_NEAR = 5
+    DETECTOR_FAR = 6
+    OBLIQUE = 7
+    TOO_SMALL = 8
+    HIDDEN = 9
+    SAME_COLOUR = 10
+    TOO_DARK = 11
+    TOO_BRIGHT = 12
 
     @property
-    def label(self) -> str | None:
+    def label(self) -> CauseLabel | None:
         """Name in the output, None for a covered box."""
-        return None if self is Cause.NONE else self.name.lower()
+        return None if self is Cause.NONE else cast("CauseLabel", self.name.lower())
 
     @property
     def words(self) -> str:
         """The cause in words, for sentences and tables."""
+        if self is Cause.BEHIND:
+            return "behind the camera"
         detector = " for its detector" if self in (Cause.DETECTOR_NEAR, Cause.DETECTOR_FAR) else ""
         return self.name.lower().replace("detector", "too").replace("_", " ") + detector
 
@@ -58,6 +61,12 @@ class Cause(IntEnum):
         return patterns.get(self, "{}").format(self.words, culprit)
 
 
+CauseLabel = Literal[
+    "behind", "too_near", "too_far", "out_of_image", "detector_near", "detector_far", "oblique", "too_small", "hidden",
+    "same_colour", "too_dark", "too_bright",
+]  # fmt: skip
+"""The labels of all causes."""
+
 SIDES = ("left", "right", "top", "bottom")
 """Sides of an image, in the order of their codes."""
 
@@ -73,7 +82,7 @@ class LimitVerdicts:
     figure: Array
     """Amount by which the limit is missed, 0 where none fails, shape (c, n).
 
-    [m] for ranges and distances, [pixels] for image and size, [rad] for the incidence.
+    [m] for what lies behind the camera, ranges and distances, [pixels] for image and size, [rad] for the incidence.
     """
 
 
@@ -120,7 +129,8 @@ def check_limits(
     if cut.any():
         inside[cut] = _within_image(projections, image.uv, cut) >= np.broadcast_to(rest, cut.shape)[cut]
     limits = [
-        (Cause.TOO_NEAR, in_front & (nearest >= near), near - nearest),
+        (Cause.BEHIND, in_front, -nearest),
+        (Cause.TOO_NEAR, nearest >= near, near - nearest),
         (Cause.TOO_FAR, farthest <= far, farthest - far),
         (Cause.OUT_OF_IMAGE, inside, np.maximum(image.outside, 0.0)),
         (Cause.DETECTOR_NEAR, distance >= closest, closest - distance),

@@ -25,7 +25,7 @@ from sqrp_cli.programming.coverage.quality import Qualities
 from sqrp_cli.programming.coverage.robustness import Expectation, expectation, without_each_camera
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.ranking import Ranked
-from sqrp_cli.programming.sensing.limits import Cause
+from sqrp_cli.programming.sensing.limits import Cause, CauseLabel
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, Occluder
 from sqrp_cli.programming.targets import Target
 from sqrp_cli.report.documents import requirements
@@ -39,7 +39,7 @@ class Verdict(Record):
 
     covered: bool
     """Whether no limit fails."""
-    cause: str | None
+    cause: CauseLabel | None
     """The first limit that fails."""
     by: str | None
     """What hides it or has its colour behind it, or the side on which it is out of the image."""

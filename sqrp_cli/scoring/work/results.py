@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
 from math import isfinite
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Annotated, Any, Literal
+from typing import IO, TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from pydantic import Field
@@ -35,7 +35,7 @@ from sqrp_cli.programming.candidate import THEN, whole_skill
 from sqrp_cli.programming.coverage.assessment import Assessment, BlindEnd, WayFigures, WaysFound
 from sqrp_cli.programming.coverage.blind_spans import BlindSpan, Coverage, TargetCoverage
 from sqrp_cli.programming.coverage.quality import Qualities
-from sqrp_cli.programming.sensing.limits import Cause
+from sqrp_cli.programming.sensing.limits import Cause, CauseLabel
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.scoring.work.identity import digest_of, program_digest
 from sqrp_cli.shown import json_line
@@ -159,10 +159,6 @@ class Outcome:
 
 
 Seconds = Annotated[float, Field(ge=0)]
-CauseLabel = Literal[
-    "too_near", "too_far", "out_of_image", "detector_near", "detector_far", "oblique", "too_small", "hidden",
-    "same_colour", "too_dark", "too_bright",
-]  # fmt: skip
 
 
 class _TargetRecord(Entry):

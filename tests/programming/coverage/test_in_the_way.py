@@ -14,6 +14,7 @@ from sqrp_cli.programming.coverage.assessment import Study, study
 from sqrp_cli.programming.coverage.in_the_way import HiddenViews, hidden_views, in_the_way, to_move
 from sqrp_cli.programming.coverage.sampling import FixedCount
 from sqrp_cli.programming.task import read_task
+from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.report.pictures import drawing, pictures
 from sqrp_cli.report.sentences import part_shares_in_words, what_to_move
 
@@ -50,7 +51,7 @@ def views(cell: Cell, behind: Study) -> HiddenViews:
 
 def test_each_hidden_box_has_the_parts_that_hide_it(cell: Cell, behind: Study, views: HiddenViews) -> None:
     assert len(views) == sum(
-        int((behind.timeline.observation.required[:, column, None] & (box.cause == 8)).sum())
+        int((behind.timeline.observation.required[:, column, None] & (box.cause == Cause.HIDDEN)).sum())
         for column, boxes in enumerate(behind.timeline.observation.full_matrix)
         for box in boxes
     )

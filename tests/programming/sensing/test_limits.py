@@ -54,7 +54,9 @@ def scalar_verdict(
     ]
     depths = [corner[2] for corner in corners]
     margins = [abs(min(depths) - camera.near), abs(min(depths))]
-    if min(depths) <= 0 or min(depths) < camera.near:
+    if min(depths) <= 0:
+        return Cause.BEHIND, None, -min(depths), min(margins)
+    if min(depths) < camera.near:
         return Cause.TOO_NEAR, None, camera.near - min(depths), min(margins)
     margins.append(abs(max(depths) - camera.far))
     if max(depths) > camera.far:
@@ -187,9 +189,11 @@ SIDE = 0.04
 @pytest.mark.parametrize(
     ("X_CB", "cause", "side", "figure"),
     [
-        (at(0, 0, 0.01), Cause.TOO_NEAR, None, 0.2 - (0.01 - 0.02)),
+        (at(0, 0, 0.01), Cause.BEHIND, None, 0.01),
+        (at(0, 0, 0.02), Cause.BEHIND, None, 0.0),
+        (at(0, 0, 0.03), Cause.TOO_NEAR, None, 0.2 - (0.03 - 0.02)),
         (at(0, 0, 0.2), Cause.TOO_NEAR, None, 0.02),
-        (at(0, 0, -1.0), Cause.TOO_NEAR, None, 1.22),
+        (at(0, 0, -1.0), Cause.BEHIND, None, 1.02),
         (at(0, 0, 2.01), Cause.TOO_FAR, None, 0.03),
         (at(5.0, 0, 2.1), Cause.TOO_FAR, None, 0.12),
         (at(-1.0, 0, 1.02), Cause.OUT_OF_IMAGE, "left", 600 * 1.02 - 319.5 - 0.5),

@@ -98,7 +98,8 @@ class BoundedBoxes(WatchedBoxes):
         in_image &= (v[first] >= -0.5).all(axis=0) & (v[last] <= height - 0.5).all(axis=0)
         in_front = nearest > 0
         checked = [
-            (Cause.TOO_NEAR, in_front & (nearest >= near)),
+            (Cause.BEHIND, in_front),
+            (Cause.TOO_NEAR, nearest >= near),
             (Cause.TOO_FAR, farthest <= far),
             (Cause.OUT_OF_IMAGE, in_image),
             (Cause.DETECTOR_NEAR, distance - away >= closest),

@@ -76,6 +76,7 @@ const KINDS = {
   too_bright: ['same', 'b', 'too bright'],
   out_of_image: ['out', 'o', 'out of image'],
   too_far: ['range', 'f', 'too far'],
+  behind: ['range', 'l', 'behind the camera'],
   too_near: ['range', 'n', 'too near'],
   detector_far: ['range', 'f', 'too far for its detector'],
   detector_near: ['range', 'n', 'too near for its detector'],
