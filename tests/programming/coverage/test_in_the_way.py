@@ -13,8 +13,8 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study, study
 from sqrp_cli.programming.coverage.in_the_way import HiddenViews, hidden_views, in_the_way, to_move
 from sqrp_cli.programming.coverage.sampling import FixedCount
-from sqrp_cli.programming.task import read_task
 from sqrp_cli.programming.sensing.limits import Cause
+from sqrp_cli.programming.task import read_task
 from sqrp_cli.report.pictures import drawing, pictures
 from sqrp_cli.report.sentences import part_shares_in_words, what_to_move
 
