@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from sqrp_cli.geometry import displacement
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.cell import Cell
@@ -152,3 +153,49 @@ def test_a_camera_is_turned_towards_what_is_outside_its_image(side: str, turn: s
     blind = BlindStretch(0.0, 1.0, Atom("seen"), (cause,), (), 1)
     assert f"eye has seen outside its image ({side})" in str(blind)
     assert blind.advice == f"turn eye {turn} or widen its view"
+
+
+def turned(cell: Cell, angle: float, directions: int = 16) -> Observer:
+    """All cameras, turned about their lenses by an angle [deg] in so many directions, those of a camera together."""
+    turns = np.radians(angle) * np.array([(np.cos(d), np.sin(d)) for d in np.linspace(0, 2 * np.pi, directions + 1)[1:]])
+    cameras = tuple(
+        dataclasses.replace(camera, X_FC=camera.X_FC @ displacement(np.zeros(3), np.array([up, right, 0.0])))
+        for camera in cell.observer.cameras
+        for up, right in turns
+    )
+    return Observer(cameras, cell.observer.solids)
+
+
+@pytest.mark.parametrize("name", ["g2", "g3", "g5"])
+def test_the_camera_to_turn_closes_the_gap_and_none_does_with_less(
+    name: str, cell: Cell, studies: dict[str, Study]
+) -> None:
+    found = studies[name]
+    timeline, cameras = found.timeline, np.array(list(cell.workspace.cameras))
+    blind = timeline.monitored & ~timeline.covered
+    rows = max(stretches(blind & timeline.interesting if (blind & timeline.interesting).any() else blind), key=len)
+    (stretch,) = explain_stretches(cell, [(found, rows)])
+    column = [target.atom for target in found.targets].index(stretch.atom)
+    states = found.stage.states(timeline.samples)
+
+    def closing(angle: float) -> list[str]:
+        (boxes,) = turned(cell, angle).verdicts([found.targets[column]], states, rows=[rows], shares=False)
+        return cameras[sees_all(boxes).all(axis=0).reshape(len(cameras), -1).any(axis=1)].tolist()
+
+    nearest = stretch.causes[0]
+    assert nearest.turn is not None
+    assert nearest.camera in closing(nearest.turn.angle)
+    assert not closing(nearest.turn.angle - 1.5)
+    assert f"turn {nearest.camera} {nearest.turn.angle:.0f} deg " in stretch.advice
+
+    # Whoever sees it on either side of the whole gap is named.
+    lost = timeline.observation.required[:, column] & ~timeline.observation.covered[:, column]
+    sees = sees_all(timeline.observation.full_matrix[column]) & timeline.observation.required[:, column][:, None]
+    before, after = rows[0], rows[-1]
+    while lost[before] and before > 0:
+        before -= 1
+    while lost[after]:
+        after += 1
+    assert list(stretch.before) == cameras[sees[before]].tolist()
+    assert list(stretch.after) == cameras[sees[after]].tolist()
+    assert all(f"{camera} see" in str(stretch) for camera in (*stretch.before[-1:], *stretch.after[-1:]))
