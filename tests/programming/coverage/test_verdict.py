@@ -157,7 +157,9 @@ def test_a_camera_is_turned_towards_what_is_outside_its_image(side: str, turn: s
 
 def turned(cell: Cell, angle: float, directions: int = 16) -> Observer:
     """All cameras, turned about their lenses by an angle [deg] in so many directions, those of a camera together."""
-    turns = np.radians(angle) * np.array([(np.cos(d), np.sin(d)) for d in np.linspace(0, 2 * np.pi, directions + 1)[1:]])
+    turns = np.radians(angle) * np.array(
+        [(np.cos(d), np.sin(d)) for d in np.linspace(0, 2 * np.pi, directions + 1)[1:]]
+    )
     cameras = tuple(
         dataclasses.replace(camera, X_FC=camera.X_FC @ displacement(np.zeros(3), np.array([up, right, 0.0])))
         for camera in cell.observer.cameras
