@@ -391,7 +391,7 @@ class _Loss:
             return {}
         moved = tuple(replace(camera, X_FC=camera.X_FC @ pose(turn.rotation)) for camera, turn in turns)
         (found,) = replace(cell.observer, cameras=moved, memory=None).verdicts([self.target], states, shares=False)
-        closes = sees_all(found).all(axis=0).tolist()
+        closes: list[bool] = np.all(sees_all(found), axis=0).tolist()
         return next(({camera.name: turn} for (camera, turn), sees in zip(turns, closes, strict=True) if sees), {})
 
 
