@@ -9,7 +9,7 @@ export PYTHONDONTWRITEBYTECODE :=
 # Python makes the bytecode of what is used; pip would make that of all, on one core.
 INSTALL := $(BIN)/pip install --no-compile --quiet --disable-pip-version-check --constraint constraints.txt --editable
 
-.PHONY: all rank run test check lint docs bench load damage planners trials pictures calibrate reproduce format clean
+.PHONY: all rank run test check lint docs wheels bench load damage planners trials pictures calibrate reproduce format clean
 
 all: .venv/installed
 
@@ -53,6 +53,14 @@ lint: all
 # The documentation, as pages that open from the disk: build/site/index.html.
 docs: all
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
+# One for each platform, all built here: build/wheels.
+wheels: .venv/pyvenv.cfg
+	$(BIN)/pip install --no-compile --quiet --disable-pip-version-check --constraint constraints.txt 'setuptools>=77' ziglang
+	for platform in manylinux2014_x86_64 manylinux2014_aarch64 macosx_11_0_arm64; do \
+	  SQRP_WHEEL=$$platform $(BIN)/pip wheel --quiet --disable-pip-version-check --no-build-isolation \
+	    --no-deps --wheel-dir build/wheels . || exit 1; \
+	done
 
 bench: all
 	$(BIN)/python -m tests.benchmarks

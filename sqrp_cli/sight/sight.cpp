@@ -1,6 +1,7 @@
 // The compiled part of the package: what cameras see, and what touches what. See `kernel.py` for what goes in and out.
 #include "surface.hpp"
 
+#pragma GCC visibility push(default)  // only these are seen from outside
 extern "C" {
 
 // form: a `Form`; figures: X_PG (16, by rows), half (3), center (3), radius. Solids are made once and shared by all calls.
@@ -18,3 +19,4 @@ void solid_free(void* solid) {
     free(solid);
 }
 }
+#pragma GCC visibility pop
