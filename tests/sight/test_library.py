@@ -70,6 +70,12 @@ def test_a_kernel_that_cannot_be_built_is_told(checkout: Path, compiler: str, wo
     assert not list((checkout.parent / "cache" / "sqrp").iterdir())
 
 
+@pytest.mark.skipif(not shutil.which("c++"), reason="no compiler")
+def test_the_kernel_needs_nothing_of_the_c_plus_plus_library(checkout: Path) -> None:
+    built = loaded(checkout, CXX="c++ -nostdinc++ -nodefaultlibs -Wl,--no-undefined,--no-as-needed -lm -lc")
+    assert Path(built).suffix == ".so"
+
+
 def test_each_platform_has_its_own_name() -> None:
     names = {library.library_name(*where) for where in [("linux", "x86_64"), ("linux", "aarch64"), ("darwin", "arm64")]}
     assert len(names) == 3
