@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.coverage.robustness import Calibration
     from sqrp_cli.programming.coverage.sampling import Sampling
     from sqrp_cli.programming.ranking import Criterion
-    from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
     from sqrp_cli.programming.ways.find import WantedWay
     from sqrp_cli.starter.random_cell import Crowd
 
@@ -214,21 +213,3 @@ def check_calibration(value: Calibration | None) -> None:
         ):
             return
     raise refused("calibration", value, "Calibration(position, rotation, seed) with up to 1 m and up to 1 rad")
-
-
-def check_bounds(value: PoseBounds | None, sampling: Sampling | None) -> None:
-    """Raises InputError for anything but plausible bounds of camera poses, and for a sampling that proves nothing."""
-    from sqrp_cli.programming.coverage.sampling import Adaptive
-    from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
-
-    if value is not None and not isinstance(sampling, Adaptive | None):
-        raise refused("sampling", sampling, "Adaptive(tolerance) or None with certify: a proof needs adaptive sampling")
-
-    match value:
-        case None:
-            return
-        case PoseBounds(float() | int() as position, float() | int() as rotation) if (
-            0 <= position <= 1 and 0 <= rotation <= 1
-        ):
-            return
-    raise refused("certify", value, "PoseBounds(position, rotation) with up to 1 m and up to 1 rad")

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.coverage.robustness import Calibration
     from sqrp_cli.programming.coverage.sampling import Sampling
     from sqrp_cli.programming.ranking import Criterion
-    from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
     from sqrp_cli.scoring.scorecard import Progress
 
 
@@ -103,7 +102,6 @@ class OpenCell:
         *,
         sampling: Sampling | None = None,
         calibration: Calibration | None = None,
-        certify: PoseBounds | None = None,
         after: str | Path | None = None,
         by: Criterion = "q_eoi",
         ways: arguments.WaysOption = "best",
@@ -117,10 +115,9 @@ class OpenCell:
         arguments.check_text(task, "task", "a skill and what to do it with, such as `pickup green`")
         arguments.check_sampling(sampling)
         arguments.check_calibration(calibration)
-        arguments.check_bounds(certify, sampling)
         before = arguments.optional_path(after, "after")
         wanted = arguments.check_wanted(by, ways, max_time)
-        return Session.begin(self.cell, task, Inquiry(sampling or Adaptive(), calibration, certify, wanted), before)
+        return Session.begin(self.cell, task, Inquiry(sampling or Adaptive(), calibration, wanted), before)
 
     def rank(
         self,
@@ -129,7 +126,6 @@ class OpenCell:
         by: Criterion = "q_eoi",
         sampling: Sampling | None = None,
         calibration: Calibration | None = None,
-        certify: PoseBounds | None = None,
         after: str | Path | None = None,
         ways: arguments.WaysOption = "best",
         max_time: str | float | None = None,
@@ -139,10 +135,9 @@ class OpenCell:
         """Rank the candidates of a task, such as `pickup green`, each in its best way.
 
         by: what counts first. sampling: of the motions, adaptive by default. calibration: accuracy of the camera poses,
-        to compute its effect. certify: bounds of the camera poses, to prove what holds within them, with adaptive
-        sampling only. after: a program; the task starts where it ends. ways: `best` of all, or `fastest`: each
-        candidate with its fastest branch and the first yaw and side, seen or not. max_time: of a way, such as `20 s`,
-        or `1.25x` the time of the fastest of all ways of the candidate.
+        to draw poses and show how the qualities spread. after: a program; the task starts where it ends. ways: `best`
+        of all, or `fastest`: each candidate with its fastest branch and the first yaw and side, seen or not. max_time:
+        of a way, such as `20 s`, or `1.25x` the time of the fastest of all ways of the candidate.
         """
         from sqrp_cli.api.session import assess
         from sqrp_cli.programming.ranking import rank
@@ -152,7 +147,6 @@ class OpenCell:
             task,
             sampling=sampling,
             calibration=calibration,
-            certify=certify,
             after=after,
             by=by,
             ways=ways,

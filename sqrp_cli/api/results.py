@@ -114,7 +114,6 @@ class Ranking(Answer["RankDocument"]):
         """The document of `sqrp rank`."""
         from sqrp_cli.report.documents.candidates import (
             CandidateFigures,
-            Certified,
             RankDocument,
             Recalibrated,
             SamplingDone,
@@ -130,7 +129,6 @@ class Ranking(Answer["RankDocument"]):
             by=self.by,
             sampling=SamplingDone.of(assignment.sampling, assessments),
             calibration=Recalibrated.of(assignment, assessments, self.by),
-            certificate=Certified.of(assignment, self.ranked, self.by),
             interrupted=self.interrupted or None,
             candidates=tuple(CandidateFigures.of(one) for one in self.ranked),
         )

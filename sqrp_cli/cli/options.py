@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from sqrp_cli.knowledge.text.units import Dimension, Quantity
     from sqrp_cli.programming.coverage.robustness import Calibration
     from sqrp_cli.programming.coverage.sampling import Sampling
-    from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 
 WorkspacePath = Annotated[Path, typer.Argument(metavar="WORKSPACE", help="Folder of a workspace, or its YAML file.")]
 StartPath = Annotated[
@@ -316,22 +315,6 @@ def read_calibration(text: str | None, seed: int) -> Calibration | None:
     from sqrp_cli.programming.coverage.robustness import Calibration
 
     return None if text is None else Calibration(*_pose_errors(text, "--calibration", "5 mm, 0.5 deg"), seed)
-
-
-def read_bounds(text: str | None, sampling: Sampling) -> PoseBounds | None:
-    """Bounds on the errors of camera poses, such as `2 mm, 0.2 deg`; either may be left out.
-
-    Raises InputError for a sampling that proves nothing, too.
-    """
-    from sqrp_cli.programming.coverage.sampling import Adaptive, FixedCount
-    from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
-
-    if text is None:
-        return None
-    if not isinstance(sampling, Adaptive):
-        fixed = "--samples" if isinstance(sampling, FixedCount) else "--dt"
-        raise bad_option(f"--certify excludes {fixed}: a proof needs adaptive sampling")
-    return PoseBounds(*_pose_errors(text, "--certify", "2 mm, 0.2 deg"))
 
 
 def _pose_errors(text: str, option: str, example: str) -> tuple[float, float]:

@@ -12,13 +12,11 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study, WaysFound, study
-from sqrp_cli.programming.coverage.certificate import certify
 from sqrp_cli.programming.coverage.robustness import Calibration, expected_quality, under_calibration_errors
 from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling
 from sqrp_cli.programming.coverage.verdict import verdict, verdicts
 from sqrp_cli.programming.program_update import world_after
 from sqrp_cli.programming.ranking import Ranked
-from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.find import BestWay, Plans, WantedWay, find_ways
 from sqrp_cli.programming.whole_study import assessment_of_all, world_left
@@ -76,8 +74,6 @@ class Inquiry:
     sampling: Sampling = Adaptive()  # noqa: RUF009 - it is frozen
     calibration: Calibration | None = None
     """Accuracy of the cameras' calibration, to compute its influence on the qualities; None to leave it out."""
-    bounds: PoseBounds | None = None
-    """How far the cameras may be off, to prove between what the qualities then lie; None to leave it out."""
     wanted: WantedWay = WantedWay()  # noqa: RUF009 - it is frozen
     """Which way of each candidate."""
 
@@ -127,9 +123,6 @@ class Assignment(Inquiry):
         if self.calibration is not None:
             recalibrated = under_calibration_errors(self.cell, study, self.sampling, self.calibration)
             assessment = replace(assessment, recalibrated=recalibrated)
-        if self.bounds is not None:
-            proven = certify(study, self.cell.observer, self.sampling, self.bounds)
-            assessment = replace(assessment, certificate=proven)
         return assessment
 
     def steps_done(self, candidate: Candidate) -> list[StepDone]:

@@ -68,33 +68,6 @@ def contenders(assessments: Sequence[Assessment], by: Criterion) -> list[bool]:
     return [own == first or _undominated(one, assessments) for own, one in zip(values, assessments, strict=True)]
 
 
-def may_overtake(ranking: Sequence[Ranked], by: Criterion) -> list[Assessment]:
-    """The candidates that are not proven to stay behind the first, whatever the camera poses within the bounds.
-
-    The least that is proven of the first is compared with the most of another. Delays are not proven: they decide
-    nothing here.
-    """
-    feasible = [ranked.assessment for ranked in ranking if ranked.rank is not None]
-    columns = _columns(feasible, by)
-    return [other for other in feasible[1:] if not _stays_behind(other, feasible[0], columns)]
-
-
-def _stays_behind(other: Assessment, first: Assessment, columns: Sequence[_Figure]) -> bool:
-    if first.certificate is None or other.certificate is None:
-        return False
-    worst, best = (
-        replace(one, q_avg=proven.q_avg, q_eoi=proven.q_eoi)
-        for one, proven in ((first, first.certificate.least), (other, other.certificate.most))
-    )
-    for column in columns:
-        own, others = column(worst), column(best)
-        if column not in _PROVEN or own is None or others is None:
-            return False
-        if compared_time(own) != compared_time(others):
-            return own < others
-    return _parameters(first) < _parameters(other)
-
-
 def _columns(feasible: Sequence[Assessment], by: Criterion) -> list[_Figure]:
     """What is compared, in order: all that no candidate lacks."""
     columns: list[_Figure] = [_CRITERIA[by], _CRITERIA["q_avg"], _CRITERIA["time"], lambda one: one.delay_worst]
@@ -146,9 +119,6 @@ _CRITERIA: dict[Criterion, _Figure] = {
     "expected_time": _expected_time,
 }
 """What each criterion compares; less is better."""
-
-_PROVEN = (_CRITERIA["q_eoi"], _CRITERIA["q_avg"], _CRITERIA["time"])
-"""Figures that camera poses do not change, or of which certificates prove something."""
 
 
 def criterion_figure(assessment: Assessment, by: Criterion) -> float | None:

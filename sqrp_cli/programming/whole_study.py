@@ -7,12 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import accumulate
 from typing import NamedTuple, Protocol
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.workspace.workspace import World
-from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.programming.candidate import Candidate, whole_candidate
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import (
@@ -23,7 +21,6 @@ from sqrp_cli.programming.coverage.assessment import (
     rehearsal,
     with_delays,
 )
-from sqrp_cli.programming.coverage.certificate import Certificate
 from sqrp_cli.programming.coverage.quality import Figures, Qualities, average_quality, interest_quality
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.feasibility import feasible_motion
@@ -85,7 +82,6 @@ def assessment_of_all(candidate: Candidate, done: Sequence[Assessment]) -> Asses
         recalibrated=tuple(
             mean_qualities(draw, done) for draw in zip(*(one.recalibrated for one in done), strict=True)
         ),
-        certificate=_certificate(done),
         best_way=whole_candidate(candidate.skill, [one.way for one in done]),
         steps=tuple(done),
     )
@@ -129,25 +125,6 @@ def mean_qualities(seen: Sequence[SeenStep], steps: Sequence[Figures]) -> Qualit
     return Qualities(
         mean_quality([(one.q_avg, step.t_total) for one, step in pairs]),
         mean_quality([(one.q_eoi, step.t_eoi) for one, step in pairs]),
-    )
-
-
-def _certificate(done: Sequence[Assessment]) -> Certificate | None:
-    """What is proven of the whole: each step is undecided when it is done."""
-    proven = [one.certificate for one in done if one.certificate is not None]
-    if len(proven) < len(done):
-        return None
-
-    starts = accumulate((one.time or 0.0 for one in done), initial=0.0)
-    undecided = (
-        Stretch(start + stretch.start, start + stretch.end)
-        for one, start in zip(proven, starts, strict=False)
-        for stretch in one.undecided
-    )
-    return Certificate(
-        mean_qualities([one.least for one in proven], done),
-        mean_qualities([one.most for one in proven], done),
-        tuple(undecided),
     )
 
 

@@ -10,9 +10,7 @@ import numpy as np
 
 from sqrp_cli.programming.candidate import Candidate
 from sqrp_cli.programming.coverage.assessment import Assessment, WayFigures
-from sqrp_cli.programming.coverage.certificate import Certificate
 from sqrp_cli.programming.coverage.robustness import DRAWS
-from sqrp_cli.programming.coverage.timeline import bisection_error
 from sqrp_cli.programming.coverage.verdict import NOTHING_MISSING
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.ranking import Criterion, Ranked, compared_quality, winners
@@ -138,7 +136,6 @@ def print_ranking(
         shown = feasible if all_rows else _best_of_each(feasible)
         _print_feasible(feasible, shown)
         _print_calibration(assignment, feasible, by)
-        _print_certificate(assignment, feasible, shown, by)
     for ranked in feasible:
         if ranked.assessment.ways_around:
             say(f"{ranked.assessment.candidate.name}: {', '.join(ranked.assessment.ways_around)}")
@@ -192,42 +189,6 @@ def _print_calibration(assignment: Assignment, feasible: Sequence[Ranked], by: C
 def _span(values: Sequence[float | None]) -> str:
     ends = percentiles(values)
     return "-" if ends is None else f"{100 * ends[0]:.1f} to {100 * ends[1]:.1f}"
-
-
-def _print_certificate(
-    assignment: Assignment, feasible: Sequence[Ranked], shown: Sequence[Ranked], by: Criterion
-) -> None:
-    """What is proven of the qualities and of the first place within bounds of the camera poses, if it was asked for.
-
-    shown: those of the feasible candidates, with the first, that have a row.
-    """
-    proven = [(one, one.assessment.certificate) for one in shown if one.assessment.certificate is not None]
-    if assignment.bounds is None or not proven:
-        return
-    say(f"\nProven {sentences.within(assignment.bounds)}:")
-    rows = [
-        (
-            one.assessment.candidate.name,
-            sentences.between(found.least.q_eoi, found.most.q_eoi),
-            sentences.between(found.least.q_avg, found.most.q_avg),
-            f"{sum(stretch.length for stretch in found.undecided):.2f}",
-        )
-        for one, found in proven
-    ]
-    titles = ("Q_eoi [%]", "Q_avg [%]", "undecided [s]")
-    print_table([Column(""), *numbers(*titles)], rows)
-    error = bisection_error(assignment.sampling)
-    if error and any(_is_open(one) for _, one in proven):
-        say(f"Both ends allow for {100 * error:g} points that bisection may leave.")
-    for sentence in (sentences.stays_first(feasible, by), sentences.undecided(*proven[0])):
-        if sentence is not None:
-            say(sentence)
-
-
-def _is_open(certificate: Certificate) -> bool:
-    """Whether a quality is neither proven to be all nor nothing."""
-    least, most = certificate.least, certificate.most
-    return any(one != other for one, other in ((least.q_eoi, most.q_eoi), (least.q_avg, most.q_avg)))
 
 
 class _Figure(NamedTuple):

@@ -48,9 +48,9 @@ BAD = [
     (["advise", "CELL", "watch seen", "--want", "time 20 kg"], ["expected a time after `time`, such as `time 20 s`"]),
     (["rank", "CELL", "watch seen", "--calibration", "5 kg"], ["--calibration", "`5 kg`", "5 mm, 0.5 deg"]),
     (["rank", "CELL", "watch seen", "--calibration", "1e308 m"], ["--calibration", "up to 1 m"]),
-    (["rank", "CELL", "watch seen", "--certify", "5 kg"], ["--certify", "`5 kg`", "2 mm, 0.2 deg"]),
+    (["rank", "CELL", "watch seen", "--certify", "2 mm"], ["`sqrp rank` has no option `--certify`\n"]),
     *(
-        (["rank", "CELL", "watch seen", "--certify", text], [f"--certify: {says}; try `2 mm, 0.2 deg`\n"])
+        (["rank", "CELL", "watch seen", "--calibration", text], [f"--calibration: {says}; try `5 mm, 0.5 deg`\n"])
         for text, says in {
             "0,0": "`0` has no unit",
             "2 mm 0.2 deg": "`2 mm 0.2 deg` lacks a comma",
@@ -63,8 +63,6 @@ BAD = [
             "2 mm,": "`` is no length or angle",
         }.items()
     ),
-    (["rank", "CELL", "watch seen", "--certify", "2 mm", "--samples", "5"], ["--certify excludes --samples: a proof"]),
-    (["rank", "CELL", "watch seen", "--certify", "2 mm", "--dt", "50 ms"], ["--certify excludes --dt: a proof"]),
     (["--show-completion", "tcsh"], ["--show-completion is `tcsh`", "`bash`", "`fish`", "`zsh`"]),
     (["--install-completion", "--help"], ["--install-completion is `--help`", "`bash`", "`fish`", "`zsh`"]),
     (["-q", "--show-completion=tcsh"], ["--show-completion is `tcsh`"]),
@@ -126,7 +124,7 @@ def test_it_is_refused_and_named(words: list[str], says: list[str], sqrp: Any, w
     for piece in says:
         assert piece in outcome.err
     assert "Traceback" not in outcome.err
-    assert "--certify" not in words or all(len(line) <= 80 for line in outcome.err.splitlines())
+    assert "--calibration" not in words or all(len(line) <= 80 for line in outcome.err.splitlines())
     assert list(tmp_path.iterdir()) == []
 
 

@@ -44,7 +44,6 @@ COMMANDS = [
     ("check", TOWER, "pickup blue"),
     ("rank", TABLETOP, "pickup object=g1,g6", "--samples", "3"),
     ("rank", TABLETOP, "pickup g2", "--samples", "3", "--calibration", "5 mm, 0.5 deg"),
-    ("rank", TABLETOP, "pickup g2", "--ways", "fastest", "--certify", "2 mm, 0.2 deg"),
     ("rank", TABLETOP, "pickup g2", "--dt", "0.5"),
     ("explain", TABLETOP, "pickup g2", "--samples", "3"),
     ("explain", TABLETOP, "pickup object=g2,g6", "--samples", "3", "--all"),

@@ -15,7 +15,6 @@ from sqrp_cli.api.scores import ScoreRun
 from sqrp_cli.errors import InputError
 from sqrp_cli.programming.coverage.robustness import Calibration
 from sqrp_cli.programming.coverage.sampling import Adaptive, FixedCount
-from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
 
 TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
 
@@ -104,11 +103,6 @@ def test_a_workspace_with_errors_is_not_opened(tmp_path):
         (lambda cell: cell.rank("pickup g2", sampling=Adaptive(float("nan"))), "sampling is Adaptive(tolerance=nan)"),
         (lambda cell: cell.rank("pickup g2", calibration="5 mm"), "calibration is '5 mm', expected Calibration("),
         (lambda cell: cell.rank("pickup g2", calibration=Calibration(5, 0.5, 0)), "up to 1 m and up to 1 rad"),
-        (lambda cell: cell.rank("pickup g2", certify="2 mm"), "certify is '2 mm', expected PoseBounds("),
-        (
-            lambda cell: cell.rank("pickup g2", certify=PoseBounds(0.0, 0.0), sampling=FixedCount(5)),
-            "sampling is FixedCount(samples=5), expected Adaptive(tolerance) or None with certify",
-        ),
         (
             lambda cell: cell.rank("pickup g2", by="speed"),
             "by is `speed`; expected one of `delay`, `expected_time`, `q_avg`",

@@ -20,7 +20,6 @@ from rich.console import Console
 
 from sqrp_cli.programming import pipeline
 from sqrp_cli.terminal import console, progress_lines
-from tests.cli.pages import overview_of
 
 OUTPUTS = [
     ("rank", "{tabletop}", "pickup green", "--ways", "fastest"),
@@ -383,26 +382,6 @@ def test_progress_shows_how_much_is_done_and_time_left_however_long_the_task(mon
     lines = [line.rstrip() for line in re.split(r"[\r\n]+", text) if line.strip()]
     assert re.fullmatch(r"Assessing pickup approach_yaw=.*… \S+ 1599/1600 [-\d:]+", lines[-1])
     assert all(len(line) <= 80 for line in lines)
-
-
-def test_a_page_says_what_is_proven(sqrp, watch, tmp_path):
-    page = tmp_path / "page.html"
-    out = sqrp("rank", watch, "watch green", "--certify", "2 mm, 0.2 deg", "--report", page).out
-    assert "\nProven wherever each camera is within 2 mm and 0.2 deg of where it should be:\n" in out
-    about = dict(overview_of(page)["about"])
-    assert re.search(r"\bturned: Q_eoi 100\.0 to 100\.0 %, Q_avg 60\.0 to 60\.0 %[;,] ", about["proven"])
-    assert "wherever each camera is within 2 mm and 0.2 deg of where it should be. " in about["proven"]
-    assert about["proven"].endswith(" stays the first, whatever the poses.")
-
-
-def test_a_certificate_says_where_the_width_comes_from_that_nothing_undecided_explains(sqrp, watch):
-    out = sqrp("rank", watch, "watch green", "--certify", "2 mm, 0.2 deg", "--tolerance", "2").out
-    assert re.search(r"\nturned +100\.0 to 100\.0 +59\.8 to 60\.2 +0\.00\n", out)
-    assert "\nBoth ends allow for 0.2 points that bisection may leave.\n" in out
-    certain = sqrp("rank", watch, "watch seen", "--certify", "2 mm, 0.2 deg").out
-    assert "100.0 to 100.0" in certain
-    assert "Both ends" not in certain
-    assert all(len(line) <= 80 for line in out.splitlines())
 
 
 @pytest.fixture(scope="module")

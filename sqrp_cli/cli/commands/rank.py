@@ -32,12 +32,7 @@ ProgramFile = Annotated[
 AllRows = Annotated[bool, typer.Option("--all", help="Show all candidates, also of a long ranking.")]
 CameraErrors = Annotated[
     str | None,
-    typer.Option("--calibration", metavar='"5 mm, 0.5 deg"', help="What if the cameras are off by this (1 sigma)?"),
-]
-
-CameraBounds = Annotated[
-    str | None,
-    typer.Option("--certify", metavar='"2 mm, 0.2 deg"', help="Prove what holds wherever each camera is within this."),
+    typer.Option("--calibration", metavar='"5 mm, 0.5 deg"', help="Draw camera poses with these errors (1 sigma)."),
 ]
 
 
@@ -56,7 +51,6 @@ def command(
     max_time: option.MaxTime = None,
     after: option.After = None,
     calibration: CameraErrors = None,
-    certify: CameraBounds = None,
     report: option.Report = None,
     jobs: option.Jobs = None,
     seed: option.Seed = 0,
@@ -79,7 +73,7 @@ def command(
     workspace, after = Start.of(workspace, after, program)
     criterion, (wanted, all_ways) = read_criterion(by), option.read_ways(ways)
     sampling = option.read_sampling(samples, dt, tolerance)
-    drawn, bounds = option.read_calibration(calibration, seed), option.read_bounds(certify, sampling)
+    drawn = option.read_calibration(calibration, seed)
     option.check_max_time(max_time)
     check_distinct({"--program": program, "--report": report})
     before = world_before(after, program)
@@ -88,7 +82,6 @@ def command(
         task,
         sampling=sampling,
         calibration=drawn,
-        certify=bounds,
         after=before,
         by=criterion,
         ways=wanted,

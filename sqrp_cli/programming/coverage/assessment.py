@@ -18,7 +18,6 @@ from sqrp_cli.logic.image_time import Onset, Window, Windows, delays
 from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming import pieces
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.certificate import Certificate
 from sqrp_cli.programming.coverage.fault_sights import all_fault_windows, fault_onsets
 from sqrp_cli.programming.coverage.quality import NO_FIGURES, Figures, Qualities, figures_of
 from sqrp_cli.programming.coverage.sampling import MAX_SAMPLES, Sampling, sample_count
@@ -167,8 +166,6 @@ class Assessment(Figures):
     """One or two sentences."""
     recalibrated: tuple[Qualities, ...] = ()
     """The qualities for random camera poses, if requested."""
-    certificate: Certificate | None = None
-    """What is proven of the qualities for all camera poses within bounds, if requested."""
     ways: WaysFound | None = None
     """The ways in which it can be done; None where its motion was not asked for."""
     best_way: Candidate | None = None

@@ -215,11 +215,6 @@ def _seen(observer: Observer, looks: Sequence[Look], *, full: bool) -> Sequence[
     return [full_observation(observer, look) for look in looks] if full else look_at(observer, looks)
 
 
-def bisection_error(sampling: Sampling) -> float:
-    """By how much Q may be too low at most because transitions lie between samples, as a fraction."""
-    return _SHARE * sampling.tolerance if isinstance(sampling, Adaptive) else 0.0
-
-
 class _FinerSamples(NamedTuple):
     """Samples between those of a timeline."""
 

@@ -251,8 +251,9 @@ class Observer:
         view = boxes.asked
         views = BoxViews(boxes.box, camera[view], questions.state[asked][view])
         lines = watched.sight_lines(views)
-        near = self._near(watched, lines)
-        needed = self._needed(watched, lines, watched.gains[views.camera])
+        # Along a line without any, the box is seen.
+        near = near_pairs(lines, watched.solid_poses, watched.opaque)
+        needed = needed_shares(watched, lines, watched.gains[views.camera], tuple(self.lights.values()))
         cut = cut_shares(watched, lines, views.camera)
         pending = np.bincount(view[near.line], minlength=len(asked))
         possible = np.ones(len(asked), dtype=bool)
@@ -267,22 +268,13 @@ class Observer:
             sees[tested] = True
             for turn in range(int(boxes.number.max()) + 1):
                 wanted = near.of_lines(sees[view] & (boxes.number == turn))
-                sees[view[self._unseen(watched, lines, wanted.of_lines(cut == 0), needed)]] = False
+                within = unseen(watched, lines, wanted.of_lines(cut == 0), needed, self._tester)
+                sees[view[within]] = False
                 rest = shares_within(watched, lines, wanted.of_lines(cut > 0), views.camera)
                 sees[view[rest.line[rest.share < needed[rest.line]]]] = False
             found[tested] = sees[tested]
             np.add.at(count, asked[sees], 1)
         return found
-
-    def _near(self, watched: WatchedBoxes, lines: SightLines) -> Pairs:
-        """The solids that may be in the way of sight lines; along a line without any, the box is seen."""
-        return near_pairs(lines, watched.solid_poses, watched.opaque)
-
-    def _needed(self, watched: WatchedBoxes, lines: SightLines, gain: Array) -> Array:
-        return needed_shares(watched, lines, gain, tuple(self.lights.values()))
-
-    def _unseen(self, watched: WatchedBoxes, lines: SightLines, near: Pairs, needed: Array) -> Indices:
-        return unseen(watched, lines, near, needed, self._tester)
 
     def _box_verdicts(
         self, boxes: Sequence[SoughtBox], states: SceneStates, rows: Sequence[Indices], *, shares: bool

@@ -10,12 +10,11 @@ import numpy as np
 
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.programming.coverage.assessment import Assessment, WaysFound
-from sqrp_cli.programming.coverage.certificate import Certificate
 from sqrp_cli.programming.coverage.quality import Figures
 from sqrp_cli.programming.coverage.robustness import DRAWS
 from sqrp_cli.programming.coverage.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.programming.pipeline import Assignment
-from sqrp_cli.programming.ranking import Criterion, Ranked, may_overtake, winners
+from sqrp_cli.programming.ranking import Criterion, Ranked, winners
 from sqrp_cli.report.documents.document import LEFT_OUT, Record, TaskDocument
 
 
@@ -179,73 +178,6 @@ class Recalibrated(_PoseErrors):
         )
 
 
-@dataclass(frozen=True, kw_only=True)
-class UndecidedSpan(Record):
-    """A time in which it depends on the camera poses whether the state is covered, or no proof was found."""
-
-    start: float
-    """[s]."""
-    end: float
-    """[s]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class CertifiedCandidate(_Inexact):
-    """What is proven of a candidate for every pose of each camera within bounds."""
-
-    undecided: tuple[UndecidedSpan, ...]
-    """When the state may be covered or not."""
-    may_be_first: bool
-    """Whether it is the first, or not proven to stay behind the first."""
-
-    @classmethod
-    def of(cls, found: Assessment, proven: Certificate, *, may_be_first: bool) -> CertifiedCandidate:
-        """What is proven of a feasible candidate."""
-        return cls(
-            parameters=found.candidate.parameters,
-            q_avg=_ends(proven.least.q_avg, proven.most.q_avg),
-            q_eoi=_ends(proven.least.q_eoi, proven.most.q_eoi),
-            undecided=tuple(UndecidedSpan(start=one.start, end=one.end) for one in proven.undecided),
-            may_be_first=may_be_first,
-        )
-
-
-def _ends(least: float | None, most: float | None) -> list[float] | None:
-    return None if least is None or most is None else [least, most]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Certified(_PoseErrors):
-    """What is proven for every pose of each camera within bounds."""
-
-    first_stays: bool
-    """Whether the first candidate is proven to stay the first."""
-    candidates: tuple[CertifiedCandidate, ...]
-    """The feasible ones, best first."""
-
-    @classmethod
-    def of(cls, assignment: Assignment, ranking: Sequence[Ranked], by: Criterion) -> Certified | None:
-        """What is proven of a ranking; None if not requested."""
-        bounds = assignment.bounds
-        if bounds is None:
-            return None
-        open_ones = {id(found) for found in may_overtake(ranking, by)}
-        return completed(
-            cls,
-            bounds,
-            first_stays=not open_ones and any(one.rank == 1 for one in ranking),
-            candidates=tuple(
-                CertifiedCandidate.of(
-                    one.assessment,
-                    one.assessment.certificate,
-                    may_be_first=one.rank == 1 or id(one.assessment) in open_ones,
-                )
-                for one in ranking
-                if one.assessment.certificate is not None
-            ),
-        )
-
-
 def percentiles(values: Sequence[float | None]) -> list[float] | None:
     """The 5th and 95th percentile, None where a value is undefined."""
     known = [value for value in values if value is not None]
@@ -264,8 +196,6 @@ class RankDocument(TaskDocument):
     """How the motions were sampled; errors and gaps are the largest of all candidates."""
     calibration: Recalibrated | None = field(default=None, metadata=LEFT_OUT)
     """With `--calibration`."""
-    certificate: Certified | None = field(default=None, metadata=LEFT_OUT)
-    """With `--certify`."""
     interrupted: bool | None = field(default=None, metadata=LEFT_OUT)
     """True if Ctrl-C came before all candidates were finished."""
     candidates: tuple[CandidateFigures, ...]

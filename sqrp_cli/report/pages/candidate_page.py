@@ -56,8 +56,6 @@ def write_ranking(
     about = origin(arguments, cell.workspace)
     if feasible := [ranked for ranked in ranking if ranked.rank is not None]:
         about.append(("accuracy", sentences.accuracy(assignment.sampling, feasible)))
-        if assignment.bounds is not None:
-            about.append(("proven", sentences.proven(assignment.bounds, feasible, by)))
     title = f"{task} in {cell.workspace.name}"
     said = f"{sentences.summary(ranking, by)}. {sentences.why_first(feasible, by) if feasible else ''}".strip()
     write_page(PageContent(title, said, "Candidates", about, entries, [cell_scene(cell)]), path)

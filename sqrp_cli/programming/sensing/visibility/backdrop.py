@@ -50,7 +50,9 @@ class Backdrop:
         Where all that looks alike is visible too, enough is left to be told from it. lost: the share of what is
         visible that cannot be told for other reasons, in 0..1, shape (v,).
         """
-        return _needed(least, self.share, lost)
+        told = np.maximum(1.0 - lost, 1e-9)
+        telling = (np.minimum(least, LEAST_TELLING) + self.share) / told
+        return np.maximum(least, np.where((self.share > 0) | (told < 1), telling, 0.0))
 
 
 def backdrop_of(lines: SightLines, boxes: Sequence[SoughtBox], poses: SolidPoses, alike: Mask) -> Backdrop:
@@ -66,35 +68,10 @@ def backdrop_of(lines: SightLines, boxes: Sequence[SoughtBox], poses: SolidPoses
     return Backdrop(share, by)
 
 
-class BackdropBounds(NamedTuple):
-    """Between what the shares of v boxes before a surface of their colour lie."""
-
-    low: Array
-    """Shape (v,)."""
-    high: Array
-    """Shape (v,)."""
-
-    def needed(self, least: Array, lost: tuple[Array, Array] | None = None) -> BackdropBounds:
-        """Between what the shares lie that must be visible, see `Backdrop.needed`."""
-        low, high = lost or (0.0, 0.0)
-        return BackdropBounds(_needed(least, self.low, low), _needed(least, self.high, high))
-
-
 def _needed(least: Array, alike: Array, lost: Array | float) -> Array:
     told = np.maximum(1.0 - lost, 1e-9)
     telling = (np.minimum(least, LEAST_TELLING) + alike) / told
     return np.maximum(least, np.where((alike > 0) | (told < 1), telling, 0.0))
-
-
-def backdrop_bounds(
-    lines: SightLines, boxes: Sequence[SoughtBox], poses: SolidPoses, alike: Mask, reach: float
-) -> BackdropBounds:
-    """What may be behind the boxes of sight lines, from cameras up to `reach` [m] away; see `backdrop_of`."""
-    low, high = np.zeros(len(lines.state)), np.zeros(len(lines.state))
-    asked = _asked(lines, boxes, poses, alike, reach)
-    if asked is not None:
-        asked.tell((low, high), lambda views, near: views.alike_within(poses, near, alike, reach))
-    return BackdropBounds(low, high)
 
 
 class _Asked(NamedTuple):
@@ -123,10 +100,8 @@ class _Asked(NamedTuple):
             values[self.line[looked_at]] = told[self.view[looked_at]]
 
 
-def _asked(
-    lines: SightLines, boxes: Sequence[SoughtBox], poses: SolidPoses, alike: Mask, reach: float = 0.0
-) -> _Asked | None:
-    """The sight lines to boxes whose colours some solids have; None if there are none. reach: see `may_be_alike`."""
+def _asked(lines: SightLines, boxes: Sequence[SoughtBox], poses: SolidPoses, alike: Mask) -> _Asked | None:
+    """The sight lines to boxes whose colours some solids have; None if there are none."""
     box = lines.box[lines.hull]
     can_collide: Mask = np.any(alike, axis=0)
     asked = np.flatnonzero(can_collide[box] & lines.finite[lines.hull])
@@ -137,7 +112,7 @@ def _asked(
     _, first, same = np.unique(keys, return_index=True, return_inverse=True)
     views = _Looks.of(lines, asked[first])
     owners = [poses.solids.called(entry.seeks or "") for entry in boxes]
-    near = views.near(poses, scenery, reach)
+    near = views.near(poses, scenery)
     for column, own in enumerate(owners):
         near[np.ix_(own, views.box == column)] = False
     may_be: Mask = np.any(near & alike[:, views.box], axis=0)
@@ -173,28 +148,23 @@ class _Looks:
         """Some of the views, by index."""
         return _Looks(*(values[which] for values in vars(self).values()))
 
-    def near(self, poses: SolidPoses, scenery: Mask, reach: float) -> Mask:
-        """Which of the solids that may be behind a box are in the cone around it, and not before it; shape (s, v).
-
-        reach: distance up to which the camera may be elsewhere [m].
-        """
+    def near(self, poses: SolidPoses, scenery: Mask) -> Mask:
+        """Which of the solids that may be behind a box are in the cone around it, and not before it; shape (s, v)."""
         eyes = self.X_WC[:, :3, 3]
         rays = self.corners - eyes[:, None]
         axis = rays.mean(axis=1)
         axis /= _length(axis)[:, None]
         cosine = ((rays @ axis[:, :, None])[..., 0] / _length(rays)).min(axis=1)
         nearest = _length(rays).min(axis=1)
-        opening = np.arccos(np.clip(cosine, -1.0, 1.0)) + np.where(
-            nearest > reach, np.arcsin(np.clip(reach / np.maximum(nearest, 1e-9), 0.0, 1.0)), np.pi
-        )
+        opening = np.arccos(np.clip(cosine, -1.0, 1.0)) + np.where(nearest > 0.0, 0.0, np.pi)
         found = np.zeros((len(poses.solids), len(eyes)), dtype=bool)
         for index in np.flatnonzero(scenery).tolist():
             X_WP = poses.at(np.full(len(eyes), index), self.state)
             center = transform(X_WP, np.array(poses.solids[index].center)[None, None])[:, 0] - eyes
-            away, radius = _length(center), poses.solids[index].radius + reach
+            away, radius = _length(center), poses.solids[index].radius
             spread = np.arcsin(np.clip(radius / np.maximum(away, 1e-9), 0.0, 1.0))
             angle = np.arccos(np.clip((center * axis).sum(axis=1) / np.maximum(away, 1e-9), -1.0, 1.0))
-            found[index] = ((angle <= opening + spread) | (away <= radius)) & (away + radius > nearest - reach)
+            found[index] = ((angle <= opening + spread) | (away <= radius)) & (away + radius > nearest)
         return found
 
     def alike(self, poses: SolidPoses, near: Mask, alike: Mask) -> tuple[Array, Indices]:
@@ -205,40 +175,9 @@ class _Looks:
         total = counts.sum(axis=0) / np.maximum(inside.sum(axis=1), 1)
         return total, np.where(total > 0, counts.argmax(axis=0), -1)
 
-    def alike_within(self, poses: SolidPoses, near: Mask, alike: Mask, reach: float) -> tuple[Array, Array]:
-        """The least and the greatest share of each box before something alike, from cameras up to `reach` away.
-
-        From there, nothing behind a box of the depth D, in a direction s times as long as deep, appears to have moved
-        by more than t s / D in the plane z = 1: so a ray counts for the greatest if something alike is that near to it,
-        and for the least if all around it is alike, twice as far.
-        """
-        corners = transform(inverse(self.X_WC), self.corners)
-        image, depth = corners[..., :2] / corners[..., 2:], corners[..., 2].mean(axis=1)
-        cell = np.ptp(image, axis=1).min(axis=1) / RAYS
-        slant = np.sqrt(1.0 + (image * image).sum(axis=2).max(axis=1)) * (1.0 + 2.0 * reach / depth)
-        cells = float((reach * slant / depth / np.maximum(cell, 1e-12)).max())
-        if cells > RAYS:
-            return np.zeros(len(depth)), np.ones(len(depth))
-        around = int(np.ceil(cells))
-        # Whatever else is behind it, anything alike may show.
-        which, _ = self._first(poses, near & alike[:, self.box], beyond=around, reach=reach)
-        shown = _spread(which >= 0, around)
-        first, inside = self._first(poses, near)
-        same = np.take_along_axis(alike[:, self.box].T, np.maximum(first, 0), axis=1) & (first >= 0) & inside
-        kept = ~_spread(
-            np.pad(~_square(same), ((0, 0), *2 * ((2 * around, 2 * around),)), constant_values=True), 2 * around
-        )
-        count = np.maximum(inside.sum(axis=1), 1)
-        return (kept & _square(inside)).sum(axis=(1, 2)) / count, (shown & _square(inside)).sum(axis=(1, 2)) / count
-
-    def _first(
-        self, poses: SolidPoses, near: Mask, beyond: int = 0, reach: float | None = None
-    ) -> tuple[Indices, Mask]:
-        """The first solid behind each box that each ray meets, -1 for none, and whether it meets the box, (v, r) each.
-
-        beyond, reach: see `_rays`.
-        """
-        start, ray, inside = self._rays(beyond, reach)
+    def _first(self, poses: SolidPoses, near: Mask) -> tuple[Indices, Mask]:
+        """The first solid behind each box on each ray, -1 for none, and whether the ray meets the box, (v, r) each."""
+        start, ray, inside = self._rays()
         nearest, which = np.full(inside.shape, np.inf), np.full(inside.shape, -1, dtype=np.int64)
         for index in np.flatnonzero(near.any(axis=1)).tolist():
             rows = np.flatnonzero(near[index])
@@ -249,16 +188,15 @@ class _Looks:
             which[rows] = np.where(closer, index, which[rows])
         return which, inside
 
-    def _rays(self, beyond: int = 0, reach: float | None = None) -> tuple[Array, Array, Mask]:
+    def _rays(self) -> tuple[Array, Array, Mask]:
         """Where rays begin, close to the far side of the box, and their directions, (v, r, 3) each, in the world.
 
-        Also whether each meets the box, (v, r). beyond: how many more rays there are on every side. reach: how much
-        before the box's nearest corner rays begin [m]; None: at its far side.
+        Also whether each meets the box, (v, r).
         """
         corners = transform(inverse(self.X_WC), self.corners)
         image = corners[..., :2] / corners[..., 2:]
         low, high = image.min(axis=1)[:, None], image.max(axis=1)[:, None]
-        steps = (np.arange(-beyond, RAYS + beyond) + 0.5) / RAYS
+        steps = (np.arange(RAYS) + 0.5) / RAYS
         grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(1, -1, 2)
         plane = low + grid * (high - low)
         rays = np.concatenate([plane, np.ones_like(plane[..., :1])], axis=-1) @ self.X_WC[:, :3, :3].swapaxes(1, 2)
@@ -269,26 +207,7 @@ class _Looks:
         enter, leave = _slab(eyes_B, rays @ R_BW.swapaxes(1, 2), self.half[:, None])
         inside: Mask = (enter < leave) & (leave > 0)
         begin = np.where(inside, leave, 0.0) - _BACK
-        if reach is not None:
-            begin = np.broadcast_to(_length(corners).min(axis=1)[:, None] - reach, inside.shape)
-        start = eyes + rays * begin[..., None]
-        return start, rays, inside
-
-
-def _square(rays: Mask) -> Mask:
-    """Rays (v, r) in rows and columns, shape (v, n, n)."""
-    side = int(np.sqrt(rays.shape[1]))
-    return rays.reshape(-1, side, side)
-
-
-def _spread(rays: Mask, count: int) -> Mask:
-    """Whether any of the rays (v, n, n) or (v, n * n) within `count` of each is given, without as many at the rim."""
-    rays = rays if rays.ndim == 3 else _square(rays)
-    size = rays.shape[1] - 2 * count
-    shifts = range(2 * count + 1)
-    across: Mask = np.logical_or.reduce([rays[:, :, shift : shift + size] for shift in shifts])
-    found: Mask = np.logical_or.reduce([across[:, shift : shift + size] for shift in shifts])
-    return found
+        return eyes + rays * begin[..., None], rays, inside
 
 
 def _hits(solid: Solid, start: Array, ray: Array) -> Array:

@@ -34,9 +34,6 @@ _THICKNESS = 2e-4
 _FAINT = 1e-3
 """Intensity on a face up to which its shadow does not matter."""
 
-_NARROW = 0.05
-"""Share of the largest face of a box up to which another does not matter from cameras that may be anywhere."""
-
 _SIDES = np.repeat(np.eye(3), 2, axis=0) * np.tile([[-1.0], [1.0]], (3, 1))
 """Outward normals of the faces of a box in its own axes, shape (6, 3)."""
 
@@ -94,7 +91,7 @@ class Lighting:
 
 def lighting_of(lines: SightLines, watched: WatchedBoxes, gain: Array, lights: Sequence[Light]) -> Lighting:
     """How the boxes of v sight lines are lit, as cameras with these gains (v,) see them."""
-    faces, range_ = _Faces.of(lines, every=False), _Range.of(lines, watched.boxes, gain)
+    faces, range_ = _Faces.of(lines), _Range.of(lines, watched.boxes, gain)
     lit = _light_on(faces, range_, lines, watched, lights)
     total = np.bincount(faces.line, faces.weight, len(gain))
     dark, bright = (
@@ -110,23 +107,6 @@ def lighting_of(lines: SightLines, watched: WatchedBoxes, gain: Array, lights: S
         _faces=faces,
         _light=lit,
     )
-
-
-class LightBounds(NamedTuple):
-    """Between what the shares of v boxes lie that cannot be told."""
-
-    low: Array
-    high: Array
-
-
-def light_bounds(lines: SightLines, watched: WatchedBoxes, gain: Array, lights: Sequence[Light]) -> LightBounds:
-    """How the boxes of sight lines may be lit, from wherever cameras look: as the worst and the best lit face."""
-    faces, range_ = _Faces.of(lines, every=True), _Range.of(lines, watched.boxes, gain)
-    badly = sum(_light_on(faces, range_, lines, watched, lights).badly, np.zeros(len(faces.line)))
-    low, high = np.ones(len(gain)), np.zeros(len(gain))
-    np.minimum.at(low, faces.line, badly)
-    np.maximum.at(high, faces.line, badly)
-    return LightBounds(_lost(low, range_.whole), _lost(high, range_.whole))
 
 
 def _lost(share: Array, whole: Mask) -> Array:
@@ -170,16 +150,13 @@ class _Faces:
     """Which face of its box that is, shape (u,)."""
 
     @classmethod
-    def of(cls, lines: SightLines, *, every: bool) -> _Faces:
-        """every: all faces of some size, from wherever they are seen."""
+    def of(cls, lines: SightLines) -> _Faces:
         hull = lines.hull
         half = lines.half_size[hull]
         areas = np.repeat(half[:, [1, 0, 0]] * half[:, [2, 2, 1]], 2, axis=1)
         eye = transform(inverse(lines.X_WB[hull]), lines.eyes[hull][:, None])[:, 0] - lines.offset[hull]
         way = eye[:, None] - _SIDES * half[:, None]
         weight = areas * np.maximum((way * _SIDES).sum(axis=2), 0.0) / np.linalg.norm(way, axis=2) ** 3
-        if every:
-            weight = 1.0 * (areas > _NARROW * areas.max(axis=1)[:, None])
         line, side = np.nonzero(weight > 0)
         key = (lines.box[hull[line]] * (lines.state.max(initial=0) + 1) + lines.state[line]) * len(_SIDES) + side
         _, first, same = np.unique(key, return_index=True, return_inverse=True)

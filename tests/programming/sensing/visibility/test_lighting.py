@@ -7,20 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from sqrp_cli.geometry import look_at, pose
 from sqrp_cli.knowledge.light import Light, brightness_of
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.programming.sensing.bounded.bounds import PoseBounds
-from sqrp_cli.programming.sensing.bounded.observer import BoundedObserver
 from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates, fixed_frame
 from sqrp_cli.programming.solids import Solid, load_solid
 from sqrp_cli.programming.targets import SoughtBox, Target
-from tests.programming.sensing.views import box_part, make_box, make_camera, make_detector, random_rotation
+from tests.programming.sensing.views import box_part, make_box, make_camera, make_detector
 
 GREEN = 39.5 / 255 / 0.65
 """The least light in which green paint has a value of 40 of 255, rounded."""
@@ -120,31 +116,3 @@ def test_any_shadow_on_a_marker_is_too_much() -> None:
 
 def test_a_box_that_nothing_is_told_of_needs_no_light() -> None:
     assert cause({"room": Light(intensity=0.0)}, box=replace(CUBE, seeks=None, color="grey"))[0] is Cause.NONE
-
-
-@settings(max_examples=20, deadline=None)
-@given(st.integers(0, 10_000))
-def test_cameras_within_bounds_see_surely_or_possibly_what_each_of_them_sees(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    way = rng.normal(size=3)
-    lights = {"room": Light(intensity=rng.uniform(0.0, 0.3)), "sun": sun(rng.uniform(0.2, 8.0), *way.tolist())}
-    solids = tuple(plate(left, left + 0.1, height) for left, height in rng.uniform((-0.2, 0.1), (0.2, 0.4), (2, 2)))
-    X_WB = np.stack([pose(random_rotation(rng), rng.uniform(-0.1, 0.1, 3)) for _ in range(10)])
-    states = SceneStates(len(X_WB), {"world": fixed_frame(), "cube": X_WB})
-    camera, target = (
-        make_camera(look_at((0.5, -0.4, 0.6), (0.0, 0.0, 0.0))),
-        Target(Atom.of("seen"), 1, (replace(CUBE, frame="cube"),)),
-    )
-    bounds = PoseBounds(0.01, np.radians(1.0))
-    observer = Observer((camera,), solids, lights)
-
-    def seen(one: Observer) -> np.ndarray:
-        return one.coverage([target], states, [np.arange(len(X_WB))])[0].covered
-
-    surely, possibly = (seen(BoundedObserver.of(observer, bounds, surely=which)) for which in (True, False))
-    for _ in range(4):
-        offset = rng.normal(size=3)
-        moved = pose(position=0.01 * offset / np.linalg.norm(offset)) @ camera.X_FC
-        sees = seen(replace(observer, cameras=(replace(camera, X_FC=moved),)))
-        assert not (surely & ~sees).any()
-        assert not (sees & ~possibly).any()
