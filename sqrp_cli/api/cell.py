@@ -304,11 +304,12 @@ class OpenCell:
         plan: whether to plan the steps to do first, each in its best way; by default if no candidate can be done at
         once. planner: that of this package by default.
         """
-        from sqrp_cli.checks.cell_warnings import cell_warnings
+        from sqrp_cli.checks.cell_warnings import cell_warnings, swept_cameras
         from sqrp_cli.checks.formulas import intervals_outside
         from sqrp_cli.logic.planner import find_plan
         from sqrp_cli.programming.suggestion import Suggester, best_suggestion, check_candidate
         from sqrp_cli.programming.task import example_task, impossible_tasks
+        from sqrp_cli.programming.ways.grips import first_grip
 
         arguments.check_means(jobs, progress)
         if plan is not None and not isinstance(plan, bool):
@@ -331,7 +332,11 @@ class OpenCell:
                 advance(1)
         wanted = not any(one.feasible for one in found) if plan is None else plan
         suggested = best_suggestion(found, suggester) if wanted else ()
-        problems = (*self.findings, *cell_warnings(session.cell), *intervals_outside(found))
+        first = [first_grip(one.candidate) for one in found if one.feasible][:1]
+        swept = swept_cameras(
+            session.cell, session.assignment.world, (step for one in first for step in one.steps or (one,))
+        )
+        problems = (*self.findings, *cell_warnings(session.cell), *intervals_outside(found), *swept)
         return Check(path, name, task, problems, tuple(found), suggested)
 
     def _doubts(self) -> Iterator[Problem]:

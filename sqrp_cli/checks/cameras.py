@@ -26,12 +26,15 @@ MOST_BENT = 3.0
 MOST_ASIDE = 0.5
 """How far tangential distortion may move the middle of a side, as a share of its distance from the image's middle."""
 
+MOST_OFF_CENTRE = 0.25
+"""How far a principal point may be from the middle of an image, as a share of the way to its edge."""
+
 _WIDEST = 1e3
 """Radius in the plane z = 1 that no such lens reaches."""
 
 
 def doubtful_images(workspace: Workspace) -> Iterator[Problem]:
-    """Cameras with implausible focal lengths."""
+    """Cameras with implausible focal lengths or principal points."""
     for camera in workspace.cameras.values():
         stated = f"cameras.{camera.name}"
         place = next(
@@ -39,9 +42,8 @@ def doubtful_images(workspace: Workspace) -> Iterator[Problem]:
             for key in (f"{stated}.image", f"{stated}.calibration", stated)
             if key in workspace.places
         )
-        for message, mend in _image_doubts(camera, f"{stated}.image.horizontal_fov" in workspace.places):
-            whose = f"camera `{camera.name}`: {message}"
-            yield Problem("unusual-focal-lengths", whose, place, severity="warning", mend=mend)
+        for code, message, mend in _image_doubts(camera, f"{stated}.image.horizontal_fov" in workspace.places):
+            yield Problem(code, f"camera `{camera.name}`: {message}", place, severity="warning", mend=mend)
 
 
 def implausible_lenses(workspace: Workspace) -> Iterator[Problem]:
@@ -60,13 +62,13 @@ def blind_cameras(workspace: Workspace) -> Iterator[Problem]:
     """World-fixed cameras that see no object: inside a solid, turned elsewhere, or with no object in range.
 
     A common cause: the axes of body frame and optical frame are mixed up. Objects with a doubted measure are left out,
-    and beside one no camera is known to see nothing.
+    and where there is one no camera is known to see nothing.
     """
     doubted = doubted_objects(workspace)
     objects = [item for item in workspace.objects.values() if item.X_WO is not None and item.name not in doubted]
-    shown = [item for item in objects if not item.fixed] or objects
+    shown = shown_objects(workspace)
     for camera in workspace.cameras.values():
-        if camera.frame != WORLD or not shown:
+        if camera.frame != WORLD or not objects:
             continue
         place = workspace.places.get(f"cameras.{camera.name}")
         around = next((item for item in objects if _is_inside(item, camera.X_FC[:3, 3])), None)
@@ -74,10 +76,17 @@ def blind_cameras(workspace: Workspace) -> Iterator[Problem]:
             message = f"camera `{camera.name}` is inside `{around.name}`, which hides everything from it"
             mend = f"move one of them; if `{around.name}` is the camera's own housing, leave it out of the workspace"
             yield Problem("camera-inside-object", message, place, severity="warning", mend=mend)
-        elif not doubted and not _sees_any(camera, camera.X_FC, shown):
+        elif shown and not sees_any(camera, camera.X_FC, shown):
             why, mend = _why_blind(workspace, camera, shown)
             message = f"camera `{camera.name}` sees none of the objects: {why}"
             yield Problem("camera-sees-nothing", message, place, severity="warning", mend=mend)
+
+
+def shown_objects(workspace: Workspace) -> Sequence[SceneObject]:
+    """The objects that cameras are there for; none where a size or position is doubted."""
+    objects = [item for item in workspace.objects.values() if item.X_WO is not None]
+    movable = [item for item in objects if not item.fixed]
+    return () if doubted_objects(workspace) else movable or objects
 
 
 def detectors_out_of_range(workspace: Workspace) -> Iterator[Problem]:
@@ -110,12 +119,20 @@ def thresholds_out_of_reach(workspace: Workspace) -> Iterator[Problem]:
             yield Problem("threshold-out-of-reach", message, place, severity="warning", mend=mend)
 
 
-def _image_doubts(camera: Camera, view_is_stated: bool) -> Iterator[tuple[str, str]]:
-    """Message and remedy of each doubt; view_is_stated: the file gives the field of view, not `fx`."""
-    fx, fy = float(camera.matrix[0, 0]), float(camera.matrix[1, 1])
+def _image_doubts(camera: Camera, view_is_stated: bool) -> Iterator[tuple[str, str, str]]:
+    """Code, message and remedy of each doubt; view_is_stated: the file gives the field of view, not `fx`."""
+    (fx, _, cx), (_, fy, cy), _ = camera.matrix.tolist()
+    off = max(abs((2 * at + 1) / side - 1) for at, side in ((cx, camera.width), (cy, camera.height)))
+    if off > MOST_OFF_CENTRE:
+        message = (
+            f"its principal point ({cx:g}, {cy:g}) is {100 * off:.0f} % of the way from the middle of its image of "
+            f"{camera.width} x {camera.height} pixels to the edge, usual is less than {100 * MOST_OFF_CENTRE:.0f} %"
+        )
+        mend = "state the width before the height, and the camera matrix of this image, not of a scaled or cropped one"
+        yield "unusual-principal-point", message, mend
     if not 1 / MOST_STRETCHED <= fx / fy <= MOST_STRETCHED:
         message = f"the focal lengths {fx:g} and {fy:g} make pixels {max(fx / fy, fy / fx):,.4g} times as long as wide"
-        yield message, "check `fx` and `fy`; both are in pixels"
+        yield "unusual-focal-lengths", message, "check `fx` and `fy`; both are in pixels"
     fisheye = camera.distortion_model == "equidistant"
     usual, half = FISHEYE_VIEW if fisheye else FIELD_OF_VIEW, 0.5 * camera.width / fx
     view = 2 * (half if fisheye else atan(half))
@@ -124,7 +141,8 @@ def _image_doubts(camera: Camera, view_is_stated: bool) -> Iterator[tuple[str, s
         far = 0.5 * usual.least if fisheye else tan(0.5 * usual.least)
         longest = 0.5 * camera.width / far
         most = f"correct `fx` or the image: of {camera.width} pixels across, `fx` is at most {longest:.0f}"
-        yield message, "state `fx` in pixels, not in mm" if view > usual.most else most
+        mend = "state `fx` in pixels, not in mm" if view > usual.most else most
+        yield "unusual-focal-lengths", message, mend
 
 
 def _why_implausible(camera: Camera) -> str | None:
@@ -201,7 +219,7 @@ def _why_blind(workspace: Workspace, camera: Camera, objects: Sequence[SceneObje
     stated = f"cameras.{camera.name}"
     looks_at_point = f"{stated}.pose.look_at" in workspace.places  # which goes without `convention`
     axes_are_stated = looks_at_point or f"{stated}.convention" in workspace.places
-    if not axes_are_stated and _sees_any(camera, camera_axes_as_body(camera.X_FC), objects):
+    if not axes_are_stated and sees_any(camera, camera_axes_as_body(camera.X_FC), objects):
         return "it looks elsewhere", "add `convention: body` to the camera: with x forward, y left, z up it sees them"
     nearest = min(objects, key=lambda item: float(np.linalg.norm(_points(item)[0] - camera.X_FC[:3, 3])))
     at = ", ".join(f"{value:g}" for value in _points(nearest)[0].round(3) + 0.0)
@@ -211,7 +229,7 @@ def _why_blind(workspace: Workspace, camera: Camera, objects: Sequence[SceneObje
     return "it looks elsewhere", mend
 
 
-def _sees_any(camera: Camera, X_WC: Array, objects: Sequence[SceneObject]) -> bool:
+def sees_any(camera: Camera, X_WC: Array, objects: Sequence[SceneObject]) -> bool:
     """Whether the centre or a corner of one of the objects is within range and image."""
     depths = _depths_in_image(camera, X_WC, np.concatenate([_points(item) for item in objects]))
     return bool(((depths >= camera.near) & (depths <= camera.far)).any())

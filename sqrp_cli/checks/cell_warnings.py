@@ -2,24 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
+from sqrp_cli.checks.cameras import sees_any, shown_objects
 from sqrp_cli.checks.placement import MIN_OVERLAP, doubted_objects
-from sqrp_cli.errors import Place, Problem
-from sqrp_cli.geometry import Array, inverse, pose, transform
+from sqrp_cli.errors import Infeasible, Place, Problem
+from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, side_pose, transform
 from sqrp_cli.knowledge.frames import WORLD, frame_poses
 from sqrp_cli.knowledge.mesh.mesh_file import mesh_unit
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.settings import Reference
 from sqrp_cli.knowledge.skill.skill import Skill, ToolMove
 from sqrp_cli.knowledge.text.units import shown_length
-from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.knowledge.workspace.read_cell import camera_axes_as_body
+from sqrp_cli.knowledge.workspace.workspace import Workspace, World
+from sqrp_cli.programming.advice.aiming import CAMERA_RADIUS, touched
+from sqrp_cli.programming.arm.inverse_kinematics import known_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.candidate import Candidate
 from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import rehearsal
+from sqrp_cli.programming.coverage.sampling import Adaptive, first_samples
+from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.motion.collision.collision_body import distance_within, placement_at
+from sqrp_cli.programming.program_update import world_after
+from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.solids import Solid, load_solid
 from sqrp_cli.shapes import LEAST_SIZE, Box, Mesh, Part
 
@@ -31,6 +42,9 @@ OBJECT_FACTOR = 50.0
 
 ALLOWED = 1e-3
 """How far a part may reach outside its object's `size` [m]; sizes are often rounded."""
+
+LONGEST_BRACKET = 0.6
+"""How far from a link that moves a camera may be that is fixed to it [m]."""
 
 FINEST = 1e-4
 """Step to which the suggested size is rounded up [m]."""
@@ -44,6 +58,7 @@ def cell_warnings(cell: Cell) -> tuple[Problem, ...]:
         *parts_outside_size(workspace),
         *overlapping_shapes(workspace),
         *cameras_inside(workspace, model, cell.observer.solids),
+        *blind_cameras_on_links(cell),
         *lamps_inside(workspace, cell.observer.solids),
         *unreachable_speeds(workspace, model),
         *assumed_contacts(cell),
@@ -106,6 +121,72 @@ def cameras_inside(workspace: Workspace, model: RobotModel, solids: Sequence[Sol
             place = workspace.places.get(f"cameras.{camera.name}")
             yield Problem(code, message, place, severity="warning", mend=mend)
             break
+
+
+def blind_cameras_on_links(cell: Cell) -> Iterator[Problem]:
+    """Cameras on links that see no object, and those too far from a link that moves to be fixed to it.
+
+    A camera on a link that moves is looked through at home, and with the tool 10 cm before the top of each of the first
+    ten objects, turned in steps of 90 degrees, in every branch of the arm.
+    """
+    workspace, model, shown = cell.workspace, cell.model, shown_objects(cell.workspace)
+    home = {WORLD: np.eye(4), **model.home_links}
+    for camera in workspace.cameras.values():
+        place = workspace.places.get(f"cameras.{camera.name}")
+        away, moves = float(np.linalg.norm(camera.X_FC[:3, 3])), camera.frame not in (WORLD, *model.still_links)
+        whose = f"camera `{camera.name}`"
+        if moves and away > LONGEST_BRACKET:
+            message = f"{whose} is {away:.2f} m away from `{camera.frame}`, which carries it and moves"
+            mend = "name in `frame` what its pose was measured from, such as `world` or the robot's base"
+            yield Problem("doubtful-parent", message, place, severity="warning", mend=mend)
+            continue
+        if camera.frame == WORLD or not shown or sees_any(camera, home[camera.frame] @ camera.X_FC, shown):
+            continue
+        poses = [home[camera.frame]]
+        for item in shown[:10] if moves else ():
+            assert item.X_WO is not None  # noqa: S101 - shown objects have a pose
+            for yaw in np.radians([0, 90, 180, 270]):
+                X_WT = item.X_WO @ side_pose(item.size, "+z") @ pose(axis_rotation(2, yaw), (0.0, 0.0, -0.1))
+                reached = known_solutions(model, X_WT, cell.seed, 1).solutions
+                poses.extend(model.link_poses(reached)[camera.frame] if len(reached) else ())
+        if (moves and len(poses) == 1) or any(sees_any(camera, X_WF @ camera.X_FC, shown) for X_WF in poses):
+            continue  # of an arm that reaches none of these places, home alone says nothing
+        when = "at home, nor with the tool 10 cm before the top of an object" if moves else f"from `{camera.frame}`"
+        message = f"{whose} sees none of the objects {when}: it looks elsewhere"
+        body = camera_axes_as_body(camera.X_FC)
+        others = [name for name, X_WF in home.items() if sees_any(camera, X_WF @ camera.X_FC, shown)]
+        mend = "correct its pose, which is that of the optical frame: z forward, x right, y down"
+        if not moves and sees_any(camera, poses[0] @ body, shown):
+            mend = "add `convention: body` to the camera: with x forward, y left, z up it sees them"
+        elif others and not moves:
+            mend = f"say `frame: {others[0]}` if its pose was measured from there: then it sees them"
+        yield Problem("camera-sees-nothing", message, place, severity="warning", mend=mend)
+
+
+def swept_cameras(cell: Cell, world: World, steps: Iterable[Candidate]) -> Iterator[Problem]:
+    """Cameras that robot, tool or part would run into; steps: done one after the other from `world`, each in its way.
+
+    A camera counts as a ball of 6 cm around its lens. What never moves against the camera is left out, such as a
+    housing, or the link that carries it.
+    """
+    left = {camera.name: camera for camera in cell.observer.cameras}
+    for step in steps:
+        motion = feasible_motion(cell, step, world)
+        if isinstance(motion, Infeasible):
+            return
+        scene = rehearsal(cell, step, world, motion)
+        sampled = first_samples(Adaptive(), scene.stage, Observer((), cell.observer.solids), scene.targets)
+        X_WF = scene.stage.states(sampled).X_WF
+        for camera, solid in product(list(left.values()), cell.observer.solids):
+            X_FP = inverse(X_WF[camera.frame]) @ X_WF[solid.part.parent]
+            moves = float(np.ptp(X_FP, axis=0).max()) > 1e-9
+            if camera.name in left and moves and touched(solid, X_FP, camera.X_FC[None, :3, 3], CAMERA_RADIUS)[0]:
+                del left[camera.name]
+                message = f"camera `{camera.name}` stands where `{solid.name}` passes in `{step.name}`"
+                place = cell.workspace.places.get(f"cameras.{camera.name}")
+                mend = "move it, or state its housing as a fixed object, which the robot then goes around"
+                yield Problem("camera-in-the-way", message, place, severity="warning", mend=mend)
+        world = world_after(step, motion, world)
 
 
 def lamps_inside(workspace: Workspace, solids: Sequence[Solid]) -> Iterator[Problem]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -128,3 +129,14 @@ def test_a_camera_inside_the_link_that_carries_it_is_a_warning_because_that_hide
     seen = [literal["cameras"]["inner"] for sample in samples for literal in sample["literals"].values()]
     assert not any(view["covered"] for view in seen)
     assert {view["by"] for view in seen if view["cause"] == "hidden"} == {"base"}
+
+
+def test_show_says_what_is_doubted_of_the_files_as_check_does(sqrp: Callable[..., Outcome], tmp_path: Path) -> None:
+    cell = Path(shutil.copytree(ROOT / "tests" / "cases" / "cell", tmp_path / "cell"))
+    stated = "    frame: wrist\n    pose: {position: [0, 0.05, 0], quaternion: [0, 0, 0, 1]}\n"
+    text = (cell / "workspace.yaml").read_text(encoding="utf-8")
+    early = ROOT / "tests" / "cases" / "cameras" / "easy_handeye_early.yaml"
+    assert stated in text
+    (cell / "workspace.yaml").write_text(text.replace(stated, f"    hand_eye: {early}\n"), encoding="utf-8")
+    for command in ("check", "show"):
+        assert "does not sound like an optical frame" in sqrp(command, cell).err.replace("\n", " "), command

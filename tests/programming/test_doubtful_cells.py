@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sqrp_cli.checks.cell_warnings import cell_warnings, fastest_tool
+from sqrp_cli.api.cell import open_cell
+from sqrp_cli.checks.cell_warnings import cell_warnings, fastest_tool, swept_cameras
 from sqrp_cli.errors import Problem
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.cell import Cell
@@ -85,3 +86,74 @@ def test_no_posture_moves_the_tool_faster_than_the_bound() -> None:
     signs = np.sign(random.uniform(-1, 1, (2000, len(model.arm), 1)))
     speeds = np.linalg.norm((jacobians[:, :3] @ (signs * model.velocity[:, None]))[..., 0], axis=1)
     assert 0.3 * fastest_tool(model) < speeds.max() < fastest_tool(model)
+
+
+def tabletop_with(tmp_path: Path, camera: str) -> Path:
+    """The tabletop with one more camera."""
+    shutil.copytree(TABLETOP.parents[1] / "skills", tmp_path / "skills", dirs_exist_ok=True)
+    shutil.copytree(TABLETOP.parent, tmp_path / "workspaces", dirs_exist_ok=True)
+    entry = "cameras:                         # pose: where the lens is, and the point that it looks at\n"
+    more = "image: {width: 640, height: 480, horizontal_fov: 60 deg}, far: 3 m, rate: 10 Hz, latency: 50 ms"
+    replace(tmp_path / "workspaces/tabletop/workspace.yaml", entry, f"{entry}  more: {{{camera}, {more}}}\n")
+    return tmp_path / "workspaces" / "tabletop"
+
+
+@pytest.mark.parametrize(
+    ("camera", "code", "says", "mend"),
+    [
+        ("frame: base_link, pose: {position: [0.5, 0, 1.2], rpy: [180 deg, 0, 0]}", None, "", ""),
+        (
+            "frame: base_link, pose: {position: [0.5, 0, 1.2], rpy: [0, 0, 0]}",
+            "camera-sees-nothing",
+            "sees none of the objects from `base_link`",
+            "optical frame: z forward",
+        ),
+        (
+            "frame: base_link, pose: {position: [0.5, 0, 1.2], rpy: [0, 90 deg, 0]}",
+            "camera-sees-nothing",
+            "sees none of the objects from `base_link`",
+            "add `convention: body`",
+        ),
+        ("frame: tool0, pose: {position: [0.5, 0, 1.2], rpy: [180 deg, 0, 0]}", "doubtful-parent", "1.30 m", "`world`"),
+        ("frame: tool0, pose: {position: [0, 0.08, 0], rpy: [0, 0, 0]}", None, "", ""),
+        (
+            "frame: tool0, pose: {position: [0, 0.08, 0], rpy: [180 deg, 0, 0]}",
+            "camera-sees-nothing",
+            "at home, nor with the tool 10 cm before the top of an object",
+            "optical frame: z forward",
+        ),
+    ],
+)
+def test_cameras_on_links_see_something_too(
+    camera: str, code: str | None, says: str, mend: str, tmp_path: Path
+) -> None:
+    cell = Cell.load(load_workspace(tabletop_with(tmp_path, camera)))
+    problems = [one for one in cell_warnings(cell) if one.code in ("camera-sees-nothing", "doubtful-parent")]
+    assert [one.code for one in problems] == ([] if code is None else [code])
+    for problem in problems:
+        assert "`more`" in problem.message
+        assert says in problem.message
+        assert problem.mend is not None
+        assert mend in problem.mend
+
+
+def test_a_camera_measured_from_another_link_is_told_from_which_it_would_see(tmp_path: Path) -> None:
+    """A result relative to the world, which was published from a base that stands a metre away and is turned round."""
+    folder = tabletop_with(tmp_path, "frame: base_link, pose: {position: [0.5, 0, 1.2], rpy: [150 deg, 0, 90 deg]}")
+    replace(
+        folder / "workspace.yaml", "base: {position: [0, 0, 0]}", "base: {position: [-2, 3, 0], rpy: [0, 0, 180 deg]}"
+    )
+    (problem,) = [one for one in cell_warnings(Cell.load(load_workspace(folder))) if "`more`" in one.message]
+    assert problem.code == "camera-sees-nothing"
+    assert problem.mend is not None
+    assert "say `frame: world`" in problem.mend
+
+
+@pytest.mark.parametrize(("position", "hit"), [("[0.48, 0.28, 0.15]", True), ("[0.48, 0.9, 0.15]", False)])
+def test_a_camera_in_the_way_of_the_arm_is_a_finding(position: str, hit: bool, tmp_path: Path) -> None:
+    cell = open_cell(tabletop_with(tmp_path, f"pose: {{position: {position}, look_at: [0, 0, 0]}}"))
+    checked = cell.check("pickup g2 approach_yaw=0deg")
+    assert ["camera-in-the-way"] * hit == [one.code for one in checked.problems if one.code == "camera-in-the-way"]
+    best = cell.rank("pickup g2 approach_yaw=0deg").ranked[0].assessment
+    found = [one.message for one in swept_cameras(cell.cell, cell.cell.initial_world, [best.way])]
+    assert [message.startswith("camera `more` stands where `") for message in found] == [True] * hit

@@ -62,7 +62,7 @@ def command(
     The best are those in which the cameras see what matters. The chosen one can be written as a program.
     """
     from sqrp_cli.api.session import check_choice, world_before
-    from sqrp_cli.checks.cell_warnings import cell_warnings
+    from sqrp_cli.checks.cell_warnings import cell_warnings, swept_cameras
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.platform.files import check_distinct
     from sqrp_cli.programming.ranking import rank, read_criterion
@@ -95,6 +95,9 @@ def command(
         return ExitCode.INTERRUPTED
     print_problems(intervals_outside(assessments))
     ranked = rank(assessments, criterion)
+    if ranked[0].rank is not None:
+        best = ranked[0].assessment
+        print_problems(swept_cameras(cell.cell, session.assignment.world, (one.way for one in best.steps or (best,))))
     # Written before the output, because its reader may leave early.
     code, message = (ExitCode.INTERRUPTED, "") if interrupted else _write_chosen(session, ranked, choice, program)
     if report is not None and not interrupted:

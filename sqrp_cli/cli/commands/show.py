@@ -17,7 +17,8 @@ def command(workspace: WorkspacePath, as_json: Json = False) -> ExitCode:
     from sqrp_cli.checks.cell_warnings import cell_warnings
     from sqrp_cli.terminal.console import print_problems
 
-    scene = OpenCell.read(workspace).scene()
-    print_problems(cell_warnings(scene.cell))
+    cell = OpenCell.read(workspace)
+    scene = cell.scene()
+    print_problems((*(one for one in cell.findings if one.severity == "warning"), *cell_warnings(scene.cell)))
     answer(scene, as_json=as_json)
     return ExitCode.OK
