@@ -220,9 +220,9 @@ def _candidate(found: CandidateFigures) -> tuple[str, ...]:
 def _figures(found: Figures) -> tuple[str, ...]:
     """The figures of a candidate, of its faults the worst."""
     means = [fault.delay_mean for fault in found.faults.values()]
-    worst = [fault.delay_worst for fault in found.faults.values()]
-    shares = (_percent(found.q_eoi), _percent(found.q_avg))
-    return (*shares, *(_seconds(value) for value in (found.time, max(means, default=None), max(worst, default=None))))
+    late = _seconds(max((mean for mean in means if mean is not None), default=None))
+    mean, worst = ("never" if None in means else late), ("never" if found.unseen else _seconds(found.delay_worst))
+    return (_percent(found.q_eoi), _percent(found.q_avg), _seconds(found.time), mean, worst)
 
 
 def _percent(share: float | None) -> str:

@@ -1,13 +1,13 @@
-"""When images show what happens: exactly, over all phases of the cameras.
+"""When images show what happens, over all phases of the cameras.
 
-A camera takes an image every period, at a phase that nobody chooses. Cameras of one rate take theirs together. What
-lies in a *window* is seen if an image falls into it. Times are piecewise linear in the phase, so that means over it are
-sums over pieces, and suprema lie at their ends: nothing is sampled.
+A camera takes an image every period, at a phase that nobody chooses. Cameras of one rate take theirs together, those of
+different rates independently. What lies in a *window* is seen if an image falls into it. Times are piecewise linear in
+the phase, so that suprema lie at the ends of pieces and, of one rate, means over the phase are sums over pieces.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 
 _GAUSS = np.array([0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5])
 """Of a piece, the two places whose mean is that of any polynomial up to the third degree over it."""
+
+_LATTICE = 512
+"""Combinations of phases of several rates."""
 
 _NARROW = 1e-9
 """Pieces of the phase narrower than this share of a period do not count, nor shares of x."""
@@ -123,132 +126,138 @@ class Onset:
 class Delays:
     """How long after x something that happens at x is noticed, x uniform, over all phases."""
 
-    mean: float
-    """[s]."""
-    worst: float
-    """The supremum [s]."""
+    mean: float | None
+    """Over the x after which an image shows it [s]; None without any."""
+    worst: float | None
+    """The supremum [s]; None where `unseen` is more than 0."""
+    noticed: float
+    """Share of x, mean over the phases, after which an image usually shows it, in 0..1."""
     unseen: float
-    """Share of x, mean over the phases, after which no image shows it, in 0..1."""
-    cost: float
-    """Mean of a cost of the time at which it is noticed."""
+    """Share of x, mean over the phases, after which no image is sure to show it, in 0..1."""
+    cost: float | None
+    """Mean of a cost of the time at which it is noticed; None where `unseen` is more than 0."""
 
 
-def delays(windows: Windows, onset: Onset, end: float, cost: Callable[[Array], Array], bends: Array) -> Delays:
+def delays(windows: Windows, onset: Onset, cost: Callable[[Array], Array], bends: Array) -> Delays:
     """The delays of something that happens at any x of `onset`: the worst by what is sure, the rest by what is usual.
 
-    end: when it is noticed if no image shows it [s]. cost: of being noticed at times, shape (n,) each, linear between
-    `bends` [s].
-
-    Of several rates, the mean takes the phases to be the same share of every period, and the worst delay only counts on
-    windows as long as a period, so that it holds whatever the phases are.
+    cost: of being noticed at times, shape (n,) each, linear between `bends` [s]. Of one rate all is exact; of several,
+    mean, unseen share and cost are means over 512 combinations of phases.
     """
-    usual = _delays(windows.usual, onset.as_usual, end, cost, bends)
+    usual = _delays(windows.usual, onset.as_usual, cost, bends)
     if onset.usual is None and windows.sure == windows.usual:
         return usual
-    return replace(usual, worst=_delays(windows.sure, Onset(onset.x, onset.shown), end, cost, bends).worst)
+    sure = _delays(windows.sure, Onset(onset.x, onset.shown), cost, bends)
+    return replace(usual, worst=sure.worst, unseen=sure.unseen, cost=None if sure.unseen else usual.cost)
 
 
-def _delays(
-    windows: Sequence[Window], onset: Onset, end: float, cost: Callable[[Array], Array], bends: Array
-) -> Delays:
+def _delays(windows: Sequence[Window], onset: Onset, cost: Callable[[Array], Array], bends: Array) -> Delays:
     """As `delays`, of an onset whose images always show it at one time."""
-    whole, windows = windows, list(_useful(windows, onset))
-    shares, widths = _phases(windows, onset, bends)
-    images = _images(windows, onset, shares)
-    x, length = onset.x[0], onset.x[-1] - onset.x[0]
-    weight = np.repeat(0.5 * widths, 2)
-    gone = 1.0 - images.done[:, -1]
-    costs = cost(np.append(images.known.ravel(), end))
-    spent = (images.share * costs[:-1].reshape(images.known.shape)).sum(axis=1) + gone * costs[-1]
-    noticed = (images.share * images.known).sum(axis=1) + gone * end
-    several = len({window.period for window in windows}) > 1
-    worst = _surely(whole, onset, end) if several else _latest(images, onset, end)
+    windows = _useful(windows, onset)
+    if not windows:
+        return Delays(mean=None, worst=None, noticed=0.0, unseen=1.0, cost=None)
+    phases, weight = _phases(windows, onset, bends)
+    known, done = _images(windows, onset, phases)
+    x0, length, share = onset.x[0], onset.x[-1] - onset.x[0], np.diff(done)
+    seen, worst = float(weight @ done[:, -1]), _latest(windows, onset)
+    late = (share * known).sum(axis=1) - x0 * done[:, -1] - 0.5 * length * done[:, -1] ** 2
+    never = not np.isfinite(worst) or 1.0 - seen > _NARROW
     return Delays(
-        mean=float(weight @ noticed - x - 0.5 * length),
-        worst=worst,
-        unseen=float(weight @ gone),
-        cost=float(weight @ spent),
+        mean=float(weight @ late) / seen if seen > _NARROW else None,
+        noticed=seen if seen > _NARROW else 0.0,
+        worst=None if never else worst,
+        unseen=max(_NARROW, 1.0 - seen) if never else 0.0,
+        cost=None if never else float(weight @ (share * cost(known.ravel()).reshape(known.shape)).sum(axis=1)),
     )
 
 
-def _useful(windows: Sequence[Window], onset: Onset) -> Iterator[Window]:
-    """The windows up to the first image that surely shows what happens last, without what cannot matter."""
+def _useful(windows: Sequence[Window], onset: Onset) -> list[Window]:
+    """What of windows can matter: up to when an image is known that surely shows what happens last."""
     first, last = onset.shown[0], onset.shown[-1]
-    for window in windows:
-        if window.end < first:
-            continue
-        sure = max(window.start, last) + window.period
-        yield window._replace(end=min(window.end, sure))
-        if window.end >= sure:
-            return
-
-
-class _ImagesAtPhases(NamedTuple):
-    """The images in windows at p phases, in order of their times; n places, where some have no image."""
-
-    known: Array
-    """When each is known, shape (p, n) [s]."""
-    share: Array
-    """Share of all x that it is the first to show, shape (p, n)."""
-    done: Array
-    """Share of all x that it or one before it shows, 0 in the first column, shape (p, n + 1)."""
-
-
-def _images(windows: Sequence[Window], onset: Onset, shares: Array) -> _ImagesAtPhases:
-    """Every image at phases that are shares of the period, shape (p,)."""
-    number, window = _numbers(windows)
-    start, end, period, lag = np.array(windows, dtype=float).reshape(-1, 4)[window].T
-    t = (shares[:, None] + number) * period
-    reached = np.interp(t, onset.shown, onset.share)
-    done = np.maximum.accumulate(np.where((t >= start) & (t <= end), reached, 0.0), axis=1)
-    done = np.concatenate([np.zeros((len(shares), 1)), done], axis=1)
-    return _ImagesAtPhases(t + lag, np.diff(done, axis=1), done)
-
-
-def _numbers(windows: Sequence[Window]) -> tuple[Array, NDArray[np.int64]]:
-    """The numbers of all images that may fall into a window at some phase, with the index of the window."""
-    of_each = [np.arange(np.floor(w.start / w.period) - 1, np.floor(w.end / w.period) + 1) for w in windows]
-    index = np.repeat(np.arange(len(of_each)), [len(numbers) for numbers in of_each])
-    return np.concatenate([np.empty(0), *of_each]), index
+    sure = [(max(one.start, last) + one.period, one) for one in windows]
+    horizon = min((t + one.lag for t, one in sure if t <= one.end), default=np.inf)
+    return within(windows, first, horizon)
 
 
 def _phases(windows: Sequence[Window], onset: Onset, bends: Array) -> tuple[Array, Array]:
-    """Phases, two for each piece in which all times are linear in the phase, and the widths of the pieces.
+    """Phases as shares of the period of each window, shape (p, windows), and their weights, (p,), which sum up to 1.
 
-    Phases are shares of the period, shape (2 p,); widths (p,) sum up to 1.
+    Of one rate they are two for each piece in which all times are linear in the phase.
     """
-    edges = [np.array([0.0, 1.0])]
-    for period, lag in sorted({(window.period, window.lag) for window in windows}):
-        own = [(w.start, w.end) for w in windows if (w.period, w.lag) == (period, lag)]
-        edges += [np.ravel(own) / period % 1.0, onset.shown / period % 1.0, (bends - lag) / period % 1.0]
-    every = np.unique(np.concatenate(edges))
+    rates = sorted({window.period for window in windows})
+    which = [rates.index(window.period) for window in windows]
+    if len(rates) > 1:  # a lattice, Niederreiter, Random Number Generation and Quasi-Monte Carlo Methods, section 4.2
+        steps = np.append(1.0 / _LATTICE, np.sqrt([2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0, 19.0]))[: len(rates)]
+        return ((np.arange(_LATTICE)[:, None] + 0.5) * steps % 1.0)[:, which], np.full(_LATTICE, 1.0 / _LATTICE)
+    times = [onset.shown, bends, *(bends - lag for lag in {window.lag for window in windows})]
+    edges = np.concatenate([[w.start for w in windows], [w.end for w in windows], *times]) / rates[0] % 1.0
+    every = np.unique(np.concatenate([[0.0, 1.0], edges]))
     widths = np.diff(every)
     kept = widths > _NARROW
     begin, width = every[:-1][kept], widths[kept]
-    return (begin[:, None] + width[:, None] * _GAUSS).ravel(), width / width.sum()
+    phases = (begin[:, None] + width[:, None] * _GAUSS).ravel()
+    return np.repeat(phases[:, None], len(which), axis=1), np.repeat(0.5 * width / width.sum(), 2)
 
 
-def _latest(images: _ImagesAtPhases, onset: Onset, end: float) -> float:
-    """The longest delay at any phase: linear in each piece of the phases, so at one of its ends."""
-    x0, length = onset.x[0], onset.x[-1] - onset.x[0]
-    known = np.concatenate([images.known, np.full((len(images.known), 1), end)], axis=1)
-    share = np.concatenate([images.share, 1.0 - images.done[:, -1:]], axis=1)
-    delay = np.where(share > _NARROW, known - (x0 + length * images.done), -np.inf)
-    first, second = delay[0::2], delay[1::2]
-    both = np.isfinite(first) & np.isfinite(second)
-    slope = np.subtract(second, first, out=np.zeros_like(first), where=both) / (_GAUSS[1] - _GAUSS[0])
-    ends = np.where(both, np.maximum(first - slope * _GAUSS[0], second + slope * _GAUSS[0]), -np.inf)
-    return float(ends.max())
+def _images(windows: Sequence[Window], onset: Onset, phases: Array) -> tuple[Array, Array]:
+    """When each image is known at p phases, in order, shape (p, n) [s], and what share of all x is shown by then.
+
+    phases: see `_phases`. The shares have the shape (p, n + 1): nothing is shown before the first image.
+    """
+    numbers = [np.arange(np.floor(w.start / w.period) - 1, np.floor(w.end / w.period) + 1) for w in windows]
+    window = np.repeat(np.arange(len(windows)), [len(of_one) for of_one in numbers])
+    start, end, period, lag = np.array(windows, dtype=float)[window].T
+    t = (phases[:, window] + np.concatenate(numbers)) * period
+    shown = np.where((t >= start) & (t <= end), np.interp(t, onset.shown, onset.share), 0.0)
+    known, order = t + lag, np.argsort(t + lag, axis=1)
+    known, shown = np.take_along_axis(known, order, axis=1), np.take_along_axis(shown, order, axis=1)
+    return known, np.maximum.accumulate(np.pad(shown, ((0, 0), (1, 0))), axis=1)
 
 
-def _surely(windows: Sequence[Window], onset: Onset, end: float) -> float:
-    """A bound on the delay whatever the phases: an image falls into a window as soon as a period of it has passed."""
-    start, stop, period, lag = np.array(windows, dtype=float).reshape(-1, 4).T
-    last = stop - period
-    x0, length = onset.x[0], onset.x[-1] - onset.x[0]
-    inner = last[(last > onset.shown[0]) & (last < onset.shown[-1])]
-    shown = np.concatenate([onset.shown, inner])
-    x = np.concatenate([onset.x, x0 + length * np.interp(inner, onset.shown, onset.share)])
-    seen = np.where(shown[:, None] < last, np.maximum(start, shown[:, None]) + period + lag, np.inf)
-    known = seen.min(axis=1, initial=np.inf)
-    return float((np.where(np.isfinite(known), known, end) - x).max())
+def _latest(windows: Sequence[Window], onset: Onset) -> float:
+    """The longest delay, whatever the phases of each rate; infinite if something may never be noticed.
+
+    As rates are independent, the first of the slowest images of each rate counts. What happens when is cut into pieces
+    in which the slowest image of each rate changes evenly.
+    """
+    rates = [[one for one in windows if one.period == period] for period in {window.period for window in windows}]
+    first, last, cuts = onset.shown[0], onset.shown[-1], [onset.x]
+    for own in rates:
+        every = np.arange(np.floor(first / own[0].period) - 1, np.ceil(last / own[0].period) + 1) * own[0].period
+        edges = (every[:, None] + _edges(own)[:-1]).ravel()
+        cuts.append(np.interp(edges[(edges > first) & (edges < last)], onset.shown, onset.x))
+    x = np.unique(np.concatenate(cuts))
+    x = np.repeat(x, 2) if len(x) == 1 else x
+    shown = np.interp(x, onset.x, onset.shown)
+    inside = np.minimum(1e-11, 0.25 * np.diff(shown))
+    begin, end = shown[:-1] + inside, shown[1:] - inside
+    slowest = [np.maximum(_slowest(own, begin) - x[:-1], _slowest(own, end) - x[1:]) for own in rates]
+    return float(np.min(slowest, axis=0).max())
+
+
+def _edges(windows: Sequence[Window]) -> Array:
+    """The phases of one rate between which it does not change which images fall into a window [s], from 0 on."""
+    period = windows[0].period
+    edges = np.unique([0.0, *(edge % period for w in windows for edge in (w.start, w.end))])
+    return np.append(edges[np.append(np.diff(edges) > _NARROW, period - edges[-1] > _NARROW)], period)
+
+
+def _slowest(windows: Sequence[Window], t: Array) -> Array:
+    """When an image of one rate that is taken from times (n,) on is known at the latest, shape (n,) [s]."""
+    edges, period = _edges(windows), windows[0].period
+    low, high = edges[:-1], edges[1:]
+    number = np.arange(int(min(w.start for w in windows) // period) - 1, int(max(w.end for w in windows) // period) + 2)
+    taken = 0.5 * (low + high)[:, None] + number * period
+    known = np.full((len(low), len(number) + 1), np.inf)  # [s] after the phase; none is after the last
+    for w in windows:
+        inside = (taken >= w.start) & (taken <= w.end)
+        known[:, :-1] = np.minimum(known[:, :-1], np.where(inside, number * period + w.lag, np.inf))
+    known = np.minimum.accumulate(known[:, ::-1], axis=1)[:, ::-1]
+    piece = np.arange(len(low))
+    next_one = np.ceil((t[:, None] - low) / period).astype(np.int64)
+    phase = t[:, None] - (next_one - 1) * period  # before it in a piece, the image before the next one is too early
+    later = known[piece, np.clip(next_one - number[0], 0, len(number))]
+    sooner = known[piece, np.clip(next_one - 1 - number[0], 0, len(number))]
+    cut = (phase > low) & (phase < high)
+    found: Array = np.where(cut, np.maximum(phase + later, high + sooner), high + later).max(axis=1)
+    return found

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass
 from itertools import pairwise
+from math import inf
 from typing import Annotated, Literal, Protocol
 
 import numpy as np
@@ -190,35 +191,31 @@ class ProgramSight(Entry):
     onsets: tuple[ProgramOnset, ...]
     """Of each interval in which it may happen."""
 
-    def latest(self, x: float, end: float) -> float | None:
-        """How long after time x [s] of the step a fault is noticed at the latest [s]; None if it may not be.
-
-        end: of the motion [s].
-        """
+    def latest(self, x: float) -> float | None:
+        """How long after time x [s] of the step a fault is noticed at the latest [s]; None if it may never be."""
         onset = next((one for one in self.onsets if one.x[0] - 1e-9 <= x <= one.x[-1] + 1e-9), None)
         if onset is None:
             return None
         shown = float(np.interp(x, onset.x, onset.shown))
         at = Onset(np.array([x, x]), np.array([shown, shown]))
         windows = Windows.always(Window(w.start, w.end, w.period, w.lag) for w in self.windows)
-        found = delays(windows, at, end, lambda t: t, np.empty(0))
-        return None if found.unseen > 0 else found.worst
+        return delays(windows, at, lambda t: t, np.empty(0)).worst
 
 
 @dataclass(frozen=True)
 class FaultMetrics(Stored):
     """The cost of a fault at a time x, uniform over its interval."""
 
-    delay_mean: Seconds
-    """From x until it is noticed, mean [s]."""
-    delay_worst: Seconds
-    """From x until it is noticed, supremum [s]."""
+    delay_mean: Seconds | None
+    """From x until it is noticed, mean over the x after which it is [s]; null if it never is."""
+    delay_worst: Seconds | None
+    """From x until it is noticed, supremum [s]; null where `unseen` is more than 0."""
     blind_longest: Seconds
     """Longest stretch of the interval in which it cannot be seen [s]."""
     unseen: Share
-    """Share of x after which it is never seen, so that it is noticed at the end of the skill, in 0..1."""
-    expected_time: Seconds
-    """Mean time from the start of the skill to its end after one retry [s]."""
+    """Share of x after which it may never be noticed, as no image is sure to show it, in 0..1."""
+    expected_time: Seconds | None
+    """Mean time from the start of the skill to its end after one retry [s]; null where `unseen` is more than 0."""
 
     def __post_init__(self) -> None:
         """Raises ValueError if a figure is not finite."""
@@ -333,8 +330,8 @@ class Replanner(Protocol):
 class WorstDelay:
     """The fault of a program with the longest delay at worst."""
 
-    seconds: float
-    """The delay [s]."""
+    seconds: float | None
+    """The delay [s]; None where it may never be noticed."""
     step: int
     """Number of its step, from 1."""
     fault: str
@@ -367,7 +364,7 @@ class Totals:
             time=sum(step.time for step in steps),
             q_avg=_weighted([(step.q_avg, step.time) for step in steps]),
             q_eoi=_weighted([(step.q_eoi, step.time) for step in steps]),
-            worst=max(delays, key=lambda delay: delay.seconds, default=None),
+            worst=max(delays, key=lambda one: inf if one.seconds is None else one.seconds, default=None),
         )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from math import inf
 from typing import Literal, get_args
 
 from sqrp_cli.errors import bad_option, expected_names
@@ -70,7 +71,7 @@ def contenders(assessments: Sequence[Assessment], by: Criterion) -> list[bool]:
 
 def _columns(feasible: Sequence[Assessment], by: Criterion) -> list[_Figure]:
     """What is compared, in order: all that no candidate lacks."""
-    columns: list[_Figure] = [_CRITERIA[by], _CRITERIA["q_avg"], _CRITERIA["time"], lambda one: one.delay_worst]
+    columns: list[_Figure] = [_CRITERIA[by], _CRITERIA["q_avg"], _CRITERIA["time"], lambda one: one.latest]
     return [column for column in columns if all(column(assessment) is not None for assessment in feasible)]
 
 
@@ -106,23 +107,34 @@ def _rounded(quality: float | None) -> float | None:
 
 
 def _expected_time(assessment: Assessment) -> float | None:
-    """After the worst of the retried faults: the others do not complete the task."""
+    """After the worst of the retried faults: the others do not complete the task. Infinite like `_delay`."""
     retried = assessment.candidate.skill.retried_faults
-    return max((fault.expected_time for name, fault in assessment.faults.items() if name in retried), default=None)
+    times = [fault.expected_time or inf for name, fault in assessment.faults.items() if name in retried]
+    return (inf if assessment.unseen else max(times)) if times else None
+
+
+def _delay(assessment: Assessment) -> float | None:
+    """Of the worst fault, on average; infinite where a fault may never be noticed."""
+    if assessment.unseen:
+        return inf
+    return max((fault.delay_mean or 0.0 for fault in assessment.faults.values()), default=None)
 
 
 _CRITERIA: dict[Criterion, _Figure] = {
     "q_eoi": lambda assessment: _rounded(assessment.q_eoi),
     "q_avg": lambda assessment: _rounded(assessment.q_avg),
     "time": lambda assessment: assessment.time,
-    "delay": lambda assessment: max((fault.delay_mean for fault in assessment.faults.values()), default=None),
+    "delay": _delay,
     "expected_time": _expected_time,
 }
 """What each criterion compares; less is better."""
 
 
 def criterion_figure(assessment: Assessment, by: Criterion) -> float | None:
-    """The figure of a criterion: a quality in 0..1, or a time [s]; None where it is undefined."""
+    """The figure of a criterion: a quality in 0..1, or a time [s]; None where it is undefined.
+
+    A time is infinite where a fault may never be noticed.
+    """
     figure = _CRITERIA[by](assessment)
     return abs(figure) if figure is not None and by in ("q_eoi", "q_avg") else figure
 

@@ -69,7 +69,9 @@ def assessment_of_all(candidate: Candidate, done: Sequence[Assessment]) -> Asses
         t_total=sum(one.t_total or 0.0 for one in done),
         t_eoi=sum(one.t_eoi or 0.0 for one in done),
         faults={
-            f"{number}.{name}": replace(fault, expected_time=fault.expected_time + sum(times) - times[number - 1])
+            f"{number}.{name}": fault
+            if fault.expected_time is None
+            else replace(fault, expected_time=fault.expected_time + sum(times) - times[number - 1])
             for number, one in enumerate(done, 1)
             for name, fault in one.faults.items()
         },
@@ -78,7 +80,7 @@ def assessment_of_all(candidate: Candidate, done: Sequence[Assessment]) -> Asses
         largest_gap=max((one.largest_gap for one in done if one.largest_gap is not None), default=None),
         ways_around=tuple(f"{n}.{text}" for n, one in enumerate(done, 1) for text in one.ways_around),
         verdict=_verdict(done),
-        why_late=max(done, key=lambda one: one.delay_worst or 0.0).why_late,
+        why_late=max(done, key=lambda one: one.latest or 0.0).why_late,
         recalibrated=tuple(
             mean_qualities(draw, done) for draw in zip(*(one.recalibrated for one in done), strict=True)
         ),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from math import ceil, degrees
+from math import ceil, degrees, inf
 from typing import TYPE_CHECKING
 
 from sqrp_cli.programming.coverage.assessment import Assessment
@@ -97,6 +97,8 @@ def _margin(first: Assessment, second: Assessment, by: Criterion) -> str:
         if own is None or other is None:
             continue
         label, scale, pattern = _SHOWN[criterion]
+        if own < other == inf:
+            return f"next comes {rival}, of which a fault may never be noticed"
         if pattern.format(scale * own) != pattern.format(scale * other):
             return f"next comes {rival} with {label} {pattern.format(scale * other)}"
     return f"{rival} is as good"

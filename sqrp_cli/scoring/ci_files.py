@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from itertools import groupby
+from math import inf
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
@@ -98,13 +99,12 @@ def _row(result: ComparedScore) -> str:
     cells = [score.workspace, score.task or "", "", "", "", "", "", score.status]
     if score.best is not None:
         best = score.best.assessment
-        delay = best.delay_worst
         figures = [None if q is None else 100 * q for q in (best.q_eoi, best.q_avg)]
         cells[2:7] = [
             best.candidate.name,
             *("-" if figure is None else f"{figure:.1f}" for figure in figures),
             f"{best.time:.2f}",
-            "-" if delay is None else f"{delay:.2f}",
+            "-" if best.latest is None else "never" if best.latest == inf else f"{best.latest:.2f}",
         ]
     return "| " + " | ".join(_text(cell) for cell in cells) + " |"
 

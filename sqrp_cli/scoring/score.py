@@ -5,6 +5,7 @@ from __future__ import annotations
 import glob
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import inf
 from pathlib import Path
 from typing import Literal
 
@@ -268,12 +269,13 @@ def _shortcomings(best: Assessment, expected: ExpectedTask) -> Iterator[str]:
             yield f"{label} of {name} is {100 * quality:.1f} %, expected at least {100 * least:g} %: {lost}"
     if expected.max_time is not None and best.time is not None and best.time > expected.max_time:
         yield f"{name} takes {best.time:.2f} s, expected at most {expected.max_time:g} s"
-    delay = best.delay_worst
+    delay = best.latest
     if expected.max_delay is not None and delay is not None and delay > expected.max_delay:
-        fault = max(best.faults, key=lambda fault: best.faults[fault].delay_worst)
+        fault = max(best.faults, key=lambda fault: (best.faults[fault].unseen, best.faults[fault].delay_worst or 0.0))
         most = f"expected at most {expected.max_delay:g} s"
         hidden = best.faults[fault].blind_longest and lost != NOTHING_MISSING
         why = lost if hidden else best.why_late
-        yield f"the fault {fault} of {name} may be noticed only after {delay:.2f} s, {most}: {why}"
+        noticed = "never be noticed" if delay == inf else f"be noticed only after {delay:.2f} s"
+        yield f"the fault {fault} of {name} may {noticed}, {most}: {why}"
     if expected.winner is not None and expected.winner not in best.candidate.binding.values():
         yield f"{name} is best, expected one with {expected.winner}"

@@ -160,7 +160,9 @@ class ScoredVariant:
     time: float | None = None
     """Duration [s]."""
     delay: float | None = None
-    """The longest time that a fault may remain unnoticed [s]."""
+    """The longest time that a fault may remain unnoticed [s]; None without faults, and where one may never be."""
+    unseen: float | None = None
+    """The largest share of times after which a fault may never be noticed, mean; None without faults."""
 
     @property
     def passed(self) -> int:
@@ -277,7 +279,8 @@ def _scored(variant: Variant, findings: Scorecard) -> ScoredVariant:
         q_eoi=mean("q_eoi"),
         q_avg=mean("q_avg"),
         time=mean("time"),
-        delay=mean("delay_worst"),
+        delay=None if any(way.unseen for way in feasible) else mean("delay_worst"),
+        unseen=mean("unseen"),
     )
 
 

@@ -334,12 +334,11 @@ def _play(job: Play, say: _Teller) -> None:
     run = opened.run_into(RunOutputs(), faults, listeners=[watching], screen=watching, spectator=watching)
     if watching.wants_slip():
         watching.told("slip", TOO_LATE)
-    outcome = "done" if run.done else "stopped"
     told = [
         {"name": one.name, "happened": one.happened, "detected": one.detected, "recovered": one.recovered}
         for one in run.report.faults
     ]
-    say("run-ended", outcome=outcome, time=run.report.time, faults=told)
+    say("run-ended", outcome=run.report.outcome, time=run.report.time, faults=told)
 
 
 PASSING = ("run-image", "run-state", "run-evidence", "searching")

@@ -76,6 +76,11 @@ def percent(share: float | None) -> str:
     return "-" if share is None else f"{100 * share:.1f}"
 
 
+def delay(worst: float | None, unseen: float | None) -> str:
+    """A delay [s] as it stands in a column; unseen: the share of faults that may never be noticed."""
+    return "never" if unseen else seconds(worst)
+
+
 def seconds(t: float | None, sign: str = "") -> str:
     """A time [s] as it stands in a column; sign: before it."""
     return "-" if t is None else f"{sign}{t:.2f}"

@@ -13,7 +13,6 @@ from sqrp_cli.program.joint_trajectory import tool_commands
 from sqrp_cli.program.record import FaultMetrics, Program, Totals
 from sqrp_cli.terminal.console import Cell, Column, Share, Styled, joined, numbers, plain, print_table, say, say_command
 
-_NEVER = 1e-6
 """Shares of times up to this are rounded from none."""
 
 
@@ -52,24 +51,25 @@ def _print_steps(program: Program, totals: Totals) -> None:
     say()
     for number, step in enumerate(program.steps, 1):
         for fault, found in step.faults.items():
-            if found.unseen > _NEVER:
-                share = f"{100 * found.unseen:.3g} % of the times at which it may happen"
-                say(f"No alarm tells of {fault} in step {number}, {step.short_task}, at {share}: no image shows it.")
+            if found.unseen:
+                share = (
+                    f"{100 * found.unseen:.3g} % of the times at which it may happen, as no image is sure to show it"
+                )
+                say(f"No alarm tells of {fault} in step {number}, {step.short_task}, at {share}.")
     if totals.worst is not None:
         worst, worst_step = totals.worst, program.steps[totals.worst.step - 1]
         slowest = f"At worst {worst.fault} in step {worst.step}, {worst_step.short_task}, is noticed after "
-        noticed = worst_step.faults[worst.fault].unseen <= _NEVER
-        alarm = f"{slowest}{worst.seconds:.2f} s. " if noticed else ""
+        alarm = "" if worst.seconds is None else f"{slowest}{worst.seconds:.2f} s. "
         say(f"{alarm}Q in all is weighted with the time of the steps.")
 
 
 def _slowest(faults: Collection[FaultMetrics]) -> Styled:
-    """The longest time until an alarm; none where no image may show a fault."""
-    if not faults:
+    """The longest time until an alarm; never where no image is sure to show a fault."""
+    delays = [fault.delay_worst for fault in faults]
+    if not delays:
         return plain("-", "dim")
-    if any(fault.unseen > _NEVER for fault in faults):
-        return plain("none", "red")
-    return f"{max(fault.delay_worst for fault in faults):.2f}"
+    known = [delay for delay in delays if delay is not None]
+    return plain("never", "red") if len(known) < len(delays) else f"{max(known):.2f}"
 
 
 def _print_tool(program: Program) -> None:

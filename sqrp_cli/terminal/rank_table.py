@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from sqrp_cli.terminal.console import (
     Column,
     Share,
     Styled,
+    delay,
     fits,
     joined,
     numbers,
@@ -75,7 +76,7 @@ def print_ways(assessments: Sequence[Assessment]) -> None:
                     Share(way.q_eoi),
                     Share(way.q_avg),
                     seconds(way.time),
-                    seconds(way.delay_worst),
+                    delay(way.delay_worst, way.unseen),
                 )
                 for way in found.pareto
             ]
@@ -259,7 +260,7 @@ def _print_about_faults(shown: Sequence[Assessment]) -> None:
         say(plain(f"{about}{done}.", "dim"))
     unseen = [said for name in faults if (said := _unseen(name, shown))]
     if unseen:
-        say(f"Noticed only when the skill ends, as no image shows it: {', '.join(unseen)}.")
+        say(f"Never noticed, as no image is sure to show it: {', '.join(unseen)}.")
 
 
 def _unseen(fault: str, shown: Sequence[Assessment]) -> str | None:
@@ -269,7 +270,7 @@ def _unseen(fault: str, shown: Sequence[Assessment]) -> str | None:
         return None
     first, *others = (one.candidate.name for one in blind)
     whose = f" of {first}{f' and {len(others)} more' if others else ''}" if len(shown) > 1 else ""
-    return f"{fault}{whose} in {'up to ' if others else ''}{100 * blind[0].faults[fault].unseen:.0f} % of cases"
+    return f"{fault}{whose} in {'up to ' if others else ''}{100 * blind[0].faults[fault].unseen:.3g} % of cases"
 
 
 def _settings(ranked: Ranked, names: Sequence[str]) -> str:
@@ -294,7 +295,7 @@ def _fault_figures(assessment: Assessment) -> Iterator[_Figure]:
         yield _Figure("at\nworst", lambda found: _worst(found, "delay_worst"))
     retried = _retried(assessment)
     if retried:
-        yield _Figure("all\ndone", lambda found: f"{max(found.faults[name].expected_time for name in retried):.1f}")
+        yield _Figure("all\ndone", lambda found: _worst(found, "expected_time", retried, "{:.1f}"))
 
 
 def _retried(assessment: Assessment) -> list[str]:
@@ -302,11 +303,11 @@ def _retried(assessment: Assessment) -> list[str]:
     return [name for name in assessment.faults if name in assessment.candidate.skill.retried_faults]
 
 
-def _worst(assessment: Assessment, delay: Literal["delay_mean", "delay_worst"]) -> Styled:
-    """The delay of the worst fault, in red if one may never be seen."""
-    faults = assessment.faults.values()
-    style = "red" if any(fault.unseen > 0 for fault in faults) else ""
-    return plain(f"{max(getattr(fault, delay) for fault in faults):.2f}", style)
+def _worst(assessment: Assessment, name: str, faults: Iterable[str] = (), pattern: str = "{:.2f}") -> Styled:
+    """A figure of the worst of some faults, or of all, in red if one may never be noticed."""
+    values = [getattr(assessment.faults[fault], name) for fault in faults or assessment.faults]
+    style = "red" if assessment.unseen else ""
+    return plain("never" if None in values else pattern.format(max(values)), style)
 
 
 NAMED = 3

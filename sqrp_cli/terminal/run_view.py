@@ -131,14 +131,15 @@ def print_run(workspace: str, report: RunReport) -> None:
     after = f" after {tries} {'retry' if tries == 1 else 'retries'}" if tries else ""
     if report.outcome == "done":
         say(joined([f"{what} in {workspace}: ", ("done", "bold green"), f"{after}, {report.time:.2f} s"]))
+    elif report.outcome == "missed":
+        say(joined([f"{what} in {workspace}: ", ("missed", "bold red"), f" a fault{after}, {report.time:.2f} s"]))
     else:
         say(joined([f"{what} in {workspace}: ", ("stopped", "bold red"), f" at {report.time:.2f} s"]))
         stopped = "The robot stopped" if report.steps else "Nothing was commanded: the look stopped"
         say(f"{stopped} because {short_times(report.reason or '')}.")
-    missed = [fault for fault in report.faults if fault.happened is not None and fault.detected is None]
-    for fault in missed:
+    for fault in report.missed:
         say(f"No image showed {fault.name}, which happened at {seconds(fault.happened)} s.", "yellow")
-    _print_unseen(report, told=bool(missed))
+    _print_unseen(report, told=bool(report.missed))
     if report.faults:
         say()
         _print_faults(report)
@@ -323,13 +324,16 @@ def _print_comparison(summary: SweepSummary) -> None:
 
 
 def _print_stops(runs: Sequence[SweepRun]) -> None:
-    """Why runs of a sweep stopped, each reason once."""
+    """Why runs of a sweep stopped, each reason once, and which slips nobody noticed."""
     stopped: dict[str, list[str]] = {}
+    missed = [f"{run.x:.2f}" for run in runs if run.report.outcome == "missed"]
     for run in runs:
-        if run.report.reason:
-            stopped.setdefault(run.report.reason, []).append(f"{run.x:.2f}")
+        if run.report.outcome == "stopped":
+            stopped.setdefault(run.report.reason or "", []).append(f"{run.x:.2f}")
     for reason, places in stopped.items():
         say(f"Stopped with the slip at {', '.join(places)}: {short_times(reason)}.")
+    if missed:
+        say(f"Missed: no image showed the slip at {', '.join(missed)}.", "red")
 
 
 def wall_time(report: RunReport) -> str:

@@ -121,7 +121,7 @@ def print_new_cell(folder: Path, starter: Starter, run: FirstRun | None, *, own_
         seen = f", and {run.seen} of {run.promised} promised images showed what they should" if run.promised else ""
         say(f"`{starter.task}` was run once in the simulated cell: done after {run.time:.1f} s{seen}.")
     elif run is not None:
-        say(f"`{starter.task}` was run once in the simulated cell, and stopped at {run.time:.2f} s: {run.reason}")
+        say(f"`{starter.task}` was run once in the simulated cell: {run.outcome} at {run.time:.2f} s, {run.reason}")
     if starter.task is not None:
         say_command("Try:", f'sqrp rank {where} "{starter.task}"')
 

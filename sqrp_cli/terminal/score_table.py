@@ -12,6 +12,7 @@ from sqrp_cli.scoring.sweep import ScoredVariant, Sweep
 from sqrp_cli.terminal.console import (
     Column,
     Styled,
+    delay,
     joined,
     numbers,
     percent,
@@ -153,7 +154,7 @@ def _row(result: ComparedScore) -> list[Styled]:
     if score.best is None:
         return [score.workspace, score.task or "", "", "", "", "", "", status]
     best = score.best.assessment
-    figures = [percent(best.q_eoi), percent(best.q_avg), seconds(best.time), seconds(best.delay_worst)]
+    figures = [percent(best.q_eoi), percent(best.q_avg), seconds(best.time), delay(best.delay_worst, best.unseen)]
     return [score.workspace, score.task or "", best.candidate.name, *figures, status]
 
 
@@ -171,7 +172,7 @@ def _conclude(found: Sweep, patch: Path) -> None:
 def _variant_row(rank: int, scored: ScoredVariant, paths: list[str]) -> list[Styled]:
     values = dict(scored.variant.values)
     cells: list[Styled] = [str(rank), *(values.get(path, "as it is") for path in paths)]
-    figures = [percent(scored.q_eoi), percent(scored.q_avg), seconds(scored.time), seconds(scored.delay)]
+    figures = [percent(scored.q_eoi), percent(scored.q_avg), seconds(scored.time), delay(scored.delay, scored.unseen)]
     figures.append(f"{scored.feasible} of {scored.choices}")
     errors = scored.findings.count("error")
     passed = f"{scored.passed} of {len(scored.findings.results)}"

@@ -11,6 +11,7 @@ from sqrp_cli.report.sentences import KIND_WORDS, shown_size
 from sqrp_cli.terminal.console import (
     Column,
     Styled,
+    delay,
     joined,
     note,
     numbers,
@@ -98,7 +99,7 @@ def _conclude_without(found: advice.AdviceDocument) -> None:
 
 def _row(number: int, one: advice.AdviceFound) -> list[Styled]:
     room = "-" if one.margin is None else shown_size(one.size + one.margin.more, one.unit)
-    figures = [percent(one.q_eoi), percent(one.q_avg), seconds(one.time), seconds(one.delay_worst)]
+    figures = [percent(one.q_eoi), percent(one.q_avg), seconds(one.time), delay(one.delay_worst, one.unseen)]
     return [str(number), one.words, *figures, room]
 
 
@@ -117,10 +118,11 @@ def _figures(found: advice.AdvisedFigures, want: advice.WishedFigures) -> str:
         return "no feasible motion"
     parts = [f"Q_eoi {100 * found.q_eoi:.1f} %"] if found.q_eoi is not None else []
     parts += [f"Q_avg {100 * found.q_avg:.1f} %"] if found.q_avg is not None else []
-    late = want.delay is not None and found.delay_worst is not None
-    return ", ".join(
-        [*parts, f"{found.time:.1f} s", *([f"a fault seen after {found.delay_worst:.2f} s at worst"] * late)]
-    )
+    parts.append(f"{found.time:.1f} s")
+    if want.delay is not None and found.unseen is not None:
+        late = f"a fault seen after {found.delay_worst:.2f} s at worst" if found.delay_worst is not None else ""
+        parts.append(late or "a fault that may never be noticed")
+    return ", ".join(parts)
 
 
 MOST_UNSEEN = 8
@@ -214,6 +216,6 @@ def _print_candidates(found: placing.PlaceDocument) -> None:
     columns += numbers("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nat worst")
     rows = []
     for one in found.candidates:
-        figures = [percent(one.q_eoi), percent(one.q_avg), seconds(one.time), seconds(one.delay_worst)]
+        figures = [percent(one.q_eoi), percent(one.q_avg), seconds(one.time), delay(one.delay_worst, one.unseen)]
         rows.append([*([one.task] if several else []), one.candidate, *figures])
     print_table(columns, rows)

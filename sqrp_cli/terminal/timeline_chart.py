@@ -132,13 +132,12 @@ def _rank_of(ranked: Ranked) -> str:
 def _print_faults(assessment: Assessment) -> None:
     """When each fault is noticed."""
     for name, fault in assessment.faults.items():
-        unseen = f", in {100 * fault.unseen:.0f} % of cases only at the end" if fault.unseen else ""
-        retried = name in assessment.candidate.skill.retried_faults
+        retried = name in assessment.candidate.skill.retried_faults and fault.expected_time is not None
         done = f"; done after one retry at {fault.expected_time:.1f} s" if retried else ""
-        say(
-            f"\n{name}: noticed after {fault.delay_mean:.2f} s on average, {fault.delay_worst:.2f} s at worst{unseen};"
-            f" longest blind stretch {fault.blind_longest:.2f} s{done}"
-        )
+        mean = "" if fault.delay_mean is None else f"noticed after {fault.delay_mean:.2f} s on average, "
+        worst = f"{fault.delay_worst:.2f} s at worst" if fault.delay_worst is not None else ""
+        never = f"never in {100 * fault.unseen:.3g} % of cases, as no image is sure to show it"
+        say(f"\n{name}: {mean}{worst or never}; longest blind stretch {fault.blind_longest:.2f} s{done}")
 
 
 def _print_occluders(cell: Cell, study: Study) -> str:

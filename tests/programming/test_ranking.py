@@ -38,6 +38,19 @@ def test_the_criterion_counts_first() -> None:
         assert names(both, criterion) == ["g2", "g1"]
 
 
+def test_what_may_never_be_noticed_comes_after_every_delay() -> None:
+    never = FaultMetrics(0.01, None, 0.0, 0.02, None)
+    missed, late = (
+        dataclasses.replace(assessed(0, 1.0, 0.5, 9.0), faults={"slip": never}),
+        assessed(1, 1.0, 0.5, 9.0, 9),
+    )
+    for criterion in ("delay", "expected_time"):
+        assert names([missed, late], criterion) == ["g2", "g1"]
+    assert names([missed, late], "q_eoi") == ["g2", "g1"], "the worst delay breaks ties"
+    both = dataclasses.replace(missed, faults={"slip": FaultMetrics(None, None, 1.0, 1.0, None)})
+    assert [one.rank for one in rank([both, missed, late], "delay")] == [1, 2, 3]
+
+
 def test_only_faults_that_are_retried_count_for_when_all_is_done() -> None:
     stops = FaultMetrics(1.0, 2.0, 1.0, 0.0, 99.0)
     soon = dataclasses.replace(

@@ -143,7 +143,7 @@ _COMPARED = (("q_eoi", 1.0, 1e-3), ("q_avg", 1.0, 1e-3), ("time", -1.0, 0.01), (
 
 
 def _worse(before: Assessment, after: Assessment, name: str, sign: float, step: float) -> bool:
-    old, new = getattr(before, name), getattr(after, name)
+    old, new = (one.latest if name == "delay_worst" else getattr(one, name) for one in (before, after))
     if old is None or new is None:
         return False
     return bool(np.round(sign * new / step) < np.round(sign * old / step))

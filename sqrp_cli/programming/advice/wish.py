@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import inf
 
 from sqrp_cli.errors import InputError, bad_option, expected_names
 from sqrp_cli.knowledge.text.units import SHARE, TIME, read_quantity
@@ -16,6 +17,9 @@ QUALITIES = ("q_eoi", "q_avg")
 TIMES = ("time", "delay")
 NAMES = (*QUALITIES, *TIMES)
 """The figures that a wish may be about."""
+
+_NEVER = 1e3
+"""A fault that is never noticed misses a wished delay as if it took so many times as long."""
 
 SHOWN = {"q_eoi": "Q_eoi", "q_avg": "Q_avg", "time": "time", "delay": "delay"}
 """What texts call them."""
@@ -73,7 +77,9 @@ class Wish:
         for name, least in self._stated(QUALITIES):
             missing += max(0.0, least - (figure(found, name) or 0.0))
         for name, most in self._stated(TIMES):
-            missing += max(0.0, (figure(found, name) or 0.0) / most - 1.0)
+            missing += max(0.0, min(figure(found, name) or 0.0, most * _NEVER) / most - 1.0)
+        if self.delay is not None:
+            missing += found.unseen or 0.0
         return missing
 
     def is_nearer(self, found: Assessment | None, start: Assessment) -> bool:
@@ -93,13 +99,16 @@ class Wish:
                 yield f"{SHOWN[name]} is {100 * quality:.1f} %, not {100 * least:.4g} %"
         for name, most in self._stated(TIMES):
             time = figure(found, name)
-            if time is not None and time > most:
+            if time == inf:
+                share = f"{100 * (found.unseen or 0.0):.3g} % of cases"
+                yield f"a fault may never be noticed ({share}), not after {most:.4g} s"
+            elif time is not None and time > most:
                 yield f"{SHOWN[name]} is {time:.2f} s, not {most:.4g} s"
 
 
 def figure(found: Assessment, name: str) -> float | None:
-    """The figure of a candidate that a wish calls `name`."""
-    return found.delay_worst if name == "delay" else getattr(found, name)
+    """The figure of a candidate that a wish calls `name`; a delay is infinite where a fault may never be noticed."""
+    return found.latest if name == "delay" else getattr(found, name)
 
 
 def read_wish(text: str) -> Wish:

@@ -5,13 +5,12 @@ The delay of faults is by images, over all phases of the cameras, on the nominal
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sqrp_cli.errors import Infeasible, bad_input
-from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.logic.image_time import Onset, Window, Windows, delays
@@ -36,58 +35,35 @@ _PROMPT = 1e-3
 def fault_metrics(windows: Windows, onsets: Sequence[Onset], recovery: Recovery, total: float) -> FaultMetrics:
     """The metrics of a fault that may happen at any time of its intervals, on a motion of duration `total` [s].
 
-    windows: in which images show it. onsets: of each interval. Means and shares are over all the time of the intervals
-    together, the rest is the largest of any of them.
+    windows: in which images show it. onsets: of each interval. It is noticed by the first image of it, or never.
+    expected_time = mean of the time at which it is noticed + stop + move back to the start + `total`. Means and shares
+    are over all the time of the intervals together, the rest is the largest of any of them.
     """
-    parts = [interval_metrics(windows, onset, recovery, total) for onset in onsets]
-    lengths = [float(onset.x[-1] - onset.x[0]) for onset in onsets]
-    length = sum(lengths)
-    weights = [one / length if length > 0 else 1.0 / len(parts) for one in lengths]
-
-    def mean(values: Iterable[float]) -> float:
-        return float(sum(weight * value for weight, value in zip(weights, values, strict=True)))
-
+    parts = [delays(windows, onset, lambda t: t + recovery.at(t) + total, recovery.t) for onset in onsets]
+    lengths = np.array([onset.x[-1] - onset.x[0] for onset in onsets])
+    weights = lengths / lengths.sum() if lengths.any() else np.full(len(parts), 1.0 / len(parts))
+    noticed, unseen = weights * [part.noticed for part in parts], float(weights @ [part.unseen for part in parts])
     return FaultMetrics(
-        delay_mean=mean(part.delay_mean for part in parts),
-        delay_worst=max(part.delay_worst for part in parts),
-        blind_longest=max(part.blind_longest for part in parts),
-        unseen=mean(part.unseen for part in parts),
-        expected_time=mean(part.expected_time for part in parts),
+        delay_mean=float(noticed @ [part.mean or 0.0 for part in parts] / noticed.sum()) if noticed.any() else None,
+        delay_worst=None if unseen else max(part.worst or 0.0 for part in parts),
+        blind_longest=max(longest_gap(windows.sure, Stretch(float(one.x[0]), float(one.x[-1]))) for one in onsets),
+        unseen=unseen,
+        expected_time=None if unseen else float(weights @ [part.cost or 0.0 for part in parts]),
     )
 
 
 def why_late(fault: FaultMetrics, windows: Windows, onsets: Sequence[Onset]) -> str:
     """What takes so long until a fault is noticed, at worst; see `fault_metrics`."""
-    if not windows.usual:
-        return "no image shows it"
+    if not windows.sure:
+        return "no image is sure to show it"
+    if fault.unseen:
+        return f"no image is sure to show it in {100 * fault.unseen:.3g} % of cases"
     if fault.blind_longest > _PROMPT:
         return f"no image shows it for up to {fault.blind_longest:.2f} s"
-    if fault.unseen > _PROMPT:
-        return "of what happens last, no image tells before the end"
     parting = max(float((onset.shown - onset.x).max()) for onset in onsets)
     if parting > _PROMPT:
         return f"tool and part have to part for up to {parting:.2f} s before an image shows it"
     return "so long take a frame and the latency of the camera that sees it"
-
-
-def interval_metrics(windows: Windows, onset: Onset, recovery: Recovery, total: float) -> FaultMetrics:
-    """The metrics of a fault that may happen at any x of `onset`, on a motion of duration `total` [s].
-
-    It is noticed by the first image that shows it, or else at the end. expected_time = mean of the time at which it is
-    noticed + stop + move back to the start + `total`.
-    """
-
-    def done(noticed: Array) -> Array:
-        return noticed + recovery.at(noticed) + total
-
-    found = delays(windows, onset, total, done, recovery.t)
-    return FaultMetrics(
-        delay_mean=found.mean,
-        delay_worst=found.worst,
-        blind_longest=longest_gap(windows.sure, Stretch(float(onset.x[0]), float(onset.x[-1]))),
-        unseen=found.unseen,
-        expected_time=found.cost,
-    )
 
 
 def longest_gap(windows: Sequence[Window], interval: Stretch) -> float:
@@ -113,7 +89,10 @@ class WayFigures:
     q_eoi: float | None
     """Q_eoi in 0..1; null where there is no event of interest."""
     delay_worst: float | None
-    """The longest time that any fault may remain unnoticed [s]; null without faults."""
+    """The longest time that any fault may remain unnoticed [s]; null without faults, and where one may never be
+    noticed."""
+    unseen: float | None
+    """The largest share of times after which a fault may never be noticed, in 0..1; null without faults."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,11 +171,6 @@ class Assessment(Figures):
         """Whether there is more than one way of doing it."""
         return self.ways is not None and self.ways.tried > 1
 
-    @property
-    def delay_worst(self) -> float | None:
-        """The longest time that any fault may remain unnoticed [s]; None without faults."""
-        return max((fault.delay_worst for fault in self.faults.values()), default=None)
-
 
 @dataclass(frozen=True, eq=False)
 class Watched(Rehearsal):
@@ -227,7 +201,7 @@ class Study(Watched):
             fault: fault_metrics(windows, self.onsets[fault], self.recovery, time)
             for fault, windows in self.windows.items()
         }
-        latest = max(faults, key=lambda fault: faults[fault].delay_worst, default=None)
+        latest = max(faults, key=lambda fault: (faults[fault].unseen, faults[fault].delay_worst or 0.0), default=None)
         return Assessment(
             candidate=self.candidate,
             feasible=True,

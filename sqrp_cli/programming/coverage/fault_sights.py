@@ -73,12 +73,15 @@ class FaultWatch:
         return after and not any(literal in piece.literals for literal in self.literals)
 
 
-def fault_windows(timeline: Timeline, fault: FaultWatch, clocks: Mapping[float, Clock]) -> tuple[Window, ...]:
+def fault_windows(
+    timeline: Timeline, fault: FaultWatch, clocks: Mapping[float, Clock], end: float
+) -> tuple[Window, ...]:
     """The windows in which images show a fault, in order.
 
     That is in its intervals and, after them, where a formula requires the opposite of one of its literals, or nothing
     of it while the tool holds what it held. Between two neighbouring samples that both show it the slower of their
-    cameras count.
+    cameras count. end: of the motion [s]; a run looks once more then, so that a window that lasts until the end goes on
+    for a period.
     """
     response = _response(timeline, fault)
     counts = np.array([fault.told_in(piece) for piece in timeline.pieces])[timeline.samples.piece]
@@ -91,7 +94,8 @@ def fault_windows(timeline: Timeline, fault: FaultWatch, clocks: Mapping[float, 
     goes_on = np.append(together[1:] & ~begins[1:], False)
     first, last = np.flatnonzero(begins), np.flatnonzero(together & ~goes_on) + 1
     spans = zip(t[first].tolist(), t[last].tolist(), slower[first].tolist(), strict=True)
-    return tuple(Window(start, end, *clocks[delay]) for start, end, delay in spans if end > start)
+    found = (Window(start, until, *clocks[delay]) for start, until, delay in spans if until > start)
+    return tuple(one._replace(end=one.end + one.period) if one.end >= end - SAME_INSTANT else one for one in found)
 
 
 def _response(timeline: Timeline, fault: FaultWatch) -> Array:
@@ -208,16 +212,19 @@ class _Viewer(NamedTuple):
     observer: Observer
     sampling: Sampling
 
-    def windows(self, timeline: Timeline, faults: Sequence[FaultWatch]) -> _WindowsOf:
-        """Those of a timeline."""
+    def windows(self, timeline: Timeline, faults: Sequence[FaultWatch], end: float) -> _WindowsOf:
+        """Those of a timeline; end: of its motion [s]."""
         clocks = clocks_of(self.observer.cameras)
-        return {fault.name: fault_windows(timeline, fault, clocks) for fault in faults}
+        return {fault.name: fault_windows(timeline, fault, clocks, end) for fault in faults}
 
     def shown(self, looks: Mapping[int, _Look]) -> dict[int, _WindowsOf]:
         """When images show the faults of looks, with the limits of their targets."""
         timelines = observe_all([_watch(*look) for look in looks.values()], self.observer, self.sampling, full=False)
         seen = zip(looks.items(), timelines, strict=True)
-        return {number: self.windows(timeline, look.asked.faults) for (number, look), timeline in seen}
+        return {
+            number: self.windows(timeline, look.asked.faults, look.scene.motion.time)
+            for (number, look), timeline in seen
+        }
 
 
 def all_fault_windows(
@@ -231,7 +238,11 @@ def all_fault_windows(
     viewer = _Viewer(observer, sampling)
     asked = [_enough(refuting(scene), scene, viewer, seen) for scene, seen in zip(scenes, timelines, strict=True)]
     looks = {number: _Look(scene, scene.stage, asked[number]) for number, scene in enumerate(scenes)}
-    planned = {i: viewer.windows(timelines[i], look.asked.faults) for i, look in looks.items() if not look.asked.more}
+    planned = {
+        i: viewer.windows(timelines[i], look.asked.faults, look.scene.motion.time)
+        for i, look in looks.items()
+        if not look.asked.more
+    }
     planned |= viewer.shown({number: look for number, look in looks.items() if look.asked.more})
     closed = {i: look.once_lost() for i, look in looks.items() if any(map(look.loses, look.asked.faults))}
     lost = viewer.shown(closed)
@@ -306,7 +317,9 @@ def _enough(asked: Refuting, scene: Rehearsal, viewer: _Viewer, timeline: Timeli
     column = {target.atom: (number,) for number, target in enumerate(scene.targets)}
     whole = [replace(fault, columns=tuple(column[lit.atom] for lit in fault.literals)) for fault in asked.faults]
     shown = Refuting(scene.targets, tuple(whole), more=False)
-    is_enough = asked.more and not _Look(scene, scene.stage, shown).missed(viewer.windows(timeline, whole))
+    is_enough = asked.more and not _Look(scene, scene.stage, shown).missed(
+        viewer.windows(timeline, whole, scene.motion.time)
+    )
     return shown if is_enough else asked
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from math import inf
 
 import numpy as np
 
@@ -33,6 +34,22 @@ class Figures:
     """By the fault's name."""
     states: int | None
     """Samples that hold literals."""
+
+    @property
+    def unseen(self) -> float | None:
+        """The largest share of times after which a fault may never be noticed, in 0..1; None without faults."""
+        return max((fault.unseen for fault in self.faults.values()), default=None)
+
+    @property
+    def latest(self) -> float | None:
+        """The longest time until a fault is noticed [s]: infinite where one may never be, None without faults."""
+        worst = [inf if fault.delay_worst is None else fault.delay_worst for fault in self.faults.values()]
+        return max(worst, default=None)
+
+    @property
+    def delay_worst(self) -> float | None:
+        """The same; None where a fault may never be noticed."""
+        return None if self.latest == inf else self.latest
 
     def __post_init__(self) -> None:
         """Raises ValueError if a figure is not finite, also one of a subclass."""

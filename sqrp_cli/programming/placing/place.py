@@ -325,7 +325,7 @@ class Placer:
         new, old = other.assessment(""), found.assessment("")
         pairs = [(new.q_eoi, old.q_eoi), (new.q_avg, old.q_avg)]
         worse = any(a is not None and b is not None and a < b - CLOSE for a, b in pairs)
-        later = (new.delay_worst or 0.0) > (old.delay_worst or 0.0) + CLOSE
+        later = (new.latest or 0.0) > (old.latest or 0.0) + CLOSE
         places = [self.survey.spots[problem.spot[option]] for option in choice.options]
         way = replace(self.survey.ways[choice.ways[0]], scene=other)
         return not (worse or later or (places and blocked(self.question.cell, way, places).any()))
@@ -398,7 +398,7 @@ class Placer:
 
 def _is_late(exact: Sequence[Assessment], wish: Wish | None) -> bool:
     """Whether a fault is noticed later than wished, by the exact figures: the search has simpler ones, at samples."""
-    latest = max((one.delay_worst or 0.0 for one in exact), default=0.0)
+    latest = max((one.latest or 0.0 for one in exact), default=0.0)
     return wish is not None and wish.delay is not None and latest > wish.delay + 1e-9
 
 

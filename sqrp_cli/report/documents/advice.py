@@ -38,13 +38,16 @@ class AdvisedFigures(Record):
     time: float | None
     """Duration of the whole motion [s]."""
     delay_worst: float | None
-    """The longest time that any fault may remain unnoticed [s]; null without faults."""
+    """The longest time that any fault may remain unnoticed [s]; null without faults, and where one may never be
+    noticed."""
+    unseen: float | None
+    """The largest share of times after which a fault may never be noticed, in 0..1; null without faults."""
 
     @classmethod
     def of(cls, found: Assessment | None) -> AdvisedFigures:
         """The figures of a candidate; None: there is none that can be done."""
         if found is None:
-            return cls(q_eoi=None, q_avg=None, time=None, delay_worst=None)
+            return cls(q_eoi=None, q_avg=None, time=None, delay_worst=None, unseen=None)
         return completed(cls, found)
 
 
@@ -137,8 +140,11 @@ def _shifts(effect: ChangedCandidate) -> Iterator[str]:
         ("delay_worst", "seen at worst after", 1.0, "{:.2f} s"),
     ):
         if name in effect.worse:
-            old, new = (scale * getattr(figures, name) for figures in (effect.before, effect.after))
-            yield f"{label} {pattern.format(old)} to {pattern.format(new)}"
+            old, new = (
+                "never" if figures.unseen and name == "delay_worst" else pattern.format(scale * getattr(figures, name))
+                for figures in (effect.before, effect.after)
+            )
+            yield f"{label} {old} to {new}"
     if "feasible" in effect.worse:
         yield "can no longer be done"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from math import inf
 from typing import Literal
 
 from sqrp_cli.knowledge.text.entries import completed
@@ -144,7 +145,10 @@ class PlaceDocument(WorkspaceDocument):
     quickest: float
     """The shortest time until any camera shows a fault that it sees: its frame period and latency [s]."""
     delay_worst: float | None
-    """The longest time until a fault of any candidate is noticed, from the exact figures [s]."""
+    """The longest time until a fault of any candidate is noticed, from the exact figures [s]; null without faults, and
+    where one may never be noticed."""
+    unseen_faults: float | None
+    """The largest share of times after which a fault may never be noticed, in 0..1; null without faults."""
     price: float
     """Of all cameras on mounts."""
     fewest: int | None
@@ -176,7 +180,8 @@ class PlaceDocument(WorkspaceDocument):
 def placed(found: placement.Placement, patch: str) -> PlaceDocument:
     """A placement as a document."""
     question, demand = found.question, found.question.demand
-    delays = [one.found.delay_worst for one in found.candidates if one.found.delay_worst is not None]
+    delays = [one.found.latest for one in found.candidates if one.found.latest is not None]
+    shares = [one.found.unseen for one in found.candidates if one.found.unseen is not None]
     return completed(
         PlaceDocument,
         found,
@@ -189,7 +194,8 @@ def placed(found: placement.Placement, patch: str) -> PlaceDocument:
         survive=demand.survive,
         by=demand.objective,
         proof=_proof_in_words(found),
-        delay_worst=max(delays, default=None),
+        delay_worst=None if inf in delays else max(delays, default=None),
+        unseen_faults=max(shares, default=None),
         price=sum(camera.price for camera in found.cameras),
         floor=demand.floor,
         reason=found.why,
@@ -265,10 +271,13 @@ def unmet_in_words(found: PlaceDocument, wish: Wish | None) -> str:
             f"are {found.quickest:.4g} s at worst, and the time that tool and part take to part comes on top. The "
             "nearest is below."
         )
-    if found.late and found.delay_worst is not None:
+    if found.late:
+        seen = (
+            "never be noticed" if found.delay_worst is None else f"be seen {found.delay_worst:.2f} s after it happens"
+        )
         return (
-            f"These cameras do not reach {wish}: a fault may be seen {found.delay_worst:.2f} s after it happens. At "
-            "the samples they do; the search knows nothing of what lies between them, so that others may do better."
+            f"These cameras do not reach {wish}: a fault may {seen}. At the "
+            "samples they do; the search knows nothing of what lies between them, so that others may do better."
         )
     if found.fewest is not None:
         return f"So many cameras do not reach {wish}; {in_words(found.fewest)} do:"

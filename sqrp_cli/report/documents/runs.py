@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from sqrp_cli.calibrating.fit import Judged
 from sqrp_cli.knowledge.camera.curve import Curve
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.report.documents.document import LEFT_OUT, Record, WorkspaceDocument
-from sqrp_cli.runtime.record.report import Confusion, Disagreement, RunReport, StepRecord
+from sqrp_cli.runtime.record.report import Confusion, Disagreement, Outcome, RunReport, StepRecord
 
 if TYPE_CHECKING:
     from sqrp_cli.runtime.audit.frame_audit import AuditReport
@@ -64,10 +64,10 @@ class StopTimes(Record):
 class RunDocument(WorkspaceDocument):
     """How a run went."""
 
-    outcome: Literal["done", "stopped"]
-    """Whether all steps were done, or the robot stopped before."""
+    outcome: Outcome
+    """Whether all steps were done, the robot stopped before, or a fault happened that was never noticed (`missed`)."""
     reason: str | None
-    """Why it stopped."""
+    """Why it stopped, or what was not noticed; null if it is done."""
     time: float
     """Simulated [s]."""
     steps: list[StepRecord]
@@ -108,8 +108,8 @@ class RunDocument(WorkspaceDocument):
 class _SweptBefore(Record):
     x: float
     """When the fault was injected, in seconds of the step."""
-    outcome: Literal["done", "stopped"]
-    """Whether all steps were done, or the robot stopped before."""
+    outcome: Outcome
+    """Whether all steps were done, the robot stopped before, or a fault happened that was never noticed (`missed`)."""
     time: float
     """Simulated [s]."""
 

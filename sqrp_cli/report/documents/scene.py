@@ -21,6 +21,7 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.grounding import on_robot
 from sqrp_cli.report.documents.document import LEFT_OUT, Document, Pose, Record, WorkspaceDocument
+from sqrp_cli.runtime.record.report import Outcome
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
 
 
@@ -313,10 +314,10 @@ class ShowDocument(WorkspaceDocument):
 class FirstRun(Record):
     """How the best candidate of a new workspace ran in the simulated cell, once."""
 
-    outcome: Literal["done", "stopped"]
-    """Whether all was done, or the robot stopped before."""
+    outcome: Outcome
+    """Whether all was done, the robot stopped before, or a fault happened that was never noticed (`missed`)."""
     reason: str | None
-    """Why it stopped."""
+    """Why it stopped, or what was not noticed; null if it is done."""
     time: float
     """Simulated [s]."""
     promised: int

@@ -163,7 +163,10 @@ class VariantResult(Record):
     time: float | None
     """Mean duration of the motion [s]; null if no choice is feasible."""
     delay: float | None
-    """Mean of the longest time that a fault may remain unnoticed [s]; null where there is none."""
+    """Mean of the longest time that a fault may remain unnoticed [s]; null where there is none, or one may never be
+    noticed."""
+    unseen: float | None
+    """Mean of the largest share of times after which a fault may never be noticed, in 0..1; null without faults."""
     results: list[TaskResult]
     """One for each task."""
 

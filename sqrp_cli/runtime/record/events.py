@@ -26,7 +26,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticKnownError
 
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.runtime.record.report import RunReport
+from sqrp_cli.runtime.record.report import Outcome, RunReport
 
 VERSION: Literal[1] = 1
 """Of the log's fields."""
@@ -291,9 +291,9 @@ class Retrying(_Event):
 class RunEnded(_Event):
     """The program is done, or the robot has stopped."""
 
-    event: Literal["done", "stopped"]
+    event: Outcome
     reason: str | None = None
-    """Why it stopped."""
+    """Why it stopped, or what was not noticed."""
 
 
 class RunReported(_Event):

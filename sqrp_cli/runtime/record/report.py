@@ -24,6 +24,11 @@ def excess(fault: FaultRecord) -> float:
     return late if late > TRUTH_SPACING + 1e-9 else 0.0
 
 
+Outcome = Literal["done", "stopped", "missed"]
+"""Of a run: all steps were done; the robot stopped before; or all were done, but a fault that happened was never
+noticed."""
+
+
 class Stopped(Exception):  # noqa: N818
     """The run cannot go on; the message is the reason."""
 
@@ -173,10 +178,10 @@ def total_of(predictions: Iterable[Prediction]) -> Confusion:
 class RunReport(_Recorded):
     """A whole run."""
 
-    outcome: Literal["done", "stopped"] = "done"
-    """Whether all steps were done, or the robot stopped before."""
+    outcome: Outcome = "done"
+    """Whether all steps were done, the robot stopped before, or it did not notice a fault."""
     reason: str | None = None
-    """Why it stopped, None if it is done."""
+    """Why it stopped, or what was not noticed; None if it is done."""
     time: float = 0.0
     """Simulated [s]."""
     steps: list[StepRecord] = field(default_factory=list)
@@ -202,6 +207,11 @@ class RunReport(_Recorded):
     """When the robot was last commanded to stop [s]."""
     stop_done: float | None = None
     """When it stood after that [s]."""
+
+    @property
+    def missed(self) -> list[FaultRecord]:
+        """The faults that happened, but were never noticed."""
+        return [fault for fault in self.faults if fault.happened is not None and fault.detected is None]
 
     @property
     def labels(self) -> list[str]:

@@ -91,7 +91,7 @@ class FaultTracker:
     def _predicted(self, step: Step, fault: str, literals: Sequence[Literal], tau: float) -> float | None:
         """How long after time tau [s] of a step a fault is noticed at the latest, as the step predicts it."""
         if (sight := step.sights.get(fault)) is not None:
-            return sight.latest(tau, step.time)
+            return sight.latest(tau)
         responses = {name: camera.response for name, camera in self._streams.cameras.items()}
         return predicted_delay(step, [str(literal.atom) for literal in literals], responses, tau)
 

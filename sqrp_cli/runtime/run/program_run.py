@@ -129,6 +129,9 @@ class Run:
             self._states.finish()
         report.time = round(lockstep.now, 6)
         report.faults, report.conflicts = self._tracker.records, self._collector.conflicts
+        if report.missed and report.outcome == "done":
+            named = " and ".join(f"{fault.name}, which happened at {fault.happened:.2f} s" for fault in report.missed)
+            report.outcome, report.reason = "missed", f"no image showed {named}"
         report.stop_told, report.stop_done = lockstep.stop_told, lockstep.standing_since
         report.tracking, report.images = self._cell.tracking_error(), self._streams.images
         self._publisher.publish(RunEnded(t=lockstep.now, event=report.outcome, reason=report.reason))

@@ -79,7 +79,9 @@ class WayRecord(Entry):
     q_avg: _Share | None = None
     q_eoi: _Share | None = None
     delay: Seconds | None = None
-    """The longest time that a fault may remain unnoticed [s]."""
+    """The longest time that a fault may remain unnoticed [s]; None without faults, and where one may never be."""
+    unseen: _Share | None = None
+    """The largest share of times after which a fault may never be noticed; None without faults."""
     coverage: CoverageRecord | None = None
 
     @property
@@ -100,6 +102,7 @@ class WayRecord(Entry):
             q_avg=assessment.q_avg,
             q_eoi=assessment.q_eoi,
             delay=assessment.delay_worst,
+            unseen=assessment.unseen,
             coverage=None if coverage is None else CoverageRecord.of(coverage),
         )
 

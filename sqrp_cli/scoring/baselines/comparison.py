@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from math import inf
 from typing import Literal
 
 import numpy as np
@@ -41,7 +42,7 @@ class Shift:
     """A figure that got better or worse; values in 0..1 or s, None if undefined or infeasible."""
 
     metric: Literal["feasible", "q_eoi", "q_avg", "time", "delay"]
-    """Which figure; `delay` is the longest time that a fault may remain unnoticed."""
+    """Which figure; `delay` is the longest time that a fault may remain unnoticed, null where it may for ever."""
     before: float | None
     """In the baseline; of `feasible`, 1 or 0."""
     now: float | None
@@ -65,6 +66,10 @@ class Shift:
                 verb = "fell" if self.worse else "rose"
                 return f"{self.metric.replace('q_', 'Q_')} {verb} {_from_to(self.before, self.now, 100.0, 1, '%')}"
             case _:
+                if self.now is None:
+                    return "a fault may never be noticed any more"
+                if self.before is None:
+                    return f"no fault goes unnoticed any more: the worst delay is {self.now:.2f} s"
                 what = "its time" if self.metric == "time" else "the worst delay of a fault"
                 verb = "rose" if self.worse else "fell"
                 return f"{what} {verb} {_from_to(self.before, self.now, 1.0, 2, 's')}"
@@ -249,9 +254,15 @@ def _shifts(old: WayRecord, new: WayRecord, allowance: float) -> Iterator[Shift]
     for metric, before, now in (("q_eoi", old.q_eoi, new.q_eoi), ("q_avg", old.q_avg, new.q_avg)):
         if before is not None and now is not None and abs(now - before) > share:
             yield Shift(metric, before, now, worse=now < before)  # type: ignore[arg-type]
-    for metric, before, now in (("time", old.time, new.time), ("delay", old.delay, new.delay)):
-        if before is not None and now is not None and abs(now - before) > share * before + 1e-6:
-            yield Shift(metric, before, now, worse=now > before)  # type: ignore[arg-type]
+    worst = (inf if old.unseen else old.delay, inf if new.unseen else new.delay)
+    for metric, before, now in (("time", old.time, new.time), ("delay", *worst)):
+        if (
+            before is not None
+            and now is not None
+            and abs(now - before) > (share * before if before < inf else 0) + 1e-6
+        ):
+            known = [None if one == inf else one for one in (before, now)]
+            yield Shift(metric, known[0], known[1], worse=now > before)  # type: ignore[arg-type]
 
 
 def _from_to(before: float | None, now: float | None, scale: float, digits: int, unit: str) -> str:

@@ -99,7 +99,7 @@ class Runs {
       const after = `${name} at ${seconds(happened)}, seen after ${seconds(detected - happened)}`;
       return recovered === null ? after : `${after}, done after all at ${seconds(recovered)}`;
     });
-    const end = outcome === 'done' ? 'the program is done' : 'the robot has stopped';
+    const end = { done: 'the program is done', missed: 'a fault was missed' }[outcome] ?? 'the robot has stopped';
     this.event({ t: time, text: [end, ...told].join('; '), kind: outcome });
   }
 

@@ -53,5 +53,5 @@ def test_without_thresholds_all_events_are_to_be_seen():
 
 @pytest.mark.parametrize(("delay", "nearer"), [(0.4099, False), (0.40, True), (0.43, False)])
 def test_only_what_shows_in_the_figures_comes_nearer(delay, nearer):
-    start, found = (SimpleNamespace(feasible=True, delay_worst=worst) for worst in (0.4132, delay))
+    start, found = (SimpleNamespace(feasible=True, latest=worst, unseen=0.0) for worst in (0.4132, delay))
     assert Wish(delay=0.2).is_nearer(found, start) is nearer

@@ -6,7 +6,7 @@ from sqrp_cli.report.documents.advice import AdvisedFigures, ChangedCandidate, T
 
 
 def figures(q_eoi: float) -> AdvisedFigures:
-    return AdvisedFigures(q_eoi=q_eoi, q_avg=None, time=1.0, delay_worst=None)
+    return AdvisedFigures(q_eoi=q_eoi, q_avg=None, time=1.0, delay_worst=None, unseen=None)
 
 
 def effect(task: str, *candidates: ChangedCandidate) -> TaskEffect:

@@ -25,8 +25,8 @@ const named = (text) => make('bdi', {}, text);
 const absent = (value) => value === null || value === undefined;
 const percent = (share) => (absent(share) ? '–' : (100 * share).toFixed(1) + ' %');
 const fixed = (value, digits) => (+value.toFixed(digits) + 0).toFixed(digits); // no -0.00
-const figure = (value, digits = 2) => (absent(value) ? '–' : fixed(value, digits));
-const seconds = (t, digits = 2) => (absent(t) ? '–' : t.toFixed(digits) + ' s');
+const figure = (value, digits = 2) => (absent(value) ? '–' : value === Infinity ? 'never' : fixed(value, digits));
+const seconds = (t, digits = 2) => (absent(t) ? '–' : t === Infinity ? 'never' : t.toFixed(digits) + ' s');
 
 // What a primitive action does, and its name in the skill where that is something else.
 const doing = ({ name, does }) => (does && does !== name ? `${does} (${name})` : name);

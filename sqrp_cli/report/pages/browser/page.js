@@ -177,8 +177,8 @@ class Page {
     if (again) heads.push(term('all done', 'done after one retry'));
     const cells = ([name, fault]) => [
       named(name),
-      ...[fault.delay_mean, fault.delay_worst, fault.blind_longest].map((t) => seconds(t)),
-      ...(again ? [retried.includes(name) ? seconds(fault.expected_time, 1) : '–'] : []),
+      ...[fault.delay_mean, fault.delay_worst, fault.blind_longest].map((t) => seconds(t ?? Infinity)),
+      ...(again ? [retried.includes(name) ? seconds(fault.expected_time ?? Infinity, 1) : '–'] : []),
     ];
     const row = (kind, texts) =>
       make('tr', {}, ...texts.map((text, i) => make(kind, { class: i ? 'number' : null }, text)));

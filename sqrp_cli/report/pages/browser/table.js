@@ -2,7 +2,7 @@
 
 // Faults by name, the one first that may be seen latest.
 const byWorst = (faults) =>
-  Object.entries(faults).sort(([, a], [, b]) => (b.delay_worst ?? -1) - (a.delay_worst ?? -1));
+  Object.entries(faults).sort(([, a], [, b]) => b.unseen - a.unseen || b.delay_worst - a.delay_worst);
 
 const MOST_LABELS = 4; // that have a column each; those of more share one
 
@@ -74,12 +74,12 @@ class EntryTable {
     const of = (e) => byWorst(e.candidate?.faults ?? {});
     const names = [...new Set(this.entries.flatMap((e) => of(e).map(([name]) => name)))];
     if (!names.length) return [];
-    const most = (e, key) => Math.max(...of(e).map(([, fault]) => fault[key] ?? -1));
-    const longest = (key) => (e) => (of(e).some(([, fault]) => !absent(fault[key])) ? most(e, key) : null);
+    const longest = (key) => (e) =>
+      of(e).length ? Math.max(...of(e).map(([, fault]) => fault[key] ?? Infinity)) : null; // null: never
     const done = (e) => {
       const times = of(e)
         .filter(([name]) => e.retried.includes(name))
-        .map(([, fault]) => fault.expected_time);
+        .map(([, fault]) => fault.expected_time ?? Infinity);
       return times.length ? Math.max(...times) : null;
     };
     const only = names.length === 1;
@@ -210,7 +210,7 @@ function changed(shown, entry, value, scale, digits = 2) {
 }
 
 function changeOf(value, was, scale, digits, title = 'against the saved file') {
-  if (absent(value) || absent(was)) return null;
+  if (absent(value) || absent(was) || !isFinite(value - was)) return null;
   const text = (scale * (value - was)).toFixed(digits);
   if (Number(text) === 0) return null;
   return make('small', { title }, Number(text) > 0 ? `+${text}` : text.replace('-', '−'));
