@@ -37,6 +37,7 @@ from sqrp_cli.cli.completion import ASKED, example_task, for_named_shell, propos
 from sqrp_cli.cli.streams import ResultsLost
 from sqrp_cli.cli.watch import EXECUTE
 from sqrp_cli.errors import ExitCode, InputError, expected_names, nearest
+from sqrp_cli.platform.interrupts import was_interrupted
 from sqrp_cli.shown import harmless, one_line
 from sqrp_cli.terminal import progress_lines
 from sqrp_cli.terminal.progress_lines import Verbosity
@@ -121,6 +122,8 @@ def execute(arguments: list[str]) -> int:
         _print_error(f"error: {where}: {error.strerror or error}")
         return ExitCode.BAD_INPUT
     except Exception as error:
+        if was_interrupted():
+            raise KeyboardInterrupt from error
         if "--debug" in arguments:
             raise
         what = " ".join(f"{type(error).__name__}: {error}".split())

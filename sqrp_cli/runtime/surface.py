@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sqrp_cli.errors import Place, bad_input
 from sqrp_cli.geometry import Array, transform
 from sqrp_cli.knowledge.mesh.mesh_file import check_mesh
-from sqrp_cli.platform.processes import interrupts_later
+from sqrp_cli.platform.interrupts import interrupts_later
 from sqrp_cli.shapes import Mesh, Part, Triangles
 
 _SIDES = 24

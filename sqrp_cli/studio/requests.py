@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.ranking import Criterion
 
 
-Words = Annotated[str, Field(max_length=2000)]
+Words = Annotated[str, Field(max_length=2000, pattern=r"^[^\x00]*$")]
+"""No name of a file has a zero byte."""
 
 
 class _Request(BaseModel):

@@ -5,7 +5,8 @@ import signal
 
 import pytest
 
-from sqrp_cli.platform.processes import interrupts_later
+from sqrp_cli.cli.main import run
+from sqrp_cli.platform.interrupts import interrupts_later
 
 pytestmark = pytest.mark.usefixtures("heeded_ctrl_c")
 
@@ -35,3 +36,17 @@ def test_where_ctrl_c_is_ignored_it_stays_so() -> None:
     with interrupts_later():
         signal.raise_signal(signal.SIGINT)
     assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+
+
+def test_what_a_library_makes_of_ctrl_c_ends_a_command_as_ctrl_c_does(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def swallowing(*_: object, **__: object) -> None:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise TypeError("incompatible function arguments") from None
+
+    monkeypatch.setattr("sqrp_cli.checks.registry.rules", swallowing)
+    assert run(["rules", "--json"]) == 130
+    assert capsys.readouterr().err == "interrupted\n"

@@ -91,6 +91,7 @@ NO_REQUESTS = [
     '{"do": "put"}',
     '{"do": "undo", "more": 1}',
     '{"do": "task", "text": 5, "by": "time"}',
+    r'{"do": "program", "file": "a\u0000.yaml"}',
     NOT_FINITE,
 ]
 

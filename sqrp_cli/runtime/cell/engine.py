@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sqrp_cli.platform.processes import interrupts_later
+from sqrp_cli.platform.interrupts import interrupts_later
 from sqrp_cli.runtime.cell.requirements import check_simulator
 
 check_simulator()

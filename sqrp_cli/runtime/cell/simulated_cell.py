@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
+from sqrp_cli.platform.interrupts import interrupts_later
 from sqrp_cli.platform.processes import Team, fresh
 from sqrp_cli.runtime.cell.interface import ArmReference, CellState
 from sqrp_cli.runtime.image import NEEDED, CameraImage
@@ -105,6 +106,7 @@ class SimulatedCell(AbstractContextManager["SimulatedCell"]):
     The same workspace, world, seed and calls give the same bytes again.
     """
 
+    @interrupts_later()  # the bindings of MuJoCo turn KeyboardInterrupt into other errors
     def __init__(self, workspace: Workspace, world: World, seed: int) -> None:
         """The cell at rest in a world, at t = 0; an object of unknown pose is not in it. seed: of the image noise.
 
@@ -121,6 +123,7 @@ class SimulatedCell(AbstractContextManager["SimulatedCell"]):
         self._physics = Physics(workspace, world, self._model)
         self._renderers = RenderPool(self._model, tuple(workspace.cameras.values()), seed)
 
+    @interrupts_later()
     def reset(self, world: World) -> None:
         """Start again at t = 0, at rest in a world with the same objects; as a new cell would, but at once."""
         from sqrp_cli.runtime.cell.physics import Physics
@@ -132,6 +135,7 @@ class SimulatedCell(AbstractContextManager["SimulatedCell"]):
         """Simulated time [s]."""
         return self._physics.t
 
+    @interrupts_later()
     def advance(self, t: float, reference: ArmReference) -> float:
         """Let time pass until t [s], and return it, while the controller follows the reference within its torques."""
         self._physics.advance(t, reference)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.solids import load_solid
+from sqrp_cli.runtime.cell.engine import mujoco
 from sqrp_cli.runtime.cell.physics import Physics
 from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 from sqrp_cli.runtime.surface import load_triangles
@@ -170,6 +172,27 @@ def test_a_cell_that_is_reset_is_as_new() -> None:
     assert np.array_equal(frames[0].image, frames[1].image)
     assert frames[0].t == frames[1].t == pytest.approx(0.4)
     assert np.array_equal(*positions)
+
+
+@pytest.mark.usefixtures("heeded_ctrl_c")
+def test_ctrl_c_inside_a_call_of_mujoco_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The bindings convert arguments in Python, and make a TypeError of what is raised there."""
+    base = suction_cell()
+    q = at_pose(base, above(CUBE_TOP))
+    real = mujoco.mj_step1
+
+    def step(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise TypeError("incompatible function arguments") from None
+        real(model, data)
+
+    with SimulatedCell(cell(base, list(base.objects.values()), [camera()]), world(base, q), 3) as simulated:
+        monkeypatch.setattr(mujoco, "mj_step1", step)
+        with pytest.raises(KeyboardInterrupt):
+            simulated.advance(0.01, Rest(q))
+        assert simulated.t == pytest.approx(0.01)
 
 
 def gripper_cell(*things: SceneObject) -> Workspace:

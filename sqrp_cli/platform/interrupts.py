@@ -1,0 +1,49 @@
+"""Ctrl-C where foreign code would swallow it."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+_pressed: list[int] = []
+
+
+def remember_interrupts() -> None:
+    """Let `was_interrupted` know of every Ctrl-C from now on; each still raises KeyboardInterrupt."""
+
+    def interrupt(number: int, _: FrameType | None) -> None:
+        _pressed.append(number)
+        raise KeyboardInterrupt
+
+    _pressed.clear()
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, interrupt)
+
+
+def was_interrupted() -> bool:
+    """Whether Ctrl-C was pressed: an exception that follows may be what a library made of it."""
+    return bool(_pressed)
+
+
+@contextmanager
+def interrupts_later() -> Iterator[None]:
+    """Delay a Ctrl-C until the end of the block.
+
+    For imports of libraries that catch every exception, KeyboardInterrupt too, as a missing module or raise another one
+    instead: the program would ignore the Ctrl-C or report a wrong error.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    if not callable(before) or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if came:
+            signal.raise_signal(signal.SIGINT)
