@@ -8,7 +8,7 @@ import sys
 from contextlib import suppress
 
 from sqrp_cli.cli.streams import ResultsLost, prepare_streams
-from sqrp_cli.platform.interrupts import remember_interrupts
+from sqrp_cli.platform.interrupts import heed_signals
 from sqrp_cli.platform.memory import collect_later, collect_no_more, keep_freed_memory
 
 BAD_INPUT = 2
@@ -50,7 +50,7 @@ def _prepare() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # What other packages plug into it has no say here, and a look for them takes a while.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
-    remember_interrupts()
+    heed_signals()
     keep_freed_memory()
     collect_later()
     prepare_streams()

@@ -1,8 +1,9 @@
-"""Ctrl-C where foreign code would swallow it."""
+"""How a command is ended from outside: Ctrl-C, also where foreign code would swallow it, and SIGTERM."""
 
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,8 +12,11 @@ from types import FrameType
 _pressed: list[int] = []
 
 
-def remember_interrupts() -> None:
-    """Let `was_interrupted` know of every Ctrl-C from now on; each still raises KeyboardInterrupt."""
+def heed_signals() -> None:
+    """Let `was_interrupted` know of every Ctrl-C from now on, and tidy up before SIGTERM ends this process.
+
+    Ctrl-C still raises KeyboardInterrupt; SIGTERM raises SystemExit, so that files that are not finished are removed.
+    """
 
     def interrupt(number: int, _: FrameType | None) -> None:
         _pressed.append(number)
@@ -21,6 +25,8 @@ def remember_interrupts() -> None:
     _pressed.clear()
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, interrupt)
+    if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+        signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
 
 
 def was_interrupted() -> bool:

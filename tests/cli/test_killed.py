@@ -65,3 +65,18 @@ def test_no_shared_memory_is_left_of_a_group_that_is_killed(quick_cell, watch, t
     process.wait()
     assert bool(used) == (command == "run")  # images go through shared memory, candidates through pipes
     assert [name for name in used if Path(name.removesuffix(" (deleted)")).exists()] == []
+
+
+def test_a_new_cell_that_is_ended_on_the_way_leaves_no_folder(tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "sqrp_cli", "init", str(tmp_path / "cell")],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    deadline = time.monotonic() + 60
+    while not list(tmp_path.iterdir()) and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert [path.name for path in tmp_path.iterdir()] == [f".cell.{process.pid}"]
+    process.terminate()
+    assert process.wait(timeout=60) == 128 + signal.SIGTERM
+    assert list(tmp_path.iterdir()) == []
