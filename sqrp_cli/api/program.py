@@ -302,9 +302,7 @@ class OpenProgram:
         try:
             from sqrp_cli.runtime.audit.survey import survey
 
-            total = len(footage.frames) + len(self.workspace.cameras)
-            with progress(f"Surveying the cameras of {footage.path}", total) as advance:
-                return survey(self.program, self.workspace, footage, lambda: advance(1)), ""
+            return survey(self.program, self.workspace, footage, progress), ""
         except InputError as error:
             if error.problems[0].code != "no-opengl":
                 raise

@@ -51,20 +51,23 @@ def progress_lines(title: str, total: int | None, write: Callable[[str], None]) 
     total: of the parts; None if it is not known beforehand.
     """
     done, ended = 0, threading.Event()
+    began = latest = time.monotonic()
 
     def advance(count: int = 1) -> None:
-        nonlocal done
-        done += count
+        nonlocal done, latest
+        done, latest = done + count, time.monotonic()
 
     def tell() -> None:
-        began = time.monotonic()
         pause = PERIOD
         while not ended.wait(min(pause, threading.TIMEOUT_MAX)):
-            passed = time.monotonic() - began
+            now = time.monotonic()
+            passed = now - began
             parts = f" {done} of {total}" if total else ""
-            left = f", about {ceil(passed * (total - done) / done)} s left" if total and 0 < done < total else ""
+            left = passed * (total - done) / done if total and 0 < done < total else 0.0
+            # Parts that take longer than all before them tell nothing of the time that is left.
+            said = f", about {ceil(left)} s left" if left > now - latest else ""
             try:
-                write(f"{title}:{parts} after {passed:.0f} s{left}")
+                write(f"{title}:{parts} after {passed:.0f} s{said}")
             except (OSError, ValueError):  # nobody reads any more
                 return
             pause = max(PERIOD, SLOWER * passed)

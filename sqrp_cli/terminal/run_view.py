@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from itertools import pairwise
+from math import ceil
 from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.logic.truth import Truth
@@ -13,7 +14,20 @@ from sqrp_cli.program.record import Program
 from sqrp_cli.report.sentences import short_times
 from sqrp_cli.runtime.record import events
 from sqrp_cli.runtime.record.report import Confusion, Disagreement, FaultRecord, Prediction, RunReport, excess, total_of
-from sqrp_cli.terminal.console import Column, Show, fits, joined, live, numbers, plain, print_table, say, seconds
+from sqrp_cli.terminal.console import (
+    Column,
+    Show,
+    fits,
+    joined,
+    live,
+    numbers,
+    plain,
+    print_table,
+    progress,
+    say,
+    seconds,
+)
+from sqrp_cli.terminal.progress_lines import Advance
 
 if TYPE_CHECKING:
     from sqrp_cli.runtime.run.simulation import SweepRun, SweepSummary
@@ -28,18 +42,24 @@ _REPLAY_SPEED = 4.0
 
 
 class LiveView:
-    """Shows live what happens, on stderr if it is a terminal: a listener of a run and a context manager."""
+    """Shows live what happens on stderr: a listener of a run and a context manager.
 
-    def __init__(self, cameras: Sequence[str], *, pace: bool = False) -> None:
-        """pace: show events at a steady pace, not as they come."""
-        self._cameras, self._pace = list(cameras), pace
+    Where stderr is no terminal, a line now and then says how far the run has come.
+    """
+
+    def __init__(self, cameras: Sequence[str], *, pace: bool = False, planned: float | None = None) -> None:
+        """pace: show events at a steady pace, not as they come. planned: how long the run takes without a retry [s]."""
+        self._cameras, self._pace, self._planned = list(cameras), pace, planned
         self._stack = ExitStack()
         self._show: Show | None = None
+        self._advance: Advance | None = None
         self._doing, self._last, self._t = "looks", "", 0.0
         self._literals: Mapping[str, events.ShownAtom] = {}
 
     def __enter__(self) -> LiveView:
         self._show = self._stack.enter_context(live())
+        if self._show is None and self._planned is not None:
+            self._advance = self._stack.enter_context(progress("Running, seconds of the motion", ceil(self._planned)))
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -47,6 +67,9 @@ class LiveView:
 
     def __call__(self, event: events.Event) -> None:
         """Show an event."""
+        if self._advance is not None:
+            self._advance(int(event.t) - int(self._t))
+            self._t = event.t
         if self._show is None or isinstance(event, events.State):
             return
         if self._pace and event.t > self._t:

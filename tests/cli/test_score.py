@@ -49,6 +49,15 @@ def cells(own_watch, tmp_path) -> Path:
     return folder
 
 
+def test_a_task_that_is_listed_twice_is_two_cases_of_a_test_server(sqrp, own_watch, tmp_path):
+    junit = tmp_path / "junit.xml"
+    task = "- {task: watch green, min_q_avg: 60 %}"
+    edit(own_watch, task, f"{task}\n  - {{task: watch green, min_q_avg: 70 %}}")
+    sqrp("score", own_watch, "--junit", junit)
+    names = [case.get("name") for case in ElementTree.parse(junit).getroot().iter("testcase")]  # noqa: S314
+    assert names == ["watch green", "watch green (2)"]
+
+
 def test_a_broken_workspace_is_an_error_and_the_others_are_scored(sqrp, cells, tmp_path):
     junit, summary = tmp_path / "junit.xml", tmp_path / "summary.md"
     outcome = sqrp("score", cells, "--json", "--junit", junit, "--summary", summary)

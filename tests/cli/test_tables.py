@@ -19,7 +19,9 @@ import pytest
 from rich.console import Console
 
 from sqrp_cli.programming import pipeline
+from sqrp_cli.runtime.record import events
 from sqrp_cli.terminal import console, progress_lines
+from sqrp_cli.terminal.run_view import LiveView
 
 OUTPUTS = [
     ("rank", "{tabletop}", "pickup green", "--ways", "fastest"),
@@ -354,6 +356,27 @@ def test_a_step_that_takes_long_has_a_line_now_and_then_where_stderr_is_no_termi
     assert 2 <= len(lines) <= 10
     told = [re.fullmatch(r"Assessing pickup green: 12 of 40 after [01] s, about (\d) s left", line) for line in lines]
     assert all(found is not None and int(found[1]) <= 3 for found in told), lines
+
+
+def test_where_the_last_parts_take_long_no_time_left_is_told(monkeypatch):
+    monkeypatch.setattr(progress_lines, "PERIOD", 0.05)
+    lines: list[str] = []
+    with progress_lines.progress_lines("Surveying", 852, lines.append) as advance:
+        advance(848)
+        time.sleep(0.3)
+    assert lines
+    assert not [line for line in lines if "left" in line], lines
+
+
+def test_a_run_says_how_far_it_is_where_stderr_is_no_terminal(monkeypatch):
+    monkeypatch.setattr(progress_lines, "PERIOD", 0.05)
+    out = io.StringIO()
+    monkeypatch.setattr(console, "diagnostics", lambda: Console(file=out))
+    with LiveView(["cam1"], planned=13.87) as view:
+        for t in (0.4, 1.2, 2.9, 5.1):
+            view(events.Stopping(t=t))
+        time.sleep(0.2)
+    assert out.getvalue().splitlines()[0].startswith("Running, seconds of the motion: 5 of 14 after 0 s")
 
 
 def test_a_step_that_is_quick_has_no_line_where_stderr_is_no_terminal(monkeypatch):

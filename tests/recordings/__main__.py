@@ -20,6 +20,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from sqrp_cli.api.cell import silent
 from sqrp_cli.api.program import OpenProgram, open_program
 from sqrp_cli.cli.main import run
 from sqrp_cli.geometry import inverse
@@ -74,7 +75,7 @@ def _tried(opened: OpenProgram, truths: dict[str, Truth], folder: Path) -> Itera
                 record(path, pictures, truth, drawn)
                 footage = BagFootage(opened.program, opened.workspace, path, {})
                 footage.frames = [frame for frame in footage.frames if frame.camera not in known]
-                cameras = {**known, **survey(opened.program, opened.workspace, footage, lambda: None)}
+                cameras = {**known, **survey(opened.program, opened.workspace, footage, silent)}
                 yield name, _found(truth, cameras)
                 known = {camera: one for camera, one in cameras.items() if camera not in truth.moved}
                 path.unlink()

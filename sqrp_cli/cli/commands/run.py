@@ -177,7 +177,8 @@ def _shown_live(opened: OpenProgram, *, as_json: bool, stopped: str = "") -> Ite
 
     finished = FinishedSteps([step.short_task for step in opened.program.steps])
     try:
-        with LiveView(list(opened.workspace.cameras)) as view:
+        planned = sum(step.time for step in opened.program.steps)
+        with LiveView(list(opened.workspace.cameras), planned=planned) as view:
             yield finished, view
     except KeyboardInterrupt:
         if not as_json:

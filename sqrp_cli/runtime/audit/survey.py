@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -114,31 +115,32 @@ class _Kept:
 
 
 def survey(
-    program: Program, workspace: Workspace, footage: Footage, done: Callable[[], None]
+    program: Program,
+    workspace: Workspace,
+    footage: Footage,
+    progress: Callable[[str, int], AbstractContextManager[Callable[[int], object]]],
 ) -> dict[str, CameraSurvey]:
-    """What the images of each camera say of it, by name; `done` is called after each image and each camera.
+    """What the images of each camera say of it, by name; progress: of images, then of cameras, which take far longer.
 
     Raises InputError where an image cannot be used, or the cell cannot be drawn.
     """
     of_camera = {name: [one for one in footage.frames if one.camera == name] for name in workspace.cameras}
-    kept, changes = _read(workspace, footage, of_camera, done)
+    with progress(f"Reading {footage.path}", len(footage.frames)) as advance:
+        kept, changes = _read(workspace, footage, of_camera, lambda: advance(1))
     body = RobotBody.load(workspace.robot)
     surveyor = _Surveyor(program, workspace, footage, body)
     found = {}
-    try:
-        for name, camera in workspace.cameras.items():
-            if of_camera[name]:
-                found[name] = CameraSurvey(
-                    camera, len(of_camera[name]), surveyor.fit(camera, kept[name], changes[name])
-                )
-            done()
-    finally:
-        surveyor.close()
+    filmed = [camera for name, camera in workspace.cameras.items() if of_camera[name]]
+    with closing(surveyor), progress("Surveying the cameras", len(filmed)) as advance:
+        for camera in filmed:
+            name = camera.name
+            found[name] = CameraSurvey(camera, len(of_camera[name]), surveyor.fit(camera, kept[name], changes[name]))
+            advance(1)
     return found
 
 
 def _read(
-    workspace: Workspace, footage: Footage, of_camera: Mapping[str, Sequence[Frame]], done: Callable[[], None]
+    workspace: Workspace, footage: Footage, of_camera: Mapping[str, Sequence[Frame]], done: Callable[[], object]
 ) -> tuple[dict[str, list[_Kept]], dict[str, ImageChanges]]:
     """What is needed of all images: some whole ones, and by how much each differs from that before it."""
     wanted = set()
