@@ -26,12 +26,6 @@ SIDES = 48
 They enclose cylinders (0.2 % too wide); the faces of spheres and capsules are within 0.2 % of them.
 """
 
-_MARGIN = 0.01
-"""Share by which witnesses are drawn into a shape that prisms replace."""
-
-_WITNESSES = 32
-"""Most witnesses of a solid."""
-
 _CLOSED = 1e-3
 """Tolerance of the winding number of a closed surface around a point."""
 
@@ -60,25 +54,6 @@ class Solid:
     color: str | None = None
     """The colour of the object that it is of, empty if that has none; None if it is of the robot."""
 
-    @cached_property
-    def box(self) -> Array:
-        """Half axes and centre of the box around it as the columns of a matrix, homogeneous, shape (4, 4)."""
-        columns = np.eye(4)
-        columns[:3, :3], columns[:3, 3] = self.half_axes.T, self.center
-        return read_only(columns)
-
-    @cached_property
-    def witnesses(self) -> Array:
-        """Points of it, far apart from each other, shape (n, 3) [m]; where one of them is, it certainly is."""
-        points = self.vertices
-        if not isinstance(self.part.shape, Mesh):  # the prisms that replace round shapes may be wider
-            points = self.center + (1.0 - _MARGIN) * (points - self.center)
-        chosen, distances = [0], np.full(len(points), np.inf)
-        while len(chosen) < min(_WITNESSES, len(points)):
-            distances = np.minimum(distances, np.linalg.norm(points - points[chosen[-1]], axis=1))
-            chosen.append(int(distances.argmax()))
-        return read_only(points[chosen])
-
     @property
     def diagonal(self) -> float:
         """Diagonal of the box around it along the axes of the parent's frame [m]."""
@@ -95,7 +70,7 @@ class Solid:
 
 
 class Solids(tuple[Solid, ...]):
-    """s solids in the order of their indices, with the bounds of all of them as arrays."""
+    """s solids in the order of their indices."""
 
     @cached_property
     def parents(self) -> tuple[str, ...]:
@@ -113,21 +88,6 @@ class Solids(tuple[Solid, ...]):
             for name in {solid.part.parent, solid.part.name}:
                 called.setdefault(name, []).append(index)
         return called
-
-    @cached_property
-    def boxes(self) -> Array:
-        """`Solid.box` of each, shape (s, 4, 4)."""
-        return np.array([solid.box for solid in self]).reshape(-1, 4, 4)
-
-    @cached_property
-    def radii(self) -> Array:
-        """`Solid.radius` of each [m], shape (s,)."""
-        return np.array([solid.radius for solid in self])
-
-    @cached_property
-    def corners(self) -> Array:
-        """`Solid.corners` of each [m], shape (s, 8, 3)."""
-        return np.array([solid.corners for solid in self]).reshape(-1, 8, 3)
 
 
 def load_solid(part: Part, name: str | None = None) -> Solid:

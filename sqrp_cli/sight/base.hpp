@@ -97,6 +97,30 @@ inline V3 lowest(V3 a, V3 b) { return {least(a.x, b.x), least(a.y, b.y), least(a
 inline V3 highest(V3 a, V3 b) { return {most(a.x, b.x), most(a.y, b.y), most(a.z, b.z)}; }
 inline double clamp(double v, double low, double high) { return least(high, most(low, v)); }
 
+// The corners in order of the convex outline of n points in the plane z = 0, with room for 2 n of them
+// (A. M. Andrew 1979); sorts the points. Returns how many corners there are.
+inline int outline(V3* points, int n, V3* found) {
+    sort(points, points + n, [](V3 a, V3 b) { return a.x < b.x || (a.x == b.x && a.y < b.y); });
+    int count = 0;
+    for (int pass = 0; pass < 2; pass++) {
+        int start = count;
+        for (int i = 0; i < n; i++) {
+            V3 p = points[pass ? n - 1 - i : i];
+            while (count - start >= 2 && cross(found[count - 1] - found[count - 2], p - found[count - 2]).z <= 0) count--;
+            found[count++] = p;
+        }
+        count--;
+    }
+    return most(count, 1);
+}
+
+// Twice the area of an outline, in any plane.
+inline V3 double_area(const V3* p, int n) {
+    V3 sum{0, 0, 0};
+    for (int i = 1; i + 1 < n; i++) sum = sum + cross(p[i] - p[0], p[i + 1] - p[0]);
+    return sum;
+}
+
 // Corner i of a box about the origin: x slowest, z fastest.
 inline V3 corner(int i, V3 half) { return {i & 4 ? half.x : -half.x, i & 2 ? half.y : -half.y, i & 1 ? half.z : -half.z}; }
 

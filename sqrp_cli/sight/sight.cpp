@@ -1,5 +1,5 @@
 // The compiled part of the package: what cameras see, and what touches what. See `kernel.py` for what goes in and out.
-#include "surface.hpp"
+#include "view.hpp"
 
 #pragma GCC visibility push(default)  // only these are seen from outside
 extern "C" {
@@ -17,6 +17,173 @@ void* solid_new(const double* vertices, int vertex_count, const int64_t* faces, 
 void solid_free(void* solid) {
     static_cast<Solid*>(solid)->~Solid();
     free(solid);
+}
+
+constexpr uint8_t WITHIN = 1, VISIBLE = 2;
+constexpr int8_t UNKNOWN = -1, UNSEEN = 0, SEEN = 1;
+
+// Whether cameras see all boxes of the targets of questions, as far as it matters: replaces what is unknown in `sights`
+// (cameras, questions). A question: a target, of `count` boxes from `first` on, in a state, that `needed` cameras must
+// see. Cameras are asked in tiers, those with the fastest response first; tier_ends: where each ends in tier_cameras.
+void cover(const Request* request, int questions, const int64_t* state, const int64_t* first, const int64_t* count,
+           const int64_t* needed, int tier_count, const int64_t* tier_ends, const int64_t* tier_cameras, int8_t* sights) {
+    Scene scene(*request);
+    struct Turn { int camera, near; };
+    List<Turn> turns;
+    List<View> views;   // of the boxes of the present target, (cameras, its boxes)
+    List<LitBox> lit;
+    for (int q = 0; q < questions; q++) {
+        int boxes = int(count[q]), first_box = int(first[q]);
+        if (!q || first[q] != first[q - 1] || count[q] != count[q - 1]) {
+            views.resize(most(views.size(), int(request->camera_count) * boxes));
+            lit.resize(most(lit.size(), boxes));
+            for (View& view : views) view.forget();
+        }
+        auto sight = [&](int c) -> int8_t& { return sights[size_t(c) * questions + q]; };
+        auto view = [&](int c, int b) -> View& { return views[c * boxes + b]; };
+        auto is_within = [&](int c) {
+            const Camera& camera = request->cameras[c];
+            for (int b = 0; b < boxes; b++) {
+                view(c, b).look(scene, camera, camera.X_FC, first_box + b, state[q]);
+                if (view(c, b).limit.cause != NONE) return false;
+            }
+            return true;
+        };
+        auto needs = [&](int c, int b) {
+            View& v = view(c, b);
+            return v.needed(scene, scene.light_count ? v.lighting(scene, lit[b]).lost : 0);
+        };
+        if (needed[q] > 1) {  // so many cameras must have it within their limits
+            int possible = 0;
+            for (int c = 0; c < request->camera_count; c++) {
+                if (sight(c) == UNKNOWN && !is_within(c)) sight(c) = UNSEEN;
+                possible += sight(c) != UNSEEN;
+            }
+            if (possible < needed[q]) continue;
+        }
+        int64_t seen = 0;
+        for (int t = 0, from = 0; t < tier_count && seen < needed[q]; from = int(tier_ends[t++])) {
+            turns.clear();
+            for (int i = from; i < tier_ends[t]; i++) seen += sight(int(tier_cameras[i])) == SEEN;
+            for (int i = from; i < tier_ends[t] && seen < needed[q]; i++) {
+                int c = int(tier_cameras[i]), near = 0;
+                if (sight(c) != UNKNOWN) continue;
+                bool may = is_within(c);
+                for (int b = 0; may && b < boxes; b++) near += view(c, b).find_near(scene), may = needs(c, b) + view(c, b).cut <= 1;
+                if (!may) sight(c) = UNSEEN;
+                else if (!near) sight(c) = SEEN, seen++;
+                else turns.add({c, near});
+            }
+            sort(turns.begin(), turns.end(), [](const Turn& a, const Turn& b) { return a.near < b.near; });
+            for (Turn turn : turns) {
+                if (seen >= needed[q]) break;
+                bool sees = true;
+                for (int b = 0; sees && b < boxes; b++) sees = view(turn.camera, b).sees(scene, needs(turn.camera, b));
+                sight(turn.camera) = sees ? SEEN : UNSEEN, seen += sees;
+            }
+        }
+    }
+}
+
+// What every camera makes of n boxes in states, (cameras, n) each; visible may be null, then it is not measured.
+void judge(const Request* request, int n, const int64_t* box, const int64_t* state, int8_t* cause, int64_t* by, double* figure, double* visible) {
+    Scene scene(*request);
+    List<View> views;
+    LitBox lit;
+    views.resize(int(request->camera_count));
+    for (int i = 0; i < n; i++) {
+        if (i && box[i] != box[i - 1])
+            for (View& view : views) view.forget();
+        for (int c = 0; c < request->camera_count; c++) {
+            size_t at = size_t(c) * n + i;
+            View& view = views[c];
+            view.look(scene, request->cameras[c], request->cameras[c].X_FC, int(box[i]), state[i]);
+            cause[at] = int8_t(view.limit.cause), by[at] = view.limit.side, figure[at] = view.limit.figure;
+            if (visible) visible[at] = NAN;
+            if (view.limit.cause != NONE) continue;
+            view.find_near(scene);
+            Judgement found = view.judge(scene, lit, visible);
+            cause[at] = int8_t(found.cause), by[at] = found.by;
+            if (visible) visible[at] = found.visible;
+        }
+    }
+}
+
+// The first limit that each camera misses for n boxes in states, and how it faces them, (cameras, n) each; sizes of boxes
+// behind a camera are NAN.
+void measure(const Request* request, int n, const int64_t* box, const int64_t* state, int8_t* cause, double* distance, double* incidence, double* size) {
+    Scene scene(*request);
+    for (int c = 0; c < request->camera_count; c++) {
+        View view;
+        for (int i = 0; i < n; i++) {
+            size_t at = size_t(c) * n + i;
+            const Camera& camera = request->cameras[c];
+            const Box& b = request->boxes[box[i]];
+            view.forget();
+            view.look(scene, camera, camera.X_FC, int(box[i]), state[i]);
+            Pose X_CB = view.X_CB();
+            V3 corners[8];
+            for (int k = 0; k < 8; k++) corners[k] = X_CB(corner(k, {b.half[0], b.half[1], b.half[2]}));
+            cause[at] = int8_t(view.limit.cause), distance[at] = norm(X_CB.origin());
+            incidence[at] = incidence_of(b, X_CB, distance[at]);
+            size[at] = view.limit.cause == BEHIND ? NAN : Image(camera, corners).size();
+        }
+    }
+}
+
+// How much of boxes within all limits each part hides from cameras: first and alone (n, parts); see `View::share_out`.
+void occluders(const Request* request, int n, const int64_t* box, const int64_t* camera, const int64_t* state, int parts, double* first, double* alone) {
+    Scene scene(*request);
+    View view;
+    for (int i = 0; i < n; i++) {
+        const Camera& c = request->cameras[camera[i]];
+        if (i && (box[i] != box[i - 1] || camera[i] != camera[i - 1])) view.forget();
+        view.look(scene, c, c.X_FC, int(box[i]), state[i]);
+        if (view.find_near(scene)) view.share_out(scene, first + size_t(i) * parts, alone + size_t(i) * parts);
+    }
+}
+
+// Which items lenses see from poses of one camera: (lenses, poses, items), 1 or 0; the lenses are the request's cameras,
+// all of one frame, in which the poses X_FC (poses, 4, 4) are. An item: `count` boxes from `first` on, in a state.
+// asked: (poses, items), 0 where nothing is to be found out, or null. limits_only: whether occlusion and light count not.
+void look_from(const Request* request, int poses, const double* X_FC, int items, const int64_t* state, const int64_t* first,
+               const int64_t* count, const uint8_t* asked, int limits_only, uint8_t* sees) {
+    Scene scene(*request);
+    int lenses = int(request->camera_count);
+    List<View> views;    // (lenses, boxes) of the present pose
+    List<LitBox> lit;
+    views.resize(lenses * int(request->box_count)), lit.resize(int(request->box_count));
+    for (int p = 0; p < poses; p++) {
+        for (View& view : views) view.forget();
+        for (int i = 0; i < items; i++) {
+            int last = int(first[i] + count[i]);
+            auto view = [&](int lens, int b) -> View& { return views[lens * int(request->box_count) + b]; };
+            auto found = [&](int lens) -> uint8_t& { return sees[(size_t(lens) * poses + p) * items + i]; };
+            for (int lens = 0; lens < lenses; lens++) {
+                const Camera& camera = request->cameras[lens];
+                bool good = !asked || asked[size_t(p) * items + i];
+                for (int b = int(first[i]); good && b < last; b++) {
+                    view(lens, b).look(scene, camera, X_FC + 16 * p, b, state[i]);
+                    good = view(lens, b).limit.cause == NONE;
+                }
+                // What hides a box does not depend on the lens; what light and the image's edge leave of it does.
+                found(lens) = good ? WITHIN : 0;
+                if (!good || limits_only) continue;
+                int same = -1;
+                for (int other = 0; same < 0 && other < lens; other++)
+                    same = found(other) & WITHIN && (!request->light_count || request->cameras[other].gain == camera.gain) ? other : -1;
+                for (int b = int(first[i]); b < last; b++) same = request->boxes[b].judges_rest ? -1 : same;
+                if (same >= 0) { found(lens) |= found(same) & VISIBLE; continue; }
+                for (int b = int(first[i]); good && b < last; b++) {
+                    View& v = view(lens, b);
+                    v.find_near(scene);
+                    good = v.sees(scene, v.needed(scene, scene.light_count ? v.lighting(scene, lit[b]).lost : 0));
+                }
+                found(lens) |= good ? VISIBLE : 0;
+            }
+            for (int lens = 0; lens < lenses; lens++) found(lens) = found(lens) == (limits_only ? WITHIN : WITHIN | VISIBLE);
+        }
+    }
 }
 }
 #pragma GCC visibility pop

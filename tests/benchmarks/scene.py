@@ -17,7 +17,7 @@ from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates, fixed_frame
-from sqrp_cli.programming.sensing.sight_lines import shrink
+from sqrp_cli.programming.sensing.sight_scene import shrink
 from sqrp_cli.programming.solids import Solid, load_solids
 from sqrp_cli.programming.targets import SoughtBox, Target
 from sqrp_cli.shapes import Box, Part

@@ -18,8 +18,7 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study
 from sqrp_cli.programming.coverage.blind_spans import first_failing, sample_weights
 from sqrp_cli.programming.sensing.limits import Cause
-from sqrp_cli.programming.sensing.observer import Occluder
-from sqrp_cli.programming.sensing.sight_lines import BoxViews
+from sqrp_cli.programming.sensing.observer import BoxViews, Occluder
 
 _VIEWS = 4000
 """Views to look at together, to bound the memory."""

@@ -13,7 +13,6 @@ import numpy as np
 from sqrp_cli.errors import needed
 from sqrp_cli.geometry import BOX_SIGNS, Array
 from sqrp_cli.knowledge.camera.projection import Projection
-from sqrp_cli.programming.sensing.limits import convex_hull
 from sqrp_cli.report.pages.assembly import visible
 from sqrp_cli.report.pages.paint import Color
 from sqrp_cli.report.pictures.camera_image import Image
@@ -115,7 +114,25 @@ def _silhouette(corners: Array, projection: Projection) -> list[tuple[float, flo
     points = np.concatenate([np.linspace(corners[a], corners[b], 17) for a, b in _EDGES])
     pixels, inside = projection.pixels(points[points[:, 2] > _LEAST_Z])
     pixels = pixels[inside]
-    return convex_hull(pixels) if len(pixels) > 2 and np.abs(pixels).max() < _FARTHEST else []
+    return _convex_hull(pixels) if len(pixels) > 2 and np.abs(pixels).max() < _FARTHEST else []
+
+
+def _convex_hull(points: Array) -> list[tuple[float, float]]:
+    """The corners of the convex hull of points (n, 2) in order, by Andrew's monotone chain."""
+    ordered = sorted(map(tuple, points.tolist()))
+    hull: list[tuple[float, float]] = []
+    for chain in (ordered, ordered[::-1]):
+        start = len(hull)
+        for point in chain:
+            while len(hull) - start >= 2 and _cross(hull[-2], hull[-1], point) <= 0:
+                hull.pop()
+            hull.append(point)
+        hull.pop()
+    return hull
+
+
+def _cross(origin: tuple[float, float], first: tuple[float, float], second: tuple[float, float]) -> float:
+    return (first[0] - origin[0]) * (second[1] - origin[1]) - (first[1] - origin[1]) * (second[0] - origin[0])
 
 
 def _small(picture: Picture) -> Any:  # noqa: ANN401

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import coal
 import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import BOX_SIGNS, Array, pose
 from sqrp_cli.programming.solids import Solid
-from sqrp_cli.shapes import Box, Part
+from sqrp_cli.shapes import Mesh, Part
 
 
 def solid_of(vertices: Array, triangles: NDArray[np.int64]) -> Solid:
-    """A solid of triangles in the world frame, with a box along its axes around it. It has no geometry of its own."""
+    """A mesh of triangles in the world frame, with a box along its axes around it. It has no file."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     center = (low + high) / 2
     return Solid(
-        part=Part("shape", "world", Box((1.0, 1.0, 1.0)), pose()),
+        part=Part("shape", "world", Mesh(Path("shape.stl")), pose()),
         name="shape",
         geometry=coal.Box(1.0, 1.0, 1.0),
         vertices=vertices,

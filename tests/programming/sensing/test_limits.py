@@ -12,12 +12,15 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from sqrp_cli.geometry import Array, pose, transform
+from sqrp_cli.geometry import Array, pose
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.detector import Detector
-from sqrp_cli.knowledge.camera.projection import Projection
-from sqrp_cli.programming.sensing.limits import SIDES, Cause, LimitVerdicts, check_limits, exact_hull_areas
-from tests.programming.sensing.views import make_camera, make_detector, random_rotation
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.programming.sensing.limits import SIDES, Cause
+from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer
+from sqrp_cli.programming.sensing.scene_states import SceneStates
+from sqrp_cli.programming.targets import Target
+from tests.programming.sensing.views import make_box, make_camera, make_detector, random_rotation
 
 CLOSE = 1e-7
 """Cases that lie so close to a limit are not compared."""
@@ -122,27 +125,23 @@ def random_case(seed: int) -> tuple[Camera, Detector, tuple[float, float, float]
     return camera, detector, tuple(rng.uniform(0.001, 0.25, 3).tolist()), X_CB, normal
 
 
-def checked(camera: Camera, detector: Detector, corners_C: Array, normal_C: Array) -> LimitVerdicts:
-    """Verdicts of boxes with corners (n, 8, 3) and normals (n, 3) in the optical frame of one camera."""
-    box = np.zeros(len(corners_C), dtype=np.int64)
-    corners_first = corners_C.transpose(2, 1, 0)[:, :, None]
-    return check_limits(
-        [Projection.of(camera)], [detector], detector=box, corners_C=corners_first, normal_C=normal_C.T[:, None]
-    )
-
-
-def normal_in(X_CB: Array, normal: Array | None) -> Array:
-    return X_CB[:, :3, :3] @ (np.zeros(3) if normal is None else normal)
+def checked(
+    camera: Camera, detector: Detector, size: tuple[float, ...], X_CB: Array, normal: Array | None
+) -> BoxVerdicts:
+    """Verdicts of a box in a scene without solids, at poses (n, 4, 4) in the optical frame of one camera."""
+    box = make_box(size, frame="thing", detector=detector, normal=normal if normal is None else tuple(normal.tolist()))
+    states = SceneStates(len(X_CB), {"world": pose()[None], "thing": X_CB})
+    ((found,),) = Observer((camera,), ()).verdicts([Target(Atom("seen"), 1, (box,))], states)
+    return found
 
 
 def verdict(
     camera: Camera, detector: Detector, size: tuple[float, ...], X_CB: Array, normal: Array | None
 ) -> tuple[Cause, str | None, float]:
-    corners = np.array(list(product((-0.5, 0.5), repeat=3))) * size
-    found = checked(camera, detector, transform(X_CB, corners)[None], normal_in(X_CB[None], normal))
+    found = checked(camera, detector, size, X_CB[None], normal)
     cause = Cause(int(found.cause[0, 0]))
-    side = SIDES[found.side[0, 0]] if cause is Cause.OUT_OF_IMAGE else None
-    assert cause is Cause.OUT_OF_IMAGE or found.side[0, 0] == -1
+    side = SIDES[found.by[0, 0]] if cause is Cause.OUT_OF_IMAGE else None
+    assert cause is Cause.OUT_OF_IMAGE or found.by[0, 0] == -1
     return cause, side, float(found.figure[0, 0])
 
 
@@ -170,11 +169,10 @@ def test_many_states_at_once_give_what_each_gives_alone() -> None:
     camera, detector, size, _, normal = random_case(7)
     rng = np.random.default_rng(7)
     poses = np.stack([pose(random_rotation(rng), rng.uniform((-0.6, -0.5, 0.1), (0.6, 0.5, 2.5))) for _ in range(200)])
-    corners = np.array(list(product((-0.5, 0.5), repeat=3))) * size
-    together = checked(camera, detector, transform(poses, corners), normal_in(poses, normal))
+    together = checked(camera, detector, size, poses, normal)
     alone = [verdict(camera, detector, size, X_CB, normal) for X_CB in poses]
-    assert [Cause(int(code)) for code in together.cause[0]] == [cause for cause, _, _ in alone]
-    assert together.figure[0] == pytest.approx([figure for _, _, figure in alone], abs=1e-9)
+    assert [Cause(int(code)) for code in together.cause[:, 0]] == [cause for cause, _, _ in alone]
+    assert together.figure[:, 0] == pytest.approx([figure for _, _, figure in alone], abs=1e-9)
 
 
 def at(*position: float) -> Array:
@@ -228,11 +226,3 @@ def test_the_image_reaches_half_a_pixel_beyond_the_outer_centres(edge: float) ->
     for shift, cause in ((-1e-9, Cause.NONE), (1e-9, Cause.OUT_OF_IMAGE)):
         detector = make_detector()
         assert verdict(PLAIN, detector, (2 * half,) * 3, at(x + sign * shift, 0, depth), None)[0] is cause
-
-
-@given(points=st.lists(st.tuples(st.floats(-100, 100), st.floats(-100, 100)), min_size=8, max_size=8))
-def test_hull_areas_are_those_of_opencv(points: list[tuple[float, float]]) -> None:
-    hull = cv2.convexHull(np.array(points, dtype=np.float32))
-    expected = cv2.contourArea(hull) if hull is not None and len(hull) > 2 else 0.0
-    u, v = np.array(points).T[:, :, None]
-    assert exact_hull_areas(u, v)[0] == pytest.approx(expected, rel=1e-4, abs=1e-2)

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from sqrp_cli.geometry import look_at, pose
-from sqrp_cli.programming.sensing.observer import Observer, Occluder
+from sqrp_cli.programming.sensing.observer import BoxViews, Observer, Occluder
 from sqrp_cli.programming.sensing.scene_states import SceneStates
-from sqrp_cli.programming.sensing.sight_lines import BoxViews
 from sqrp_cli.programming.solids import load_solid, load_solids
 from sqrp_cli.shapes import Part
 from tests.programming.sensing.test_laws import random_watch

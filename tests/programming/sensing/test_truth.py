@@ -21,9 +21,8 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.sensing.limits import Cause
-from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer, Occluder
+from sqrp_cli.programming.sensing.observer import BoxVerdicts, BoxViews, Observer, Occluder
 from sqrp_cli.programming.sensing.scene_states import SceneStates
-from sqrp_cli.programming.sensing.sight_lines import BoxViews
 from sqrp_cli.programming.solids import load_solids
 from sqrp_cli.programming.targets import SoughtBox, Target
 from sqrp_cli.shapes import Cylinder, Part

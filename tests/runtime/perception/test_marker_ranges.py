@@ -9,16 +9,20 @@ import numpy as np
 import pytest
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.geometry import box_corners, look_at, pose, rpy_to_matrix
+from sqrp_cli.geometry import look_at, pose, rpy_to_matrix
 from sqrp_cli.knowledge.camera.curve import Curve
 from sqrp_cli.knowledge.camera.detector import Detector, DetectorEntry
 from sqrp_cli.knowledge.camera.marker_range import MarkerRange, least_pixels
-from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.markers import DICTIONARIES, Marker, opencv_name
 from sqrp_cli.knowledge.workspace.load import load_workspace
-from sqrp_cli.programming.sensing.limits import Cause, check_limits
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.programming.sensing.limits import Cause
+from sqrp_cli.programming.sensing.observer import Observer
+from sqrp_cli.programming.sensing.scene_states import SceneStates
+from sqrp_cli.programming.targets import Target
 from sqrp_cli.runtime.perception.vision import find_markers
 from tests.detectors.ranges import Case
+from tests.programming.sensing.views import make_box, make_camera
 from tests.runtime.cell.scenes import ROOT, camera, thing
 from tests.runtime.perception.detector_limits import staged
 
@@ -112,15 +116,14 @@ def test_what_is_usually_read_is_what_its_range_says_whatever_margin_is_stated(t
     stated = Detector.of(entry, {"cam": eye}, {"plate": marker})
     far, R = MarkerRange.of(eye, marker, turned).far, rpy_to_matrix((turned, 0.0, 0.0))
     for share, usual in ((0.96, Cause.NONE), (1.04, Cause.TOO_SMALL)):
-        corners = box_corners((marker.side, marker.side, 1e-6)) @ R.T + (0.0, 0.0, share * far)
-        found = check_limits(
-            [Projection.of(eye)] * 2, [stated, stated.usual], detector=np.array([0, 1]),
-            corners_C=np.tile(corners.T[:, :, None, None], (1, 1, 2, 2)),
-            normal_C=np.tile(-R[:, 2, None, None], (1, 2, 2)),
-        )  # fmt: skip
-        assert found.cause[0].tolist() == found.cause[1].tolist()
-        assert found.cause[0, 0] not in (Cause.NONE, Cause.OUT_OF_IMAGE)
-        assert found.cause[0, 1] == usual
+        X_WB, size = pose(R, (0.0, 0.0, share * far)), (marker.side, marker.side, 1e-6)
+        boxes = [make_box(size, X_WB, detector=one, normal=(0.0, 0.0, -1.0)) for one in (stated, stated.usual)]
+        targets = [Target(Atom("seen"), 1, (box,)) for box in boxes]
+        found = Observer((make_camera(focal=(900.0, 900.0), size=(eye.width, eye.height)),), ()).verdicts(
+            targets, SceneStates(1, {"world": pose()[None]})
+        )
+        assert found[0][0].cause[0, 0] not in (Cause.NONE, Cause.OUT_OF_IMAGE)
+        assert found[1][0].cause[0, 0] == usual
 
 
 def test_of_other_detectors_no_more_is_known_than_what_is_stated() -> None:

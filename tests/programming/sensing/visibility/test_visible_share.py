@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 
 from sqrp_cli.geometry import BOX_SIGNS, Array, inverse, look_at, pose, quaternion_to_matrix, transform
-from sqrp_cli.programming.sensing.scene_states import SolidPoses
-from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
-from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
-from sqrp_cli.programming.solids import Solid, Solids
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.programming.sensing.observer import Observer
+from sqrp_cli.programming.sensing.scene_states import SceneStates
+from sqrp_cli.programming.sensing.sight_scene import SKIN
+from sqrp_cli.programming.solids import Solid
+from sqrp_cli.programming.targets import Target
 from sqrp_cli.shapes import BOX_TRIANGLES
 from tests.programming.sensing.solids import solid_of
+from tests.programming.sensing.views import make_box, make_camera, make_detector
 
 RAYS = 20_000
 """Rays of a reference that meet the box, at least: its standard deviation is at most 0.35 points."""
@@ -21,11 +24,11 @@ CLOSE = 0.012
 
 
 def share(solids: list[Solid], X_WC: Array, X_WB: Array, size: Array) -> float:
-    poses = SolidPoses(Solids(solids), {"world": pose()[None]})
-    pairs = Pairs(np.zeros(len(solids), dtype=np.int64), np.arange(len(solids)))
-    one = np.zeros(1, dtype=np.int64)
-    lines = SightLines(one, one, one, X_WC[None], X_WB[None], 0.5 * size[None], np.zeros((1, 3)))
-    return float(visible_shares(lines, poses, pairs).share[0])
+    camera = make_camera(X_WC, focal=(60.0, 60.0))
+    box = make_box(tuple((size + 2 * SKIN).tolist()), X_WB, detector=make_detector(0.001))
+    states = SceneStates(1, {"world": pose()[None]})
+    ((found,),) = Observer((camera,), tuple(solids)).verdicts([Target(Atom("seen"), 1, (box,))], states)
+    return float(found.visible[0, 0])
 
 
 def random_rays(X_WC: Array, X_WB: Array, size: Array) -> tuple[Array, Array]:
@@ -143,27 +146,3 @@ def test_thin_boxes_are_measured_as_exactly_as_others(size: tuple[float, float, 
         sheet = solid_of(across, np.array([[0, 1, 2], [2, 1, 3]]))
         seen = share([sheet], X_WC, X_WB, extents)
         assert seen == pytest.approx(traced([sheet], X_WC, X_WB, extents), abs=CLOSE)
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_shares_that_need_not_be_exact_compare_as_the_exact_ones_do(seed: int) -> None:
-    generator = np.random.default_rng(500 + seed)
-    views = [view(generator) for _ in range(200)]
-    solids, line = [], []
-    for number, (X_WC, X_WB, _) in enumerate(views):
-        for _ in range(generator.integers(1, 4)):
-            X_WO = pose(quaternion_to_matrix(generator.normal(size=4)), between(generator, X_WC, X_WB, 0.1))
-            solids.append(solid_of(transform(X_WO, generator.uniform(0.01, 0.1, 3) * BOX_SIGNS), BOX_TRIANGLES))
-            line.append(number)
-    X_WC, X_WB, size = (np.stack(parts) for parts in zip(*views, strict=True))
-    number = np.arange(len(views))
-    lines = SightLines(number, number, number, X_WC, X_WB, 0.5 * size, np.zeros((len(views), 3)))
-    poses, pairs = SolidPoses(Solids(solids), {"world": pose()[None]}), Pairs(np.array(line), np.arange(len(line)))
-    exact, enough = visible_shares(lines, poses, pairs).share, generator.uniform(0.2, 1.0, len(views))
-    found = visible_shares(lines, poses, pairs, enough=enough).share
-    np.testing.assert_array_equal(found >= enough, exact >= enough)
-    seen, hidden = (found != exact) & (exact >= enough), (found != exact) & (exact < enough)
-    assert (found[seen] == 1.0).all()
-    assert (found[hidden] > exact[hidden]).all()
-    assert seen.any()
-    assert hidden.any()

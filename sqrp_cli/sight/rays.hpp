@@ -1,0 +1,253 @@
+// How much of a box is visible: the share of its silhouette, on a grid of rays in the undistorted image
+// (docs/reference/numbers.md, "Visible"). A ray is blocked if a triangle lies on it before it leaves the box.
+#pragma once
+#include "hull.hpp"
+
+constexpr int ROWS = 64, COLUMNS = 32;
+constexpr double AHEAD = 1e-6;      // depth from which on a point counts as in front of the eye [m]
+constexpr double USUAL_AXIS = 0.5;  // angle of the rows to the image's, so that upright edges cross rows and columns [rad]
+constexpr double LONG = 2;          // ratio of the spreads of a box's corners from which on the rows run across its longer axis
+constexpr double GOLDEN = 0.61803398874989484820;  // (sqrt(5) - 1) / 2
+
+// How far each row is shifted, as a share of a column, so that the rays form no columns.
+struct Shifts {
+    double of[ROWS];
+    constexpr Shifts() : of() {
+        for (int i = 0; i < ROWS; i++) of[i] = i * GOLDEN - int(i * GOLDEN);
+    }
+};
+constexpr Shifts SHIFT;
+
+// The first whole number that is not below a place in the grid.
+inline int up(double v) { int t = int(v); return t + (v > t); }
+inline int first_row(double v) { return up(clamp(v, 0, ROWS)); }
+inline int first_column(double v) { return up(clamp(v, 0, COLUMNS)); }
+
+// How many bits are set (Warren, Hacker's Delight, 2012, 5-1); not every processor has an instruction for it.
+inline int bits(uint32_t x) {
+    x -= x >> 1 & 0x55555555u, x = (x & 0x33333333u) + (x >> 2 & 0x33333333u), x = (x + (x >> 4)) & 0x0f0f0f0fu;
+    return int(x * 0x01010101u >> 24);
+}
+
+// A set of rays: one bit for each column in each row.
+struct Rays {
+    uint32_t row[ROWS] = {};
+    int count() const { return count_without({}); }
+    int count_without(const Rays& o) const { int n = 0; for (int i = 0; i < ROWS; i++) n += bits(row[i] & ~o.row[i]); return n; }
+
+    // Adds the rays inside a convex polygon with these places of its corners in the grid.
+    void add_polygon(const double* c, const double* r, int n) {
+        double low = r[0], high = r[0], left = c[0], right = c[0];
+        for (int i = 1; i < n; i++) low = least(low, r[i]), high = most(high, r[i]), left = least(left, c[i]), right = most(right, c[i]);
+        int from = first_row(low), to = first_row(high);
+        if (from >= to || right <= 0 || left >= COLUMNS) return;
+        uint32_t rising[ROWS], falling[ROWS];  // the rays left of either flank
+        for (int i = 0; i < n; i++) {
+            int j = i + 1 == n ? 0 : i + 1;
+            bool rises = r[j] > r[i];
+            int p = rises ? i : j, q = rises ? j : i, start = first_row(r[p]), end = first_row(r[q]);
+            if (start >= end) continue;
+            double slope = (c[q] - c[p]) / (r[q] - r[p]), at = c[p] - r[p] * slope;
+            for (int k = start; k < end; k++) (rises ? rising : falling)[k] = uint32_t((1ull << first_column(at + k * slope - SHIFT.of[k])) - 1);
+        }
+        for (int k = from; k < to; k++) row[k] |= rising[k] ^ falling[k];
+    }
+
+    // Adds those that meet a flat convex polygon; map: into column and row, both times depth, and depth.
+    void add(const Pose& map, const V3* p, int n) {
+        V3 q[CORNERS];
+        double c[2 * CORNERS], r[2 * CORNERS];
+        bool all = true, any = false;
+        for (int i = 0; i < n; i++) q[i] = map(p[i]), all &= q[i].z > AHEAD, any |= q[i].z > AHEAD;
+        if (!any) return;
+        int m = 0;
+        for (int i = 0; i < n; i++) {
+            V3 a = q[i], b = q[i + 1 == n ? 0 : i + 1];
+            if (a.z > AHEAD) c[m] = a.x / a.z, r[m++] = a.y / a.z;
+            if (!all && (a.z > AHEAD) != (b.z > AHEAD)) {
+                V3 cut = a + ((a.z - AHEAD) / (a.z - b.z)) * (b - a);
+                c[m] = cut.x / AHEAD, r[m++] = cut.y / AHEAD;
+            }
+        }
+        add_polygon(c, r, m);
+    }
+};
+
+// The rays that closed outlines wind around: each edge is a step at the first ray beyond it in the rows that it crosses.
+struct Winding {
+    int16_t step[COLUMNS + 1][ROWS] = {};
+    void add_edge(V3 a, V3 b, int weight) {  // mapped
+        double c0 = a.x / a.z, r0 = a.y / a.z, c1 = b.x / b.z, r1 = b.y / b.z;
+        int from = first_row(r0), to = first_row(r1);
+        if (from == to) return;
+        double slope = (c1 - c0) / (r1 - r0), at = c0 - r0 * slope;
+        if (to < from) swap(from, to), weight = -weight;
+        for (int k = from; k < to; k++) step[first_column(at + k * slope - SHIFT.of[k])][k] += int16_t(weight);
+    }
+    void fill(Rays& rays) const {
+        int16_t sum[ROWS] = {};
+        for (int c = 0; c < COLUMNS; c++)
+            for (int k = 0; k < ROWS; k++) sum[k] += step[c][k], rays.row[k] |= sum[k] != 0 ? 1u << c : 0u;
+    }
+};
+
+// The rays of an eye to a box, through the rectangle around its image in the plane z = 1, turned.
+struct Grid {
+    Pose map;         // from the world into column and row, both times depth, and depth
+    Rays silhouette;  // those that run to the box
+    int total = 0;    // how many these are
+    double low_u, low_v, step_u, step_v, sine, cosine;
+
+    static Grid of(const Hull& H, const Pose& X_WC) {
+        Grid G;
+        double u[8], v[8], middle_u = 0, middle_v = 0, along = 0, across = 0, mixed = 0;
+        for (int i = 0; i < 8; i++) {
+            V3 p = X_WC.back(H.point[i]);
+            u[i] = p.x / p.z, v[i] = p.y / p.z, middle_u += u[i] / 8, middle_v += v[i] / 8;
+        }
+        for (int i = 0; i < 8; i++) {
+            double a = u[i] - middle_u, b = v[i] - middle_v;
+            along += a * a, across += b * b, mixed += a * b;
+        }
+        double spread = hypot(along - across, 2 * mixed);
+        bool is_long = along + across + spread > LONG * LONG * (along + across - spread);
+        double angle = is_long ? 0.5 * atan2(2 * mixed, along - across) : USUAL_AXIS;
+        G.sine = sin(angle), G.cosine = cos(angle);
+        V3 o = X_WC.origin(), x = X_WC.axis(0), y = X_WC.axis(1), z = X_WC.axis(2);
+        V3 right = G.sine * x - G.cosine * y, down = G.cosine * x + G.sine * y;
+        double high_u = -ENDLESS, high_v = -ENDLESS;
+        G.low_u = G.low_v = ENDLESS;
+        for (int i = 0; i < 8; i++) {
+            V3 p = H.point[i] - o;
+            double depth = dot(z, p), a = dot(right, p) / depth, b = dot(down, p) / depth;
+            G.low_u = least(G.low_u, a), high_u = most(high_u, a), G.low_v = least(G.low_v, b), high_v = most(high_v, b);
+        }
+        G.step_u = (high_u - G.low_u) / COLUMNS, G.step_v = (high_v - G.low_v) / ROWS;
+        V3 c = (1 / G.step_u) * (right - G.low_u * z), r = (1 / G.step_v) * (down - G.low_v * z) - 0.5 * z;
+        G.map = {{c.x, c.y, c.z, -dot(c, o), r.x, r.y, r.z, -dot(r, o), z.x, z.y, z.z, -dot(z, o)}};
+        for (auto& face : BOX_FACES) {
+            V3 p[4] = {H.point[face[0]], H.point[face[1]], H.point[face[2]], H.point[face[3]]};
+            G.silhouette.add(G.map, p, 4);
+        }
+        G.total = G.silhouette.count();
+        return G;
+    }
+
+    // Where a ray is in the plane z = 1 of the camera, not turned.
+    V3 direction(int row, int column) const {
+        double u = low_u + step_u * (column + SHIFT.of[row]), v = low_v + step_v * (row + 0.5);
+        return {sine * u + cosine * v, -cosine * u + sine * v, 1};
+    }
+
+    // The share of the box that is seen where these rays are blocked; without area in the image nothing hides it.
+    double seen(const Rays& blocked) const { return total ? double(silhouette.count_without(blocked)) / total : 1.0; }
+
+    // How many rays that are not blocked yet may meet what is in a box, at most.
+    int most_met(const Node& box, const Pose& from_box, const Rays& blocked) const {
+        double left = ENDLESS, right = -ENDLESS, top = ENDLESS, bottom = -ENDLESS;
+        for (int i = 0; i < 8; i++) {
+            V3 p = from_box(box.center + corner(i, box.extent));
+            if (p.z <= AHEAD) return silhouette.count_without(blocked);
+            double c = p.x / p.z, r = p.y / p.z;
+            left = least(left, c), right = most(right, c), top = least(top, r), bottom = most(bottom, r);
+        }
+        // The rays of a row stand up to one column to the right of their numbers.
+        int from = first_column(left - 1), to = first_column(right + 1), last = least(first_row(bottom + 1e-9) + 1, ROWS), count = 0;
+        uint32_t columns = uint32_t((1ull << to) - (1ull << from));
+        for (int k = first_row(top - 1e-9); from < to && k < last; k++) count += bits(silhouette.row[k] & ~blocked.row[k] & columns);
+        return count;
+    }
+};
+
+// Memory that a call uses again and again.
+struct Scratch {
+    List<int8_t> turned;     // of each triangle: 1 and -1 of those whose outline is drawn, turned to the eye or away; else 0
+    List<int32_t> drawn;     // these
+};
+
+// Calls `whole(i, side)` for the triangles that may block rays to a box and lie before its far side, and
+// `cut(i, planes)` for those of which only what is inside these planes does. H, map: in the frame of the surface.
+template <class Whole, class Cut> void for_blocking(const Surface& s, const Hull& H, const Pose& map, Whole whole, Cut cut) {
+    V3 away = H.eye() - s.nodes[0].center, root = s.nodes[0].extent;
+    // A ray that meets the back of a convex surface has met its front, unless it begins inside.
+    bool front_only = s.is_convex && (fabs(away.x) > root.x || fabs(away.y) > root.y || fabs(away.z) > root.z);
+    struct Open { int node; uint32_t planes; } open[DEEPEST];
+    int size = 0;
+    open[size++] = {0, H.all()};
+    while (size) {
+        Open now = open[--size];
+        const Node& n = s.nodes[now.node];
+        if (now.planes && !H.may_meet(n, now.planes)) continue;
+        if (!n.count) {
+            open[size++] = {n.first, now.planes}, open[size++] = {n.first + 1, now.planes};
+            continue;
+        }
+        const double* m = map.m;
+        bool ahead = map(n.center).z - (fabs(m[8]) * n.extent.x + fabs(m[9]) * n.extent.y + fabs(m[10]) * n.extent.z) > AHEAD;
+        for (int i = n.first; i < n.first + n.count; i++) {
+            const Triangle& t = s.triangles[i];
+            int8_t side = dot(s.normals[i], H.eye() - t.a) > 0 ? 1 : -1;
+            if (front_only && side < 0) continue;
+            uint32_t through = 0;
+            if (now.planes & H.far || !ahead) {
+                uint32_t a = H.outside(t.a), b = H.outside(t.b), c = H.outside(t.c);
+                if (a & b & c) continue;
+                through = (a | b | c) & H.far;
+            }
+            if (ahead && !through) whole(i, side);
+            else cut(i, through);
+        }
+    }
+}
+
+// Adds the rays that a surface blocks. Of triangles wholly before the far side only the common outline is drawn: sides of
+// which only one triangle is among them, or which are between front and back. H, map: in the frame of the surface.
+inline void block(Rays& blocked, const Surface& s, const Hull& H, const Pose& map, Scratch& scratch) {
+    auto& turned = scratch.turned;
+    auto& drawn = scratch.drawn;
+    if (turned.size() < s.count()) turned.resize(s.count());  // zeros
+    drawn.clear();
+    for_blocking(
+        s, H, map, [&](int i, int8_t side) { turned[i] = side, drawn.add(i); },
+        [&](int i, uint32_t through) {
+            Polygon rest = H.clip(s.triangles[i], through);
+            if (rest.n) blocked.add(map, rest.p, rest.n);
+        });
+    if (drawn.empty()) return;
+    Winding winding;
+    for (int32_t i : drawn) {
+        const Triangle& t = s.triangles[i];
+        const V3* p[4] = {&t.a, &t.b, &t.c, &t.a};
+        for (int k = 0; k < 3; k++) {
+            int j = s.beside[3 * i + k], weight = turned[i] - (j < 0 ? 0 : turned[j]);
+            if (weight && !(j > i && turned[j])) winding.add_edge(map(*p[k]), map(*p[k + 1]), weight);
+        }
+    }
+    for (int32_t i : drawn) turned[i] = 0;
+    winding.fill(blocked);
+}
+
+// How far along each ray something is, at which it is blocked: its depth, or `ENDLESS`.
+struct Depths {
+    double of[ROWS][COLUMNS];
+    Depths() { for (auto& row : of) for (double& depth : row) depth = ENDLESS; }
+};
+
+// Lowers the depths of the rays that a surface blocks; see `block`.
+inline void block(Depths& depths, const Grid& grid, const Surface& s, const Hull& H, const Pose& map) {
+    auto draw = [&](int i, uint32_t planes) {
+        Polygon rest = H.clip(s.triangles[i], planes);
+        if (!rest.n) return;
+        Rays met;
+        met.add(map, rest.p, rest.n);
+        // In the grid, where points are (column, row, 1) times depth, the triangle's plane is n . p = n . a.
+        V3 a = map(s.triangles[i].a), n = cross(map(s.triangles[i].b) - a, map(s.triangles[i].c) - a);
+        for (int k = 0; k < ROWS; k++)
+            for (uint32_t left = met.row[k] & grid.silhouette.row[k]; left; left &= left - 1) {
+                int c = __builtin_ctz(left);
+                double slope = dot(n, {c + SHIFT.of[k], double(k), 1});
+                if (slope != 0) depths.of[k][c] = least(depths.of[k][c], dot(n, a) / slope);
+            }
+    };
+    for_blocking(s, H, map, [&](int i, int8_t) { draw(i, 0); }, draw);
+}

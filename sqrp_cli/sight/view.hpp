@@ -1,0 +1,313 @@
+// A box as a camera sees it in a state: within which limits, what hides it, what is behind it, and how it is lit.
+#pragma once
+#include "scene.hpp"
+
+constexpr double BACK = 1e-3;          // how far before the far side of a box its background begins, so that what it stands on counts [m]
+constexpr double LEAST_TELLING = 0.5;  // share of a box that must be told from what is behind it, unless its detector needs less
+constexpr int BEHIND_RAYS = 16;        // across the image of a box, to what is behind it
+
+// What a camera makes of a box beyond its limits.
+struct Judgement { int cause, by; double visible; };
+
+// Views are looked at one state after the other: what depends only on what stands still is kept for the next one.
+class View {
+public:
+    Verdict limit;
+    double cut = 0;  // the share of the box that the image's edge takes, where that counts as hidden
+
+    // Turns to a state: by a camera at a pose in its frame. Any verdict on its limits is `limit`.
+    void look(const Scene& scene, const Camera& camera_, const double* X_FC, int box_, int64_t state_) {
+        state = state_;
+        if (known && still) return;
+        known = true, box = box_, camera = &camera_;
+        const Box& b = scene.boxes[box];
+        still = scene.is_still(int(camera->frame)) && scene.is_still(int(b.frame));
+        X_WC = scene.pose(int(camera->frame), state) * Pose::of(X_FC), X_WB = scene.pose(int(b.frame), state) * Pose::of(b.X_FB);
+        limit = check(*camera, b, X_CB());
+        has_hull = has_grid = has_resting = has_rays = has_scenery = behind_moved = false;
+        still_met = behind_by = -1, cut = behind = 0;
+    }
+
+    void forget() { known = false; }
+    bool is_still() const { return still; }
+    Pose X_CB() const { return X_WC.inverse() * X_WB; }
+
+    // Finds the solids that may be in the way, for a box within all limits; how many these are.
+    int find_near(const Scene& scene) {
+        if (!has_hull) {
+            const Box& b = scene.boxes[box];
+            H = Hull::of(X_WB, vector(b.shrunk), vector(b.middle), X_WC.origin());
+            has_hull = true;
+            if (b.judges_rest) cut_by_image();
+        }
+        moving.clear();
+        scene.find_near(scene.moving, H, box, state, moving);
+        if (!has_resting || !still) resting.clear(), scene.find_near(scene.resting, H, box, state, resting);
+        has_resting = true;
+        return resting.size() + moving.size();
+    }
+
+    // The share of the box that must be visible; above 1 if none is enough. Where all that looks alike behind it is seen
+    // too, enough is left to be told from it; `lost` of what is seen cannot be told, by light.
+    double needed(const Scene& scene, double lost = 0) {
+        double visible = scene.boxes[box].visible, told = most(1 - lost, 1e-9);
+        look_behind(scene);
+        return behind > 0 || lost > 0 ? most(visible, (least(visible, LEAST_TELLING) + behind) / told) : visible;
+    }
+
+    // Whether it is seen, of what is within the limits, where this share must be visible; after `find_near`.
+    bool sees(Scene& scene, double needed_share) {
+        if (needed_share + cut > 1) return false;
+        if (resting.empty() && moving.empty()) return true;
+        if (cut > 0) return share_within_image(scene) >= needed_share;
+        return scene.boxes[box].visible >= 1 ? !met(scene) : share(scene, needed_share) >= needed_share;
+    }
+
+    // What hides it, is behind it, or lights it badly, in this order; after `find_near`. shares: whether `visible` counts.
+    Judgement judge(Scene& scene, LitBox& lit, bool shares) {
+        const Box& b = scene.boxes[box];
+        Judgement found{NONE, -1, 1};
+        if (b.visible < 1) {
+            found.visible = share(scene, NAN);
+            if (found.visible < b.visible) {
+                List<Near> all;
+                for (const Near& n : resting) all.add(n);
+                for (const Near& n : moving) all.add(n);
+                found.cause = HIDDEN, found.by = scene.largest(rays(), all, state);
+            }
+        } else if ((found.by = first_met(scene)) >= 0) {
+            found.cause = HIDDEN;
+            if (shares) found.visible = share(scene, NAN);
+        }
+        if (found.cause == HIDDEN) return found;
+        if (found.visible < needed(scene)) return {SAME_COLOUR, behind_by, found.visible};
+        if (!scene.light_count) return found;
+        Lighting light = lighting(scene, lit, true);
+        if (!(found.visible < needed(scene, light.lost))) return found;
+        if (light.bright > light.dark) return {TOO_BRIGHT, light.brightest, found.visible};
+        return {TOO_DARK, light.shading, found.visible};
+    }
+
+    Lighting lighting(Scene& scene, LitBox& lit, bool shadows = false) const {
+        return lit.look(scene, box, state, X_WB, X_WC.origin(), camera->gain, shadows);
+    }
+
+    // How much of the box each part hides: as the first on a ray, and as the only one on it, shares of the silhouette.
+    // (docs/reference/numbers.md, "Who is in the way"; of parts at the same place the first owns the ray.)
+    void share_out(Scene& scene, double* first, double* alone) {
+        List<const Near*> all;
+        for (const Near& n : resting) all.add(&n);
+        for (const Near& n : moving) all.add(&n);
+        auto part = [&](int i) { return scene.solid_part[all[i]->solid]; };
+        sort(all.begin(), all.end(), [&](const Near* a, const Near* b) { return scene.solid_part[a->solid] < scene.solid_part[b->solid]; });
+        const Grid& grid = rays();
+        Depths nearest;
+        int owner[ROWS][COLUMNS] = {}, blocking[ROWS][COLUMNS] = {};
+        for (int i = 0, begin = 0; i < all.size(); begin = i) {
+            Depths own;
+            for (; i < all.size() && part(i) == part(begin); i++)
+                block(own, grid, scene.solids[all[i]->solid]->surface, all[i]->hull, grid.map * scene.pose_of(all[i]->solid, state));
+            for (int k = 0; k < ROWS; k++)
+                for (int c = 0; c < COLUMNS; c++) {
+                    blocking[k][c] += own.of[k][c] < ENDLESS;
+                    if (own.of[k][c] < nearest.of[k][c]) nearest.of[k][c] = own.of[k][c], owner[k][c] = int(part(begin));
+                }
+        }
+        double one = 1.0 / most(grid.total, 1);
+        for (int k = 0; k < ROWS; k++)
+            for (int c = 0; c < COLUMNS; c++)
+                if (blocking[k][c]) first[owner[k][c]] += one, alone[owner[k][c]] += blocking[k][c] == 1 ? one : 0;
+    }
+
+private:
+    bool known = false, still = false, has_hull = false, has_grid = false, has_resting = false, has_rays = false;
+    int still_met = -1, box = 0;
+    int64_t state = 0;
+    const Camera* camera = nullptr;
+    Pose X_WC, X_WB;
+    Hull H;
+    List<Near> resting, moving;
+    Grid grid;
+    Rays still_blocked;
+    bool has_scenery = false, behind_moved = false;
+    double behind = 0;  // the share of the box before something of its colour
+    int behind_by = -1;
+    int64_t behind_state = 0;
+    List<int> behind_resting;
+
+    static V3 vector(const double* v) { return {v[0], v[1], v[2]}; }
+
+    void cut_by_image() {
+        V3 corners[8];
+        for (int i = 0; i < 8; i++) corners[i] = X_WC.back(H.point[i]);
+        Image image(*camera, corners);
+        cut = image.outside() > 0 ? 1 - image.share_within(*camera) : 0;
+    }
+
+    bool meets_box(const Scene& scene, const Near& n) const { return meets(*scene.solids[n.solid], n.hull); }
+
+    // Whether any solid reaches into the hull.
+    bool met(const Scene& scene) {
+        if (still_met < 0) {
+            still_met = 0;
+            for (int i = 0; !still_met && i < resting.size(); i++) still_met = meets_box(scene, resting[i]);
+        }
+        for (int i = 0; i < moving.size(); i++)
+            if (still_met || meets_box(scene, moving[i])) return true;
+        return still_met;
+    }
+
+    // The solid that is named as hiding a box that must be seen whole, -1 if none does: the first on the ray to the
+    // box's centre, else the one with the point in the hull that is nearest to the eye.
+    int first_met(const Scene& scene) const {
+        List<const Near*> hit;
+        for (const Near& n : resting) if (meets_box(scene, n)) hit.add(&n);
+        for (const Near& n : moving) if (meets_box(scene, n)) hit.add(&n);
+        if (hit.size() < 2) return hit.empty() ? -1 : hit[0]->solid;
+        sort(hit.begin(), hit.end(), [](const Near* a, const Near* b) { return a->solid < b->solid; });
+        double best = ENDLESS;
+        int by = -1;
+        for (const Near* n : hit) {
+            V3 eye = n->hull.eye(), center = scene.pose_of(n->solid, state).back(X_WB.origin());
+            double found = first_hit(scene.solids[n->solid]->surface, eye, center - eye, best);
+            if (found < best) best = found, by = n->solid;
+        }
+        if (best <= 1) return by;
+        best = ENDLESS;
+        for (const Near* n : hit) {
+            double found = nearest_inside(scene.solids[n->solid]->surface, n->hull, best);
+            if (found < best) best = found, by = n->solid;
+        }
+        return by >= 0 ? by : hit[0]->solid;
+    }
+
+    const Grid& rays() {
+        if (!has_grid) grid = Grid::of(H, X_WC), has_grid = true;
+        return grid;
+    }
+
+    const Rays& blocked_by_resting(Scene& scene) {
+        if (!has_rays) {
+            still_blocked = {};
+            for (const Near& n : resting) scene.block(still_blocked, rays(), n, state);
+            has_rays = true;
+        }
+        return still_blocked;
+    }
+
+    // The share that is visible. enough: with which it is compared, NAN if it must be exact; else, once that is settled,
+    // any other share on the same side.
+    double share(Scene& scene, double enough) {
+        if (resting.empty() && moving.empty()) return 1;
+        const Grid& g = rays();
+        Rays blocked = blocked_by_resting(scene);
+        double seen = g.seen(blocked);
+        struct Turn { const Near* near; Pose map; int most; };
+        List<Turn> turns;
+        int left = 0;
+        for (const Near& n : moving) {
+            Pose map = g.map * scene.pose_of(n.solid, state);
+            int most_met = g.most_met(scene.solids[n.solid]->root(), map, blocked);
+            if (most_met) turns.add({&n, map, most_met}), left += most_met;
+        }
+        sort(turns.begin(), turns.end(), [](const Turn& a, const Turn& b) { return a.most > b.most; });
+        for (const Turn& turn : turns) {
+            if (seen < enough || seen - double(left) / most(g.total, 1) >= enough) return seen;
+            block(blocked, scene.solids[turn.near->solid]->surface, turn.near->hull, turn.map, scene.scratch);
+            seen = g.seen(blocked), left -= turn.most;
+        }
+        return seen;
+    }
+
+    double share_within_image(Scene& scene) {
+        const Grid& g = rays();
+        Rays blocked = blocked_by_resting(scene);
+        for (const Near& n : moving) scene.block(blocked, g, n, state);
+        int count = 0;
+        for (int k = 0; k < ROWS; k++)
+            for (uint32_t left = g.silhouette.row[k] & ~blocked.row[k]; left; left &= left - 1) count += camera->has(g.direction(k, __builtin_ctz(left)));
+        return double(count) / most(g.total, 1);
+    }
+
+    // Finds the share of the box before something of its colour: rays from the camera through the box go on to the first
+    // object behind it (docs/reference/numbers.md, "Same colour"). The robot does not count, as its colours are not stated.
+    void look_behind(const Scene& scene) {
+        if (!scene.has_alike[box] || (has_scenery && behind_state == state)) return;
+        bool fresh = !has_scenery || !still;
+        V3 eye = X_WC.origin();
+        double nearest = ENDLESS;
+        for (int i = 0; i < 8; i++) nearest = least(nearest, norm(H.point[i] - eye));
+        List<int> near;
+        if (fresh) behind_resting.clear();
+        for (int s : behind_resting) near.add(s);
+        for (int s : scene.scenery) {
+            bool rests = scene.rests(s);
+            if ((rests && !fresh) || scene.is(scene.own, s, box)) continue;
+            // In the cone around the box, and not before it.
+            V3 d = scene.pose_of(s, state)(scene.solids[s]->center) - eye;
+            double radius = scene.solids[s]->radius + TOUCH, along = dot(d, H.axis), aside = sqrt(most(0.0, dot(d, d) - along * along));
+            if (aside * H.cosine - along * H.sine > radius || norm(d) + radius <= nearest) continue;
+            near.add(s);
+            if (rests) behind_resting.add(s);
+        }
+        bool moved = near.size() != behind_resting.size(), same = !fresh && !moved && !behind_moved;
+        has_scenery = true, behind_moved = moved, behind_state = state;
+        if (same) return;
+        behind = 0, behind_by = -1;
+        bool may_be = false;
+        for (int s : near) may_be |= scene.is(scene.alike, s, box);
+        if (may_be) count_behind(scene, near);
+    }
+
+    void count_behind(const Scene& scene, List<int>& near) {
+        sort(near.begin(), near.end(), [](int a, int b) { return a < b; });
+        V3 eye = X_WC.origin(), half = vector(scene.boxes[box].shrunk), from = X_WB.back(eye) - vector(scene.boxes[box].middle);
+        double low_u = ENDLESS, high_u = -ENDLESS, low_v = ENDLESS, high_v = -ENDLESS;
+        for (int i = 0; i < 8; i++) {
+            V3 p = X_WC.back(H.point[i]);
+            low_u = least(low_u, p.x / p.z), high_u = most(high_u, p.x / p.z), low_v = least(low_v, p.y / p.z), high_v = most(high_v, p.y / p.z);
+        }
+        List<Pose> X_WP;
+        List<int> hits;
+        for (int s : near) X_WP.add(scene.pose_of(s, state)), hits.add(0);
+        int inside = 0;
+        for (int i = 0; i < BEHIND_RAYS; i++)
+            for (int j = 0; j < BEHIND_RAYS; j++) {
+                V3 ray = unit(X_WC.turn({low_u + (j + 0.5) / BEHIND_RAYS * (high_u - low_u), low_v + (i + 0.5) / BEHIND_RAYS * (high_v - low_v), 1}));
+                double enter, leave, best = ENDLESS;
+                slab(from, X_WB.turn_back(ray), half, enter, leave);
+                if (!(enter < leave && leave > 0)) continue;
+                inside++;
+                V3 start = eye + (leave - BACK) * ray;
+                int which = -1;
+                for (int k = 0; k < near.size(); k++) {
+                    const Solid& s = *scene.solids[near[k]];
+                    V3 start_P = X_WP[k].back(start), ray_P = X_WP[k].turn_back(ray);
+                    double along = ENDLESS;
+                    if (s.form == Form::box) {
+                        slab(s.X_PG.back(start_P), s.X_PG.turn_back(ray_P), s.half, enter, leave);
+                        if (enter <= leave && leave > 0) along = most(enter, 0.0);
+                    } else along = first_hit(s.surface, start_P, ray_P, best);
+                    if (along < best) best = along, which = k;
+                }
+                if (which >= 0) hits[which]++;
+            }
+        int total = 0, best = 0;
+        for (int k = 0; k < near.size(); k++) {
+            if (!scene.is(scene.alike, near[k], box)) continue;
+            total += hits[k];
+            if (hits[k] > best) best = hits[k], behind_by = near[k];
+        }
+        behind = double(total) / most(inside, 1);
+    }
+
+    // Where a ray enters and leaves a box about the origin.
+    static void slab(V3 start, V3 ray, V3 half, double& enter, double& leave) {
+        enter = -INFINITY, leave = INFINITY;
+        double s[3] = {start.x, start.y, start.z}, r[3] = {ray.x, ray.y, ray.z}, h[3] = {half.x, half.y, half.z};
+        for (int k = 0; k < 3; k++) {  // fmin and fmax pass over NAN, of a ray in a face
+            double a = (-h[k] - s[k]) / r[k], b = (h[k] - s[k]) / r[k];
+            enter = fmax(enter, fmin(a, b)), leave = fmin(leave, fmax(a, b));
+        }
+    }
+};
