@@ -326,7 +326,7 @@ class OpenCell:
         candidates = len(session.task.candidates)
         suggester = Suggester(session.cell, session.assignment.world, planner or find_plan, jobs, candidates)
         found = []
-        with progress(f"Checking {task}", len(session.task.candidates)) as advance:
+        with progress(f"Checking {task}", candidates) as advance:
             for candidate in session.task.candidates:
                 found.append(check_candidate(candidate, suggester))
                 advance(1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -15,6 +16,7 @@ from sqrp_cli.logic.planning_task import PlanStep
 from sqrp_cli.programming.candidate import THEN, Candidate, Task
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment
+from sqrp_cli.programming.coverage.quality import NO_FIGURES
 from sqrp_cli.programming.feasibility import unmet_preconditions
 from sqrp_cli.programming.grounding import formulas_outside
 from sqrp_cli.programming.pipeline import Assignment, assess_all
@@ -84,8 +86,8 @@ class Suggestion:
         return f"{self.explanation}, {then} {failing.task} cannot be done: {'; '.join(failing.reasons)}"
 
 
-MOST_WITH_WAYS = 20
-"""Candidates after a plan of which all ways are tried."""
+MOST_WITH_FIGURES = 20
+"""Of more candidates that need a plan, so many that can be done are compared, and only for the best all ways are tried."""
 
 
 class Suggester:
@@ -96,17 +98,44 @@ class Suggester:
     ) -> None:
         """planner: finds the plans. jobs: most processes that score the candidates of a step.
 
-        candidates: how many will be asked about; of more than `MOST_WITH_WAYS`, each counts in its way with `--ways
-        fastest`.
+        candidates: how many will be asked about; of more than `MOST_WITH_FIGURES`, it is only asked whether they can
+        be done, after steps in their ways with `--ways fastest`.
         """
         self.cell = cell
         self.world = world
         self.jobs = jobs
         self._planner = planner
-        self._wanted = WantedWay(fastest=candidates > MOST_WITH_WAYS)
+        self._wanted = WantedWay(fastest=candidates > MOST_WITH_FIGURES)
         self._domain = merge_domains([skill.domain for skill in cell.workspace.skills.values()])
         self._plans: dict[tuple[str, ...], PlanningResult] = {}
         self._done: dict[tuple[PlanStep, ...], tuple[SuggestedStep, World | None]] = {}
+
+    def in_best_way(self, suggestions: Sequence[Suggestion]) -> Suggestion | None:
+        """Of suggestions that can be done the one whose last step ranks first, each of its steps in its best way."""
+        if self._wanted.fastest:  # the first of each plan first
+            of_plan: Counter[object] = Counter()
+            ordered = []
+            for suggestion in suggestions:
+                plan = tuple(step.action for step in suggestion.steps or ())
+                ordered.append((of_plan[plan], suggestion))
+                of_plan[plan] += 1
+            ordered.sort(key=lambda pair: pair[0])
+            suggestions = [suggestion for _, suggestion in ordered[:MOST_WITH_FIGURES]]
+        figures = [self._figures(step) for suggestion in suggestions if (step := suggestion.last) is not None]
+        if not figures:
+            return None
+        best = suggestions[figures.index(rank(figures, "q_eoi")[0].assessment)]
+        if not self._wanted.fastest or best.last is None or best.last.assessment is None:
+            return best
+        return Suggester(self.cell, self.world, self._planner, self.jobs).suggest(best.last.assessment.candidate)
+
+    def _figures(self, step: SuggestedStep) -> Assessment:
+        """The assessment of the last step of a suggestion."""
+        assert step.assessment is not None  # noqa: S101 - it can be done
+        assert step.world is not None  # noqa: S101
+        if not self._wanted.fastest:
+            return step.assessment
+        return Assignment(cell=self.cell, world=step.world, wanted=self._wanted).assess(step.assessment.candidate)
 
     def suggest(self, candidate: Candidate) -> Suggestion:
         """Plan with the skills of the workspace to the candidate's precondition, and check every step."""
@@ -118,7 +147,7 @@ class Suggester:
             case Plan(steps):
                 done = [self._after(steps[: count + 1]) for count in range(len(steps))]
                 listed = ", then ".join(map(str, steps))
-                last = self._last(candidate, done[-1][1])
+                last = self._after_all(candidate, done[-1][1])
                 return Suggestion("plan", f"first do {listed}", tuple(step for step, _ in done), last)
             case ProvenImpossible(never):
                 parts = " and ".join(f"`{part}`" for part in never) or "all of it together"
@@ -145,16 +174,20 @@ class Suggester:
         task = self._task(step)
         if world is None:
             return SuggestedStep(task.text, str(step), None, None), None
-        assignment = Assignment(cell=self.cell, world=world)
+        assignment = Assignment(cell=self.cell, world=world, wanted=self._wanted)
         best = rank(tuple(assess_all(assignment, task.candidates, self.jobs)), "q_eoi")[0].assessment
         return SuggestedStep.of(best, world), world_left(self.cell, best, world)
 
-    def _last(self, candidate: Candidate, world: World | None) -> SuggestedStep:
+    def _after_all(self, candidate: Candidate, world: World | None) -> SuggestedStep:
         if world is None:
             action = PlanStep(candidate.skill.action.name, tuple(candidate.binding.values()))
             return SuggestedStep(candidate.task, str(action), None, None)
-        assignment = Assignment(cell=self.cell, world=world, wanted=self._wanted)
-        return SuggestedStep.of(assignment.assess(candidate), world)
+        if self._wanted.fastest:
+            motion = some_motion(self.cell, candidate, world)
+            reasons = motion.reasons if isinstance(motion, Infeasible) else ()
+            possible = Assessment(candidate, feasible=not reasons, reasons=reasons, **vars(NO_FIGURES))
+            return SuggestedStep.of(possible, world)
+        return SuggestedStep.of(Assignment(cell=self.cell, world=world).assess(candidate), world)
 
     def _task(self, step: PlanStep) -> Task:
         """The task of a step, with all its candidates."""
@@ -267,9 +300,6 @@ def best_suggestion(found: Sequence[Feasibility], suggester: Suggester) -> tuple
             SuggestedStep.of(best, suggester.world),
         )
     later = [feasibility.suggestion for feasibility in found if feasibility.suggestion.feasible]
-    assessments = [step.assessment for suggestion in later if (step := suggestion.last) and step.assessment]
-    if not assessments:
-        return ()
-    first = rank(assessments, "q_eoi")[0].assessment
-    chosen = next(suggestion for suggestion in later if suggestion.last and suggestion.last.assessment is first)
-    return tuple(step for step in (*(chosen.steps or ()), chosen.last) if step is not None)
+    chosen = suggester.in_best_way(later)
+    steps = () if chosen is None else (*(chosen.steps or ()), chosen.last)
+    return tuple(step for step in steps if step is not None)

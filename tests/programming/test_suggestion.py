@@ -5,7 +5,7 @@ import re
 import pytest
 
 from sqrp_cli.knowledge.workspace.load import load_workspace
-from sqrp_cli.knowledge.workspace.workspace import World
+from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study, study
@@ -77,6 +77,23 @@ def test_a_full_hand_is_emptied_first_and_the_step_is_scored(cell: Cell, holding
     assert step.assessment is not None
     assert step.assessment.q_eoi is None, "drop has no event of interest"
     assert suggestion.explanation == "first do drop(g2)"
+
+
+def test_of_many_candidates_it_is_asked_whether_they_can_be_done_and_the_best_has_figures(tabletop: Workspace) -> None:
+    cell = Cell.load(tabletop)
+    suggester = Suggester(cell, cell.initial_world, candidates=21)
+    some = read_task("place g2 crate", tabletop).candidates[:3]
+    found = [one for one in map(suggester.suggest, some) if one.feasible]
+    assert found
+    assert all(one.last and one.last.assessment and one.last.assessment.q_eoi is None for one in found)
+    best = suggester.in_best_way(found)
+    assert best is not None
+    assert best.last is not None
+    assert best.last.assessment is not None
+    alone = Suggester(cell, cell.initial_world).suggest(best.last.assessment.candidate).last
+    assert alone is not None
+    assert alone.assessment is not None
+    assert best.last.assessment.q_eoi == alone.assessment.q_eoi is not None
 
 
 def test_what_no_skill_can_establish_is_said_to_be_impossible(cell: Cell, holding: World) -> None:

@@ -84,7 +84,8 @@ class CheckedCandidate(Record):
     plan: list[PlannedStep] | None
     """What has to be done first; empty if nothing, null if no plan was found."""
     last: PlannedStep | None
-    """The candidate itself, after that; null if nothing has to be done first, or no plan was found."""
+    """The candidate itself, after that; null if nothing has to be done first, or no plan was found. It has no figures
+    where more than 20 candidates were asked about."""
     planning: str
     """How planning ended."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from math import ceil, sqrt
 from pathlib import Path
@@ -31,7 +31,7 @@ from sqrp_cli.report.sentences import part_shares_in_words
 
 SHEET = "contact-sheet.png"
 
-MOST_PIXELS = 4_000_000
+MOST_PIXELS = 1_000_000
 """Most pixels of a picture; a camera with more gets a smaller picture."""
 
 
@@ -66,10 +66,10 @@ def blind_intervals(study: Study) -> Iterator[BlindInterval]:
         yield BlindInterval(start, end, row, float(t[row]))
 
 
-def write_pictures(cell: Cell, study: Study, folder: Path) -> int:
+def write_pictures(cell: Cell, study: Study, folder: Path, advance: Callable[[], object] = lambda: None) -> int:
     """Write a picture per blind interval and camera, and all of them on one sheet; returns the number of intervals.
 
-    Raises InputError where a file cannot be written or a library is missing.
+    advance: called after each picture. Raises InputError where a file cannot be written or a library is missing.
     """
     sheet, intervals = [], list(blind_intervals(study))
     views = hidden_views(cell, study, np.array([interval.row for interval in intervals], dtype=np.int64))
@@ -84,6 +84,7 @@ def write_pictures(cell: Cell, study: Study, folder: Path) -> int:
             name = f"{number:02d}_{when}_{cell.observer.cameras[camera].name}"
             _write(folder / f"{_file_name(name)}.png", drawing.captioned(made))
             pictures.append(made)
+            advance()
         if pictures:
             sheet.append((f"blind from {interval}; pictures of {interval.t:.1f} s", pictures))
     if sheet:
