@@ -87,7 +87,7 @@ class Suggestion:
 
 
 MOST_WITH_FIGURES = 20
-"""Of more candidates that need a plan, so many that can be done are compared, and only for the best all ways are tried."""
+"""Of more candidates that need a plan, so many that can be done are compared, and the best is tried in all ways."""
 
 
 class Suggester:

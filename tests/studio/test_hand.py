@@ -82,6 +82,53 @@ def test_a_dragged_camera_moves_verdicts_at_once_and_the_ranking_when_it_rests(h
     hand.wait("return sqrp.settled")
 
 
+HEARD = """() => {
+  const hear = sqrp.hear.bind(sqrp), body = document.body.classList;
+  sqrp.told = [];
+  sqrp.hear = (message) => {
+    hear(message);
+    const now = document.querySelector('#now').textContent;
+    sqrp.told.push([sqrp.settled, body.contains('old'), body.contains('old-figures'), body.contains('old-time'), now]);
+  };
+}"""
+
+
+def test_what_is_of_before_is_dimmed_and_what_is_computed_is_said(hand):
+    hand.ranked()
+    hand.js(HEARD)
+    hand.take("camera", "cam5")
+    hand.drag("x", 60, 10, steps=6, leave=True)
+    hand.wait("return sqrp.told.length > 0 && sqrp.sketchShown")
+    held = hand.js("[sqrp.told.at(-1), getComputedStyle(document.querySelector('#ranking')).opacity]")
+    assert held[0][1:4] == [True, False, False]
+    assert "≈" in held[0][4]
+    assert float(held[1]) < 0.6
+    hand.page.mouse.up()
+    hand.wait("return sqrp.state.dirty && sqrp.settled && sqrp.detailShown")
+    told = hand.js("sqrp.told")
+    assert all(settled != old for settled, old, *_ in told)
+    assert any(old_figures and now.startswith(f"Ranking {TASK} …") for _, _, old_figures, _, now in told)
+    assert any(now.endswith("over time …") and old_time for *_, old_time, now in told)
+    assert told[-1] == [True, False, False, False, ""]
+
+
+FIRST = """window.said = []; new MutationObserver(() => {
+  const table = document.querySelector('#ranking');
+  if (table?.tBodies[0]?.rows.length) said.push(table.innerText);
+}).observe(document, { childList: true, subtree: true });"""
+
+
+def test_before_the_first_ranking_the_table_says_that_it_is_under_way(browser, studio):
+    page = browser.new_page()
+    page.add_init_script(FIRST)
+    page.goto(studio.address)
+    page.wait_for_selector("html[data-ready=true]")
+    said = page.evaluate("said")
+    page.close()
+    assert said[0].split() == ["candidate", "Q_eoi", "Q_avg", "time", "[s]", "being", "ranked", "…"]
+    assert not [text for text in said if "undefined" in text]
+
+
 def test_what_is_undone_is_as_it_was_and_what_is_redone_as_it_became(hand, cell):
     file = cell / "workspace.yaml"
     before = file.read_bytes()

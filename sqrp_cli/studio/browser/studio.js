@@ -1,6 +1,6 @@
 // The studio: the page of a ranking, live. The server has the state; this shows it, and says what hands do.
 
-const NOBODY = { name: 'ranking …', mark: '', labels: {}, candidate: null, reasons: [], scene: 0, moves: false, figures: [], retried: [] };
+const NOBODY = { name: 'ranking …', mark: '', labels: { candidate: 'being ranked …' }, candidate: null, reasons: [], scene: 0, moves: false, figures: [], retried: [] };
 
 const TOGETHER = 50; // so long a picture of what a hand moves waits for its verdicts [ms]
 
@@ -36,6 +36,8 @@ class Studio extends Page {
     this.saved = new Map();
     this.answered = this.asked = 0;
     this.waiting = null;
+    this.progress = '';
+    this.sketchShown = this.detailShown = false;
     this.latencies = [];
     this.model = cell.model;
     this.fields = new Fields((move) => this.put(move));
@@ -116,9 +118,29 @@ class Studio extends Page {
     this.held = move;
     document.body.classList.toggle('held', move !== null);
     if (this.scene) this.scene.held = move !== null;
-    if (move) return;
-    this.waiting = null;
-    this.answered = this.asked;
+    if (!move) {
+      this.waiting = null;
+      this.answered = this.asked;
+      this.sketchShown = false;
+    }
+    this.age();
+  }
+
+  // Dim what is not of the cell as it is, and say what is being computed.
+  age() {
+    const old = Boolean(this.held) || this.state?.number !== this.ranked;
+    document.body.classList.toggle('old', old);
+    document.body.classList.toggle('old-figures', old && !this.sketchShown);
+    document.body.classList.toggle('old-time', old ? !this.sketchShown : !this.detailShown);
+    const of = this.entries[this.selected]?.name;
+    const doing = this.held
+      ? 'What is marked ≈ is of where the hand is; the ranking follows when it rests.'
+      : old
+        ? `Ranking ${this.state?.task ?? ''} …${this.progress}`
+        : this.detailShown
+          ? ''
+          : `Looking at ${of} over time …`;
+    byId('now').textContent = doing;
   }
 
   // Nothing is moved after all.
@@ -256,6 +278,7 @@ class Studio extends Page {
     );
     rebuilt('parameters', () => this.parameters(state));
     this.take(...(kinds.find(([kind, name]) => kind === this.taken?.[0] && name === this.taken?.[1]) ?? kinds[0]));
+    this.age();
   }
 
   // The motion parameters of the task's skill: choosing a value changes the words of the task. First stands what the
@@ -283,14 +306,16 @@ class Studio extends Page {
 
   on_ranking({ entries, summary, number }) {
     this.ranked = number;
+    this.progress = '';
+    this.detailShown = false;
     if (this.wrong) this.notice([], 'told');
     byId('summary').replaceChildren(named(summary));
-    byId('ranking').classList.remove('old');
     this.entries = this.overview.entries = entries;
     for (const entry of entries) entry.was = this.saved.get(entry.name);
     this.tabulate();
     const chosen = entries.findIndex(({ name }) => name === this.state.chosen);
     this.select(Math.max(0, chosen));
+    this.age();
   }
 
   on_saved_ranking({ entries }) {
@@ -315,12 +340,13 @@ class Studio extends Page {
   }
 
   on_progress({ done, of }) {
-    byId('ranking').classList.add('old');
-    byId('shown').textContent = `${done} of ${of} ranked`;
+    this.progress = ` ${done} of ${of}`;
+    this.age();
   }
 
   // A row was clicked: every browser follows.
   wish(i) {
+    this.detailShown = false;
     this.tell({ do: 'choose', name: this.entries[i].name });
   }
 
@@ -334,6 +360,7 @@ class Studio extends Page {
     byId('verdict').replaceChildren(entry.moves ? named(verdict) : '');
     byId('reasons').replaceChildren(...entry.reasons.map((reason) => make('li', {}, named(reason))));
     this.figures(entry);
+    this.age();
     return Promise.resolve();
   }
 
@@ -341,6 +368,8 @@ class Studio extends Page {
     const index = this.entries.findIndex((entry) => entry.name === name);
     if (index < 0) return;
     if (index !== this.selected) this.select(index);
+    this.detailShown = true;
+    this.age();
     byId('study').classList.toggle('infeasible', detail === null);
     if (detail === null) return;
     this.show(new Motion(detail));
@@ -402,6 +431,8 @@ class Studio extends Page {
     if (track || !this.scene) this.seek(Math.min(this.time, motion.time));
     else this.recolour();
     this.sketched(seen, was);
+    this.sketchShown = Boolean(this.held);
+    this.age();
   }
 
   // Nothing has moved but a camera, so that no shadow has to be drawn anew.
