@@ -28,10 +28,9 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import rehearsal
 from sqrp_cli.programming.coverage.sampling import Adaptive, first_samples
 from sqrp_cli.programming.feasibility import feasible_motion
-from sqrp_cli.programming.motion.collision.collision_body import distance_within, placement_at
 from sqrp_cli.programming.program_update import world_after
 from sqrp_cli.programming.sensing.observer import Observer
-from sqrp_cli.programming.solids import Solid, load_solid
+from sqrp_cli.programming.solids import Solid, distance, load_solid
 from sqrp_cli.shapes import LEAST_SIZE, Box, Mesh, Part
 
 LARGEST, SMALLEST = 20.0, 1e-3
@@ -332,8 +331,7 @@ class _Placed:
 
     def _touches(self, other: _Placed) -> bool:
         """As `meets`, but every mesh is only a surface."""
-        one, two = (placement_at(placed.X_WO @ placed.solid.part.X_PG) for placed in (self, other))
-        return distance_within(self.solid.geometry, one, other.solid.geometry, two, 0.0) is not None
+        return distance(self.solid, self.X_WO, other.solid, other.X_WO, 0.0) is not None
 
     def _encloses(self, other: _Placed) -> bool:
         """Whether this is a closed mesh that goes around a corner of another part."""

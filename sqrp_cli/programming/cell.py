@@ -13,7 +13,7 @@ from sqrp_cli.knowledge.robot.urdf import UrdfModel
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.collision import CollisionScene, SelfContacts, find_self_contacts
-from sqrp_cli.programming.motion.collision.collision_body import NamePairs
+from sqrp_cli.programming.motion.collision.placed_scene import NamePairs
 from sqrp_cli.programming.motion.fingers import closed_on
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.solids import load_solid

@@ -5,11 +5,13 @@ The only module that turns shapes into coal's classes.
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import Any
+from weakref import WeakValueDictionary
 
 import coal
 import numpy as np
@@ -19,6 +21,7 @@ from sqrp_cli.errors import InputError, Place, bad_input
 from sqrp_cli.geometry import BOX_SIGNS, Array, inverse, read_only, transform
 from sqrp_cli.knowledge.text.units import LARGEST_LENGTH
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere, Triangles
+from sqrp_cli.sight import kernel
 
 SIDES = 48
 """Sides of the prisms that replace round shapes where sight needs triangles.
@@ -28,6 +31,10 @@ They enclose cylinders (0.2 % too wide); the faces of spheres and capsules are w
 
 _CLOSED = 1e-3
 """Tolerance of the winding number of a closed surface around a point."""
+
+
+_made: WeakValueDictionary[object, kernel.Solid] = WeakValueDictionary()
+"""Solids of the kernel still in use."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +60,18 @@ class Solid:
     """Vectors from the box's centre to three of its faces, one a row [m], shape (3, 3)."""
     color: str | None = None
     """The colour of the object that it is of, empty if that has none; None if it is of the robot."""
+
+    @cached_property
+    def compiled(self) -> kernel.Solid:
+        """The solid as the kernel holds it; made once for all that are alike, whoever loaded them."""
+        form, half = _form(self.part.shape)
+        surface = hashlib.blake2b(self.vertices.tobytes() + self.triangles.tobytes()).digest()
+        key = form, half, self.part.X_PG.tobytes(), surface
+        if (made := _made.get(key)) is None:
+            ball = kernel.Ball(self.center.tolist(), self.radius)
+            made = kernel.Solid(self.vertices, self.triangles, form, X_PG=self.part.X_PG, half=half, ball=ball)
+            _made[key] = made
+        return made
 
     @property
     def diagonal(self) -> float:
@@ -124,6 +143,29 @@ def load_solid(part: Part, name: str | None = None) -> Solid:
 def load_solids(parts: Sequence[Part]) -> tuple[Solid, ...]:
     """The solids of several parts, in order."""
     return tuple(load_solid(part) for part in parts)
+
+
+def distance(first: Solid, X_WA: Array, second: Solid, X_WB: Array, within: float, enough: float = 0.0) -> float | None:
+    """Distance [m] of two solids if it is at most `within`, otherwise None; 0 where they meet.
+
+    X_WA, X_WB: poses of their parents, shape (4, 4). enough: a distance of at most this may be that of other points
+    than the nearest ones, which saves time. A mesh is its surface: nothing touches it inside.
+    """
+    return first.compiled.distance(second.compiled, inverse(X_WA) @ X_WB, within, enough)
+
+
+def _form(shape: Shape) -> tuple[kernel.Form, tuple[float, float, float]]:
+    match shape:
+        case Box((x, y, z)):
+            return kernel.Form.BOX, (x / 2, y / 2, z / 2)
+        case Sphere(radius):
+            return kernel.Form.SPHERE, (radius, 0.0, 0.0)
+        case Cylinder(radius, length):
+            return kernel.Form.CYLINDER, (radius, 0.0, length / 2)
+        case Capsule(radius, length):
+            return kernel.Form.CAPSULE, (radius, 0.0, length / 2)
+        case Mesh():
+            return kernel.Form.MESH, (0.0, 0.0, 0.0)
 
 
 @cache

@@ -7,7 +7,7 @@ and colours are numbers here: who asks knows their names. What goes in is checke
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from ctypes import c_int64, c_void_p
 from dataclasses import dataclass
 from enum import IntEnum
@@ -95,6 +95,21 @@ class Solid:
         )
         finalize(self, made.solid_free, c_void_p(self.address))
 
+    def distance(self, other: Solid, X_AB: Array, within: float, enough: float) -> float | None:
+        """The distance to another solid [m] if it is at most `within`, otherwise None; 0 where they meet.
+
+        X_AB: pose of the other one's parent in that of this one, (4, 4). enough: one of at most this may be too large.
+        Raises ValueError for a pose that is not finite.
+        """
+        X_AB = np.ascontiguousarray(X_AB, dtype=float)
+        if X_AB.shape != (4, 4) or not np.isfinite(X_AB).all():
+            raise ValueError(f"a pose must be finite and of shape (4, 4), found {X_AB}")
+        measure = library.load().solid_distance
+        measure.restype = ctypes.c_double
+        figures = map(ctypes.c_double, (within, enough))
+        found: float = measure(c_void_p(self.address), c_void_p(other.address), _at(X_AB), *figures)
+        return found if found <= within + 1e-9 else None
+
 
 class Ball(NamedTuple):
     """A ball around a solid, in the frame of its parent."""
@@ -164,6 +179,102 @@ class Aspects(NamedTuple):
     """Angle between the box's normal and the direction to the camera; 0 without a normal [rad]."""
     size: Array
     """Square root of the area of the outline of its corners; NAN behind a camera [pixels]."""
+
+
+class _Collisions(ctypes.Structure):
+    """`Collisions` in `collision.hpp`."""
+
+    _fields_ = (
+        ("joints", c_int64), ("driven", c_int64), ("arm", c_int64), ("spine_joints", c_int64), ("bodies", c_int64),
+        ("pairs", c_int64), ("parents", c_void_p), ("turns", c_void_p), ("axes", c_void_p), ("terms", c_void_p),
+        ("ratios", c_void_p), ("offsets", c_void_p), ("radii", c_void_p), ("spine", c_void_p), ("solids", c_void_p),
+        ("frame", c_void_p), ("depth", c_void_p), ("rods_from", c_void_p), ("rods", c_void_p), ("X_FP", c_void_p),
+        ("inner", c_void_p), ("outer", c_void_p), ("clearance", c_void_p),
+    )  # fmt: skip
+
+
+class Collisions:
+    """Solids on and around an arm, and pairs of them that must not touch."""
+
+    def __init__(self, solids: Sequence[Solid], whole: Mapping[str, Any], real: Mapping[str, Any]) -> None:
+        """whole, real: arrays of these numbers by name.
+
+        Of N joints, parents first: `parents` (N,), -1 for the world; `turns` (N,), else they slide; `axes` (N, 3);
+        `terms` (N, 3, 4, 4) as of `JointTree`; `ratios` (N, d) and `offsets` (N,) as of `Couplings`. Of the n joints of
+        the arm, the first ones of the d driven: `radii` (n,), a size of each one's motions. Of the solids: `frame`, the
+        joint that carries each, -1 for the world; `depth`, how many of the joints of the `spine` (s,) move it; `rods`
+        from `rods_from[k]` to `rods_from[k + 1]`, the joints beside the spine that move it, too; `X_FP`, the poses of
+        their parents. Of pairs: `inner`, `outer` and `clearance` [m]. Raises ValueError for what is not finite, and for
+        indices of nothing.
+        """
+        arrays: dict[str, NDArray[Any]] = {name: _whole(np.asarray(values)) for name, values in whole.items()}
+        arrays |= {name: np.ascontiguousarray(values, dtype=float) for name, values in real.items()}
+        arrays["solids"] = np.array([solid.address for solid in solids], dtype=np.uint64)
+        joints, bodies = len(arrays["parents"]), len(solids)
+        if not all(np.isfinite(array).all() for array in arrays.values()):
+            raise ValueError("a figure of an arm, or of what is around it, is not finite")
+        ends = {"parents": joints, "spine": joints, "rods": joints, "frame": joints, "inner": bodies, "outer": bodies}
+        for name, end in ends.items():
+            if len(arrays[name]) and not -1 <= arrays[name].min() <= arrays[name].max() < end:
+                raise ValueError(f"`{name}` names one that is none of {end}")
+        self.pairs, self.arm = len(arrays["inner"]), len(arrays["radii"])
+        self.driven = arrays["ratios"].shape[1]
+        self._kept = [solids, arrays]
+        self._scene = _Collisions(
+            joints=joints, driven=self.driven, arm=self.arm, spine_joints=len(arrays["spine"]), bodies=bodies,
+            pairs=self.pairs, **{name: array.ctypes.data for name, array in arrays.items()},
+        )  # fmt: skip
+
+    def touching(self, q: Array, *, every: bool) -> Mask:
+        """Which pairs are closer than their clearance at m positions of the driven joints (m, d), shape (m, pairs).
+
+        every: whether all are found, or only the last one at each position.
+        """
+        q, found = self._positions(q), np.zeros((len(q), self.pairs), dtype=np.uint8)
+        library.load().collisions_touching(
+            ctypes.byref(self._scene), _at(q), c_int64(len(q)), c_int64(every), _at(found)
+        )
+        return found.view(bool)
+
+    def motion_bounds(self, q: Array, variation: Array) -> Array:
+        """How far each pair can move against each other around q (d,), where the arm's joints differ by (n,) [m]."""
+        (q,), bounds = self._positions(q[None]), np.zeros(self.pairs)
+        change = np.ascontiguousarray(variation, dtype=float)
+        library.load().collisions_bounds(ctypes.byref(self._scene), _at(q), _at(change), _at(bounds))
+        return bounds
+
+    def first_contact(
+        self, breaks: Array, coefficients: Array, slopes: Array, fingers: Array, resolution: float
+    ) -> tuple[int, float] | None:
+        """The first pair that comes too close along a path of the arm, and where; None proves that none does.
+
+        breaks (p + 1,), coefficients (p, k, n), slopes (p, n): of its pieces, as of `JointPath` and its
+        `derivative_bounds`. fingers: positions of the other driven joints. resolution: see `PlacedScene.check_path`.
+        """
+        fingers = np.ascontiguousarray(fingers, dtype=float)
+        arrays = [np.ascontiguousarray(array, dtype=float) for array in (breaks, coefficients, slopes)]
+        pieces, terms, joints = coefficients.shape
+        shapes = [array.shape for array in arrays]
+        if (
+            shapes != [(pieces + 1,), (pieces, terms, self.arm), (pieces, self.arm)]
+            or len(fingers) + joints != self.driven
+        ):
+            raise ValueError(f"a path has the shapes {shapes}, expected one of {self.arm} joints")
+        if not all(np.isfinite(array).all() for array in (*arrays, fingers)):
+            raise ValueError("a path is not finite")
+        at, search = ctypes.c_double(), library.load().collisions_first
+        search.restype = c_int64
+        found: int = search(
+            ctypes.byref(self._scene), c_int64(pieces), c_int64(terms - 1), *map(_at, (*arrays, fingers)),
+            ctypes.c_double(resolution), ctypes.byref(at),
+        )  # fmt: skip
+        return None if found < 0 else (found, at.value)
+
+    def _positions(self, q: Array) -> Array:
+        q = np.ascontiguousarray(q, dtype=float)
+        if q.shape != (len(q), self.driven) or not np.isfinite(q).all():
+            raise ValueError(f"positions must be finite and of {self.driven} joints, found the shape {q.shape}")
+        return q
 
 
 class Request:

@@ -1,4 +1,5 @@
 // The compiled part of the package: what cameras see, and what touches what. See `kernel.py` for what goes in and out.
+#include "collision.hpp"
 #include "view.hpp"
 
 #pragma GCC visibility push(default)  // only these are seen from outside
@@ -184,6 +185,54 @@ void look_from(const Request* request, int poses, const double* X_FC, int items,
             for (int lens = 0; lens < lenses; lens++) found(lens) = found(lens) == (limits_only ? WITHIN : WITHIN | VISIBLE);
         }
     }
+}
+
+// The distance of two solids, see `distance`; X_AB: of the second one's parent in that of the first one.
+double solid_distance(const void* first, const void* second, const double* X_AB, double limit, double enough) {
+    return distance(*static_cast<const Solid*>(first), *static_cast<const Solid*>(second), Pose::of(X_AB), limit, enough, true);
+}
+
+// Which pairs are closer than their clearance at each of m positions of all driven joints: found, (m, pairs). Only the last
+// one of each if not `all`.
+void collisions_touching(const Collisions* scene, const double* q, int64_t m, int64_t all, uint8_t* found) {
+    Places places(*scene);
+    for (int64_t i = 0; i < m; i++) {
+        places.move(q + i * scene->driven, nullptr);
+        for (int64_t p = scene->pairs; p--;) {
+            found[i * scene->pairs + p] = places.apart(p, 0, ENDLESS) != ENDLESS;
+            if (found[i * scene->pairs + p] && !all) break;
+        }
+    }
+}
+
+// Bounds of the motion of each pair around a position of the driven joints, of which those of the arm may differ by a change.
+void collisions_bounds(const Collisions* scene, const double* q, const double* change, double* bounds) {
+    Places places(*scene);
+    places.move(q, change);
+    for (int64_t p = 0; p < scene->pairs; p++) bounds[p] = places.bound(p);
+}
+
+// The first pair that comes too close along a path of `pieces`, -1 if none does, and where: `s`. fingers: positions of the
+// driven joints that rest.
+int64_t collisions_first(const Collisions* scene, int64_t pieces, int64_t degree, const double* breaks, const double* coefficients,
+                            const double* slopes, const double* fingers, double resolution, double* s) {
+    PathCheck check{*scene, degree, coefficients, slopes, breaks, resolution};
+    check.q.resize(int(scene->driven)), check.change.resize(int(scene->arm));
+    for (int64_t j = scene->arm; j < scene->driven; j++) check.q[int(j)] = fingers[j - scene->arm];
+    List<int64_t> pairs;
+    for (int64_t p = 0; p < scene->pairs; p++) pairs.add(p);
+    for (int64_t piece = 0; piece < pieces; piece++) {
+        double motion = 0, start = breaks[piece], width = breaks[piece + 1] - start;
+        for (int64_t j = 0; j < scene->arm; j++) motion += slopes[piece * scene->arm + j] * scene->radii[j] * width;
+        int64_t count = int64_t(most(1.0, ceil(motion / (2 * FIRST_STRETCH))));
+        double half = width / double(2 * count);
+        for (int64_t k = 0; k < count; k++) {
+            double middle = start + half * double(2 * k + 1);
+            if (middle - half < check.first) check.look(piece, middle, half, pairs);
+        }
+    }
+    *s = check.first;
+    return check.pair;
 }
 }
 #pragma GCC visibility pop

@@ -22,7 +22,7 @@ from sqrp_cli.programming.arm import inverse_kinematics
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.sampling import FixedCount
 from sqrp_cli.programming.feasibility import feasible_motion
-from sqrp_cli.programming.motion.collision.collision_body import CLEARANCE, pair
+from sqrp_cli.programming.motion.collision.placed_scene import CLEARANCE, pair
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.timing import phase_samples
 from sqrp_cli.programming.pipeline import Assignment

@@ -98,10 +98,11 @@ def test_nothing_of_the_robot_reaches_beyond_the_tool_frame_along_its_axis(cell:
     X_TW = np.linalg.inv(cell.model.tool_pose(cell.model.home))
     X_WL = cell.model.link_poses(cell.model.home[None])
     depth = cell.collision.bound.depth
-    for body in cell.collision.bodies:
-        if depth[body.name] >= depth[cell.model.tool_frame]:
-            center = X_TW @ X_WL[body.name][0] @ np.append(body.X_PB[:3, 3], 1.0)
-            assert center[2] < 0.0, body.name
+    for solid in cell.collision.solids:
+        link = solid.part.parent
+        if depth[link] >= depth[cell.model.tool_frame]:
+            center = X_TW @ X_WL[link][0] @ np.append(solid.center, 1.0)
+            assert center[2] < 0.0, link
 
 
 def test_every_motion_keeps_limits_and_distance(cell: Cell, motions: dict[str, Motion]) -> None:

@@ -16,9 +16,8 @@ from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.motion.collision.collision_body import distance_within, placement_at
 from sqrp_cli.programming.sensing.scene_states import SceneStates
-from sqrp_cli.programming.solids import Solid, load_solid
+from sqrp_cli.programming.solids import Solid, distance, load_solid
 from sqrp_cli.shapes import Part, Sphere
 
 _PARALLEL = 1e-9
@@ -113,13 +112,11 @@ def touched(solid: Solid, X_FP: Array, places: Array, radius: float) -> Mask:
     center = X_FP[:, :3, :3] @ solid.center + X_FP[:, :3, 3]
     gap = np.abs(np.einsum("pmi,mij->pmj", places[:, None] - center, axes / half)) - half
     found = np.zeros(len(places), dtype=bool)
-    ball = _ball(radius).geometry
+    ball = _ball(radius)
     for place, state in np.argwhere((gap <= radius).all(axis=2)).tolist():
         if not found[place]:
-            X_FG = placement_at(X_FP[state] @ solid.part.X_PG)
-            at = placement_at(pose(position=places[place]))
             inside = solid.contains((places[place] - X_FP[state, :3, 3]) @ X_FP[state, :3, :3])
-            found[place] = inside or distance_within(ball, at, solid.geometry, X_FG, 0.0) is not None
+            found[place] = inside or distance(ball, pose(position=places[place]), solid, X_FP[state], 0.0) is not None
     return found
 
 

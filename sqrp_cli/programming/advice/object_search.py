@@ -19,7 +19,6 @@ from sqrp_cli.programming.advice.question import Found, Met, Near, Question, fin
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study, with_delays
 from sqrp_cli.programming.coverage.in_the_way import hidden_views, to_move
-from sqrp_cli.programming.motion.collision.collision_body import CLEARANCE, distance_within, placement_at
 from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.whole_study import WholeStudy, qualities_of, whole_study, whole_watched
@@ -159,17 +158,9 @@ class ObjectSearch:
         if support is not None and not _stands(objects[self.name], change.X_WO, objects[support], self.question.world):
             return False
         return not any(
-            self._touches(change.X_WO, other) for other in self.question.world.X_WO if other not in (self.name, support)
-        )
-
-    def _touches(self, X_WO: Array, other: str) -> bool:
-        bodies = self.question.cell.collision.object_bodies
-        X_WB = self.question.world.X_WO[other]
-        return any(
-            distance_within(a.geometry, placement_at(X_WO @ a.X_PG), b.geometry, placement_at(X_WB @ b.X_PG), CLEARANCE)
-            is not None
-            for a in bodies[self.name]
-            for b in bodies[other]
+            self.question.cell.collision.touch(self.name, change.X_WO, other, self.question.world)
+            for other in self.question.world.X_WO
+            if other not in (self.name, support)
         )
 
 

@@ -140,7 +140,8 @@ class RobotModel:
     tree: JointTree
     """Every joint and link of robot and tool."""
     _pinocchio: PinocchioModel
-    _couplings: Couplings
+    couplings: Couplings
+    """Positions of all joints from those of the driven ones, which are those of arm and fingers."""
     _chain: tuple[int, ...]
     """Indices of the joints that carry the tool frame, from the world outwards."""
     _chain_tree: JointTree
@@ -175,7 +176,7 @@ class RobotModel:
             angle_tolerance=robot.angle_tolerance,
             tree=tree,
             _pinocchio=pinocchio,
-            _couplings=Couplings.of(tree.joints, [*arm, *map(tree.index, fingers.joints)], robot.rest),
+            couplings=Couplings.of(tree.joints, [*arm, *map(tree.index, fingers.joints)], robot.rest),
             _chain=tuple(chain),
             _chain_tree=tree.along(chain),
             _chain_couplings=Couplings.of(tree.joints, arm, robot.rest).along(chain),
@@ -205,7 +206,7 @@ class RobotModel:
     @cached_property
     def still_links(self) -> frozenset[str]:
         """The links that no driven joint moves."""
-        moves = (self._couplings.ratios != 0.0).any(axis=1)
+        moves = (self.couplings.ratios != 0.0).any(axis=1)
         return frozenset(link for link in self.links if not moves[self.tree.chain(link)].any())
 
     @cached_property
@@ -239,7 +240,7 @@ class RobotModel:
 
         With those of the arm alone, shape (m, n), the fingers are open.
         """
-        X_WJ = self.tree.poses(self._couplings.positions(self.with_fingers(q)))
+        X_WJ = self.tree.poses(self.couplings.positions(self.with_fingers(q)))
         links, joints, X_JL = self._offset_links
         offset = dict(zip(links, (X_WJ[:, joints] @ X_JL).swapaxes(0, 1), strict=True))
 
@@ -255,18 +256,18 @@ class RobotModel:
 
         Shape (m, N + 1, 4, 4), at m positions of the driven joints, shape (m, n + f).
         """
-        X_WJ = self.tree.poses(self._couplings.positions(q))
+        X_WJ = self.tree.poses(self.couplings.positions(q))
         X_WF = np.empty((len(q), X_WJ.shape[1] + 1, 4, 4))
         X_WF[:, :-1], X_WF[:, -1] = X_WJ, np.eye(4)
         return X_WF
 
     def tool_pose(self, q: Array) -> Array:
         """World pose X_WT of the tool frame, shape (4, 4), at arm positions of shape (n,)."""
-        return self._pinocchio.link_pose(self.tool_frame, self._couplings.positions(self.with_fingers(q)))
+        return self._pinocchio.link_pose(self.tool_frame, self.couplings.positions(self.with_fingers(q)))
 
     def jacobian(self, q: Array) -> Array:
         """Velocity of the tool frame's origin over its angular velocity, in world axes, per joint velocity; (6, n)."""
-        positions = self._couplings.positions(self.with_fingers(q))
+        positions = self.couplings.positions(self.with_fingers(q))
         jacobian = self._pinocchio.jacobian(self.tool_frame, self._chain, positions)
         return jacobian @ self._chain_couplings.ratios
 
@@ -289,7 +290,7 @@ class RobotModel:
     @property
     def arm_ratios(self) -> Array:
         """How far each of the N joints of `tree` moves with each of the arm's, shape (N, n); linkages have others."""
-        return self._couplings.ratios[:, : len(self.arm)]
+        return self.couplings.ratios[:, : len(self.arm)]
 
     @property
     def joints_move_alone(self) -> bool:
@@ -329,7 +330,7 @@ class RobotModel:
 
     def joint_values(self, q: Array) -> dict[str, float]:
         """Position [rad or m] of every movable joint of robot and tool, at positions as `link_poses` takes them."""
-        positions = self._couplings.positions(self.with_fingers(q)).tolist()
+        positions = self.couplings.positions(self.with_fingers(q)).tolist()
         return {joint.name: value for joint, value in zip(self.tree.joints, positions, strict=True)}
 
 

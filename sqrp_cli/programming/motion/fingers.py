@@ -7,9 +7,9 @@ import numpy as np
 from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.programming.arm.kinematics import FingerModel, RobotModel
 from sqrp_cli.programming.motion.collision.collision import CollisionScene
-from sqrp_cli.programming.motion.collision.collision_body import distance_within, placement_at
 from sqrp_cli.programming.motion.collision.motion_bound import finger_steps
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
+from sqrp_cli.programming.solids import distance
 from sqrp_cli.trajectory import Trajectory
 
 CLOSING_STEP = 0.25e-3
@@ -64,17 +64,10 @@ def _touching(scene: CollisionScene, name: str, X_TO: Array, fingers: Array) -> 
     poses = model.link_poses(model.with_fingers(model.home, fingers)[None])
     X_TW = inverse(poses[model.tool_frame][0])
     return any(
-        distance_within(
-            body.geometry,
-            placement_at(X_TW @ poses[body.name][0] @ body.X_PG),
-            other.geometry,
-            placement_at(X_TO @ other.X_PG),
-            0.0,
-        )
-        is not None
-        for body in scene.bodies
-        if body.name in model.fingers.links
-        for other in scene.object_bodies[name]
+        distance(solid, X_TW @ poses[solid.part.parent][0], other, X_TO, 0.0) is not None
+        for solid in scene.solids
+        if solid.part.parent in model.fingers.links
+        for other in scene.object_solids[name]
     )
 
 

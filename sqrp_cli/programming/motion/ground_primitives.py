@@ -31,10 +31,11 @@ from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.arm.branches import BranchChoice
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.collision import CollisionScene
-from sqrp_cli.programming.motion.collision.collision_body import NamePairs, distance_within, pair, placement_at
+from sqrp_cli.programming.motion.collision.placed_scene import NamePairs, pair
 from sqrp_cli.programming.motion.fingers import closed_on, move_fingers, opened_to
 from sqrp_cli.programming.motion.tool_curve import ToolCurve, ToolLine, arc_through, helix_about
 from sqrp_cli.programming.motion.waypoints import WaypointGrounder, setting_number, setting_value
+from sqrp_cli.programming.solids import distance
 from sqrp_cli.trajectory import Trajectory
 
 
@@ -354,19 +355,19 @@ def _contact_share(scene: CollisionScene, world: World, line: ToolLine, other: s
     model = scene.model
     X_WF = model.link_poses(model.with_fingers(model.home, model.finger_positions(world.joints))[None])
     X_TW = inverse(X_WF[model.tool_frame][0])
-    moving = [(b, X_TW @ X_WF[b.name][0] @ b.X_PG) for b in scene.bodies if b.name in model.hand_links]
+    names = [(solid, solid.part.parent) for solid in scene.solids]
+    moving = [(solid, X_TW @ X_WF[name][0]) for solid, name in names if name in model.hand_links]
     if world.held is not None and world.X_TO is not None:
-        moving += [(body, world.X_TO @ body.X_PG) for body in scene.object_bodies[world.held]]
-    resting = [(body.geometry, placement_at(world.X_WO[other] @ body.X_PG)) for body in scene.object_bodies[other]]
+        moving += [(solid, world.X_TO) for solid in scene.object_solids[world.held]]
     motion = line.length + ARM_OF_TURN * line.turning
     s = 0.0
     while s <= 1.0:
         X_WT, left = line.poses(np.array([s]))[0], (1.0 - s) * motion + TOUCH
         near = [
-            distance
-            for body, X_TG in moving
-            for geometry, X_WG in resting
-            if (distance := distance_within(body.geometry, placement_at(X_WT @ X_TG), geometry, X_WG, left)) is not None
+            apart
+            for solid, X_TP in moving
+            for resting in scene.object_solids[other]
+            if (apart := distance(solid, X_WT @ X_TP, resting, world.X_WO[other], left, TOUCH)) is not None
         ]
         if not near:
             return None

@@ -228,7 +228,6 @@ class _Planner:
             return Branches(tried, (), self._infeasible().reasons)
         moves, branches = self._moves(ways), self._branches(ways)
         stations = [_within(ways, self._masks(ways, branch)) for branch in branches]
-        moves.look_ahead(filter(None, (fastest_sequence(of_branch, moves.durations) for of_branch in stations)))
         planned = [
             (branch, self._fastest(ways, moves, of_branch, around=False))
             for branch, of_branch in zip(branches, stations, strict=True)

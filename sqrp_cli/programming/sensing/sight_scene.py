@@ -17,9 +17,8 @@ from sqrp_cli.knowledge.light import ANY_BRIGHTNESS, MARKER, Light, brightness_o
 from sqrp_cli.knowledge.markers import DICTIONARIES
 from sqrp_cli.knowledge.paint import look_alike
 from sqrp_cli.programming.sensing.scene_states import SceneStates
-from sqrp_cli.programming.solids import Solid, Solids
+from sqrp_cli.programming.solids import Solids
 from sqrp_cli.programming.targets import SoughtBox
-from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 from sqrp_cli.sight import kernel
 
 SKIN = 1e-3
@@ -67,7 +66,7 @@ class SightScene:
         """The name of each part; all pieces of a link are one."""
         rank = {name: number for number, name in enumerate(self.parts)}
         self._table = kernel.SolidTable(
-            solids=[_compiled(solid) for solid in solids],
+            solids=[solid.compiled for solid in solids],
             frame=np.array([self._frames[parent] for parent in solids.parents], dtype=np.int64),
             part=np.array([rank[solid.name] for solid in solids], dtype=np.int64),
             is_scenery=np.array([solid.color is not None for solid in solids], dtype=bool),
@@ -149,30 +148,3 @@ def _light_record(light: Light) -> tuple[object, ...]:
         return 0, light.intensity, np.zeros(3), np.zeros(3), 0.0
     place = light.position
     return 1 if place is None else 2, light.intensity, light.heading, place or np.zeros(3), cos(light.half_beam)
-
-
-def _compiled(solid: Solid) -> kernel.Solid:
-    """The solid as the kernel holds it; made once."""
-    if solid not in _made:
-        form, half = _form(solid.part.shape)
-        ball = kernel.Ball(solid.center.tolist(), solid.radius)
-        _made[solid] = kernel.Solid(solid.vertices, solid.triangles, form, X_PG=solid.part.X_PG, half=half, ball=ball)
-    return _made[solid]
-
-
-_made: WeakKeyDictionary[Solid, kernel.Solid] = WeakKeyDictionary()
-"""Of solids still in use."""
-
-
-def _form(shape: Shape) -> tuple[kernel.Form, tuple[float, float, float]]:
-    match shape:
-        case Box((x, y, z)):
-            return kernel.Form.BOX, (x / 2, y / 2, z / 2)
-        case Sphere(radius):
-            return kernel.Form.SPHERE, (radius, 0.0, 0.0)
-        case Cylinder(radius, length):
-            return kernel.Form.CYLINDER, (radius, 0.0, length / 2)
-        case Capsule(radius, length):
-            return kernel.Form.CAPSULE, (radius, 0.0, length / 2)
-        case Mesh():
-            return kernel.Form.MESH, (0.0, 0.0, 0.0)

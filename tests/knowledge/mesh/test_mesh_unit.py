@@ -20,7 +20,6 @@ from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.motion.collision.collision_body import Body
 from sqrp_cli.programming.solids import load_solid
 from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.candidate_page import STEP, SceneModel
@@ -77,11 +76,8 @@ def test_all_readers_of_a_mesh_take_it_in_its_unit_and_along_its_axes(asset: str
     mesh = mesh_of(dae(tmp_path / "tetrahedron.DAE", asset + up, UNITS[asset]), (1.0, 1.0, -2.0))
     part = Part("g1/0", "g1", mesh, read_only(pose()))
     solid = load_solid(part)
-    body = Body.of(solid)
     found = {
-        "sight, pictures and pages": solid.vertices,
-        "collision": np.array(body.geometry.vertices()),
-        "collision by hulls": np.array(body.hull.points()),
+        "sight, collision, pictures and pages": solid.vertices,
         "perception": Surface.of(part).vertices,
         "simulation": load_triangles(mesh).vertices,
     }

@@ -18,7 +18,7 @@ from sqrp_cli.knowledge.skill.skill import Skill, Waypoint
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.collision import CollisionScene
-from sqrp_cli.programming.motion.collision.collision_body import pair
+from sqrp_cli.programming.motion.collision.placed_scene import pair
 from sqrp_cli.programming.motion.ground_primitives import SkillUse
 from sqrp_cli.programming.motion.plan_motion import Motion, plan_motion
 from sqrp_cli.shapes import Box, Part

@@ -16,7 +16,7 @@ from sqrp_cli.knowledge.skill.skill import HOME, JointMove, Release, Skill, Stra
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.motion.collision.collision_body import CLEARANCE, pair
+from sqrp_cli.programming.motion.collision.placed_scene import CLEARANCE, pair
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move, phase_samples, time_path
 from sqrp_cli.programming.motion.tool_curve import ToolLine

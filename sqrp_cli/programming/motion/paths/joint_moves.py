@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
@@ -12,8 +12,7 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.skill.skill import JointMove
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.motion.collision.collision_body import Contact
-from sqrp_cli.programming.motion.collision.placed_scene import PlacedScene
+from sqrp_cli.programming.motion.collision.placed_scene import Contact, PlacedScene
 from sqrp_cli.programming.motion.ground_primitives import GroundPrimitive
 from sqrp_cli.programming.motion.paths.blended_path import motion_through
 from sqrp_cli.programming.motion.paths.branch_search import Question
@@ -75,22 +74,6 @@ class JointMoves:
             self._move_durations(section.first - 1, before.q_end[:, None], after.q_start[None])
             for before, after, section in zip(self._ways[:-1], self._ways[1:], self._sections[1:], strict=True)
         ]
-
-    def look_ahead(self, sequences: Iterable[Sequence[int]]) -> None:
-        """Check together the moves of sequences of ways through the sections, which are likely to be asked for."""
-        wanted: dict[PlacedScene, list[tuple[int, Trajectory]]] = {}
-        for chosen in sequences:
-            for i, section in enumerate(self._sections):
-                tied = enumerate(self._ways[i].branch(chosen[i]).trajectories, section.first)
-                checks = [(k, trajectory) for k, trajectory in tied if not self._is_known_free(k)]
-                if section.move is not None:
-                    checks.append((section.first - 1, self._direct(i, chosen[i - 1], chosen[i])))
-                for check in checks:
-                    wanted.setdefault(self._scenes[check[0]], []).append(check)
-        for scene, checks in wanted.items():
-            new = [check for check in dict.fromkeys(checks) if check not in self._contacts]
-            contacts = scene.check_paths([trajectory.path for _, trajectory in new])
-            self._contacts.update(zip(new, contacts, strict=True))
 
     def direct_works(self, i: int, previous: int, chosen: int) -> bool:
         """Whether a way through section i and the direct move to it from one through the section before are free."""

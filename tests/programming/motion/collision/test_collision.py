@@ -10,16 +10,14 @@ import coal
 import numpy as np
 import pytest
 
-from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, transform
+from sqrp_cli.geometry import Array, axis_rotation, pose, transform
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.collision import CollisionScene, find_self_contacts
-from sqrp_cli.programming.motion.collision.collision_body import CLEARANCE, Body, Contact, pair
 from sqrp_cli.programming.motion.collision.motion_bound import MotionBound
-from sqrp_cli.programming.motion.collision.placed_scene import RESOLUTION, PlacedScene
+from sqrp_cli.programming.motion.collision.placed_scene import CLEARANCE, RESOLUTION, Contact, PlacedScene, pair
 from sqrp_cli.programming.solids import load_solid
-from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Shape, Sphere
 from sqrp_cli.trajectory import JointPath
 from tests.programming.motion.cells import thing
 from tests.programming.robots import joint, robot
@@ -130,16 +128,6 @@ def test_curved_paths_of_several_pieces_agree_with_a_fine_step(ur5: RobotModel, 
         assert not any(brute.contacts(q) for q in path.positions(before))
 
 
-def test_many_paths_together_meet_what_each_meets_alone(scene: CollisionScene) -> None:
-    placed, rng = scene.placed(world()), np.random.default_rng(5)
-    ends = READY + rng.normal(0.0, 0.7, (40, 2, len(READY)))
-    paths = [*(JointPath.line(*pair_of) for pair_of in ends), JointPath.line(READY, READY)]
-    together = placed.check_paths(paths)
-    assert together == [placed.check_path(path) for path in paths]
-    assert 5 < sum(contact is None for contact in together) < 35
-    assert placed.check_paths([]) == []
-
-
 def test_a_plate_far_thinner_than_any_sampling_step_is_found(ur5: RobotModel) -> None:
     """Swing the shoulder through a plate of 0.1 mm in the way of the tool; names and place are worked out by hand."""
     swing = np.array([1.2, 0, 0, 0, 0, 0])
@@ -213,28 +201,6 @@ def test_disabled_pairs_are_not_checked(ur5: RobotModel) -> None:
     assert contact is not None
     skipped = [pair(a, b) for a, b in combinations(ur5.links, 2)]
     assert CollisionScene(ur5, [], skipped).placed(world([])).check(folded) is None
-
-
-@pytest.mark.parametrize("shape", [Box((0.1, 0.2, 0.7)), Sphere(0.1), Cylinder(0.05, 0.6), Capsule(0.04, 0.5)])
-def test_covering_spheres_contain_the_whole_surface(shape: Shape) -> None:
-    contains_surface(Part("p", "p", shape, pose(axis_rotation(1, 0.4), (0.1, 0.2, 0.3))))
-
-
-def test_covering_spheres_contain_the_surface_of_every_mesh_of_the_robot(ur5: RobotModel) -> None:
-    for part in ur5.parts:
-        contains_surface(part)
-
-
-def contains_surface(part: Part) -> None:
-    """Points drawn on the triangles lie in some sphere, and in the box."""
-    solid = load_solid(part)
-    body, rng = Body.of(solid), np.random.default_rng(0)
-    corners = solid.vertices[solid.triangles]
-    weights = rng.dirichlet(np.ones(3), (len(corners), 5))
-    points = np.einsum("tkc,tcx->tkx", weights, corners).reshape(-1, 3)
-    distances = np.linalg.norm(points[:, None] - body.centers, axis=2) - body.radii
-    assert distances.min(axis=1).max() <= 1e-9
-    assert (np.abs(transform(inverse(body.X_PB), points)) <= body.half + 1e-9).all()
 
 
 def test_one_check_serves_many_configurations_in_order(scene: CollisionScene) -> None:

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from itertools import combinations
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from sqrp_cli.geometry import axis_rotation, inverse, pose, transform
+from sqrp_cli.geometry import Array, pose, transform
+from sqrp_cli.knowledge.robot.joint_tree import Mount
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.collision import CollisionScene
-from sqrp_cli.programming.motion.collision.collision_body import Body
-from sqrp_cli.programming.motion.collision.motion_bound import LowBodies, MotionBound
-from sqrp_cli.programming.solids import load_solid
+from sqrp_cli.programming.motion.collision.motion_bound import MotionBound
+from sqrp_cli.programming.motion.collision.placed_scene import PlacedScene
+from sqrp_cli.programming.solids import load_solids
+from sqrp_cli.shapes import Part, Sphere
 from sqrp_cli.trajectory import JointPath
 from tests.programming.motion.collision.test_collision import thing, world
 from tests.programming.robots import LINKAGES, robot, written_urdf
+
+WORLD = "world"
 
 
 def test_depth_counts_the_joints_that_move_a_link(ur5: RobotModel) -> None:
@@ -33,61 +37,73 @@ def test_depth_counts_the_joints_that_move_a_link(ur5: RobotModel) -> None:
     assert [depth[link] for link in chain] == list(range(7))
 
 
-@pytest.mark.parametrize("size", [0.01, 0.3, 1.5])
-def test_no_point_moves_further_than_its_bound_against_the_world_or_against_any_link(
-    ur5: RobotModel, size: float
-) -> None:
-    bound, rng = MotionBound(ur5), np.random.default_rng(0)
-    links, radius, tightest = ["forearm_link", "wrist_2_link", "suction_tip"], 0.1, 0.0
-    depth = np.array([bound.depth[link] for link in links])
-    for _ in range(40):
-        q, variation = rng.uniform(-3, 3, 6), rng.uniform(0, size, 6)
-        poses = ur5.link_poses(q[None])
-        centers = np.stack([poses[link][:, :3, 3] for link in links], axis=1)
-        motion = bound.between(ur5.frame_poses(q[None]), variation[None], centers, np.full(3, radius), depth)[0]
-        moved = ur5.link_poses(q + rng.choice([-1.0, 1.0], (50, 6)) * variation)
+RADIUS = 0.1
+
+
+class Balls:
+    """A ball around the origin of each of some links and of the world, and the bounds of every pair's motion."""
+
+    def __init__(self, model: RobotModel, links: list[str]) -> None:
+        self.model, self.links, bound = model, [*links, WORLD], MotionBound(model)
+        mounts, self.depth = {**model.tree.mounts, WORLD: Mount(-1, pose())}, {**bound.depth, WORLD: 0}
+        shape = Sphere(RADIUS)
+        self.pairs = [(i, j) for i, j in permutations(range(len(self.links)), 2) if self._is_inner(i, j)]
+        inner, outer = np.array(self.pairs).T
+        self.scene = PlacedScene(
+            model=model,
+            bound=bound,
+            solids=load_solids([Part(link, link, shape, pose()) for link in self.links]),
+            mounts=tuple(mounts[link] for link in self.links),
+            depth=tuple(self.depth[link] for link in self.links),
+            inner=inner,
+            outer=outer,
+            clearance=np.zeros(len(inner)),
+            fingers=np.zeros(0),
+        )
+
+    def _is_inner(self, i: int, j: int) -> bool:
+        return self.links[i] == WORLD or (
+            self.links[j] != WORLD and self.depth[self.links[i]] < self.depth[self.links[j]]
+        )
+
+    def poses(self, q: Array) -> dict[str, Array]:
+        found = self.model.link_poses(q)
+        return {link: found[link] if link != WORLD else np.broadcast_to(pose(), (len(q), 4, 4)) for link in self.links}
+
+    def tightest(self, q: Array, variation: Array, rng: np.random.Generator) -> float:
+        """The largest share of its bound that a pair's motion takes, at random positions within the variation."""
+        before, after = self.poses(q[None]), self.poses(q + rng.choice([-1.0, 1.0], (50, len(q))) * variation)
         directions = rng.normal(size=(30, 3))
-        points = radius * directions / np.linalg.norm(directions, axis=1)[:, None]
-        for i, link in enumerate(links):
-            for other in ("base_link", "upper_arm_link", "wrist_1_link"):
-                if bound.depth[other] <= depth[i]:
-                    before = transform(inverse(poses[other]) @ poses[link], points)
-                    after = transform(inverse(moved[other]) @ moved[link], points)
-                    distance = np.linalg.norm(after - before, axis=-1).max()
-                    assert distance <= motion[i, bound.depth[other]] + 1e-12
-                    tightest = max(tightest, distance / max(motion[i, bound.depth[other]], 1e-12))
+        points = RADIUS * directions / np.linalg.norm(directions, axis=1)[:, None]
+        shares = [0.0]
+        for (i, j), bound in zip(self.pairs, self.scene.motion_bounds(q, variation), strict=True):
+            inner, outer = self.links[i], self.links[j]
+            here, there = (
+                np.linalg.norm(transform(X[outer], points) - transform(X[inner], points[::-1]), axis=-1)
+                for X in (before, after)
+            )
+            change = np.abs(there - here).max()
+            assert change <= bound + 1e-12, (inner, outer)
+            shares.append(change / max(bound, 1e-12))
+        return max(shares)
+
+
+@pytest.mark.parametrize("size", [0.01, 0.3, 1.5])
+def test_no_two_points_of_an_arm_or_the_world_come_closer_than_their_bound_says(ur5: RobotModel, size: float) -> None:
+    balls, rng = Balls(ur5, ["upper_arm_link", "forearm_link", "wrist_2_link", "suction_tip"]), np.random.default_rng(0)
+    tightest = max(balls.tightest(rng.uniform(-3, 3, 6), rng.uniform(0, size, 6), rng) for _ in range(40))
     assert tightest > (0.5 if size < 1 else 0.2)
 
 
 @pytest.mark.parametrize("linkage", LINKAGES)
-def test_no_two_points_of_a_linkage_come_closer_than_the_bounds_of_both_say(linkage: str, tmp_path: Path) -> None:
+def test_no_two_points_of_a_linkage_come_closer_than_their_bound_says(linkage: str, tmp_path: Path) -> None:
     model = RobotModel.load(robot(written_urdf(tmp_path / "arm.urdf", *LINKAGES[linkage]), "tool0"))
-    bound, rng, radius = MotionBound(model), np.random.default_rng(0), 0.1
-    names, n = [link for link in model.links if link != "base"], len(model.arm)
-    depth = np.array([bound.depth[link] for link in names])
-    rods = [(k, bound.rods[link]) for k, link in enumerate(names) if link in bound.rods]
-    tightest = 0.0
-    for _ in range(30):
-        q, variation = rng.uniform(-1, 1, n), rng.uniform(0, 0.2, n)
-        poses = model.link_poses(q[None])
-        centers = np.stack([poses[link][:, :3, 3] for link in names], axis=1)
-        spheres = centers, np.full(len(names), radius), depth
-        motion = bound.between(model.frame_poses(q[None]), variation[None], *spheres, rods)[0]
-        moved = model.link_poses(q + rng.choice([-1.0, 1.0], (40, n)) * variation)
-        directions = rng.normal(size=(20, 3))
-        points = radius * directions / np.linalg.norm(directions, axis=1)[:, None]
-        for outer, inner in combinations(range(len(names)), 2):
-            if depth[inner] > depth[outer]:
-                outer, inner = inner, outer
-            most = motion[outer, depth[inner]] + motion[inner, -1]
-            before, after = (
-                np.linalg.norm(transform(X[names[outer]], points) - transform(X[names[inner]], points[::-1]), axis=-1)
-                for X in (poses, moved)
-            )
-            change = np.abs(after - before).max()
-            assert change <= most + 1e-12, (names[outer], names[inner])
-            tightest = max(tightest, change / max(most, 1e-12))
-    assert tightest > 0.5
+    balls, rng, n = (
+        Balls(model, [link for link in model.links if link != "base"]),
+        np.random.default_rng(0),
+        len(model.arm),
+    )
+    assert max(balls.tightest(rng.uniform(-1, 1, n), rng.uniform(0, 0.2, n), rng) for _ in range(30)) > 0.5
 
 
 def test_rods_of_a_linkage_hit_things_as_a_fine_step_says(tmp_path: Path) -> None:
@@ -106,31 +122,3 @@ def test_rods_of_a_linkage_hit_things_as_a_fine_step_says(tmp_path: Path) -> Non
     assert contact is not None
     assert {contact.first, contact.second} == {"rod", "post"}
     assert contact.s == pytest.approx(steps[touching.index(True)], abs=2e-3)
-
-
-HALF = np.array([1.0, 1.0, 0.02])
-MARGIN = 1.5e-3
-
-
-@pytest.mark.parametrize("X_WB", [pose(position=(0, 0, -0.02)), pose(axis_rotation(0, 0.4), (0, 0.1, -0.12))])
-def test_what_is_proven_off_a_box_keeps_its_margin_wherever_its_joints_are(ur5: RobotModel, X_WB: np.ndarray) -> None:
-    solids, bound, rng = [load_solid(part) for part in ur5.parts], MotionBound(ur5), np.random.default_rng(0)
-    low = LowBodies(ur5, bound, [Body.of(solid) for solid in solids])
-    assert [solid.part.parent for solid, row in zip(solids, low.row, strict=True) if row >= 0] == [
-        "shoulder_link",
-        "upper_arm_link",
-    ]
-    proven = 0
-    for _ in range(60):
-        q, variation = rng.uniform(-3, 3, 6), rng.uniform(0, 0.15, 6)
-        X_WF = ur5.frame_poses(q[None])
-        moved = ur5.link_poses(q + rng.choice([-1.0, 0.5, 1.0], (40, 6)) * variation)
-        for solid, row in zip(solids, low.row, strict=True):
-            box = X_WB[None], HALF[None], np.array([MARGIN])
-            if row < 0 or not low.stay_off(X_WF, variation[None], np.array([row]), *box)[0]:
-                continue
-            proven += 1
-            in_box = transform(inverse(X_WB) @ moved[solid.part.parent], solid.vertices)
-            beyond = np.abs(in_box) - HALF
-            assert beyond.max(axis=2).min() > MARGIN
-    assert proven > 30

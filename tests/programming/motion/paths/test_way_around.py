@@ -13,7 +13,7 @@ from sqrp_cli.geometry import Array, pose
 from sqrp_cli.knowledge.skill.skill import Skill
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.motion.collision.collision_body import CLEARANCE
+from sqrp_cli.programming.motion.collision.placed_scene import CLEARANCE
 from sqrp_cli.programming.motion.paths import joint_moves
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.stop_and_return import recovery_over

@@ -1,0 +1,306 @@
+// Distances of solids, and which of them come too close while an arm moves.
+#pragma once
+#include "surface.hpp"
+
+constexpr double EXACT = 1e-10;    // distances are sure to this [m]
+constexpr int MOST_STEPS = 100;    // towards the distance of two pieces
+constexpr double FIRST_STRETCH = 0.08;  // motion of the arm's outermost point within half of each first stretch [m]
+
+// Points within `margin` of a core: a triangle, a box, the axis of a capsule, the centre of a sphere, or a cylinder.
+struct Piece {
+    Form form;
+    Triangle t;
+    Pose X;
+    V3 half;
+    double margin = 0;
+
+    static Piece of(const Triangle& t) { return {Form::mesh, t, Pose(), {0, 0, 0}, 0}; }
+    static Piece of(const Solid& s, const Pose& X) { return {s.form, {}, X, s.half, s.form == Form::sphere || s.form == Form::capsule ? s.half.x : 0}; }
+
+    V3 support(V3 d) const {  // the point of the core that is furthest in a direction
+        if (form == Form::mesh) {
+            double a = dot(t.a, d), b = dot(t.b, d), c = dot(t.c, d);
+            return a >= b && a >= c ? t.a : b >= c ? t.b : t.c;
+        }
+        if (form == Form::sphere) return X.origin();
+        V3 l = X.turn_back(d);
+        double z = l.z < 0 ? -half.z : half.z, across = sqrt(l.x * l.x + l.y * l.y), r = across > 0 ? half.x / across : 0;
+        if (form == Form::box) return X({l.x < 0 ? -half.x : half.x, l.y < 0 ? -half.y : half.y, z});
+        return form == Form::capsule ? X({0, 0, z}) : X({r * l.x, r * l.y, z});
+    }
+};
+
+// The hull of at most four points. Each `nearest` keeps the points that carry what of it is nearest to the origin.
+struct Simplex {
+    V3 p[4];
+    int n = 0;
+
+    V3 nearest() {
+        if (n == 1) return p[0];
+        if (n == 2) {
+            V3 side = p[1] - p[0];
+            double share = -dot(p[0], side), whole = dot(side, side);
+            if (share >= whole) p[0] = p[1];
+            if (share <= 0 || share >= whole) return n = 1, p[0];
+            return p[0] + (share / whole) * side;
+        }
+        Simplex best;
+        V3 found{ENDLESS, ENDLESS, ENDLESS}, normal = cross(p[1] - p[0], p[2] - p[0]);
+        double size = dot(normal, normal);
+        bool inside = n == 4 || size > 1e-40;
+        for (int i = 0; i < n; i++) {  // the sides or faces that the origin lies beyond
+            Simplex part;
+            for (int k = 0; k < n; k++)
+                if (k != i) part.p[part.n++] = p[k];
+            V3 out = cross(part.p[1] - part.p[0], n == 4 ? part.p[2] - part.p[0] : normal);
+            double other = dot(out, p[i] - part.p[0]), origin = -dot(out, part.p[0]);
+            if (other * origin > 0) continue;
+            V3 at = part.nearest();
+            if (dot(at, at) < dot(found, found)) found = at, best = part;
+            inside = false;
+        }
+        if (inside) return n == 4 ? V3{0, 0, 0} : (dot(p[0], normal) / size) * normal;
+        if (best.n) *this = best;
+        return found;
+    }
+};
+
+// The distance of two pieces, 0 where they meet, ENDLESS if it is more than `limit`; one of at most `enough` may be
+// too large (Gilbert, Johnson and Keerthi 1988).
+inline double distance(const Piece& A, const Piece& B, double limit, double enough) {
+    double margin = A.margin + B.margin, lower = 0, size = ENDLESS;
+    V3 v{1, 0, 0};
+    Simplex S;
+    for (int step = 0; step < MOST_STEPS; step++) {
+        V3 w = A.support(-1.0 * v) - B.support(v);
+        lower = most(lower, dot(v, w) / norm(v));
+        if (lower - margin > limit + EXACT) return ENDLESS;
+        if (size - lower <= EXACT) break;
+        S.p[S.n++] = w;
+        V3 next = S.nearest();
+        double length = norm(next);
+        if (length >= size) break;  // by rounding
+        v = next, size = length;
+        if (size - margin <= most(enough, 0.0) || size < EXACT) break;
+        if (step == MOST_STEPS - 1) size = lower;
+    }
+    return size - margin > limit + EXACT ? ENDLESS : most(size - margin, 0.0);
+}
+
+// A solid for a walk over the boxes of two: the tree of a mesh, or one box around any other form.
+struct Boxes {
+    const Surface* surface = nullptr;
+    Node whole;
+    Pose X_PN;  // of the boxes in the frame of the solid's parent
+
+    explicit Boxes(const Solid& s) {
+        if (!s.is_full()) { surface = &s.surface; return; }
+        double r = s.half.x, h = s.half.z + (s.form == Form::capsule ? r : 0);
+        whole = {{0, 0, 0}, s.form == Form::box ? s.half : V3{r, r, s.form == Form::sphere ? r : h}, 0, 1}, X_PN = s.X_PG;
+    }
+    const Node* root() const { return surface ? &surface->nodes[0] : &whole; }
+    const Node* child(const Node* n, int k) const { return &surface->nodes[n->first + k]; }
+};
+
+// At least how far two boxes are apart, along the axes of either; X_AB: of the second one's axes in the first one's.
+inline double gap(const Node& a, const Node& b, const Pose& X_AB) {
+    auto outside = [](V3 d, V3 e) { return V3{most(0.0, fabs(d.x) - e.x), most(0.0, fabs(d.y) - e.y), most(0.0, fabs(d.z) - e.z)}; };
+    const double* m = X_AB.m;
+    V3 d = X_AB(b.center) - a.center, e = a.extent, f = b.extent;
+    V3 in_a{fabs(m[0]) * f.x + fabs(m[1]) * f.y + fabs(m[2]) * f.z, fabs(m[4]) * f.x + fabs(m[5]) * f.y + fabs(m[6]) * f.z, fabs(m[8]) * f.x + fabs(m[9]) * f.y + fabs(m[10]) * f.z};
+    V3 in_b{fabs(m[0]) * e.x + fabs(m[4]) * e.y + fabs(m[8]) * e.z, fabs(m[1]) * e.x + fabs(m[5]) * e.y + fabs(m[9]) * e.z, fabs(m[2]) * e.x + fabs(m[6]) * e.y + fabs(m[10]) * e.z};
+    V3 p = outside(d, e + in_a), q = outside(X_AB.turn_back(d), f + in_b);
+    return sqrt(most(dot(p, p), dot(q, q)));
+}
+
+inline Node around(const Triangle& t) {
+    V3 low = lowest(t.a, lowest(t.b, t.c)), high = highest(t.a, highest(t.b, t.c));
+    return {0.5 * (low + high), 0.5 * (high - low), 0, 1};
+}
+
+// The distance of two solids if it is at most `limit`, otherwise ENDLESS: of forms as they are, of meshes' surfaces.
+// One of at most `enough` may be too large, and so may any other unless `exact`.
+inline double distance(const Solid& A, const Solid& B, const Pose& X_AB, double limit, double enough, bool exact) {
+    Boxes first(A), second(B);
+    Pose X = first.X_PN.inverse() * X_AB * second.X_PN, still;
+    double best = ENDLESS;
+    struct Open { const Node *a, *b; } open[4 * DEEPEST];
+    int size = 0;
+    open[size++] = {first.root(), second.root()};
+    while (size) {
+        Open now = open[--size];
+        if (gap(*now.a, *now.b, X) > limit) continue;
+        V3 e = now.a->extent, f = now.b->extent;
+        if (!now.a->count && (now.b->count || dot(e, e) >= dot(f, f))) {
+            for (int k = 0; k < 2; k++) open[size++] = {first.child(now.a, k), now.b};
+            continue;
+        }
+        if (!now.b->count) {
+            for (int k = 0; k < 2; k++) open[size++] = {now.a, second.child(now.b, k)};
+            continue;
+        }
+        for (int j = now.b->first; j < now.b->first + now.b->count; j++) {
+            Piece two = Piece::of(B, X);
+            Node box = *now.b;
+            if (second.surface) {
+                const Triangle& t = second.surface->triangles[j];
+                two = Piece::of(Triangle{X(t.a), X(t.b), X(t.c)}), box = around(two.t);
+            }
+            const Pose& X_box = second.surface ? still : X;
+            if (gap(*now.a, box, X_box) > limit) continue;
+            for (int i = now.a->first; i < now.a->first + now.a->count; i++) {
+                if (first.surface && gap(around(first.surface->triangles[i]), box, X_box) > limit) continue;
+                double found = distance(first.surface ? Piece::of(first.surface->triangles[i]) : Piece::of(A, still), two, limit, enough);
+                if (found > limit) continue;
+                best = found, limit = exact ? found : enough;
+                if (best <= enough) return best;
+            }
+        }
+    }
+    return best;
+}
+
+// An arm, and solids that it carries or that rest; arrays of Python, which says what each is: `placed_scene.py`.
+struct Collisions {
+    int64_t joints, driven, arm, spine_joints, bodies, pairs;
+    const int64_t *parents, *turns;
+    const double *axes, *terms, *ratios, *offsets, *radii;
+    const int64_t* spine;
+    const Solid* const* solids;
+    const int64_t *frame, *depth, *rods_from, *rods;
+    const double* X_FP;
+    const int64_t *inner, *outer;
+    const double* clearance;
+};
+
+// The solids of a scene at one position of the joints, and bounds of their motion around it.
+class Places {
+    const Collisions& S;
+    List<Pose> X_WF, X_WP;
+    List<V3> center;
+    List<double> position, motion;
+    List<int32_t> placed, bounded;  // at which position each was last
+    int32_t now = 0;
+    const double* variation = nullptr;
+
+    void place(int64_t body) {
+        if (placed[int(body)] == now) return;
+        int64_t f = S.frame[body];
+        Pose X = Pose::of(S.X_FP + 16 * body);
+        placed[int(body)] = now, X_WP[int(body)] = f < 0 ? X : X_WF[int(f)] * X;
+        center[int(body)] = X_WP[int(body)](S.solids[body]->center);
+    }
+
+    double step(int64_t joint) const {  // how much a joint may differ where those of the arm do by the variation
+        double most_of = 0;
+        for (int64_t k = 0; k < S.arm; k++) most_of += fabs(S.ratios[S.driven * joint + k]) * variation[k];
+        return most_of;
+    }
+
+    // How far a joint moves the points within a radius of a body's centre, where those further out move them already.
+    double moved(int64_t joint, V3 middle, double radius) const {
+        const Pose& X = X_WF[int(joint)];
+        const double* a = S.axes + 3 * joint;
+        V3 lever = cross(middle - X.origin(), X.turn({a[0], a[1], a[2]}));
+        return step(joint) * (S.turns[joint] ? norm(lever) + radius : 1);
+    }
+
+    // How far a body can move against links of each depth, as `bounds` says, and against what carries it if it is a rod.
+    const double* motions(int64_t body) {
+        double* m = motion.begin() + (S.spine_joints + 1) * body;
+        if (bounded[int(body)] == now) return m;
+        place(body), bounded[int(body)] = now;
+        double sum = 0, radius = S.solids[body]->radius;
+        for (int64_t k = S.rods_from[body + 1]; k-- > S.rods_from[body];) sum += moved(S.rods[k], center[int(body)], radius + sum);
+        m[S.spine_joints] = sum;
+        for (int64_t j = S.spine_joints; j--;) {
+            if (j < S.depth[body]) sum += moved(S.spine[j], center[int(body)], radius + sum);
+            m[j] = sum;
+        }
+        return m;
+    }
+
+public:
+    explicit Places(const Collisions& scene) : S(scene) {
+        int n = int(S.bodies);
+        X_WF.resize(int(S.joints)), position.resize(int(S.joints)), X_WP.resize(n), center.resize(n);
+        placed.resize(n), bounded.resize(n), motion.resize(n * int(S.spine_joints + 1));
+        for (int i = 0; i < n; i++) placed[i] = bounded[i] = -1;
+    }
+
+    // q: of the driven joints, `stride` apart; change: how much those of the arm may differ from there, null if not at all.
+    void move(const double* q, const double* change) {
+        now++, variation = change;
+        for (int64_t j = 0; j < S.joints; j++) {
+            double at = S.offsets[j];
+            for (int64_t k = 0; k < S.driven; k++) at += S.ratios[S.driven * j + k] * q[k];
+            const double* term = S.terms + 48 * j;  // Rodrigues' formula
+            double one = S.turns[j] ? sin(at) : at, two = S.turns[j] ? 1 - cos(at) : 0;
+            Pose X;
+            for (int k = 0; k < 12; k++) X.m[k] = term[k] + one * term[16 + k] + two * term[32 + k];
+            X_WF[int(j)] = S.parents[j] < 0 ? X : X_WF[int(S.parents[j])] * X;
+        }
+    }
+
+    // How far the solids of a pair can move against each other within the variation, at most [m].
+    //
+    // Turn the joints one after the other, the outermost first: joint j then still stands where it did, and moves a point
+    // by at most its angle times the point's distance from the axis, which is the distance at the position plus what the
+    // joints further out have moved the point. The motion of the whole is at most the sum.
+    double bound(int64_t pair) {
+        if (!variation) return 0;
+        int64_t in = S.inner[pair], out = S.outer[pair], depth = S.depth[in];
+        double of_rod = S.rods_from[in + 1] > S.rods_from[in] ? motions(in)[S.spine_joints] : 0;
+        return motions(out)[depth] + of_rod;
+    }
+
+    // ENDLESS if a pair is further apart than its clearance and `more`; else at most the clearance if it is that close,
+    // of which nothing is said where `more` is less than a resolution.
+    double apart(int64_t pair, double more, double resolution) {
+        int64_t in = S.inner[pair], out = S.outer[pair];
+        place(in), place(out);
+        const Solid &A = *S.solids[out], &B = *S.solids[in];
+        double need = S.clearance[pair] + more, reach = A.radius + B.radius + need;
+        V3 between = center[int(in)] - center[int(out)];
+        if (dot(between, between) >= reach * reach) return ENDLESS;
+        return distance(A, B, X_WP[int(out)].inverse() * X_WP[int(in)], need, more < resolution ? need : S.clearance[pair], false);
+    }
+};
+
+// A search for the first contact along a path of the arm.
+struct PathCheck {
+    const Collisions& S;
+    int64_t degree;  // of the path's Chebyshev polynomials: `coefficients` of each piece, (degree + 1, arm)
+    const double *coefficients, *slopes, *breaks;
+    double resolution;
+    double first = ENDLESS;  // where the first contact so far is
+    int64_t pair = -1;
+    Places places{S};
+    List<double> q, change;
+
+    // Looks at pairs over a stretch of a piece: in its middle, then in both halves for those that that leaves open.
+    void look(int64_t piece, double s, double half, const List<int64_t>& pairs) {
+        double start = breaks[piece], x = 2 * (s - start) / (breaks[piece + 1] - start) - 1;
+        for (int64_t j = 0; j < S.arm; j++) {  // Clenshaw's sum
+            const double* c = coefficients + piece * (degree + 1) * S.arm + j;
+            double above = 0, sum = 0;
+            for (int64_t k = degree; k > 0; k--) {
+                double next = c[k * S.arm] + 2 * x * sum - above;
+                above = sum, sum = next;
+            }
+            q[int(j)] = c[0] + x * sum - above, change[int(j)] = slopes[piece * S.arm + j] * half;
+        }
+        places.move(q.begin(), change.begin());
+        List<int64_t> open;
+        for (int64_t p : pairs) {
+            double moved = places.bound(p), found = places.apart(p, moved, resolution);
+            if (found == ENDLESS) continue;
+            if (moved >= resolution) open.add(p);
+            if ((found <= S.clearance[p] || moved < resolution) && s < first) first = s, pair = p;
+        }
+        if (open.empty()) return;
+        double quarter = half / 2;
+        look(piece, s - quarter, quarter, open);
+        if (s < first) look(piece, s + quarter, quarter, open);
+    }
+};
