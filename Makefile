@@ -87,8 +87,7 @@ trials: all
 	$(BIN)/python -m tests.place
 	$(BIN)/python -m tests.slips
 	$(BIN)/python -m tests.slits
-	$(BIN)/python -m tests.wire ros2
-	if command -v roscore >/dev/null; then $(BIN)/python -m tests.wire ros1; else echo "no ROS 1: its trials are skipped"; fi
+	$(BIN)/python -m tests.wire
 	$(BIN)/python -m tests.detectors
 	$(BIN)/python -m tests.studio
 	$(BIN)/python -m tests.recordings

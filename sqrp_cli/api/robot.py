@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from sqrp_cli.api.cell import OpenCell
 from sqrp_cli.api.program import LazyReplanner, OpenProgram
@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     from sqrp_cli.runtime.cell.robot_file import RobotFile
     from sqrp_cli.runtime.record.events import Listener
     from sqrp_cli.runtime.run.robot_run import ConnectedRobot
-
-Served = Literal["ros2", "ros1"]
-"""How a cell is served."""
 
 LOOPBACK = "127.0.0.1"
 """The network on which a cell is served if nobody says otherwise: this computer alone."""
@@ -62,19 +59,11 @@ def open_robot(opened: OpenProgram, path: Path, speed: float = 1.0) -> Iterator[
         yield RobotSession(replace(opened, program=robot.program), robot)
 
 
-def served_as(how: Served, joints: Sequence[str], cell: OpenCell, network: str | None, domain: int | None) -> RobotFile:
+def served_as(joints: Sequence[str], cell: OpenCell, network: str | None, domain: int | None) -> RobotFile:
     """How `run --robot` reaches a cell that is served; domain, network: of ROS 2, by default a free one on loopback."""
-    from sqrp_cli.runtime.cell.robot_file import TrajectoryEntry
     from sqrp_cli.runtime.serve.cell_server import served_file
 
-    if how == "ros1":
-        trajectory = TrajectoryEntry(action="/joint_trajectory_controller/follow_joint_trajectory")
-        master = os.environ.get("ROS_MASTER_URI", "http://127.0.0.1:11311")
-        reached = {"transport": "ros1", "master": master, "trajectory": trajectory}
-        return served_file(cell.workspace, joints, reached)
-    trajectory = TrajectoryEntry(topic="/joint_trajectory_controller/joint_trajectory")
-    chosen = {"domain": _free_domain() if domain is None else domain, "network": network or LOOPBACK}
-    return served_file(cell.workspace, joints, {**chosen, "trajectory": trajectory})
+    return served_file(cell.workspace, joints, _free_domain() if domain is None else domain, network or LOOPBACK)
 
 
 def serve(
@@ -103,9 +92,9 @@ def serve(
     steps = () if program is None else program.program.steps
     world = steps[0].before if steps else Cell.load(cell.workspace, seed).initial_world
     joints = list(file.joints or {}) if program is None else program.program.joints
-    from sqrp_cli.ros.connect import connect
+    from sqrp_cli.ros.dds import DdsTransport
 
-    transport = connect(file.transport, domain=file.domain, network=file.network, master=file.master)
+    transport = DdsTransport(file.domain, file.network)
     try:
         _check_alone(transport, file)
         with SimulatedCell(cell.workspace, world, seed) as simulated:
@@ -124,8 +113,8 @@ def _check_alone(transport: Transport, file: RobotFile) -> None:
     inbox = transport.subscribe(CLOCK)
     transport.wait(LISTENED)
     if inbox.count:
-        mend = "--domain N, with another number" if file.transport == "dds" else "ROS_MASTER_URI of another master"
-        raise bad_input("no-network", f"somebody else, such as another cell, sends `/clock` {file.where}", mend=mend)
+        message = f"somebody else, such as another cell, sends `/clock` {file.where}"
+        raise bad_input("no-network", message, mend="--domain N, with another number")
 
 
 def _free_domain() -> int:

@@ -23,26 +23,6 @@ Ros = Literal[1, 2]
 LONGEST_SEQUENCE = 1 << 26
 """Most elements of a sequence in a message that is read: an image of 64 million bytes."""
 
-_CONTROL = {
-    "JointTolerance": "string name\nfloat64 position\nfloat64 velocity\nfloat64 acceleration",
-    "FollowJointTrajectoryGoal": "trajectory_msgs/JointTrajectory trajectory\nJointTolerance[] path_tolerance\n"
-    "JointTolerance[] goal_tolerance\nduration goal_time_tolerance",
-    "FollowJointTrajectoryResult": "int32 error_code\nint32 SUCCESSFUL = 0\nint32 INVALID_GOAL = -1\n"
-    "int32 INVALID_JOINTS = -2\nint32 OLD_HEADER_TIMESTAMP = -3\nint32 PATH_TOLERANCE_VIOLATED = -4\n"
-    "int32 GOAL_TOLERANCE_VIOLATED = -5\nstring error_string",
-    "FollowJointTrajectoryFeedback": "Header header\nstring[] joint_names\n"
-    "trajectory_msgs/JointTrajectoryPoint desired\ntrajectory_msgs/JointTrajectoryPoint actual\n"
-    "trajectory_msgs/JointTrajectoryPoint error",
-    "FollowJointTrajectoryActionGoal": "Header header\nactionlib_msgs/GoalID goal_id\nFollowJointTrajectoryGoal goal",
-    "FollowJointTrajectoryActionResult": "Header header\nactionlib_msgs/GoalStatus status\n"
-    "FollowJointTrajectoryResult result",
-    "FollowJointTrajectoryActionFeedback": "Header header\nactionlib_msgs/GoalStatus status\n"
-    "FollowJointTrajectoryFeedback feedback",
-    "FollowJointTrajectoryAction": "FollowJointTrajectoryActionGoal action_goal\n"
-    "FollowJointTrajectoryActionResult action_result\nFollowJointTrajectoryActionFeedback action_feedback",
-}
-"""Types of control_msgs in ROS 1, which the store lacks; their MD5 sums are those of the package."""
-
 _TF = "geometry_msgs/TransformStamped[] transforms"
 """Of tf2_msgs/TFMessage, which the store lacks in ROS 1."""
 
@@ -72,8 +52,6 @@ class MessageTypes:
         self.store.max_sequence_length = LONGEST_SEQUENCE
         if ros == 1:
             self.store.register(get_types_from_msg(_TF, "tf2_msgs/msg/TFMessage"))
-            for name, text in _CONTROL.items():
-                self.store.register(get_types_from_msg(text, f"control_msgs/msg/{name}"))
 
     def make(self, name: str, /, **fields: Message) -> Message:
         """A message of a type; what is not given is zero or empty."""

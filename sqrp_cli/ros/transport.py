@@ -91,14 +91,3 @@ class Transport(Protocol):
 
     def close(self) -> None:
         """End it; nothing is sent any more."""
-
-
-class ActingTransport(Transport, Protocol):
-    """A transport with actions of its own; in ROS 1, actions are topics."""
-
-    def act(self, name: str, done: Callable[[str | None], None]) -> Send:
-        """What sends trajectories to a follow_joint_trajectory action; each replaces the one before.
-
-        done: called, in another thread, with why the newest one is given up, or None where it is reached. Raises
-        InputError where nobody serves the action.
-        """

@@ -27,8 +27,8 @@ TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["cell", TABLETOP], "--serve is missing; expected ros2 or ros1"),
-        (["cell", TABLETOP, "--serve", "ros3"], "--serve is `ros3`; expected ros2 or ros1"),
+        (["cell", TABLETOP], "--serve is missing; expected ros2"),
+        (["cell", TABLETOP, "--serve", "ros3"], "--serve is `ros3`; expected ros2"),
         (["cell", TABLETOP, "--serve", "ros2", "--fault", "slip@a4"], "--fault needs --program"),
         (["run", "pick.yaml", "--sim", "--speed", "10%"], "--speed is about --robot, which is missing"),
         (["run", "pick.yaml", "--yes"], "--yes is about --robot, which is missing"),

@@ -40,17 +40,6 @@ def test_bytes_are_those_of_the_library_s_own_types() -> None:
     assert types.encode(ours) == bytes(theirs.serialize_cdr(state, state.__msgtype__))
 
 
-def test_types_of_an_action_of_ros_1_have_the_public_sums() -> None:
-    sums = {
-        "FollowJointTrajectoryAction": "bc4f9b743838566551c0390c65f1a248",
-        "FollowJointTrajectoryGoal": "69636787b6ecbde4d61d711979bc7ecb",
-        "FollowJointTrajectoryResult": "493383b18409bfb604b4e26c676401d2",
-        "FollowJointTrajectoryFeedback": "10817c60c2486ef6b33e97dcd87f4474",
-    }
-    for name, md5 in sums.items():
-        assert message_types(1).definition(f"control_msgs/msg/{name}").md5 == md5
-
-
 @pytest.mark.parametrize("ros", [1, 2])
 def test_bytes_that_are_no_such_message_are_refused(ros: int) -> None:
     types = message_types(ros)

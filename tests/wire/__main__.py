@@ -1,4 +1,4 @@
-"""Trials of a cell on the wire, each in processes of their own: `python -m tests.wire [ros2|ros1] [--only PART]`.
+"""Trials of a cell on the wire, each in processes of their own: `python -m tests.wire [--only PART]`.
 
 `--share 1/2` and `2/2` make every other trial each, so that two cores or two sittings make all of them.
 
@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import random
 import re
 import signal
@@ -67,8 +66,8 @@ class Served:
 
 
 class Trials:
-    def __init__(self, how: str, pace: float, folder: Path, share: slice, sweep: Path | None = None) -> None:
-        self.how, self.pace, self.folder, self.share = how, pace, folder, share
+    def __init__(self, pace: float, folder: Path, share: slice, sweep: Path | None = None) -> None:
+        self.pace, self.folder, self.share = pace, folder, share
         self.kept_sweep = sweep or folder / "sweep.json"
         self.workspace = small_cell(folder)
         self.program = folder / "pick.yaml"
@@ -79,7 +78,7 @@ class Trials:
     def served(self, *faults: str, workspace: Path | None = None, program: bool = True) -> Iterator[Served]:
         self.number += 1
         config, log = self.folder / f"{self.number}.yaml", self.folder / f"{self.number}.log"
-        words = ["cell", workspace or self.workspace, "--serve", self.how, "--config", config, "--pace", self.pace]
+        words = ["cell", workspace or self.workspace, "--serve", "ros2", "--config", config, "--pace", self.pace]
         words += ["--program", self.program] if program else []
         with log.open("w") as out:
             process = subprocess.Popen(
@@ -205,15 +204,13 @@ class Trials:
 
 
 def cell_time(cell: Served) -> float:
-    """The time of a cell that is served by ROS 2, from its beginning [s]; of ROS 1, by its last words."""
-    from sqrp_cli.ros.connect import connect
+    """The time of a cell that is served, from its beginning [s]."""
+    from sqrp_cli.ros.dds import DdsTransport
     from sqrp_cli.ros.messages import nanoseconds
     from sqrp_cli.runtime.cell.ros_cell import CLOCK
 
     about = yaml.safe_load(cell.config.read_text())
-    transport = connect(
-        about.get("transport", "dds"), domain=about.get("domain", 0), network="127.0.0.1", master=about.get("master")
-    )
+    transport = DdsTransport(about.get("domain", 0), "127.0.0.1")
     inbox = transport.subscribe(CLOCK)
     while not inbox.count:
         transport.wait(0.1)
@@ -222,26 +219,8 @@ def cell_time(cell: Served) -> float:
     return now * 1e-9 - float(re.search(r"time 0 is ([\d.]+)", cell.log.read_text())[1])
 
 
-@contextmanager
-def master(how: str) -> Iterator[None]:
-    """A master of ROS 1 where one is needed, on a port of its own."""
-    if how != "ros1":
-        yield
-        return
-    port = 20000 + os.getpid() % 20000
-    os.environ["ROS_MASTER_URI"] = f"http://127.0.0.1:{port}"
-    core = subprocess.Popen(["roscore", "-p", str(port)], stdout=-3, stderr=-3)  # noqa: S607
-    time.sleep(5.0)
-    try:
-        yield
-    finally:
-        core.terminate()
-        core.wait()
-
-
 def main() -> int:
     parser = argparse.ArgumentParser()
-    parser.add_argument("how", nargs="?", default="ros2", choices=("ros2", "ros1"))
     parser.add_argument("--n", type=int, default=20)
     parser.add_argument("--pace", type=float, default=0.5)
     parser.add_argument("--only", choices=("slips", "losses", "kills", "refusals"))
@@ -249,8 +228,8 @@ def main() -> int:
     parser.add_argument("--sweep", type=Path, help="keep the sweep in simulation, or take it from there")
     given = parser.parse_args()
     first, every = map(int, given.share.split("/"))
-    with tempfile.TemporaryDirectory() as folder, master(given.how):
-        trials = Trials(given.how, given.pace, Path(folder), slice(first - 1, None, every), given.sweep)
+    with tempfile.TemporaryDirectory() as folder:
+        trials = Trials(given.pace, Path(folder), slice(first - 1, None, every), given.sweep)
         parts = {
             "refusals": trials.refusals,
             "losses": lambda: trials.losses(given.n),

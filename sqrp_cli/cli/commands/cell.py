@@ -14,9 +14,7 @@ from sqrp_cli.errors import ExitCode, InputError, Place, Problem, bad_option
 
 NAME = "cell"
 
-_HOW = ("ros2", "ros1")
-
-ServedBy = Annotated[str, typer.Option("--serve", metavar="ros2|ros1", help="By topics of ROS 2 (DDS), or of ROS 1.")]
+ServedBy = Annotated[str, typer.Option("--serve", metavar="ros2", help="By topics of ROS 2 (DDS).")]
 ConfigFile = Annotated[
     Path | None,
     typer.Option("--config", metavar="FILE", help="Write how `run --robot` reaches it, once it can be reached."),
@@ -68,9 +66,9 @@ def command(
     from sqrp_cli.runtime.cell.robot_file import as_yaml
     from sqrp_cli.terminal.console import note
 
-    if serve not in _HOW:
+    if serve != "ros2":
         found = f"is `{serve}`" if serve else "is missing"
-        raise bad_option(f"--serve {found}; expected ros2 or ros1", mend=f"sqrp cell {workspace} --serve ros2")
+        raise bad_option(f"--serve {found}; expected ros2", mend=f"sqrp cell {workspace} --serve ros2")
     if fault and program is None:
         raise bad_option("--fault needs --program: its times are those of a program")
     cell = open_with_warnings(workspace, seed)
@@ -80,15 +78,14 @@ def command(
         check_writable(config)
         _check_new(config)
     joints = tuple(cell.workspace.robot.home) if opened is None else opened.program.joints
-    file = served_as("ros2" if serve == "ros2" else "ros1", joints, cell, network, domain)
+    file = served_as(joints, cell, network, domain)
 
     def ready() -> None:
         if config is not None:
             _check_new(config)  # it may have come while the simulation was made ready
             write_atomically(config, as_yaml(file))
             leaving.callback(config.unlink, missing_ok=True)
-        where = f"domain {file.domain}, {file.network}" if serve == "ros2" else "ROS 1"
-        note(f"serving {cell.workspace.name} ({where}) until Ctrl-C")
+        note(f"serving {cell.workspace.name} (domain {file.domain}, {file.network}) until Ctrl-C")
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C
     with ExitStack() as leaving:

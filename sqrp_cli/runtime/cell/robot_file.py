@@ -23,7 +23,6 @@ from sqrp_cli.knowledge.text.yaml_file import read_yaml
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Program
 
-TransportName = Literal["dds", "rclpy", "ros1"]
 ToolType = Literal["std_msgs/msg/Bool", "std_msgs/msg/Float64", "std_msgs/msg/Float64MultiArray"]
 ImageType = Literal["sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"]
 
@@ -43,27 +42,15 @@ def _topic_name(name: str) -> str:
 
 
 TopicName = Annotated[str, AfterValidator(_topic_name)]
-"""A name that ROS allows for topics and actions."""
+"""A name that ROS allows for topics."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrajectoryEntry(Stored):
-    """Where joint trajectories go: to a topic, or to an action."""
+    """Where joint trajectories go."""
 
-    topic: TopicName | None = None
+    topic: TopicName
     """Of a joint_trajectory_controller, such as `/joint_trajectory_controller/joint_trajectory`."""
-    action: TopicName | None = None
-    """Of a follow_joint_trajectory action, such as `/arm_controller/follow_joint_trajectory`; with rclpy and ROS 1."""
-
-    def __post_init__(self) -> None:
-        """Raises PydanticCustomError unless one of the two is given."""
-        if (self.topic is None) == (self.action is None):
-            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `topic`, `action`")
-
-    @property
-    def name(self) -> str:
-        """Of the topic or the action."""
-        return (self.topic or self.action or "").rstrip("/")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,16 +104,13 @@ class TolerancesEntry(Stored):
 
 
 class RobotFile(Entry):
-    """How to reach a real cell."""
+    """How to reach a real cell: ROS 2 on the wire, without an installed ROS."""
 
-    transport: TransportName = Field(
-        default="dds", description="dds: ROS 2 on the wire, without ROS; rclpy: a sourced ROS 2; ros1: rospy."
-    )
+    transport: Literal["dds"] = Field(default="dds", description="DDS, of which there is no other choice.")
     domain: int = Field(default=0, ge=0, le=232, description="ROS_DOMAIN_ID of ROS 2.")
     network: Text | None = Field(
-        default=None, description="With dds: address or name of the network interface to use alone, such as 127.0.0.1."
+        default=None, description="Address or name of the network interface to use alone, such as 127.0.0.1."
     )
-    master: Text | None = Field(default=None, description="With ros1: ROS_MASTER_URI; by default, the environment's.")
     reliable: bool = Field(
         default=False, description="Whether lost messages are sent again; then the cameras' drivers must offer it, too."
     )
@@ -150,8 +134,6 @@ class RobotFile(Entry):
     @property
     def where(self) -> str:
         """Where its topics are looked for, for messages."""
-        if self.transport == "ros1":
-            return f"at the master {self.master or 'of ROS_MASTER_URI'}"
         return f"in domain {self.domain}" + (f" on {self.network}" if self.network else "")
 
     @property
@@ -183,10 +165,6 @@ def read_robot_file(path: Path, workspace: Workspace, program: Program) -> Robot
     if file.force is None and guarded:
         message = "the program has moves that end at contact, but the file has no topic of a `force` sensor"
         problems.append(Problem("missing-key", message, document.key_place(()), mend="force: /wrench"))
-    if file.trajectory.action is not None and file.transport == "dds":
-        message = "actions need the vendor's own middleware; with dds, trajectories go to a topic"
-        mend = "trajectory: {topic: ...}"
-        problems.append(document.problem("conflicting-keys", ("trajectory", "action"), message, mend))
     if problems:
         raise InputError(*problems)
     return file

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.ros.messages import Message, MessageError, nanoseconds
-from sqrp_cli.ros.transport import ActingTransport, Inbox, Send, Topic, Transport
+from sqrp_cli.ros.transport import Inbox, Send, Topic, Transport
 from sqrp_cli.runtime.cell.interface import StoppableReference
 from sqrp_cli.runtime.cell.portions import AHEAD, JointLog, Portion, Portions
 from sqrp_cli.runtime.cell.robot_file import RobotFile
@@ -51,10 +51,6 @@ _NO_TIME = "`/clock` stands still"
 
 CLOCK = Topic(name="/clock", type="rosgraph_msgs/msg/Clock", depth=1)
 _JOINT_STATE, _TRAJECTORY = "sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory"
-_GOAL, _GOAL_ID = "control_msgs/msg/FollowJointTrajectoryActionGoal", "actionlib_msgs/msg/GoalID"
-_RESULT = "control_msgs/msg/FollowJointTrajectoryActionResult"
-_GIVEN_UP = (4, 5, 9)
-"""Aborted, rejected and lost, as `actionlib_msgs/GoalStatus` has them."""
 _BOOL = "std_msgs/msg/Bool"
 _POINT = "trajectory_msgs/msg/JointTrajectoryPoint"
 
@@ -172,16 +168,15 @@ class RosCell(AbstractContextManager["RosCell"]):
         if file.force is not None:
             self._force = transport.subscribe(Topic(name=file.force, type="geometry_msgs/msg/WrenchStamped"))
         self._newton = 0.0
-        self.presence = Topic(name=f"{file.trajectory.name}/sqrp_run", type=_BOOL)
+        self.presence = Topic(name=f"{file.trajectory.topic.rstrip('/')}/sqrp_run", type=_BOOL)
         """Each run sends and reads it, never a message: so that another one knows."""
         transport.publish(self.presence)
         transport.subscribe(self.presence)
         self.commands: list[Topic] = []
         """The topics that the robot obeys."""
         self._tool = self._tool_sender(transport)
-        self._goal, self._results = "", cast("Inbox | None", None)
-        self._cancel: Send | None = None
-        self._send_trajectory = self._trajectory_sender(transport)
+        self.commands.append(Topic(name=file.trajectory.topic, type=_TRAJECTORY, depth=1, reliable=True))
+        self._send_trajectory = transport.publish(self.commands[-1])
         self._floods = [_Flood(self.states, MOST_JOINT_STATES)]
         rates = {name: FLOOD_FACTOR * max(workspace.cameras[name].rate, 5.0) for name in self.images}
         self._floods += [_Flood(inbox, rates[name]) for name, inbox in self.images.items()]
@@ -284,8 +279,6 @@ class RosCell(AbstractContextManager["RosCell"]):
                 for arrived in self._force.take():
                     force = arrived.message.wrench.force
                     self._newton = float(np.linalg.norm([force.x, force.y, force.z]))
-            for arrived in self._results.take() if self._results is not None else ():
-                self._note_result(arrived.message)
             for name, inbox in self.images.items():
                 for arrived in inbox.take():
                     image = self._image(self.cameras[name], arrived.message)
@@ -298,17 +291,6 @@ class RosCell(AbstractContextManager["RosCell"]):
         for flood in self._floods:
             if (found := flood.check()) is not None:
                 self._note(found)
-
-    def _note_result(self, message: Message) -> None:
-        """The controller is done with a goal."""
-        status, result = message.status, message.result
-        if status.goal_id.id == self._goal and status.status in _GIVEN_UP:
-            self._note_end(result.error_string or status.text or f"error code {result.error_code}")
-
-    def _note_end(self, why: str | None) -> None:
-        """The controller is done with the newest trajectory; why: it gave up."""
-        if why is not None:
-            self._note(f"the controller gave up: {why}")
 
     def grasp(self) -> None:
         """As `RunnableCell` says; nothing is commanded where there is trouble: the robot may be elsewhere."""
@@ -353,8 +335,6 @@ class RosCell(AbstractContextManager["RosCell"]):
                 while self.t < stands and time.monotonic() < patience:
                     self._read_clock()
                     self.transport.wait(TICK)
-                if self._cancel is not None:  # nothing is left to follow
-                    self._cancel(self._types.make(_GOAL_ID))
         finally:
             self.transport.close()
 
@@ -418,31 +398,6 @@ class RosCell(AbstractContextManager["RosCell"]):
             for row, t in enumerate(portion.times.tolist())
         ]
         self._send_trajectory(types.make(_TRAJECTORY, joint_names=list(self._wire_names), points=points))
-
-    def _trajectory_sender(self, transport: Transport) -> Send:
-        topic, action = self.file.trajectory.topic, self.file.trajectory.action
-        if topic is None:
-            assert action is not None  # noqa: S101 - one of the two is given
-            return self._action_sender(transport, action.rstrip("/"))
-        self.commands.append(Topic(name=topic, type=_TRAJECTORY, depth=1, reliable=True))
-        return transport.publish(self.commands[-1])
-
-    def _action_sender(self, transport: Transport, action: str) -> Send:
-        """Sends a trajectory as a goal, which replaces the one before; a goal that is given up is trouble."""
-        types = transport.types
-        if types.ros == 2:
-            return cast("ActingTransport", transport).act(action, self._note_end)
-        self.commands.append(Topic(name=f"{action}/goal", type=_GOAL, depth=1, reliable=True))
-        send = transport.publish(self.commands[-1])
-        self._results = transport.subscribe(Topic(name=f"{action}/result", type=_RESULT, reliable=True))
-        self._cancel = transport.publish(Topic(name=f"{action}/cancel", type=_GOAL_ID, reliable=True))
-
-        def say(trajectory: Message) -> None:
-            self._goal = f"sqrp-{time.time_ns()}"
-            goal = types.make("control_msgs/msg/FollowJointTrajectoryGoal", trajectory=trajectory)
-            send(types.make(_GOAL, goal_id=types.make(_GOAL_ID, id=self._goal), goal=goal))
-
-        return say
 
     def _tool_sender(self, transport: Transport) -> Send:
         about = self.file.tool

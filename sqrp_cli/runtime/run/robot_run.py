@@ -11,7 +11,7 @@ from typing import Any
 from sqrp_cli.knowledge.text.entries import Entry
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.program.record import Program, Replanner, Step
-from sqrp_cli.ros.connect import connect
+from sqrp_cli.ros.dds import DdsTransport
 from sqrp_cli.runtime.cell.robot_file import RobotFile
 from sqrp_cli.runtime.cell.ros_cell import RosCell
 from sqrp_cli.runtime.cell.ros_checks import CellCheck, check_cell
@@ -68,7 +68,7 @@ def connected(program: Program, workspace: Workspace, file: RobotFile, speed: fl
 
     Raises InputError without a connection.
     """
-    transport = connect(file.transport, domain=file.domain, network=file.network, master=file.master)
+    transport = DdsTransport(file.domain, file.network)
     with RosCell(file, file.joint_names(program), workspace, transport) as cell:
         yield ConnectedRobot(slowed(program, speed), workspace, cell, speed)
 

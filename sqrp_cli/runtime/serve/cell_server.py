@@ -8,17 +8,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import count
-from threading import Event
-from typing import Any
 
 import numpy as np
 
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Step
 from sqrp_cli.ros.messages import Message, MessageError, nanoseconds, transform_message
-from sqrp_cli.ros.ros1 import Ros1Transport, TrajectoryActionServer
 from sqrp_cli.ros.transport import Inbox, Send, Topic, Transport
-from sqrp_cli.runtime.cell.robot_file import ImageTopicEntry, RobotFile, ToolTopicEntry
+from sqrp_cli.runtime.cell.robot_file import ImageTopicEntry, RobotFile, ToolTopicEntry, TrajectoryEntry
 from sqrp_cli.runtime.cell.ros_cell import CLOCK
 from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 from sqrp_cli.runtime.image import ImageArray
@@ -44,11 +41,13 @@ _TRAJECTORY, _BOOL = "trajectory_msgs/msg/JointTrajectory", "std_msgs/msg/Bool"
 _WRENCH = "geometry_msgs/msg/WrenchStamped"
 
 
-def served_file(workspace: Workspace, joints: Sequence[str], reached: Mapping[str, Any]) -> RobotFile:
-    """How `run --robot` reaches a cell that is served; reached: the keys of its transport and trajectories."""
+def served_file(workspace: Workspace, joints: Sequence[str], domain: int, network: str) -> RobotFile:
+    """How `run --robot` reaches a cell that is served."""
     fingers = workspace.robot.fingers
     return RobotFile(
-        **reached,
+        domain=domain,
+        network=network,
+        trajectory=TrajectoryEntry(topic="/joint_trajectory_controller/joint_trajectory"),
         reliable=True,
         use_sim_time=True,
         joints={name: name for name in joints if fingers is None or name not in fingers.open},
@@ -98,7 +97,6 @@ class CellServer:
         self._frozen: Mapping[str, float] | None = None
         self._q = np.array([at[name] for name in joints])
         self._stood, self._still = True, STILL_FOR
-        self._cancelled = Event()
         self._complaint, self._complained = "", 0.0
         self._open_topics()
 
@@ -118,15 +116,7 @@ class CellServer:
         }
         self._tf = publish(Topic(name="/tf_static", type=_TF, depth=1, reliable=True, latched=True))
         self._tool: Inbox = subscribe(Topic(name=file.tool.topic, type=_BOOL, reliable=True))
-        self._action: TrajectoryActionServer | None = None
-        about = Topic(name=file.trajectory.topic or "/trajectory", type=_TRAJECTORY, reliable=True)
-        if file.trajectory.action is None:
-            self._trajectories: Inbox = subscribe(about)
-        else:
-            assert isinstance(self._transport, Ros1Transport)  # noqa: S101 - which alone serves actions
-            self._trajectories = Inbox(about, self._types, lambda: None)
-            serve = self._transport.serve_trajectories
-            self._action = serve(file.trajectory.action, self._trajectories, self._cancelled.set)
+        self._trajectories = subscribe(Topic(name=file.trajectory.topic, type=_TRAJECTORY, reliable=True))
         self._send_transforms()
 
     @property
@@ -178,11 +168,6 @@ class CellServer:
         try:
             for arrived in self._trajectories.take():
                 self.follow(arrived.message)
-            if self._cancelled.is_set():
-                self._cancelled.clear()
-                self.reference.hold(self.t)
-            if self._action is not None and self._action.busy and self.reference.ends <= self.t:
-                self._action.succeed()
             for arrived in self._tool.take():
                 (self._cell.grasp if arrived.message.data else self._cell.release)()
                 self._tell(f"{self.t:.2f} s: the tool {'holds' if arrived.message.data else 'lets go'}")
@@ -201,8 +186,6 @@ class CellServer:
                     self._tell(f"{self.t:.2f} s: {told}")
         except RefusedTrajectory as error:
             self._complain(f"a trajectory is refused: {error}")
-            if self._action is not None:
-                self._action.refuse(str(error))
 
     def _complain(self, what: str) -> None:
         """Say what is wrong with a message; the same again once a second at most, however many come."""

@@ -57,11 +57,6 @@ class FollowedTrajectory:
         self._points = JointStates(*(np.concatenate([a, b[later]]) for a, b in zip(before, points, strict=True)))
         return float(self._times[-1])
 
-    def hold(self, t: float) -> None:
-        """Stand from now on where the arm is wanted at time t [s]."""
-        q = self.states(np.array([t])).positions[:, : len(self._names)]
-        self._times, self._points = np.array([t]), JointStates(q, np.zeros_like(q), np.zeros_like(q))
-
     @property
     def ends(self) -> float:
         """When its last point is reached [s]."""

@@ -245,28 +245,6 @@ def test_a_clock_that_stands_still_ends_the_wait(monkeypatch: pytest.MonkeyPatch
     assert "stands still" in str(robot.trouble())
 
 
-def test_a_controller_of_ros_1_that_gives_up_stops_the_robot() -> None:
-    wire = Wire(ros=1)
-    robot = cell(wire, transport="ros1", trajectory={"action": "/arm/follow_joint_trajectory"})
-    follow(wire, robot, 1.5)
-    goal = wire.sent[-1][1]
-    assert wire.sent[-1][0] == "/arm/follow_joint_trajectory/goal"
-    types = wire.types
-    for number, status in (("another", 4), (goal.goal_id.id, 2), (goal.goal_id.id, 4)):
-        assert robot.trouble() is None
-        of = types.make("actionlib_msgs/msg/GoalID", id=number)
-        wire.say(
-            "/arm/follow_joint_trajectory/result",
-            "control_msgs/msg/FollowJointTrajectoryActionResult",
-            status=types.make("actionlib_msgs/msg/GoalStatus", goal_id=of, status=status),
-            result=types.make(
-                "control_msgs/msg/FollowJointTrajectoryResult", error_code=-4, error_string="off the path"
-            ),
-        )
-        robot.read()
-    assert str(robot.trouble()) == "the controller gave up: off the path"
-
-
 def checked(
     wire: Wire,
     robot: RosCell,
@@ -447,7 +425,7 @@ def test_only_a_simulated_cell_may_be_slower() -> None:
 def test_a_file_that_does_not_fit_says_everything_that_is_wrong(tmp_path: Path) -> None:
     path = tmp_path / "robot.yaml"
     path.write_text(
-        "trajectory: {action: /a}\njoints: {a: e, elbwo: e}\ncameras:\n  cma: {image: /i}\n"
+        "trajectory: {topic: /a}\njoints: {a: e, elbwo: e}\ncameras:\n  cma: {image: /i}\n"
         "joint_states: /joint_states\n"
     )
     grasp = SimpleNamespace(action="Grasp", guard=None)
@@ -457,7 +435,7 @@ def test_a_file_that_does_not_fit_says_everything_that_is_wrong(tmp_path: Path) 
     said = {problem.message: problem.place.line for problem in caught.value.problems}
     for part, line in {
         "no camera `cma`": 4, "lacks `cam`": 3, "no joint `elbwo`": 2, "lacks `elbow`, which the program moves": 2,
-        "2 joints are called `e`": 2, "has no `tool`": None, "actions need the vendor's": 1,
+        "2 joints are called `e`": 2, "has no `tool`": None,
     }.items():  # fmt: skip
         assert [said[message] for message in said if part in message] == [line]
 
