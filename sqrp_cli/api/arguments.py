@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.coverage.sampling import Sampling
     from sqrp_cli.programming.ranking import Criterion
     from sqrp_cli.programming.ways.find import WantedWay
-    from sqrp_cli.starter.random_cell import Crowd
 
 WaysOption = Literal["best", "fastest"]
 WAYS: tuple[WaysOption, ...] = get_args(WaysOption)
@@ -161,18 +160,6 @@ def check_wanted(by: object, ways: object, max_time: object) -> WantedWay:
         raise refused("max_time", max_time, "a time such as `20 s` or `1.25x`, or seconds")
     limit = None if max_time is None else TimeLimit.read(str(max_time), "max_time")
     return WantedWay(check_by(by), ways == "fastest", limit)
-
-
-def check_crowd(value: Crowd | None) -> None:
-    """Raises InputError for anything but the numbers of objects and cameras to put in."""
-    from sqrp_cli.starter.random_cell import Crowd
-
-    match value:
-        case None:
-            return
-        case Crowd(int() as seed, int() as objects, int() as cameras) if min(seed, objects, cameras) >= 0:
-            return
-    raise refused("crowd", value, "Crowd(seed, objects, cameras) with whole numbers from 0 on")
 
 
 def check_threshold(value: object) -> None:

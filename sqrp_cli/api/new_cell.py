@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from sqrp_cli.api.arguments import check_crowd, check_progress, check_text, checked_path, optional_path
+from sqrp_cli.api.arguments import check_progress, check_text, checked_path, optional_path
 from sqrp_cli.api.cell import open_cell, silent
 from sqrp_cli.api.program import open_program
 from sqrp_cli.api.results import Answer
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from sqrp_cli.runtime.record.events import Event
     from sqrp_cli.scoring.scorecard import Progress
     from sqrp_cli.starter.make import Starter
-    from sqrp_cli.starter.random_cell import Crowd
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -74,7 +73,6 @@ def new_cell(
     package_roots: Sequence[str | Path] = (),
     moveit: str | Path | None = None,
     tip: str | None = None,
-    crowd: Crowd | None = None,
     run: bool = False,
     progress: Progress = silent,
 ) -> NewCell:
@@ -82,15 +80,14 @@ def new_cell(
 
     urdf: the arm, also as xacro with `arguments`; by default that of which the configuration of MoveIt in the folder
     `moveit` was made, else one that comes with the package. package_roots: folders in which packages are looked up.
-    tip: the link at the end of the arm, of a robot that has several. crowd: how many random objects and cameras to put
-    in. run: whether to run its task once in the simulated cell, where there is one. progress: told each step.
+    tip: the link at the end of the arm, of a robot that has several. run: whether to run its task once in the
+    simulated cell, where there is one. progress: told each step.
     Raises InputError for an arm that cannot be used; nothing is ever overwritten.
     """
     from sqrp_cli.starter.description import OwnRobot
     from sqrp_cli.starter.make import make_starter
     from sqrp_cli.starter.stands import MOST_STANDS
 
-    check_crowd(crowd)
     check_progress(progress)
     if tip is not None:
         check_text(tip, "tip", "the name of a link")
@@ -98,7 +95,7 @@ def new_cell(
     roots = tuple(checked_path(root, "package_roots") for root in package_roots)
     own = OwnRobot(None if arm is None else str(urdf), dict(arguments or {}), roots, config)
     with progress("Looking for what the arm can reach", MOST_STANDS) as advance:
-        made = make_starter(folder, own if arm is not None or config is not None else None, crowd, tip, advance)
+        made = make_starter(folder, own if arm is not None or config is not None else None, tip, advance)
     tried = first_run(made.folder, made.task, progress) if run and made.task is not None else None
     return NewCell(made, folder, own_arm=arm is not None or config is not None, run=tried)
 

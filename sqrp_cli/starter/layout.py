@@ -28,15 +28,6 @@ class Cube:
 
 
 @dataclass(frozen=True)
-class Obstacle:
-    """A fixed box on the table: its name, full extents and the position of its centre in the world [m]."""
-
-    name: str
-    size: tuple[float, float, float]
-    position: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
 class CameraView:
     """A camera: its name, where it is and the point that it looks at, in the world [m]."""
 
@@ -80,7 +71,6 @@ class Layout:
     table_at: tuple[float, float] = (0.0, 0.0)
     cube_size: float = 0.04
     cubes: Sequence[Cube] = ()
-    obstacles: Sequence[Obstacle] = ()
     views: Sequence[CameraView] = ()
     tasks: Sequence[str] = (TASK,)
 
@@ -175,11 +165,6 @@ def _objects(layout: Layout) -> str:
         f"  {cube.name}: {{type: cube, color: {cube.color}, size: [{side}, {side}, {side}], "
         f"pose: {{position: {_vector(cube.position)}{_turn(cube.turn)}}}, on: table}}"
         for cube in layout.cubes
-    ]
-    lines += [
-        f"  {obstacle.name}: {{type: block, color: grey, size: {_vector(obstacle.size)}, "
-        f"pose: {{position: {_vector(obstacle.position)}}}, fixed: true, on: table}}"
-        for obstacle in layout.obstacles
     ]
     return "\n".join(lines) + "\n"
 

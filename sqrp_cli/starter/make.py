@@ -27,7 +27,6 @@ from sqrp_cli.starter import search
 from sqrp_cli.starter.arm_guess import ArmGuess, guess_arm
 from sqrp_cli.starter.description import Description, OwnRobot, describe_robot
 from sqrp_cli.starter.layout import TASK, Cube, Layout, Position, workspace_text
-from sqrp_cli.starter.random_cell import Crowd, crowded
 from sqrp_cli.starter.stands import DownPlaces, Stand, before_table, lowest_point, on_table
 
 SHIPPED = Path(__file__).parent
@@ -52,32 +51,42 @@ LIFT = 0.1
 
 @dataclass(frozen=True)
 class Starter:
-    """A workspace that was made.
-
-    folder: its path. tip: the link that carries the tool. cubes: those within reach. task: a task to rank; None if
-    nothing is within reach. warnings: about what could not be guessed.
-    """
+    """A workspace that was made."""
 
     folder: Path
-    tip: str
-    cubes: tuple[str, ...]
-    task: str | None
+    """Its path."""
+    layout: Layout
+    """What is in it."""
     warnings: tuple[Problem, ...]
+    """About what could not be guessed."""
+
+    @property
+    def tip(self) -> str:
+        """The link that carries the tool."""
+        return self.layout.tip
+
+    @property
+    def cubes(self) -> tuple[str, ...]:
+        """The cubes within reach, by name."""
+        return tuple(cube.name for cube in self.layout.cubes)
+
+    @property
+    def task(self) -> str | None:
+        """A task to rank; None if nothing is within reach."""
+        return self.layout.tasks[0] if self.layout.cubes else None
 
 
 def make_starter(
     folder: Path,
     robot: OwnRobot | str | None,
-    crowd: Crowd | None = None,
     tip: str | None = None,
     advance: Callable[[int], object] = lambda _: None,
 ) -> Starter:
     """Make a workspace in a folder that does not exist or is empty.
 
     robot: the user's arm, or just its URDF, a path or `package://...`; None for a shipped arm.
-    crowd: random contents, in place of the few cubes and cameras of a first workspace. tip: the link at the end of the
-    arm, of a robot that has several; None to guess. advance: called with 1 for each of at most `MOST_STANDS` that was
-    tried.
+    tip: the link at the end of the arm, of a robot that has several; None to guess. advance: called with 1 for each of
+    at most `MOST_STANDS` that was tried.
     Raises InputError, and writes nothing, if the folder cannot be made or the robot cannot be used.
     """
     _check_free(folder)
@@ -89,23 +98,13 @@ def make_starter(
             own = robot if isinstance(robot, OwnRobot) else OwnRobot(robot or str(draft / OWN_ARM))
             description = describe_robot(own, draft)
             layout, warnings = _fill(draft, description, tip, advance, guessed=robot is not None)
-            if crowd is not None and layout.cubes:
-                layout = _with_crowd(draft, layout, crowd)
             _move(draft, folder)
     except InputError as error:
         raise InputError(*(_moved(problem, draft, folder) for problem in error.problems)) from error
     finally:
         shutil.rmtree(draft, ignore_errors=True)
-    cubes = tuple(cube.name for cube in layout.cubes)
     told = tuple(_moved(problem, draft, folder) for problem in (*description.warnings, *warnings))
-    return Starter(folder, layout.tip, cubes, layout.tasks[0] if cubes else None, told)
-
-
-def _with_crowd(draft: Path, layout: Layout, crowd: Crowd) -> Layout:
-    cell = _load(draft, layout)
-    layout = crowded(layout, cell, search.arm_reach(cell.model), crowd)
-    _write(draft, layout)
-    return layout
+    return Starter(folder, layout, told)
 
 
 def _moved(problem: Problem, draft: Path, folder: Path) -> Problem:

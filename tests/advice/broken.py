@@ -18,8 +18,7 @@ from sqrp_cli.programming.coverage.assessment import Study, study
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.programming.ways.grips import first_grip
-from sqrp_cli.starter.make import make_starter
-from sqrp_cli.starter.random_cell import Crowd
+from tests.random_cell import Crowd, random_cell
 
 KINDS = ("position", "aim", "lens", "object")
 """What is broken, in turn."""
@@ -51,7 +50,7 @@ class Broken:
 
 def broken_cell(folder: Path, seed: int) -> Broken | None:
     """A random cell, broken; None if nothing that was tried breaks it."""
-    make_starter(folder, None, Crowd(seed, objects=4 + seed % 4, cameras=2 + seed % 3))
+    random_cell(folder, Crowd(seed, objects=4 + seed % 4, cameras=2 + seed % 3))
     rng = np.random.default_rng(seed)
     name, quality = best_seen(load_workspace(folder))
     if quality < 0.3:

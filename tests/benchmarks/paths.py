@@ -11,10 +11,9 @@ import numpy as np
 
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.coverage.robustness import Calibration
-from sqrp_cli.starter.make import make_starter
-from sqrp_cli.starter.random_cell import Crowd
 from tests.benchmarks.table import print_table
 from tests.programming.seen.compared import Compared, blind_time
+from tests.random_cell import Crowd, random_cell
 
 OBJECTS, CAMERAS = 6, 4
 """Of a random cell."""
@@ -33,7 +32,7 @@ def paths(cells: int) -> None:
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(cells):
             place = Path(folder) / str(seed)
-            make_starter(place, None, Crowd(seed, OBJECTS, CAMERAS))
+            random_cell(place, Crowd(seed, OBJECTS, CAMERAS))
             workspace = load_workspace(place)
             start = time.process_time()
             found = Compared.of(workspace, "pickup path=seen")

@@ -86,8 +86,6 @@ BAD = [
     (["rank", "CELL", "watch seen", "--report", "CELL/workspace.yaml/x"], ["is a file, so nothing can be below it"]),
     (["init", "TMP/new", "--urdf", "TMP/none.urdf"], ["none.urdf", "no such file or folder"]),
     (["init", "TMP/new", "--urdf", "package://none/arm.urdf"], ["package `none` not found", "roots tried"]),
-    (["init", "TMP/new", "--objects", "5"], ["--objects is about --random"]),
-    (["init", "TMP/new", "--seed", "0"], ["--seed is about --random"]),
     (["score", "CELL", "--draws", "5"], ["--draws is about --vary"]),
     (["score", "CELL", "--patch", "TMP/x.patch"], ["--patch is about --vary"]),
     (["score", "CELL", "--out", "CELL/workspace.yaml"], ["this is a file; expected the name of a folder"]),

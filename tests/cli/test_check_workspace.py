@@ -31,11 +31,8 @@ def test_the_cells_that_come_with_the_program_work_as_they_are_meant(sqrp: Calla
     assert _codes(sqrp("check", cell, "--json")) <= {"assumed-limit"}
 
 
-@pytest.mark.parametrize("options", [(), ("--random",)], ids=["its own arm", "at random"])
-def test_a_new_cell_works_as_it_is_meant(
-    sqrp: Callable[..., Outcome], tmp_path: Path, options: tuple[str, ...]
-) -> None:
-    assert sqrp("init", tmp_path / "new", "--no-run", *options).code == 0
+def test_a_new_cell_works_as_it_is_meant(sqrp: Callable[..., Outcome], tmp_path: Path) -> None:
+    assert sqrp("init", tmp_path / "new", "--no-run").code == 0
     assert _codes(sqrp("check", tmp_path / "new", "--json")) == set()
 
 

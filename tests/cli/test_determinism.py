@@ -15,6 +15,8 @@ from typing import Any
 import pytest
 import yaml
 
+from tests.random_cell import Crowd, random_cell
+
 ROOT = Path(__file__).parents[2]
 TASK = "pickup green"
 OPTIONAL = ("PIL", "cv2", "distributed", "embreex", "fast_simplification", "mujoco", "trimesh", "unified_planning")
@@ -110,11 +112,9 @@ def place_first(tmp_path) -> Path:
     return folder
 
 
-def test_everything_is_the_same_bytes_whatever_order_sets_have(sqrp, held_by_two_facts, place_first, tmp_path):
+def test_everything_is_the_same_bytes_whatever_order_sets_have(held_by_two_facts, place_first, tmp_path):
     tasks = [held_by_two_facts, "pickup blue", place_first, "place g2 tray"]
-    made = tmp_path / "random"
-    assert sqrp("init", made, "--random", "--seed", 4, "--objects", 2, "--cameras", 3).code == 0
-    tasks += [made, "pickup"]
+    tasks += [random_cell(tmp_path / "random", Crowd(4, objects=2, cameras=3)), "pickup"]
     program = [sys.executable, "-m", "tests.cli.all_output", *map(str, tasks)]
     said = [
         json.loads(

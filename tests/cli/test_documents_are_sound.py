@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 import yaml
 
+from tests.random_cell import Crowd, random_cell
+
 AXES = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]
 
 
@@ -53,9 +55,7 @@ def assert_all_sound(sqrp: Callable[..., Any], cell: Path, task: str) -> list[di
 def test_every_figure_of_a_random_cell_is_finite_and_every_rotation_orthonormal(
     sqrp: Callable[..., Any], tmp_path: Path, seed: int
 ) -> None:
-    cell = tmp_path / "cell"
-    sizes = "--objects", 3, "--cameras", 4
-    assert sqrp("init", cell, "--random", *sizes, "--seed", seed).code == 0
+    cell = random_cell(tmp_path / "cell", Crowd(seed, objects=3, cameras=4))
     rng = np.random.default_rng(seed)
     file = cell / "workspace.yaml"
     content = yaml.safe_load(file.read_text(encoding="utf-8"))

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sqrp_cli.starter.make import make_starter
-from sqrp_cli.starter.random_cell import Crowd
+from tests.random_cell import Crowd, random_cell
 
 PAINTS = ("green", "red", "blue", "yellow", "orange", "purple", "cyan")
 """Colours that detectors find."""
@@ -26,7 +25,7 @@ PANELS, AWAY, WIDE = 3, 1.2, 0.8
 def coloured_cell(folder: Path, seed: int) -> str:
     """Make a workspace whose contents, colours and cameras depend on the seed alone; returns a task for it."""
     rng = np.random.default_rng((seed, 27))
-    make_starter(folder, None, Crowd(seed, int(rng.integers(6, 13)), int(rng.integers(2, 5))))
+    random_cell(folder, Crowd(seed, int(rng.integers(6, 13)), int(rng.integers(2, 5))))
     paints = rng.permutation(PAINTS)[:2].tolist()
     file = folder / "workspace.yaml"
     text = file.read_text(encoding="utf-8")

@@ -15,11 +15,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
-from sqrp_cli.starter.make import make_starter
-from sqrp_cli.starter.random_cell import Crowd
 from tests.load.command import ROOT, Run, dask_cluster, results_in, run, spent
 from tests.load.kills import Undisturbed, kill_dask_worker, kill_local_worker, kill_runs
 from tests.load.table import Table
+from tests.random_cell import Crowd, random_cell
 
 OBJECTS, CAMERAS = 9, 5
 
@@ -47,7 +46,7 @@ def measure(folder: Path, cells: int, table: Table) -> None:
     """Print every measurement; folder: for everything that is written."""
     (folder / "cells").mkdir()
     for index in range(cells):
-        make_starter(folder / "cells" / f"cell{index:02}", None, Crowd(index, OBJECTS, CAMERAS))
+        random_cell(folder / "cells" / f"cell{index:02}", Crowd(index, OBJECTS, CAMERAS))
     paths = [folder / "cells", ROOT / "workspaces"]
     run("score", ROOT / "workspaces" / "tower")  # compiles the program, reads its libraries from the disk
     rounds = [_round(paths, folder / f"round{number}") for number in range(ROUNDS)]

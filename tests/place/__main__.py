@@ -23,9 +23,8 @@ from sqrp_cli.programming.placing.place import CLOSE, Placer
 from sqrp_cli.programming.placing.placement import Placement, PlaceQuestion
 from sqrp_cli.programming.placing.problem import Demand, Placing, worth_of
 from sqrp_cli.programming.task import read_task
-from sqrp_cli.starter.make import make_starter
-from sqrp_cli.starter.random_cell import Crowd
 from tests.place.pairs import best_pair
+from tests.random_cell import Crowd, random_cell
 
 ROOT = Path(__file__).parents[2]
 
@@ -119,7 +118,7 @@ def cells(count: int, first: int, folder: Path) -> Iterator[tuple[str, Path]]:
     for name in SHIPPED:
         yield name, ROOT / "workspaces" / name
     for seed in range(first, first + count):
-        make_starter(folder / f"{seed}", None, Crowd(seed, objects=3 + seed % 3, cameras=1))
+        random_cell(folder / f"{seed}", Crowd(seed, objects=3 + seed % 3, cameras=1))
         yield f"random {seed}", folder / f"{seed}"
 
 

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.starter.make import make_starter
-from sqrp_cli.starter.random_cell import Crowd
 from tests.cells import shipped_cell, write_cell
+from tests.random_cell import Crowd, random_cell
 
 ROOT = Path(__file__).parents[2]
 
@@ -26,7 +25,7 @@ SPEED, ACCELERATION, JERK = "60 deg/s", "300 deg/s^2", "3000 deg/s^3"
 def make_cell(folder: Path, seed: int) -> Path:
     """A new cell in a folder; the even seeds have a suction cup and cubes, the odd ones two fingers and screws."""
     if seed % 2 == 0:
-        return make_starter(folder, None, Crowd(seed, CUBES, CAMERAS)).folder
+        return random_cell(folder, Crowd(seed, CUBES, CAMERAS))
     folder.mkdir()
     rng = np.random.default_rng(seed)
     cell = shipped_cell("screws")

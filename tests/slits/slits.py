@@ -19,8 +19,7 @@ from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.programming.ways.find import WantedWay, find_way
-from sqrp_cli.starter.make import make_starter
-from sqrp_cli.starter.random_cell import Crowd
+from tests.random_cell import Crowd, random_cell
 
 SHORTEST, LONGEST = 0.013, 0.144
 """Range of the durations that slits are made for [s]."""
@@ -88,7 +87,7 @@ def every_step(stage: Stage) -> Samples:
 def slit_cell(seed: int, folder: Path) -> SlitCell | None:
     """The cell of a seed in a folder that does not exist; None if its task cannot be done."""
     rng = np.random.default_rng([seed, 27])
-    make_starter(folder, None, Crowd(seed, objects=3, cameras=1))
+    random_cell(folder, Crowd(seed, objects=3, cameras=1))
     file, skill = folder / "workspace.yaml", folder / "skills" / "pickup" / "skill.yaml"
     said = skill.read_text().replace(" and not obj_on_table)", ")").replace(" and obj_on_table)", ")")
     skill.write_text(said.replace("encloses: [object]", "encloses: [object, suction_cup, suction_tube]"))

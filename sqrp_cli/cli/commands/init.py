@@ -14,9 +14,6 @@ from sqrp_cli.errors import ExitCode, InputError, Problem, bad_option
 
 NAME = "init"
 
-DEFAULT_OBJECTS, DEFAULT_CAMERAS = 9, 4
-"""Of a workspace that is filled at random."""
-
 NewFolder = Annotated[Path, typer.Argument(metavar="DIR", help="The new folder; it must not exist or be empty.")]
 XacroArguments = Annotated[
     list[str] | None, typer.Argument(metavar="NAME:=VALUE", help="Arguments of a xacro, such as ur_type:=ur5e.")
@@ -41,18 +38,6 @@ RunOnce = Annotated[
     bool,
     typer.Option("--run/--no-run", help="Run its task once in the simulated cell, if there is one; may take minutes."),
 ]
-AtRandom = Annotated[bool, typer.Option("--random", help="Fill it at random, for load tests.")]
-ObjectCount = Annotated[
-    int | None,
-    typer.Option("--objects", metavar="N", min=1, max=1500, help="With --random: so many cubes; 9 by default."),
-]
-CameraCount = Annotated[
-    int | None,
-    typer.Option("--cameras", metavar="N", min=1, max=200, help="With --random: so many cameras; 4 by default."),
-]
-RandomSeed = Annotated[
-    int | None, typer.Option("--seed", metavar="N", min=0, help="With --random: seed of what is drawn; 0 by default.")
-]
 
 
 def command(
@@ -63,10 +48,6 @@ def command(
     package_root: PackageRoots = None,
     tip: TipLink = None,
     run: RunOnce = True,
-    random: AtRandom = False,
-    objects: ObjectCount = None,
-    cameras: CameraCount = None,
-    seed: RandomSeed = None,
     as_json: Json = False,
 ) -> ExitCode:
     """Make a new workspace with its skill.
@@ -75,17 +56,14 @@ def command(
     up nothing anywhere, or the first run stops.
     """
     from sqrp_cli.knowledge.workspace.workspace_file import WORKSPACE_FILE
-    from sqrp_cli.starter.random_cell import Crowd
     from sqrp_cli.terminal.console import note, print_problems, progress
 
-    check_needed("--random", random, {"--objects": objects, "--cameras": cameras, "--seed": seed})
     folder, given = _split([str(folder), *(arguments or [])])
     of_arm = {"--tip": tip, "--package-root": package_root, "an argument": given}
     check_needed("the arm of --urdf", moveit if urdf is None else urdf, of_arm)
     for root in package_root or []:
         if not root.is_dir():
             raise InputError(Problem("missing-folder", f"--package-root: there is no folder {root}"))
-    crowd = Crowd(seed or 0, objects or DEFAULT_OBJECTS, cameras or DEFAULT_CAMERAS) if random else None
     try:
         made = new_cell(
             folder,
@@ -94,8 +72,7 @@ def command(
             package_roots=package_root or (),
             moveit=moveit,
             tip=tip,
-            crowd=crowd,
-            run=run and crowd is None,
+            run=run,
             progress=progress,
         )
     except KeyboardInterrupt:

@@ -17,8 +17,8 @@ from sqrp_cli.knowledge.text.yaml_file import read_yaml
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.report.documents.schemas import schema_of
 from sqrp_cli.starter.make import make_starter
-from sqrp_cli.starter.random_cell import Crowd
 from tests.cells import read_cases
+from tests.random_cell import Crowd, random_cell
 
 ROOT = Path(__file__).parents[3]
 CASES = read_cases("unusual_values.yaml")
@@ -73,7 +73,7 @@ def test_no_shipped_workspace_is_warned_of(folder: Path) -> None:
 
 @pytest.mark.parametrize("crowd", [None, Crowd(1, 9, 24), Crowd(2, 300, 24)], ids=str)
 def test_no_cell_that_init_makes_is_warned_of(crowd: Crowd | None, tmp_path: Path) -> None:
-    make_starter(tmp_path / "cell", None, crowd)
+    make_starter(tmp_path / "cell", None) if crowd is None else random_cell(tmp_path / "cell", crowd)
     assert not NEW_CODES & {problem.code for problem in findings(tmp_path / "cell")}
 
 

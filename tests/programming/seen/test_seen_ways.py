@@ -20,9 +20,8 @@ from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.timing import phase_samples
 from sqrp_cli.programming.seen.seen_ways import blind_ends, move_spaces, open_moves, way_with_seen_paths
 from sqrp_cli.programming.ways.find import TimeLimit, WantedWay, find_way
-from sqrp_cli.starter.make import make_starter
-from sqrp_cli.starter.random_cell import Crowd
 from tests.programming.seen.compared import Compared, blind_time
+from tests.random_cell import Crowd, random_cell
 
 WORKSPACES = Path(__file__).parents[3] / "workspaces"
 
@@ -198,7 +197,7 @@ def test_any_is_the_better_of_direct_and_seen(tabletop: Workspace, g2: Compared)
 
 
 def random_workspace(folder: Path, seed: int) -> Workspace:
-    make_starter(folder, None, Crowd(seed, 6, 4))
+    random_cell(folder, Crowd(seed, 6, 4))
     return load_workspace(folder)
 
 

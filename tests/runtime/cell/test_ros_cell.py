@@ -425,8 +425,7 @@ def test_only_a_simulated_cell_may_be_slower() -> None:
 def test_a_file_that_does_not_fit_says_everything_that_is_wrong(tmp_path: Path) -> None:
     path = tmp_path / "robot.yaml"
     path.write_text(
-        "trajectory: {topic: /a}\njoints: {a: e, elbwo: e}\ncameras:\n  cma: {image: /i}\n"
-        "joint_states: /joint_states\n"
+        "trajectory: {topic: /a}\njoints: {a: e, elbwo: e}\ncameras:\n  cma: {image: /i}\njoint_states: /joint_states\n"
     )
     grasp = SimpleNamespace(action="Grasp", guard=None)
     program = SimpleNamespace(joints=("a", "elbow"), steps=(SimpleNamespace(primitives=(grasp,)),))

@@ -14,12 +14,11 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.task import read_task
-from sqrp_cli.starter.make import make_starter
-from sqrp_cli.starter.random_cell import Crowd
+from tests.random_cell import Crowd, random_cell
 
 
 def made(folder: Path, crowd: Crowd) -> Workspace:
-    make_starter(folder, None, crowd)
+    random_cell(folder, crowd)
     return load_workspace(folder)
 
 

@@ -1,15 +1,19 @@
-"""A starter workspace filled at random, for load tests: any number of cubes and cameras, obstacles, tasks."""
+"""A new workspace filled at random: any number of cubes and cameras, obstacles, tasks."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import ceil, pi, sqrt
+from pathlib import Path
 
 import numpy as np
 
 from sqrp_cli.geometry import Array
+from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.starter.layout import CameraView, Cube, Layout, Obstacle
+from sqrp_cli.starter.layout import CameraView, Cube, workspace_text
+from sqrp_cli.starter.make import make_starter
+from sqrp_cli.starter.search import arm_reach
 
 COLORS = ("green", "red", "blue")
 """Colours of the cubes, in turn; each colour in use gets a task."""
@@ -41,12 +45,14 @@ class Crowd:
     cameras: int
 
 
-def crowded(layout: Layout, cell: Cell, reach: float, crowd: Crowd) -> Layout:
-    """The layout with cubes, obstacles, cameras and tasks drawn at random in place of its own.
+def random_cell(folder: Path, crowd: Crowd) -> Path:
+    """A new workspace with cubes, obstacles, cameras and tasks drawn at random; returns its folder.
 
-    cell: with that layout; reach: of its arm [m]. Not every cube is in reach of every arm from every side: some
-    candidates are infeasible, as in real cells.
+    Not every cube is in reach of the arm from every side: some candidates are infeasible, as in real cells.
     """
+    layout = make_starter(folder, None).layout
+    cell = Cell.load(load_workspace(folder))
+    reach = arm_reach(cell.model)
     rng = np.random.default_rng(crowd.seed)
     base = np.array(cell.model.joint_origins(cell.model.home)[0, :2])
     home = cell.model.tool_pose(cell.model.home)[:2, 3]
@@ -58,7 +64,9 @@ def crowded(layout: Layout, cell: Cell, reach: float, crowd: Crowd) -> Layout:
         extents = rng.uniform((0.06, 0.06, 0.08), (0.12, 0.12, 0.2)).round(2)
         radius = float(np.hypot(*extents[:2])) / 2
         place = taken.draw(rng, farthest, radius, home, HOME_CLEARANCE)
-        obstacles.append(Obstacle(f"block{index + 1}", _triple(extents), _triple([*place, extents[2] / 2])))
+        size_of, at = list(_triple(extents)), list(_triple([*place, extents[2] / 2]))
+        head = f"  block{index + 1}: {{type: block, color: grey, size: {size_of}, pose: {{position: {at}}}"
+        obstacles.append(f"{head}, fixed: true, on: table}}\n")
     cubes = []
     for index in range(crowd.objects):
         color = COLORS[index % len(COLORS)]
@@ -70,7 +78,10 @@ def crowded(layout: Layout, cell: Cell, reach: float, crowd: Crowd) -> Layout:
     edge = max(farthest + float(np.abs(base).max()), taken.edge)
     side = max(layout.table_side, ceil(20 * (edge + 0.2)) / 10)
     tasks = tuple(f"pickup {color}" for color in colors)
-    return replace(layout, cubes=cubes, obstacles=obstacles, views=views, tasks=tasks, table_side=side)
+    text = workspace_text(replace(layout, cubes=cubes, views=views, tasks=tasks, table_side=side))
+    start = text.index("\n", text.index(f"  {cubes[-1].name}: {{")) + 1
+    (folder / "workspace.yaml").write_text(text[:start] + "".join(obstacles) + text[start:], encoding="utf-8")
+    return folder
 
 
 class _Ground:
