@@ -277,30 +277,15 @@ class Collisions:
         return q
 
 
-class Request:
-    """Solids, boxes, cameras and lights in m states: what all calls are about."""
+class Scene:
+    """Solids, boxes, cameras and lights, wherever their frames are: what many requests have in common."""
 
-    def __init__(
-        self,
-        solids: SolidTable,
-        states: int,
-        X_WF: Sequence[Array],
-        *,
-        boxes: Record,
-        masks: Masks,
-        cameras: Record,
-        lights: Record,
-    ) -> None:
-        """X_WF: poses of every frame, by number, (m, 4, 4) each, or (1, 4, 4) where it never moves, finite; states: m.
+    def __init__(self, solids: SolidTable, *, boxes: Record, masks: Masks, cameras: Record, lights: Record) -> None:
+        """boxes, cameras, lights: records of these types, shape (b,), (c,) and (l,).
 
-        boxes, cameras, lights: records of these types, shape (b,), (c,) and (l,). Raises ValueError for shapes that do
-        not fit, and for NAN.
+        Raises ValueError for shapes that do not fit, and for NAN.
         """
-        count = np.array([len(X) for X in X_WF], dtype=np.int64)
-        self.states = states
         s, b = len(solids.solids), len(boxes)
-        if any(X.shape[1:] != (4, 4) for X in X_WF) or not ((count == 1) | (count == self.states)).all():
-            raise ValueError(f"poses of frames do not fit each other: {sorted({X.shape for X in X_WF})}")
         if any(mask.shape != (s, b) for mask in (masks.opaque, masks.alike, masks.own)):
             raise ValueError(f"masks of {s} solids and {b} boxes must have the shape ({s}, {b})")
         if not all(len(column) == s for column in (solids.frame, solids.part, solids.is_scenery)):
@@ -310,22 +295,44 @@ class Request:
         for name, records, kind in (("box", boxes, BOX), ("camera", cameras, CAMERA), ("light", lights, LIGHT)):
             if records.dtype != kind or np.isnan(np.ascontiguousarray(records).view(float)).any():
                 raise ValueError(f"a {name} has a figure that is none")
-        frames = [solids.frame, boxes["frame"], cameras["frame"]]
-        if any(len(column) and not (column.min() >= 0 and column.max() < len(count)) for column in frames):
-            raise ValueError(f"a frame is none of {len(count)}")
-        X_WF = [np.ascontiguousarray(X, dtype=float) for X in X_WF]
-        self.cameras, self.box_count = len(cameras), b
-        self._kept: list[object] = [solids.solids, X_WF]
-        self._request = _Request(
-            solid_count=s, box_count=b, camera_count=len(cameras), light_count=len(lights),
-            solids=self._keep(np.array([solid.address for solid in solids.solids], dtype=np.uint64)),
-            solid_frame=self._keep(_whole(solids.frame)), solid_part=self._keep(_whole(solids.part)),
-            is_scenery=self._keep(_flags(solids.is_scenery)), pose_count=self._keep(count),
-            X_WF=self._keep(np.array([X.ctypes.data for X in X_WF], dtype=np.uint64)),
-            boxes=self._keep(np.ascontiguousarray(boxes)), cameras=self._keep(np.ascontiguousarray(cameras)),
-            lights=self._keep(np.ascontiguousarray(lights)), opaque=self._keep(_flags(masks.opaque)),
-            alike=self._keep(_flags(masks.alike)), own=self._keep(_flags(masks.own)),
-        )  # fmt: skip
+        frames = np.concatenate([solids.frame, boxes["frame"], cameras["frame"]])
+        if frames.min(initial=0) < 0:
+            raise ValueError("the number of a frame is negative")
+        self.frames, self.cameras, self.boxes = int(frames.max(initial=-1)) + 1, len(cameras), b
+        self._kept: list[object] = [solids.solids]
+        self.fields = {
+            "solid_count": s, "box_count": b, "camera_count": len(cameras), "light_count": len(lights),
+            "solids": self._keep(np.array([solid.address for solid in solids.solids], dtype=np.uint64)),
+            "solid_frame": self._keep(_whole(solids.frame)), "solid_part": self._keep(_whole(solids.part)),
+            "is_scenery": self._keep(_flags(solids.is_scenery)), "boxes": self._keep(np.ascontiguousarray(boxes)),
+            "cameras": self._keep(np.ascontiguousarray(cameras)), "lights": self._keep(np.ascontiguousarray(lights)),
+            "opaque": self._keep(_flags(masks.opaque)), "alike": self._keep(_flags(masks.alike)),
+            "own": self._keep(_flags(masks.own)),
+        }  # fmt: skip
+        """Those of `_Request` that do not depend on states."""
+
+    def _keep(self, array: NDArray[Any]) -> int:
+        self._kept.append(array)
+        address: int = array.ctypes.data
+        return address
+
+
+class Request:
+    """A scene in m states: what a call is about."""
+
+    def __init__(self, scene: Scene, states: int, X_WF: Sequence[Array]) -> None:
+        """X_WF: poses of every frame, by number, (m, 4, 4) each, or (1, 4, 4) where it never moves, finite; states: m.
+
+        Raises ValueError for shapes that do not fit, and where a frame is missing.
+        """
+        if any(X.shape[1:] != (4, 4) or len(X) not in (1, states) for X in X_WF) or len(X_WF) < scene.frames:
+            raise ValueError(f"poses of {scene.frames} frames are needed, found {sorted({X.shape for X in X_WF})}")
+        self._scene, self._states = scene, states
+        self._X = [X if X.flags.c_contiguous and X.dtype == float else np.array(X, dtype=float) for X in X_WF]
+        self._count = np.array([len(X) for X in X_WF], dtype=np.int64)
+        self._places = np.array([X.__array_interface__["data"][0] for X in self._X], dtype=np.uint64)
+        at, counts = self._places.ctypes.data, self._count.ctypes.data
+        self._request = _Request(X_WF=at, pose_count=counts, **scene.fields)
 
     def cover(self, items: Items, needed: Indices, tiers: Sequence[Indices], sights: NDArray[np.int8]) -> None:
         """Find out in place whether cameras see items: of `sights` (c, n), -1 becomes 0 or 1 as far as it matters.
@@ -334,11 +341,15 @@ class Request:
         response first; of later ones no more are asked than needed. Items of the same boxes follow each other.
         """
         items = self._checked(items)
-        if sights.shape != (self.cameras, len(items.state)) or sights.dtype != np.int8 or not sights.flags.c_contiguous:
-            raise ValueError(f"sights must be of int8, with the shape ({self.cameras}, {len(items.state)})")
+        if (
+            sights.shape != (self._scene.cameras, len(items.state))
+            or sights.dtype != np.int8
+            or not sights.flags.c_contiguous
+        ):
+            raise ValueError(f"sights must be of int8, with the shape ({self._scene.cameras}, {len(items.state)})")
         order = _whole(np.concatenate([np.empty(0, dtype=np.int64), *tiers]))
-        if len(order) and not (order.min() >= 0 and order.max() < self.cameras):
-            raise ValueError(f"a camera of a tier is none of {self.cameras}")
+        if len(order) and not (order.min() >= 0 and order.max() < self._scene.cameras):
+            raise ValueError(f"a camera of a tier is none of {self._scene.cameras}")
         ends, needed = _whole(np.cumsum([len(tier) for tier in tiers])), _whole(needed)
         state, first, count = items
         self._call("cover", len(state), state, first, count, needed, len(tiers), ends, order, sights)
@@ -346,7 +357,7 @@ class Request:
     def judge(self, box: Indices, state: Indices, *, shares: bool) -> Verdicts:
         """What all cameras make of boxes in states, shape (n,) each; shares: whether visible shares are measured."""
         box, state = self._looks(box, state)
-        shape = self.cameras, len(box)
+        shape = self._scene.cameras, len(box)
         found = Verdicts(
             np.empty(shape, dtype=np.int8), np.empty(shape, dtype=np.int64), np.empty(shape), np.full(shape, np.nan)
         )
@@ -356,7 +367,7 @@ class Request:
     def measure(self, box: Indices, state: Indices) -> Aspects:
         """How all cameras face boxes in states, shape (n,) each."""
         box, state = self._looks(box, state)
-        shape = self.cameras, len(box)
+        shape = self._scene.cameras, len(box)
         found = Aspects(np.empty(shape, dtype=np.int8), np.empty(shape), np.empty(shape), np.empty(shape))
         self._call("measure", len(box), box, state, *found)
         return found
@@ -368,8 +379,10 @@ class Request:
         """
         box, state = self._looks(box, state)
         camera = _whole(camera)
-        if camera.shape != box.shape or (len(camera) and not (camera.min() >= 0 and camera.max() < self.cameras)):
-            raise ValueError(f"a camera is none of {self.cameras}")
+        if camera.shape != box.shape or (
+            len(camera) and not (camera.min() >= 0 and camera.max() < self._scene.cameras)
+        ):
+            raise ValueError(f"a camera is none of {self._scene.cameras}")
         first, alone = np.zeros((len(box), parts)), np.zeros((len(box), parts))
         self._call("occluders", len(box), box, camera, state, parts, first, alone)
         return first, alone
@@ -385,7 +398,7 @@ class Request:
             raise ValueError(f"the poses of a camera must be finite and of shape (p, 4, 4), found {X_FC.shape}")
         if asked is not None and asked.shape != (len(X_FC), len(items.state)):
             raise ValueError(f"what is asked must have the shape ({len(X_FC)}, {len(items.state)})")
-        sees = np.zeros((self.cameras, len(X_FC), len(items.state)), dtype=np.uint8)
+        sees = np.zeros((self._scene.cameras, len(X_FC), len(items.state)), dtype=np.uint8)
         wanted = None if asked is None else _flags(asked)
         self._call("look_from", len(X_FC), X_FC, len(items.state), *items, wanted, int(limits_only), sees)
         return sees.view(bool)
@@ -393,11 +406,6 @@ class Request:
     def _call(self, name: str, *arguments: int | NDArray[Any] | None) -> None:
         given = [_at(one) if isinstance(one, np.ndarray) else one for one in arguments]
         getattr(library.load(), name)(ctypes.byref(self._request), *given)
-
-    def _keep(self, array: NDArray[Any]) -> int:
-        self._kept.append(array)
-        address: int = array.ctypes.data
-        return address
 
     def _looks(self, box: Indices, state: Indices) -> tuple[Indices, Indices]:
         items = self._checked(Items(state, box, np.ones(len(box), dtype=np.int64)))
@@ -408,10 +416,10 @@ class Request:
         state, first, count = map(_whole, items)
         if not state.shape == first.shape == count.shape == (len(state),):
             raise ValueError(f"columns of items differ: {state.shape}, {first.shape}, {count.shape}")
-        if len(state) and not (state.min() >= 0 and state.max() < max(self.states, 1)):
-            raise ValueError(f"a state is none of {self.states}")
-        if len(state) and not (first.min() >= 0 and count.min() >= 1 and (first + count).max() <= self.box_count):
-            raise ValueError(f"a box is none of {self.box_count}")
+        if len(state) and not (state.min() >= 0 and state.max() < max(self._states, 1)):
+            raise ValueError(f"a state is none of {self._states}")
+        if len(state) and not (first.min() >= 0 and count.min() >= 1 and (first + count).max() <= self._scene.boxes):
+            raise ValueError(f"a box is none of {self._scene.boxes}")
         return Items(state, first, count)
 
 

@@ -34,6 +34,9 @@ _LENSES = {"none": 0, "equidistant": 1, "plumb_bob": 2, "rational_polynomial": 2
 
 _NOWHERE = np.eye(4)[None]
 
+_KEPT = 16
+"""Combinations of cameras and boxes whose records are kept, as they are asked for again and again."""
+
 
 class ShrunkBox(NamedTuple):
     """A box without its skin."""
@@ -73,28 +76,30 @@ class SightScene:
         )
         self._lights = np.array([_light_record(light) for light in lights.values()], dtype=kernel.LIGHT)
         self._masks: dict[object, Array] = {}
-        self._records: WeakKeyDictionary[Projection | SoughtBox, kernel.Record] = WeakKeyDictionary()
+        self._scenes: dict[tuple[tuple[Projection, ...], tuple[SoughtBox, ...]], kernel.Scene] = {}
 
     def request(self, cameras: Sequence[Projection], boxes: Sequence[SoughtBox], states: SceneStates) -> kernel.Request:
         """What cameras see of boxes in states, as a question to the kernel."""
+        key = (tuple(cameras), tuple(boxes))
+        if key not in self._scenes:
+            for old in list(self._scenes)[: 1 - _KEPT]:
+                del self._scenes[old]
+            self._scenes[key] = self._scene(*key)
         for frame in (*(box.frame for box in boxes), *(one.camera.frame for one in cameras)):
             if frame not in states.X_WF:
                 raise KeyError(frame)
-        for projection in cameras:
-            if projection not in self._records:
-                self._records[projection] = np.array([self._camera_record(projection)], dtype=kernel.CAMERA)
-        for box in boxes:
-            if box not in self._records:
-                self._records[box] = np.array([self._box_record(box)], dtype=kernel.BOX)
-        masks = np.array([self._mask(box) for box in boxes], dtype=bool).reshape(len(boxes), 3, len(self._solids))
-        opaque, alike, own = np.ascontiguousarray(masks.transpose(1, 2, 0))
         return kernel.Request(
+            self._scenes[key], states.count, [states.X_WF.get(name, _NOWHERE) for name in self._frames]
+        )
+
+    def _scene(self, cameras: Sequence[Projection], boxes: Sequence[SoughtBox]) -> kernel.Scene:
+        masks = np.array([self._mask(box) for box in boxes], dtype=bool).reshape(len(boxes), 3, len(self._solids))
+        opaque, alike, own = masks.transpose(1, 2, 0)
+        return kernel.Scene(
             self._table,
-            states.count,
-            [states.X_WF.get(name, _NOWHERE) for name in self._frames],
-            boxes=np.concatenate([np.empty(0, dtype=kernel.BOX), *(self._records[box] for box in boxes)]),
+            boxes=np.array([self._box_record(box) for box in boxes], dtype=kernel.BOX),
             masks=kernel.Masks(opaque=opaque, alike=alike, own=own),
-            cameras=np.concatenate([np.empty(0, dtype=kernel.CAMERA), *(self._records[one] for one in cameras)]),
+            cameras=np.array([self._camera_record(camera) for camera in cameras], dtype=kernel.CAMERA),
             lights=self._lights,
         )
 
