@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from math import cos
 from typing import NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
