@@ -62,8 +62,10 @@ wheels: .venv/pyvenv.cfg
 	    --no-deps --wheel-dir build/wheels . || exit 1; \
 	done
 
+# Whole commands against another version, in turns, and where their time goes; writes the tables of docs/how/speed.md.
+AGAINST ?= 5d38566e
 bench: all
-	$(BIN)/python -m tests.benchmarks
+	$(BIN)/python -m tests.benchmarks --against $(AGAINST)
 
 # Scores 40 generated cells in every way, kills included; takes minutes.
 load: all

@@ -8,7 +8,7 @@ from sqrp_cli.logic.domain import Condition
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.planner import Plan, Planner, find_plan
 from sqrp_cli.logic.unified_planner import engine_planner
-from tests.benchmarks.table import milliseconds, print_table
+from tests.benchmarks.table import cpu_milliseconds, print_table
 from tests.logic.planning import TOWERS, goal_towers, towers
 
 CUBES = "abcdefghij"
@@ -35,5 +35,5 @@ def plan(runs: int) -> None:
 
 def _cells(planner: Planner, facts: frozenset[Atom], goal: Condition, runs: int) -> list[str]:
     found = planner(TOWERS, OBJECTS, facts, goal, {})
-    time = milliseconds(lambda: planner(TOWERS, OBJECTS, facts, goal, {}), runs)
+    time = cpu_milliseconds(lambda: planner(TOWERS, OBJECTS, facts, goal, {}), runs)
     return [f"{time:.0f}", str(len(found.steps)) if isinstance(found, Plan) else "none"]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import coal
 import numpy as np
 
 from sqrp_cli.geometry import Array, look_at, pose, transform
@@ -20,7 +19,7 @@ from sqrp_cli.programming.sensing.scene_states import SceneStates, fixed_frame
 from sqrp_cli.programming.sensing.sight_scene import shrink
 from sqrp_cli.programming.solids import Solid, load_solids
 from sqrp_cli.programming.targets import SoughtBox, Target
-from sqrp_cli.shapes import Box, Part
+from sqrp_cli.shapes import Box, Mesh, Part
 
 TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
 DETECTOR = Detector(kind="color", distance=(0.1, 3.0), max_incidence=np.pi, min_pixels=8.0)
@@ -123,7 +122,7 @@ def _target(index: int, tool: str) -> Target:
 
 
 def _split(solid: Solid, splits: int) -> Solid:
-    if not splits or isinstance(solid.part.shape, Box):
+    if not isinstance(solid.part.shape, Mesh):
         return solid
     corners = solid.vertices[solid.triangles]
     for _ in range(splits):
@@ -133,14 +132,7 @@ def _split(solid: Solid, splits: int) -> Solid:
             [np.stack(three, axis=1) for three in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
         )
     vertices, triangles = corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)
-    geometry = coal.BVHModelOBBRSS()
-    geometry.beginModel(len(triangles), len(vertices))
-    geometry.addVertices(vertices)
-    faces = np.asarray(triangles)
-    geometry.addTriangles(faces)
-    geometry.endModel()
-    still = replace(solid.part, X_PG=pose())
-    return replace(solid, part=still, geometry=geometry, vertices=vertices, triangles=triangles)
+    return replace(solid, vertices=vertices, triangles=triangles)
 
 
 def lattice(side: int) -> Array:
