@@ -6,45 +6,36 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from sqrp_cli.api.arguments import check_progress, checked_path, optional_path
-from sqrp_cli.api.cell import OpenCell, open_cell, silent
+from sqrp_cli.api.cell import OpenCell, open_cell
 from sqrp_cli.api.program import PROGRAM, open_program
 from sqrp_cli.api.results import Answer, how_many
+from sqrp_cli.ask.requests import CalibrateRequest
 from sqrp_cli.errors import InputError, Place, bad_input, bad_option
 
 if TYPE_CHECKING:
     from sqrp_cli.calibrating.fit import DetectorLooks
     from sqrp_cli.calibrating.labelled import LabelledImages
     from sqrp_cli.report.documents.runs import CalibratedDetector, CalibrateDocument
-    from sqrp_cli.scoring.scorecard import Progress
 
 
-def calibrate(
-    frames: str | Path,
-    *,
-    workspace: str | Path | None = None,
-    program: str | Path | None = None,
-    progress: Progress = silent,
-) -> LearnedCurves:
-    """Learn from labelled frames how likely detectors see.
+def learned(ask: CalibrateRequest) -> LearnedCurves:
+    """How likely detectors see, from labelled frames.
 
-    frames: a folder of PNG files with `frames.csv` and the program that was run (as `run(frames=...)` keeps them), or
-    with `labels.csv`; or a recording that `audit` reads. workspace: of frames with labels. program: that was run, where
-    it is not beside the frames. Raises InputError
-    for frames that cannot be used, or from which nothing can be learned.
+    Frames lie in a folder with `frames.csv` and the program that was run (as `run(frames=...)` keeps them), or with
+    `labels.csv`; or in a recording that `audit` reads. Raises InputError for frames that cannot be used, or from which
+    nothing can be learned.
     """
     from sqrp_cli.runtime.cell.requirements import check_packages
 
     check_packages()
     from sqrp_cli.calibrating.look import look_at_frames
 
-    folder = checked_path(frames, "frames")
-    check_progress(progress)
-    cell, labelled = _labelled(folder, optional_path(workspace, "workspace"), optional_path(program, "program"))
+    folder = Path(ask.frames)
+    cell, labelled = _labelled(ask)
     images = sum(len(together.images) for together in labelled)
-    with progress(f"Looking at {folder}", images) as advance:
+    with ask.progress(f"Looking at {folder}", images) as advance:
         looks = look_at_frames(cell.cell, labelled, lambda: advance(1))
     found = LearnedCurves(cell, images, looks)
     if not any(one.curve for one in found.detectors.values()):
@@ -54,11 +45,17 @@ def calibrate(
     return found
 
 
-def _labelled(folder: Path, workspace: Path | None, program: Path | None) -> tuple[OpenCell, list[LabelledImages]]:
+def calibrate(*given: Any, **named: Any) -> LearnedCurves:  # noqa: ANN401 - of the fields of a request
+    """Learn from labelled frames how likely detectors see; it takes the fields of a `CalibrateRequest`."""
+    return learned(CalibrateRequest(*given, **named))
+
+
+def _labelled(ask: CalibrateRequest) -> tuple[OpenCell, list[LabelledImages]]:
     from sqrp_cli.calibrating.labelled import LABELS, of_labels, of_program
     from sqrp_cli.knowledge.text.input_file import missing_file
     from sqrp_cli.ros.bag import check_kind
 
+    folder, workspace, program = Path(ask.frames), ask.workspace, ask.program
     if not folder.exists():
         raise InputError(missing_file(folder))
     check_kind(folder)
@@ -70,7 +67,7 @@ def _labelled(folder: Path, workspace: Path | None, program: Path | None) -> tup
         return cell, list(of_labels(cell.workspace, folder))
     if workspace is not None:
         raise bad_option(f"--workspace goes with frames that have a {LABELS}, and there is none", Place(folder))
-    file = program or folder / PROGRAM
+    file = Path(program or folder / PROGRAM)
     if not file.is_file() and program is None:
         none = f"there is neither a {LABELS} in this folder nor a {PROGRAM}, so it is not known what the frames show"
         message = none if folder.is_dir() else "of a file it is not known what its images show"

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sqrp_cli.api import arguments
+from sqrp_cli.ask import values
 from sqrp_cli.errors import InputError, Place, bad_input
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 def read_run(log: str | Path) -> SimulatedRun:
     """A run read from its log. Raises InputError for anything but the log of a complete run."""
-    logged = LoggedRun.read(arguments.checked_path(log, "log"))
+    logged = LoggedRun.read(values.PATH.read(log, "log"))
     if (run := logged.replay()) is None:
         raise logged.no_report
     return run

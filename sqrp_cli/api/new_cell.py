@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from sqrp_cli.api.arguments import check_progress, check_text, checked_path, optional_path
-from sqrp_cli.api.cell import open_cell, silent
+from sqrp_cli.api.cell import open_cell
 from sqrp_cli.api.program import open_program
 from sqrp_cli.api.results import Answer
+from sqrp_cli.ask.requests import InitRequest
+from sqrp_cli.ask.values import silent
 from sqrp_cli.errors import InputError, Problem
 
 if TYPE_CHECKING:
+    from sqrp_cli.ask.requests import Progress
     from sqrp_cli.report.documents.scene import FirstRun, InitDocument
     from sqrp_cli.runtime.record.events import Event
-    from sqrp_cli.scoring.scorecard import Progress
     from sqrp_cli.starter.make import Starter
 
 
@@ -65,39 +66,29 @@ class NewCell(Answer["InitDocument"]):
         print_new_cell(self.path, self.starter, self.run, own_arm=self.own_arm)
 
 
-def new_cell(
-    folder: str | Path,
-    *,
-    urdf: str | Path | None = None,
-    arguments: Mapping[str, str] | None = None,
-    package_roots: Sequence[str | Path] = (),
-    moveit: str | Path | None = None,
-    tip: str | None = None,
-    run: bool = False,
-    progress: Progress = silent,
-) -> NewCell:
-    """Make a new workspace with its skill, ready to rank, in a folder that does not exist or is empty.
+def made(ask: InitRequest) -> NewCell:
+    """A new workspace with its skill, ready to rank, in a folder that does not exist or is empty.
 
-    urdf: the arm, also as xacro with `arguments`; by default that of which the configuration of MoveIt in the folder
-    `moveit` was made, else one that comes with the package. package_roots: folders in which packages are looked up.
-    tip: the link at the end of the arm, of a robot that has several. run: whether to run its task once in the
-    simulated cell, where there is one. progress: told each step.
-    Raises InputError for an arm that cannot be used; nothing is ever overwritten.
+    The arm is that of `urdf`, else that of which the configuration in `moveit` was made, else one that comes with the
+    package. Raises InputError for an arm that cannot be used; nothing is ever overwritten.
     """
     from sqrp_cli.starter.description import OwnRobot
     from sqrp_cli.starter.make import make_starter
     from sqrp_cli.starter.stands import MOST_STANDS
 
-    check_progress(progress)
-    if tip is not None:
-        check_text(tip, "tip", "the name of a link")
-    folder, arm, config = checked_path(folder, "folder"), optional_path(urdf, "urdf"), optional_path(moveit, "moveit")
-    roots = tuple(checked_path(root, "package_roots") for root in package_roots)
-    own = OwnRobot(None if arm is None else str(urdf), dict(arguments or {}), roots, config)
-    with progress("Looking for what the arm can reach", MOST_STANDS) as advance:
-        made = make_starter(folder, own if arm is not None or config is not None else None, tip, advance)
-    tried = first_run(made.folder, made.task, progress) if run and made.task is not None else None
-    return NewCell(made, folder, own_arm=arm is not None or config is not None, run=tried)
+    folder, is_own = Path(ask.folder), ask.urdf is not None or ask.moveit is not None
+    roots = tuple(map(Path, ask.package_roots))
+    moveit = None if ask.moveit is None else Path(ask.moveit)
+    own = OwnRobot(None if ask.urdf is None else str(ask.urdf), dict(ask.arguments or {}), roots, moveit)
+    with ask.progress("Looking for what the arm can reach", MOST_STANDS) as advance:
+        found = make_starter(folder, own if is_own else None, ask.crowd, ask.tip, advance)
+    tried = first_run(found.folder, found.task, ask.progress) if ask.run and found.task is not None else None
+    return NewCell(found, folder, own_arm=is_own, run=tried)
+
+
+def new_cell(*given: Any, **named: Any) -> NewCell:  # noqa: ANN401 - of the fields of a request
+    """Make a new workspace; it takes the fields of an `InitRequest`."""
+    return made(InitRequest(*given, **named))
 
 
 def first_run(folder: Path, task: str, progress: Progress = silent) -> FirstRun | None:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sqrp_cli.api.results import Answer
@@ -30,35 +29,11 @@ from sqrp_cli.scoring.work.looks import ClusterVerdicts, KeptVerdicts
 from sqrp_cli.scoring.work.results import Results
 
 if TYPE_CHECKING:
-    from sqrp_cli.api.arguments import WaysOption
+    from sqrp_cli.ask.requests import PlaceRequest
     from sqrp_cli.knowledge.workspace.workspace import Workspace
     from sqrp_cli.programming.cell import Cell
     from sqrp_cli.scoring.scorecard import Progress
     from sqrp_cli.scoring.work.compute import Means
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PlaceRequest:
-    """What is asked for, as people write it."""
-
-    tasks: Sequence[str] = ()
-    """By default all that the workspace lists."""
-    cameras: int | None = None
-    """Most cameras on mounts."""
-    want: str | None = None
-    """Such as `q_eoi 100 %, delay 0.5 s`: what every candidate is to reach."""
-    objective: str = "least"
-    """least or mean."""
-    survive: int = 0
-    """So many cameras may fail."""
-    keep: Sequence[str] = ()
-    """Cameras that stay."""
-    budget: float | None = None
-    """Most that the cameras may cost."""
-    ways: WaysOption = "best"
-    """best: ways are chosen, too; fastest: each candidate keeps the fastest branch with its first yaw and side."""
-    mounts: Path | None = None
-    """The file with mounts and lenses; by default `place.yaml` beside the workspace."""
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)

@@ -9,13 +9,16 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sqrp_cli.api import arguments
-from sqrp_cli.api.cell import OpenCell, silent
+from sqrp_cli.api.cell import OpenCell
 from sqrp_cli.api.results import Explanation
+from sqrp_cli.ask import values
+from sqrp_cli.ask.request import question
+from sqrp_cli.ask.requests import AuditRequest, RunRequest
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, bad_option, expected_names
 
 if TYPE_CHECKING:
-    from sqrp_cli.api.run_results import Audit, SimulatedRun, SlipSweep
+    from sqrp_cli.api.run_results import Audit, RunOutputs, SimulatedRun, SlipSweep
+    from sqrp_cli.ask.requests import Progress
     from sqrp_cli.knowledge.workspace.workspace import Workspace, World
     from sqrp_cli.program.record import Program, Step
     from sqrp_cli.programming.program_update import StepReplanner
@@ -28,16 +31,12 @@ if TYPE_CHECKING:
     from sqrp_cli.runtime.run.injected_fault import InjectedFault
     from sqrp_cli.runtime.run.program_run import Recording, Spectator
     from sqrp_cli.runtime.run.simulation import Simulation
-    from sqrp_cli.scoring.scorecard import Progress
 
 PROGRAM = "program.yaml"
 """The program in a folder of frames that a run keeps."""
 
 DEFAULT_RUNS = 20
 """Runs of a sweep."""
-
-DEFAULT_THRESHOLD = 0.97
-"""Least share of predicted detections that must have come true in an audit."""
 
 
 def open_program(path: str | Path, *, seed: int = 0) -> OpenProgram:
@@ -46,12 +45,58 @@ def open_program(path: str | Path, *, seed: int = 0) -> OpenProgram:
     seed: of everything that a run draws at random. Raises InputError for a program without steps, or one that does not
     fit its workspace as it is now.
     """
-    arguments.check_count(seed, "seed", 0)
-    program = OpenProgram.read(arguments.checked_path(path), seed)
+    program = OpenProgram.read(values.PATH.read(path, "path"), values.count(0).read(seed, "seed"))
     if program.cell.errors:
         raise InputError(*program.cell.errors)
     program.check()
     return program
+
+
+def run(opened: OpenProgram, ask: RunRequest) -> SimulatedRun:
+    """A run in the simulated cell, watched through camera images alone.
+
+    Raises InputError, before anything is written, where an output would replace an input or another output.
+    """
+    from sqrp_cli.api.run_results import RunOutputs
+
+    outputs = RunOutputs.of(ask)
+    outputs.check_names()
+    injected = opened.read_faults(ask.faults)
+    return opened.run_into(outputs, injected, listeners=ask.listeners, witnessed=ask.witnessed)
+
+
+def audited(opened: OpenProgram, ask: AuditRequest) -> Audit:
+    """A recording against what the program predicts.
+
+    Cameras that have moved, or whose clocks are wrong, are found first; images are compared at the times that follow.
+    """
+    from sqrp_cli.api.run_results import Audit
+    from sqrp_cli.runtime.cell.requirements import check_packages
+
+    check_packages()
+    from sqrp_cli.runtime.audit.frame_audit import audit
+
+    program, workspace = opened.program, opened.workspace
+    footage = opened.footage(Path(ask.recording), ask.topics or {})
+    cameras, unsurveyed = _surveyed(opened, footage, ask.progress)
+    offsets = {name: one.offset or 0.0 for name, one in cameras.items() if one.has_wrong_clock}
+    with ask.progress(f"Looking at {ask.recording}", len(footage.frames)) as advance:
+        report = audit(program, workspace, footage, offsets, lambda: advance(1))
+    return Audit(program, workspace, report, ask.threshold, cameras, unsurveyed)
+
+
+def _surveyed(opened: OpenProgram, footage: Footage, progress: Progress) -> tuple[dict[str, CameraSurvey], str]:
+    """Where cameras are and what their clocks say; without an OpenGL that draws none, and why."""
+    try:
+        from sqrp_cli.runtime.audit.survey import survey
+
+        total = len(footage.frames) + len(opened.workspace.cameras)
+        with progress(f"Surveying the cameras of {footage.path}", total) as advance:
+            return survey(opened.program, opened.workspace, footage, lambda: advance(1)), ""
+    except InputError as error:
+        if error.problems[0].code != "no-opengl":
+            raise
+        return {}, error.problems[0].message
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +174,7 @@ class OpenProgram:
 
         from sqrp_cli.runtime.run.injected_fault import parse_fault
 
-        arguments.check_texts(faults, option, "texts such as ['slip@a4+0.4']")
+        values.texts("texts such as ['slip@a4+0.4']").read(faults, option)
         rng, steps, cameras = np.random.default_rng(self.seed), self.program.steps, self.workspace.cameras
         return [parse_fault(text, steps, cameras, rng, option, served=served) for text in faults]
 
@@ -158,39 +203,12 @@ class OpenProgram:
         place = StepShown(step, len(steps), task.text, None)
         return Explanation(Session(task, assignment), task.text, ranking, explained, several=False, step=place)
 
-    def run(
-        self,
-        faults: Sequence[str] = (),
-        *,
-        film: str | Path | None = None,
-        log: str | Path | None = None,
-        frames: str | Path | None = None,
-        listeners: Sequence[Listener] = (),
-        witnessed: bool = True,
-    ) -> SimulatedRun:
-        """Run the program in the simulated cell, watched through camera images alone.
-
-        faults: as `sqrp run --fault` takes them, such as `slip@a4+0.4`. film, log, frames: a file, a file and a folder
-        in which to keep the images as an MP4 film, the events, and every image. listeners: called with each event as
-        it happens. witnessed: whether the events have the true poses, for a page; a log always has them.
-
-        Raises InputError, before anything is written, where an output would replace an input or another output.
-        """
-        injected = self.read_faults(faults)
-        if not isinstance(listeners, Sequence) or not all(map(callable, listeners)):
-            raise arguments.refused("listeners", listeners, "functions of an event, in a list")
-        outputs = arguments.RunOutputs(
-            film=arguments.optional_path(film, "film"),
-            log=arguments.optional_path(log, "log"),
-            frames=arguments.optional_path(frames, "frames"),
-            options={"page": "path"},
-        )
-        outputs.check_names()
-        return self.run_into(outputs, injected, listeners=listeners, witnessed=witnessed)
+    run = question(RunRequest, run)
+    audit = question(AuditRequest, audited)
 
     def run_into(
         self,
-        outputs: arguments.RunOutputs,
+        outputs: RunOutputs,
         injected: Sequence[InjectedFault] = (),
         *,
         listeners: Sequence[Listener],
@@ -244,7 +262,7 @@ class OpenProgram:
             outputs=outputs,
         )
 
-    def sweep(self, slip: str, count: int = DEFAULT_RUNS, *, progress: Progress = silent) -> SlipSweep:
+    def sweep(self, slip: str, count: int = DEFAULT_RUNS, *, progress: Progress = values.silent) -> SlipSweep:
         """Run the program `count` times with a slip at other instants of a primitive action.
 
         slip: as `sqrp run --sweep` takes it, such as `slip@a4`. At Ctrl-C the result has the runs that are finished.
@@ -252,9 +270,9 @@ class OpenProgram:
         from sqrp_cli.api.run_results import SlipSweep
         from sqrp_cli.runtime.run.injected_fault import parse_sweep
 
-        arguments.check_text(slip, "slip", "a slip and where, such as `slip@a4`")
-        arguments.check_count(count, "count", 1)
-        arguments.check_progress(progress)
+        values.text("a slip and where, such as `slip@a4`").read(slip, "slip")
+        values.count(1).read(count, "count")
+        values.PROGRESS.read(progress, "progress")
         simulation = self._simulation()
         from sqrp_cli.runtime.run.simulation import SweepRun, SweepSummary, sweep
 
@@ -265,48 +283,6 @@ class OpenProgram:
         slowest = max(1.0 / camera.rate for camera in self.workspace.cameras.values())
         summary = SweepSummary.of(runs, slowest)
         return SlipSweep(self.program, self.workspace.name, slip, place.number, runs, summary, count)
-
-    def audit(
-        self,
-        recording: str | Path,
-        threshold: float = DEFAULT_THRESHOLD,
-        *,
-        topics: Mapping[str, str] | None = None,
-        progress: Progress = silent,
-    ) -> Audit:
-        """Compare a recording with what the program predicts.
-
-        recording: MCAP, a rosbag2 folder or a bag of ROS 1, with images and joint states; or a folder with PNG files
-        and `frames.csv`, as `run(frames=...)` keeps them. Cameras that have moved, or whose clocks are wrong, are found
-        first; images are compared at the times that follow from that. threshold: least share of predicted detections
-        that must have come true, in 0..1. topics: of the images of cameras whose name their topic does not have.
-        """
-        from sqrp_cli.api.run_results import Audit
-        from sqrp_cli.runtime.cell.requirements import check_packages
-
-        check_packages()
-        from sqrp_cli.runtime.audit.frame_audit import audit
-
-        path = arguments.checked_path(recording, "recording")
-        arguments.check_threshold(threshold)
-        arguments.check_progress(progress)
-        footage = self.footage(path, topics or {})
-        cameras, unsurveyed = self._surveyed(footage, progress)
-        offsets = {name: one.offset or 0.0 for name, one in cameras.items() if one.has_wrong_clock}
-        with progress(f"Looking at {path}", len(footage.frames)) as advance:
-            report = audit(self.program, self.workspace, footage, offsets, lambda: advance(1))
-        return Audit(self.program, self.workspace, report, threshold, cameras, unsurveyed)
-
-    def _surveyed(self, footage: Footage, progress: Progress) -> tuple[dict[str, CameraSurvey], str]:
-        """Where cameras are and what their clocks say; without an OpenGL that draws none, and why."""
-        try:
-            from sqrp_cli.runtime.audit.survey import survey
-
-            return survey(self.program, self.workspace, footage, progress), ""
-        except InputError as error:
-            if error.problems[0].code != "no-opengl":
-                raise
-            return {}, error.problems[0].message
 
     def footage(self, path: Path, topics: Mapping[str, str]) -> Footage:
         """A recording of the program's run, of any kind; topics: see `audit`.
@@ -380,7 +356,9 @@ def _never_happened(faults: Sequence[InjectedFault], events: Sequence[Event]) ->
 
 def _recorder(workspace: Workspace, path: Path | None, closing: ExitStack) -> BagRecorder | None:
     """The writer of a run for ROS tools, if the name is that of a recording; it leaves nothing behind if all fails."""
-    if path is None or not arguments.is_recording(path):
+    from sqrp_cli.api.run_results import is_recording
+
+    if path is None or not is_recording(path):
         return None
     from sqrp_cli.ros.bag import BagWriter
     from sqrp_cli.runtime.record.bag_recorder import BagRecorder

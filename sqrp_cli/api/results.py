@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from sqrp_cli.api.arguments import check_text, checked_path
+from sqrp_cli.ask import values
 from sqrp_cli.errors import Problem, bad_option
 from sqrp_cli.report.documents.document import Document, as_text
 
@@ -141,8 +141,8 @@ class Ranking(Answer["RankDocument"]):
         """
         from sqrp_cli.api.session import add_steps, check_choice, choose_candidate, steps_of
 
-        file, session = checked_path(path), self.session
-        check_text(choose, "choose", "the name of a candidate, or `best`")
+        file, session = values.PATH.read(path, "path"), self.session
+        values.text("the name of a candidate, or `best`").read(choose, "choose")
         check_choice(session.task, choose)
         chosen = choose_candidate(self.ranked, choose).assessment
         if not chosen.feasible:

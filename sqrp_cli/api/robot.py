@@ -16,8 +16,7 @@ from sqrp_cli.api.program import LazyReplanner, OpenProgram
 from sqrp_cli.errors import bad_input, bad_option
 
 if TYPE_CHECKING:
-    from sqrp_cli.api.arguments import RunOutputs
-    from sqrp_cli.api.run_results import SimulatedRun
+    from sqrp_cli.api.run_results import RunOutputs, SimulatedRun
     from sqrp_cli.ros.transport import Transport
     from sqrp_cli.runtime.cell.robot_file import RobotFile
     from sqrp_cli.runtime.record.events import Listener

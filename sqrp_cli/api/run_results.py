@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sqrp_cli.api.arguments import RunOutputs, check_texts, checked_path
 from sqrp_cli.api.results import Answer, how_many
-from sqrp_cli.errors import InputError
+from sqrp_cli.ask import values
+from sqrp_cli.errors import InputError, bad_option
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
+    from sqrp_cli.ask.requests import RunRequest
     from sqrp_cli.knowledge.workspace.workspace import Workspace
     from sqrp_cli.program.record import Program
     from sqrp_cli.report.documents.runs import AuditDocument, RunDocument, SweepDocument
@@ -23,6 +23,66 @@ if TYPE_CHECKING:
     from sqrp_cli.runtime.record.events import Event
     from sqrp_cli.runtime.record.report import RunReport
     from sqrp_cli.runtime.run.simulation import SweepRun, SweepSummary
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOutputs:
+    """Files and folders that a run writes; None: not wanted."""
+
+    film: Path | None = None
+    """A film, or a recording for ROS tools, by its suffix."""
+    log: Path | None = None
+    frames: Path | None = None
+    """A folder."""
+    page: Path | None = None
+    options: Mapping[str, str] = field(default_factory=dict)
+    """What messages call a field whose option has another name, such as `--record` for `film`."""
+
+    @classmethod
+    def of(cls, ask: RunRequest, page: Path | None = None) -> RunOutputs:
+        """What a run is asked to write."""
+        given = {"film": ask.film, "log": ask.log, "frames": ask.frames}
+        paths = {name: None if path is None else Path(path) for name, path in given.items()}
+        options = {name: ask.called(name) for name in given} | {"page": "path" if page is None else "--report"}
+        return cls(**paths, page=page, options=options)
+
+    @property
+    def named(self) -> dict[str, Path | None]:
+        """Each by what messages call it."""
+        paths = {"film": self.film, "log": self.log, "frames": self.frames, "page": self.page}
+        return {self.options.get(name, name): path for name, path in paths.items()}
+
+    def check_names(self) -> None:
+        """Raises InputError for a name that no film can have, and where two outputs have the same."""
+        from sqrp_cli.platform.files import check_distinct
+
+        if self.film is not None:
+            _check_film(self.film, self.options.get("film", "film"))
+        check_distinct(self.named)
+
+    def check_not_read(self, inputs: Iterable[Path]) -> None:
+        """Raises InputError where an output file is also an input file; a folder of frames is new or empty."""
+        from sqrp_cli.platform.files import check_not_read
+
+        check_not_read([self.film, self.log, self.page], inputs)
+
+
+def is_recording(path: Path | None) -> bool:
+    """Whether a film's name is that of a recording for ROS tools."""
+    from sqrp_cli.ros.bag import SUFFIXES
+
+    return path is not None and path.suffix.lower() in SUFFIXES
+
+
+def _check_film(path: Path, name: str) -> None:
+    """Raises InputError for a name that neither a recording nor an MP4 film of OpenCV can have."""
+    if is_recording(path):
+        return
+    if path.suffix.lower() != ".mp4":
+        expected = "expected a name that ends in .mp4 (film), .mcap (recording) or .bag (recording of ROS 1)"
+        raise bad_option(f"{name} is `{path}`; {expected}")
+    if str(path) != str(path).encode(errors="ignore").decode():
+        raise bad_option(f"{name} is `{path}`, which is not UTF-8 text; films are written by a library that needs it")
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -72,8 +132,8 @@ class SimulatedRun(Answer["RunDocument"]):
         """
         from sqrp_cli.report.pages.run_page import write_run
 
-        file = checked_path(path)
-        check_texts(arguments, "arguments", "the words of a command, in a list")
+        file = values.PATH.read(path, "path")
+        values.texts("the words of a command, in a list").read(arguments, "arguments")
         outputs = replace(self.outputs, page=file)
         outputs.check_names()
         outputs.check_not_read(self.inputs)

@@ -16,7 +16,7 @@ from sqrp_cli.program.record import Program
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, study
 from sqrp_cli.programming.coverage.sampling import Sampling
-from sqrp_cli.programming.pipeline import Assignment, Inquiry, StepDone, assess_all
+from sqrp_cli.programming.pipeline import Assignment, StepDone, assess_all
 from sqrp_cli.programming.program_update import make_step, with_usual_images
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.task import Task, read_task
@@ -24,6 +24,7 @@ from sqrp_cli.programming.ways.grips import first_grip
 from sqrp_cli.programming.whole_study import StepShown, worst_seen
 
 if TYPE_CHECKING:
+    from sqrp_cli.ask.requests import TaskRequest
     from sqrp_cli.programming.suggestion import SuggestedStep
     from sqrp_cli.scoring.scorecard import Progress
 
@@ -51,23 +52,20 @@ class Session:
         return f"{self.task.text} in {self.workspace.name}"
 
     @classmethod
-    def begin(cls, cell: Cell, task: str, inquiry: Inquiry, before: Path | None = None) -> Session:
-        """Read the task, and load the world to start from.
+    def begin(cls, cell: Cell, ask: TaskRequest) -> Session:
+        """Read the task, and load the world to start from: that in which the program `after` ends, or the workspace's.
 
-        before: a program; the task starts where it ends, by default in the workspace's own state. Raises InputError for
-        input that cannot be used.
+        Raises InputError for input that cannot be used.
         """
-        world = cell.initial_world if before is None else _world_after(before, cell)
-        read = read_task(task, cell.workspace, world.facts)
+        world, inquiry = cell.initial_world, ask.inquiry
+        if ask.after is not None:
+            program = load_program(Path(ask.after))
+            check_program(program, Path(ask.after), cell.workspace)
+            world = program.steps[-1].after if program.steps else world
+        task = read_task(ask.task, cell.workspace, world.facts)
         if inquiry.wanted.fastest:
-            read = replace(read, candidates=tuple(map(first_grip, read.candidates)))
-        return cls(read, Assignment(**vars(inquiry), cell=cell, world=world))
-
-
-def _world_after(path: Path, cell: Cell) -> World:
-    program = load_program(path)
-    check_program(program, path, cell.workspace)
-    return program.steps[-1].after if program.steps else cell.initial_world
+            task = replace(task, candidates=tuple(map(first_grip, task.candidates)))
+        return cls(task, Assignment(**vars(inquiry), cell=cell, world=world))
 
 
 def assess(session: Session, jobs: int, progress: Progress) -> Iterator[Assessment]:

@@ -2,16 +2,55 @@
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, TypeVar
 
 import typer
 from typer.core import TyperCommand
 
-from sqrp_cli.errors import bad_option
+from sqrp_cli.ask.request import NEEDED, Field, Request, Word
+from sqrp_cli.cli import completion
+from sqrp_cli.errors import ExitCode, bad_option
+
+Asked = TypeVar("Asked", bound=Request)
 
 UsageError: Any = typer.BadParameter.__base__
 """What Typer raises for a command line that it cannot read; it names it nowhere else."""
+
+
+def command_of(record: type[Asked], run: Callable[[Any, Asked], ExitCode]) -> Callable[..., ExitCode]:
+    """A function for Typer with an option for each word of a request; its help is the request's docstring.
+
+    run: takes Typer's context and the request.
+    """
+
+    def parameter(word: Word, one: Field) -> inspect.Parameter:
+        shown: dict[str, Any] = {"metavar": word.flags if word.is_argument else word.metavar, "help": word.help}
+        if word.complete is not None:
+            shown["autocompletion"] = getattr(completion, word.complete)
+        if word.is_argument and one.default is not NEEDED:
+            shown["show_default"] = False
+        made = typer.Argument(**shown) if word.is_argument else typer.Option(word.flags, **shown)
+        single = len(one.words) == 1 and one.absent is None
+        default = (
+            one.default if single and (one.default is NEEDED or isinstance(one.default, bool | int | float)) else None
+        )
+        kind: Any = word.words if default is not None else word.words | None
+        return inspect.Parameter(
+            word.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, made]
+        )
+
+    def called(context: typer.Context, **words: Any) -> ExitCode:  # noqa: ANN401 - by the words
+        return run(context, record.of_words(words))
+
+    first = inspect.Parameter("context", inspect.Parameter.POSITIONAL_OR_KEYWORD, annotation=typer.Context)
+    said = [parameter(*one) for one in record.said()]
+    called.__signature__ = inspect.Signature([first, *said])  # type: ignore[attr-defined]
+    called.__annotations__ = {one.name: one.annotation for one in (first, *said)}
+    called.__doc__ = record.__doc__
+    return called
 
 
 class Command(TyperCommand):

@@ -15,6 +15,7 @@ import numpy as np
 
 from sqrp_cli.api.cell import OpenCell
 from sqrp_cli.api.session import Session
+from sqrp_cli.ask.requests import TaskRequest
 from sqrp_cli.errors import Infeasible, InputError, Problem
 from sqrp_cli.geometry import Array, matrix_to_quaternion
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
@@ -24,7 +25,7 @@ from sqrp_cli.programming.candidate import Candidate
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, rehearsal
 from sqrp_cli.programming.feasibility import feasible_motion
-from sqrp_cli.programming.pipeline import Assignment, Inquiry
+from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.program_update import world_after
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.sensing.sight_memory import SightMemory
@@ -149,7 +150,8 @@ class _Bench:
         if self._task is not None and self._task[0] == asked.task:
             before = self._task[1]
             return Session(before.task, replace(before.assignment, cell=cell, wanted=wanted))
-        session = Session.begin(cell, asked.task, Inquiry(wanted=wanted))
+        session = Session.begin(cell, TaskRequest(asked.task))
+        session = Session(session.task, replace(session.assignment, wanted=wanted))
         if len(session.task.candidates) <= KEPT_PLANS:
             session = Session(session.task, replace(session.assignment, plans=Plans()))
             self._task = asked.task, session

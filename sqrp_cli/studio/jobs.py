@@ -323,8 +323,8 @@ def _shown(found: Any) -> dict[str, object]:  # noqa: ANN401 - what images show 
 
 
 def _play(job: Play, say: _Teller) -> None:
-    from sqrp_cli.api.arguments import RunOutputs
     from sqrp_cli.api.program import open_program
+    from sqrp_cli.api.run_results import RunOutputs
 
     opened = open_program(job.file, seed=job.seed)
     watching = _Watching(say, job.file, job.faults)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Any
 
-import typer
-
-from sqrp_cli.api.calibration import calibrate
-from sqrp_cli.cli.options import Json, Patches, answer
+from sqrp_cli.api.calibration import learned
+from sqrp_cli.ask import requests
+from sqrp_cli.ask.request import Command, option
+from sqrp_cli.ask.values import PATH
+from sqrp_cli.cli.command import command_of
+from sqrp_cli.cli.options import Patches, answer
 from sqrp_cli.errors import ExitCode
 from sqrp_cli.platform.files import check_not_read
 
@@ -17,37 +19,31 @@ NAME = "calibrate"
 PATCHES = Patches("# Curves that `sqrp calibrate` found", "of `sqrp calibrate`")
 
 
-def command(
-    frames: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FRAMES", help="What `sqrp run --frames` kept, a recording, or PNG files and `labels.csv`."
-        ),
-    ],
-    workspace: Annotated[
-        Path | None, typer.Option("--workspace", metavar="WORKSPACE", help="The cell that `labels.csv` is about.")
-    ] = None,
-    program: Annotated[
-        Path | None, typer.Option("--program", metavar="FILE", help="The program that was run, if it is not in FRAMES.")
-    ] = None,
-    patch: Annotated[
-        Path | None, typer.Option("--patch", metavar="FILE", help="Write a patch of the workspace with the curves.")
-    ] = None,
-    as_json: Json = False,
-) -> ExitCode:
+class CalibrateCommand(requests.CalibrateRequest, requests.Printed, Command):
     """Learn from labelled frames how likely each detector sees.
 
     Prints how well its curve, and its limits, agree with frames that the curve was not learned from.
     """
+
+    patch: Path | None = option(
+        "--patch", "Write a patch of the workspace with the curves.", PATH, default=None, metavar="FILE"
+    )
+
+
+def calibrate(_context: Any, ask: CalibrateCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
+    """Learn, write the patch, and print."""
     from sqrp_cli.knowledge.text.yaml_edit import to_apply
     from sqrp_cli.terminal.console import note, progress
 
-    if patch is not None:
-        PATCHES.check(patch)
-    found = calibrate(frames, workspace=workspace, program=program, progress=progress)
-    if patch is not None:
-        check_not_read([patch], [file.path for file in found.cell.workspace.files.values()])
-        PATCHES.write(patch, found.patch)
-        note(f"to have the curves: {to_apply(patch, found.cell.workspace.whole_file.file)}")
-    answer(found, as_json=as_json)
+    if ask.patch is not None:
+        PATCHES.check(ask.patch)
+    found = learned(ask.but(progress=progress))
+    if ask.patch is not None:
+        check_not_read([ask.patch], [file.path for file in found.cell.workspace.files.values()])
+        PATCHES.write(ask.patch, found.patch)
+        note(f"to have the curves: {to_apply(ask.patch, found.cell.workspace.whole_file.file)}")
+    answer(found, as_json=ask.json)
     return ExitCode.OK
+
+
+command = command_of(CalibrateCommand, calibrate)

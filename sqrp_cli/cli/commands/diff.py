@@ -3,50 +3,51 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
+from typing import Any
 
 from sqrp_cli.api.results import Difference
-from sqrp_cli.cli import options as option
-from sqrp_cli.cli.options import job_count, note_late, read_sampling
+from sqrp_cli.ask import requests, values
+from sqrp_cli.ask.request import Command, argument, option
+from sqrp_cli.ask.values import PATH
+from sqrp_cli.cli.command import command_of
+from sqrp_cli.cli.commands.score import ALLOW, ALLOWANCE, show
+from sqrp_cli.cli.options import note_late
 from sqrp_cli.errors import ExitCode, InputError
 
 NAME = "diff"
 
 
-def command(
-    before: Annotated[Path, typer.Argument(metavar="A", help="A workspace as it was.")],
-    after: Annotated[Path, typer.Argument(metavar="B", help="The workspace as it is now.")],
-    allow: option.Allow = option.DEFAULT_ALLOWANCE,
-    out: option.Out = None,
-    cluster: option.Cluster = None,
-    seed: option.Seed = 0,
-    samples: option.SampleCount = None,
-    dt: option.SampleStep = None,
-    tolerance: option.Tolerance = None,
-    jobs: option.Jobs = None,
-    as_json: option.Json = False,
-) -> ExitCode:
+class DiffCommand(requests.ScoreRequest, requests.Clustered, requests.Seeded, requests.Printed, Command):
     """Compare two versions of a workspace.
 
     Show what differs, field by field, and which camera therefore no longer sees which literal, and when.
     """
+
+    before: Path = argument("A", "A workspace as it was.", PATH)
+    after: Path = argument("B", "The workspace as it is now.", PATH)
+    allow: float = option("--allow", ALLOW, values.number(0.0), default=ALLOWANCE, metavar="POINTS")
+
+
+def diff(_context: Any, ask: DiffCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
+    """Compare, and print what differs."""
     from sqrp_cli.scoring.work.cluster import connected
 
-    with connected(cluster, note_late) as workers:
+    with connected(ask.cluster, note_late) as workers:
         from sqrp_cli.api.scores import why_not_scored
-        from sqrp_cli.cli.commands.score import show
+        from sqrp_cli.programming.coverage.sampling import Adaptive
         from sqrp_cli.scoring.scorecard import Scorecard, difference, read_versions
         from sqrp_cli.scoring.work.compute import Means, open_computer
         from sqrp_cli.terminal.console import progress
 
-        means = Means(read_sampling(samples, dt, tolerance), job_count(jobs), workers, out, seed)
-        old, new = read_versions(before, after)
-        if not as_json and old.content == new.content:  # nothing can differ, not even what is computed
-            return show(Difference(Scorecard(())), as_json=as_json)
+        means = Means(ask.sampling or Adaptive(), ask.jobs, workers, ask.out, ask.seed)
+        old, new = read_versions(ask.before, ask.after)
+        if not ask.json and old.content == new.content:  # nothing can differ, not even what is computed
+            return show(Difference(Scorecard(())), as_json=ask.json)
         with open_computer(means) as computer:
-            findings = difference(old, new, computer, allow, progress)
+            findings = difference(old, new, computer, ask.allow, progress)
         if findings.count("error"):
             raise InputError(*why_not_scored(findings))
-        return show(Difference(findings), as_json=as_json)
+        return show(Difference(findings), as_json=ask.json)
+
+
+command = command_of(DiffCommand, diff)

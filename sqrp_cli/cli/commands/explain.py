@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.api.program import open_program
-from sqrp_cli.cli import completion
-from sqrp_cli.cli import options as option
-from sqrp_cli.cli.command import Command, UsageError
+from sqrp_cli.ask import requests, values
+from sqrp_cli.ask.request import argument, option
+from sqrp_cli.ask.values import FLAG, PATH
+from sqrp_cli.cli.command import Command, UsageError, command_of
 from sqrp_cli.cli.completion import example_task
-from sqrp_cli.cli.options import answer, job_count
+from sqrp_cli.cli.options import answer, check_excluded, open_with_warnings
 from sqrp_cli.cli.start import Start
-from sqrp_cli.cli.watch import Watch, watched
-from sqrp_cli.errors import ExitCode, InputError, Problem, first_names, nearest
+from sqrp_cli.cli.watch import watched
+from sqrp_cli.errors import ExitCode, InputError, Problem, nearest
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -40,7 +39,7 @@ class Parser(Command):
         except UsageError:
             after = args[args.index("--ways") + 1 :] if "--ways" in args else []
             if after and not after[0].startswith("-"):  # it may be a misspelt value rather than a word too much
-                option.read_ways(after[0])
+                values.one_of(*_WAYS).read(after[0], "--ways")
             raise
 
 
@@ -54,121 +53,84 @@ def _with_ways(words: Sequence[str]) -> Iterator[str]:
             yield "all"
 
 
-StepNumber = Annotated[
-    int | None,
-    typer.Option(
-        "--step", metavar="N", help="Of a task of several steps, or of a program: which; by default the one seen worst."
-    ),
-]
-MaybeTask = Annotated[
-    str | None,
-    typer.Argument(
-        metavar="TASK", autocompletion=completion.tasks, show_default=False, help="As for rank; none for a program."
-    ),
-]
-AllCandidates = Annotated[bool, typer.Option("--all", help="Compare all candidates side by side.")]
-ShownWays = Annotated[
-    str,
-    typer.Option(
-        "--ways",
-        metavar="[best|all|fastest]",
-        help="Show the other Pareto-optimal ways, too (all; also without a value), or explain that with the fastest "
-        "branch and the first yaw and side.",
-    ),
-]
-
-
-def command(
-    context: typer.Context,
-    workspace: option.StartPath,
-    task: MaybeTask = None,
-    choose: option.Choose = None,
-    step: StepNumber = None,
-    all_candidates: AllCandidates = False,
-    ways: ShownWays = "best",
-    max_time: option.MaxTime = None,
-    samples: option.SampleCount = None,
-    dt: option.SampleStep = None,
-    tolerance: option.Tolerance = None,
-    after: option.After = None,
-    images: option.Images = None,
-    jobs: option.Jobs = None,
-    seed: option.Seed = 0,
-    watch: Watch = False,
-    as_json: option.Json = False,
-) -> ExitCode:
+class ExplainCommand(
+    requests.ExplainRequest, requests.Watched, requests.Seeded, requests.Printed, requests.StartCommand
+):
     """Explain how well the cameras see a way of doing a task.
 
     Shows when each camera sees each literal, and what is in the way when it does not.
     """
+
+    task: str = argument("TASK", "As for rank; none for a program.", requests.TASK, default="", complete="tasks")
+    ways: requests.Ways = option(
+        "--ways",
+        "Show the other Pareto-optimal ways, too (all; also without a value), or explain that with the fastest branch "
+        "and the first yaw and side.",
+        values.one_of(*_WAYS),
+        default="best",
+        metavar="[best|all|fastest]",
+    )
+    all: bool = option("--all", "Compare all candidates side by side.", FLAG, default=False)
+    images: Path | None = option(
+        "--images", "Write what each camera sees in each blind interval as pictures.", PATH, default=None, metavar="DIR"
+    )
+
+
+def explain(context: Any, ask: ExplainCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
+    """Explain a candidate, or a step of a program."""
+    from sqrp_cli.api.cell import explained
     from sqrp_cli.checks.cell_warnings import cell_warnings
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.terminal.console import print_problems, progress
 
-    if watch:
-        return watched(context, {"--json": as_json})
-    _check_options(choose, images, all_candidates=all_candidates)
-    wanted, all_ways = option.read_ways(ways)
-    sampling = option.read_sampling(samples, dt, tolerance)
-    option.check_max_time(max_time)
-    if task is None:
-        return _explain_program(workspace, step, seed, as_json=as_json)
-    workspace, after = Start.of(workspace, after)
-    cell = option.open_with_warnings(workspace, seed)
-    choice = None if all_candidates else "best" if choose is None else choose
-    explanation = cell.explain(
-        task,
-        choice,
-        step=step,
-        sampling=sampling,
-        after=after,
-        ways=wanted,
-        max_time=max_time,
-        jobs=job_count(jobs),
-        progress=progress,
-    )
+    if ask.watch:
+        return watched(context, {"--json": ask.json})
+    _check_options(ask)
+    if not ask.task:
+        return _explain_program(ask)
+    workspace, after = Start.of(ask.workspace, ask.after)
+    cell = open_with_warnings(workspace, ask.seed)
+    explanation = explained(cell, ask.but(after=after, choose=None if ask.all else ask.choose, progress=progress))
     print_problems((*cell_warnings(cell.cell), *intervals_outside(one.assessment for one in explanation.ranking)))
-    answer(explanation, as_json=as_json)
-    if not as_json:
-        _say_more(explanation, workspace, after, task, choice or "best", all_ways=all_ways)
+    answer(explanation, as_json=ask.json)
+    if not ask.json:
+        _say_more(explanation, workspace, after, ask)
     studies = [one.study for one in explanation.explained if one.study is not None]
-    if images is not None:
-        _write_images(cell.cell, studies, images, several=all_candidates)
+    if ask.images is not None:
+        _write_images(cell.cell, studies, ask.images, several=ask.all)
     return ExitCode.OK if studies else ExitCode.NONE_FEASIBLE
 
 
-def _explain_program(file: Path, step: int | None, seed: int, *, as_json: bool) -> ExitCode:
+def _explain_program(ask: ExplainCommand) -> ExitCode:
     """Explain a step of a program, which stands where a workspace would."""
     from sqrp_cli.knowledge.text.input_file import missing_file
     from sqrp_cli.program.file import is_program
 
+    file = ask.workspace
     if not file.exists():
         raise InputError(missing_file(file))
     if not is_program(file):
         message = f"{file} is no program, so a task is missing"
         mend = shlex.join(["sqrp", "explain", str(file), example_task(file) or "TASK"])
         raise InputError(Problem("no-program", message, mend=mend))
-    explanation = open_program(file, seed=seed).explain(step)
-    answer(explanation, as_json=as_json)
+    answer(open_program(file, seed=ask.seed).explain(ask.step), as_json=ask.json)
     return ExitCode.OK
 
 
-def _check_options(choose: str | None, images: Path | None, *, all_candidates: bool) -> None:
+def _check_options(ask: ExplainCommand) -> None:
     """Raises InputError for options that exclude each other, and where no pictures can be written."""
-    if all_candidates:
-        option.check_excluded("--all", {"--choose": choose})
-    if images is not None:
+    if ask.all:
+        check_excluded("--all", {"--choose": ask.choose if ask.choose != "best" else None})
+    if ask.images is not None:
         from sqrp_cli.report.pictures.pictures import check_pictures
 
-        check_pictures(images)
+        check_pictures(ask.images)
 
 
-def _say_more(
-    explanation: Explanation, workspace: Path, after: Path | None, asked: str, choice: str, *, all_ways: bool
-) -> None:
+def _say_more(explanation: Explanation, workspace: Path, after: Path | None, ask: ExplainCommand) -> None:
     """The command that says how much of a remedy is enough, and the other ways if they are wanted.
 
-    asked: the task; `explanation` may be about a step of it. choice: of a candidate of that task.
+    ask: whose task the explanation may be about a step of.
     """
     from sqrp_cli.programming.advice.wish import wish_of
     from sqrp_cli.programming.coverage.quality import falls_short
@@ -179,32 +141,33 @@ def _say_more(
     found = explanation.explained[0].ranked.assessment
     if not explanation.several and HELP in found.verdict:
         lost = "q_eoi" if found.q_eoi is not None and falls_short(found.q_eoi, 1.0) else "q_avg"
-        listed = next((one for one in explanation.session.workspace.tasks if one.task == asked), None)
-        words = ["sqrp", "advise", str(workspace), asked]
+        listed = next((one for one in explanation.session.workspace.tasks if one.task == ask.task), None)
+        words = ["sqrp", "advise", str(workspace), ask.task]
         if listed is None or wish_of(listed).met(found):  # else advice is about the thresholds that are missed
             words += ["--want", f"{lost} 100 %"]
-        if asked != explanation.task:  # a step, which begins where no program ends
-            words += ["--choose", choice] if choice != "best" else []
+        if ask.task != explanation.task:  # a step, which begins where no program ends
+            words += ["--choose", str(ask.choose)] if ask.choose != "best" else []
         elif len(explanation.ranking) > 1:
             words += ["--choose", found.candidate.name]
-        words += ["--ways", "fastest"] if explanation.session.assignment.wanted.fastest else []
+        words += ["--ways", "fastest"] if ask.ways == "fastest" else []
         words += ["--after", str(after)] if after is not None else []
         say_command("\nHow much of that is enough, and what it costs:", shlex.join(words))
-    if all_ways:
+    if ask.ways == "all":
         print_ways([one.ranked.assessment for one in explanation.explained])
 
 
 def _write_images(cell: Cell, studies: Sequence[Study], images: Path, *, several: bool) -> None:
     """Take pictures of every blind interval, in a folder per candidate if there may be several."""
-    from sqrp_cli.report.pictures.pictures import MOST_PIXELS, SHEET, blind_intervals, folder_of, write_pictures
+    from sqrp_cli.report.pictures.pictures import SHEET, folder_of, write_pictures
     from sqrp_cli.terminal.console import note, progress
 
-    cameras = cell.observer.cameras
-    if large := [camera.name for camera in cameras if camera.width * camera.height > MOST_PIXELS]:
-        note(f"pictures have at most {MOST_PIXELS:,} pixels; those of {first_names(large)} are smaller than its images")
-    with progress("Taking pictures", len(cameras) * sum(len(list(blind_intervals(one))) for one in studies)) as advance:
+    with progress("Taking pictures", len(studies)) as advance:
         for study in studies:
             folder = folder_of(study, images) if several else images
-            blind = write_pictures(cell, study, folder, advance)
+            blind = write_pictures(cell, study, folder)
             counted = f"{blind} blind interval{'s' if blind > 1 else ''}, see {folder / SHEET}"
             note(f"{study.candidate.name}: {counted if blind else 'never blind, so there are no pictures'}")
+            advance()
+
+
+command = command_of(ExplainCommand, explain)

@@ -1,87 +1,76 @@
-"""`sqrp init`: a new workspace that ranks at once."""
+"""`sqrp init`: a new workspace that runs."""
 
 from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import Annotated
+from typing import Any
 
-import typer
-
-from sqrp_cli.api.new_cell import new_cell
-from sqrp_cli.cli.options import Json, answer, check_needed
+from sqrp_cli.api.new_cell import made
+from sqrp_cli.ask import requests, values
+from sqrp_cli.ask.request import Command, option
+from sqrp_cli.ask.values import FLAG
+from sqrp_cli.cli.command import command_of
+from sqrp_cli.cli.options import answer, check_needed
 from sqrp_cli.errors import ExitCode, InputError, Problem, bad_option
 
 NAME = "init"
 
-NewFolder = Annotated[Path, typer.Argument(metavar="DIR", help="The new folder; it must not exist or be empty.")]
-XacroArguments = Annotated[
-    list[str] | None, typer.Argument(metavar="NAME:=VALUE", help="Arguments of a xacro, such as ur_type:=ur5e.")
-]
-Arm = Annotated[
-    str | None,
-    typer.Option("--urdf", metavar="FILE", help="Your arm, URDF or xacro; without it, one of the program's own."),
-]
-MoveItFolder = Annotated[
-    Path | None,
-    typer.Option("--moveit", metavar="DIR", help="Its configuration of MoveIt; one beside the URDF is found."),
-]
-PackageRoots = Annotated[
-    list[Path] | None,
-    typer.Option("--package-root", metavar="DIR", help="Where packages are looked up; may be repeated."),
-]
-TipLink = Annotated[
-    str | None,
-    typer.Option("--tip", metavar="LINK", help="The link at the end of the arm, of a robot with several arms."),
-]
-RunOnce = Annotated[
-    bool,
-    typer.Option("--run/--no-run", help="Run its task once in the simulated cell, if there is one; may take minutes."),
-]
+DEFAULT_OBJECTS, DEFAULT_CAMERAS = 9, 4
+"""Of a workspace that is filled at random."""
 
 
-def command(
-    folder: NewFolder,
-    arguments: XacroArguments = None,
-    urdf: Arm = None,
-    moveit: MoveItFolder = None,
-    package_root: PackageRoots = None,
-    tip: TipLink = None,
-    run: RunOnce = True,
-    as_json: Json = False,
-) -> ExitCode:
+class InitCommand(requests.InitRequest, requests.Printed, Command):
     """Make a new workspace with its skill.
 
     Guesses about your arm are marked `check:` in the file. Nothing is ever overwritten. Exit code 1 if the arm can pick
     up nothing anywhere, or the first run stops.
     """
+
+    run: bool = option(
+        "--run/--no-run",
+        "Run its task once in the simulated cell, if there is one; may take minutes.",
+        FLAG,
+        default=True,
+    )
+    random: bool = option("--random", "Fill it at random, for load tests.", FLAG, default=False)
+    objects: int | None = option(
+        "--objects", "With --random: so many cubes; 9 by default.", values.count(1, 1500), default=None, metavar="N"
+    )
+    cameras: int | None = option(
+        "--cameras", "With --random: so many cameras; 4 by default.", values.count(1, 200), default=None, metavar="N"
+    )
+    seed: int | None = option(
+        "--seed", "With --random: seed of what is drawn; 0 by default.", values.count(0), default=None, metavar="N"
+    )
+
+
+def init(_context: Any, ask: InitCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
+    """Make it, run its task once, and print."""
     from sqrp_cli.knowledge.workspace.workspace_file import WORKSPACE_FILE
+    from sqrp_cli.starter.random_cell import Crowd
     from sqrp_cli.terminal.console import note, print_problems, progress
 
-    folder, given = _split([str(folder), *(arguments or [])])
-    of_arm = {"--tip": tip, "--package-root": package_root, "an argument": given}
-    check_needed("the arm of --urdf", moveit if urdf is None else urdf, of_arm)
-    for root in package_root or []:
-        if not root.is_dir():
+    check_needed("--random", ask.random, {"--objects": ask.objects, "--cameras": ask.cameras, "--seed": ask.seed})
+    folder, given = _split([str(ask.folder), *(ask.arguments or ())])
+    of_arm = {"--tip": ask.tip, "--package-root": ask.package_roots, "an argument": given}
+    check_needed("the arm of --urdf", ask.moveit if ask.urdf is None else ask.urdf, of_arm)
+    for root in ask.package_roots:
+        if not Path(root).is_dir():
             raise InputError(Problem("missing-folder", f"--package-root: there is no folder {root}"))
+    crowd = None
+    if ask.random:
+        crowd = Crowd(ask.seed or 0, ask.objects or DEFAULT_OBJECTS, ask.cameras or DEFAULT_CAMERAS)
+    asked = ask.but(folder=folder, arguments=given, crowd=crowd, run=ask.run and crowd is None, progress=progress)
     try:
-        made = new_cell(
-            folder,
-            urdf=urdf,
-            arguments=given,
-            package_roots=package_root or (),
-            moveit=moveit,
-            tip=tip,
-            run=run,
-            progress=progress,
-        )
+        found = made(asked)
     except KeyboardInterrupt:
         if (folder / WORKSPACE_FILE).exists():
             note(f"{folder} is made, but its task was not run: sqrp check {shlex.quote(str(folder))}")
         raise
-    print_problems(made.problems)
-    answer(made, as_json=as_json)
-    return ExitCode.OK if made.works else ExitCode.NONE_FEASIBLE
+    print_problems(found.problems)
+    answer(found, as_json=ask.json)
+    return ExitCode.OK if found.works else ExitCode.NONE_FEASIBLE
 
 
 def _split(words: list[str]) -> tuple[Path, dict[str, str]]:
@@ -92,3 +81,6 @@ def _split(words: list[str]) -> tuple[Path, dict[str, str]]:
         found = ", ".join(f"`{word}`" for word in folders) or "none"
         raise bad_option(f"expected one folder, and arguments such as `ur_type:=ur5e`; found the folders {found}")
     return Path(folders[0]), given
+
+
+command = command_of(InitCommand, init)

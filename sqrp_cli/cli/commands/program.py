@@ -5,11 +5,13 @@ from __future__ import annotations
 import shlex
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from sqrp_cli.cli.options import Json, check_excluded, check_needed, check_own
+from sqrp_cli.ask import requests, values
+from sqrp_cli.ask.request import Command, argument, option
+from sqrp_cli.ask.values import FLAG, PATH
+from sqrp_cli.cli.command import command_of
+from sqrp_cli.cli.options import check_excluded, check_needed, check_own
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem, bad_option, nearest
 from sqrp_cli.report.documents.document import as_text
 
@@ -25,39 +27,37 @@ NEW = "new"
 DEFAULT_RATE = 100.0
 """Points per second of an export [Hz]."""
 
-RATES = (1.0, 2000.0)
-"""Smallest and largest rate of an export [Hz]."""
 
-
-def command(
-    file: Annotated[Path, typer.Argument(metavar="PROGRAM|new", help="A program file, or `new` to make one.")],
-    workspace: Annotated[
-        Path | None, typer.Argument(metavar="WORKSPACE", help="With `new`: the workspace to make it for.")
-    ] = None,
-    drop_last: Annotated[bool, typer.Option("--drop-last", help="Take the last step back.")] = False,
-    export: Annotated[
-        Path | None,
-        typer.Option(
-            "--export",
-            metavar="OUT",
-            help="Write the joint trajectory (*.csv, *.yaml for ROS JointTrajectory) or all that is planned (*.mcap, "
-            "*.bag for ROS 1).",
-        ),
-    ] = None,
-    rate: Annotated[
-        str | None, typer.Option("--rate", metavar="HZ", help="Points per second of the export; 100 by default.")
-    ] = None,
-    as_json: Json = False,
-) -> ExitCode:
+class ProgramCommand(requests.Printed, Command):
     """List the steps of a program and what they add up to.
 
     `sqrp program new WORKSPACE` makes a program in questions and answers: what can be done now, how well each way is
     seen, which one to take.
     """
+
+    program: Path = argument("PROGRAM|new", "A program file, or `new` to make one.", PATH)
+    workspace: Path | None = argument("WORKSPACE", "With `new`: the workspace to make it for.", PATH, default=None)
+    drop_last: bool = option("--drop-last", "Take the last step back.", FLAG, default=False)
+    export: Path | None = option(
+        "--export",
+        "Write the joint trajectory (*.csv, *.yaml for ROS JointTrajectory) or all that is planned (*.mcap, *.bag for "
+        "ROS 1).",
+        PATH,
+        default=None,
+        metavar="OUT",
+    )
+    rate: float | None = option(
+        "--rate", "Points per second of the export; 100 by default.", values.RATE, default=None, metavar="HZ"
+    )
+
+
+def program(_context: Any, ask: ProgramCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
+    """List, shorten or export a program, or make a new one."""
+    file, workspace = ask.program, ask.workspace
     if str(file) == NEW:
         from sqrp_cli.cli.commands.program_new import make_program
 
-        if workspace is None or drop_last or export is not None or rate is not None or as_json:
+        if workspace is None or ask.drop_last or ask.export is not None or ask.rate is not None or ask.json:
             raise bad_option("`sqrp program new` takes a workspace and nothing else", mend="sqrp program new WORKSPACE")
         return make_program(workspace)
     if workspace is not None:
@@ -65,34 +65,34 @@ def command(
         if not file.exists() and nearest(str(file), [NEW]):
             mend = f"sqrp program {NEW} {shlex.quote(str(workspace))}"
         raise bad_option(f"one program at a time: found {file} and {workspace}", mend=mend)
-    if drop_last:
-        check_excluded("--drop-last", {"--export": export})
-    check_needed("--export", export, {"--rate": rate})
-    _list(file, drop_last, export, rate, as_json)
+    if ask.drop_last:
+        check_excluded("--drop-last", {"--export": ask.export})
+    check_needed("--export", ask.export, {"--rate": ask.rate})
+    _list(ask)
     return ExitCode.OK
 
 
-def _list(file: Path, drop_last: bool, export: Path | None, rate: str | None, as_json: bool) -> None:
+def _list(ask: ProgramCommand) -> None:
     from sqrp_cli.program.file import load_program
     from sqrp_cli.report.documents.programs import ProgramDocument
     from sqrp_cli.terminal.console import note, print_problems, say_raw
     from sqrp_cli.terminal.program_table import print_program
 
-    program = load_program(file)
-    workspace, doubts = _judged(program, file)
-    if (drop_last or export is not None) and doubts:
+    file, notes = ask.program, []
+    found = load_program(file)
+    workspace, doubts = _judged(found, file)
+    if (ask.drop_last or ask.export is not None) and doubts:
         raise InputError(*(replace(doubt, severity="error") for doubt in doubts))
-    notes = []
-    if drop_last and workspace is not None:
-        program, dropped = _without_last(program, file, workspace)
+    if ask.drop_last and workspace is not None:
+        found, dropped = _without_last(found, file, workspace)
         notes.append(dropped)
-    if export is not None and workspace is not None:
-        notes.append(_export(program, workspace, file, export, _read_rate(rate)))
+    if ask.export is not None and workspace is not None:
+        notes.append(_export(found, workspace, file, ask.export, ask.rate or DEFAULT_RATE))
     print_problems(doubts)
-    if as_json:
-        say_raw(as_text(ProgramDocument.of(program, file, stale=bool(doubts))))
+    if ask.json:
+        say_raw(as_text(ProgramDocument.of(found, file, stale=bool(doubts))))
     else:
-        print_program(program, file)
+        print_program(found, file)
     for text in notes:
         note(text)
 
@@ -168,15 +168,4 @@ def _export_run(program: Program, workspace: Workspace, target: Path) -> str:
     return f"{target} has the planned motion, frames, boxes and what is promised to be seen; open it in Foxglove"
 
 
-def _read_rate(rate: str | None) -> float:
-    from sqrp_cli.knowledge.text.units import FREQUENCY, expected_quantity, read_quantity
-
-    if rate is None:
-        return DEFAULT_RATE
-    quantity = read_quantity(rate)
-    least, most = RATES
-    if quantity is None or quantity.dimension not in (None, FREQUENCY):
-        raise bad_option(f"--rate is `{rate}`, expected {expected_quantity(FREQUENCY)}")
-    if not least <= quantity.value <= most:
-        raise bad_option(f"--rate is {quantity.value:g} Hz, expected {least:g} to {most:g} Hz")
-    return quantity.value
+command = command_of(ProgramCommand, program)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sqrp_cli.api.session import ChosenStep, Session, add_steps, assess, chosen_steps
-from sqrp_cli.cli.options import job_count, open_with_warnings
+from sqrp_cli.ask.values import cores
+from sqrp_cli.cli.options import open_with_warnings
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.platform.files import check_writable
@@ -134,7 +135,7 @@ class _Dialog:
     def _choose(self, task: Task) -> list[ChosenStep]:
         """Rank the ways of a task and ask for one; if there is none, propose what to do first."""
         session = Session(task, Assignment(cell=self.cell, world=self.world))
-        ranking = rank(list(assess(session, job_count(None), progress)), "q_eoi")
+        ranking = rank(list(assess(session, cores(), progress)), "q_eoi")
         say()
         print_ranking(task.text, session.assignment, ranking, "q_eoi", all_rows=True)
         say()
@@ -144,7 +145,7 @@ class _Dialog:
         return [] if chosen is None else [ChosenStep(task.text, chosen.assessment, self.world)]
 
     def _propose(self, task: Task) -> list[ChosenStep]:
-        suggester = Suggester(self.cell, self.world, jobs=job_count(None))
+        suggester = Suggester(self.cell, self.world, jobs=cores())
         suggested = best_suggestion([check_candidate(c, suggester) for c in task.candidates], suggester)
         if not suggested:
             return []

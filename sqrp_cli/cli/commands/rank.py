@@ -5,15 +5,16 @@ from __future__ import annotations
 import shlex
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.api.results import Ranking
-from sqrp_cli.cli import options as option
-from sqrp_cli.cli.options import answer, job_count, open_to_write, page_is_written
+from sqrp_cli.ask import requests
+from sqrp_cli.ask.request import option
+from sqrp_cli.ask.values import FLAG, PATH
+from sqrp_cli.cli.command import command_of
+from sqrp_cli.cli.options import answer, open_to_write, page_is_written
 from sqrp_cli.cli.start import Start
-from sqrp_cli.cli.watch import Watch, watched
+from sqrp_cli.cli.watch import watched
 from sqrp_cli.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -25,92 +26,66 @@ if TYPE_CHECKING:
 
 NAME = "rank"
 
-By = Annotated[str, typer.Option("--by", metavar="q_eoi|q_avg|time|delay|expected_time", help="What counts first.")]
-ProgramFile = Annotated[
-    Path | None, typer.Option("--program", metavar="PROGRAM", help="Append the chosen candidate to this program file.")
-]
-AllRows = Annotated[bool, typer.Option("--all", help="Show all candidates, also of a long ranking.")]
-CameraErrors = Annotated[
-    str | None,
-    typer.Option("--calibration", metavar='"5 mm, 0.5 deg"', help="Draw camera poses with these errors (1 sigma)."),
-]
 
-
-def command(
-    context: typer.Context,
-    workspace: option.StartPath,
-    task: option.TaskText,
-    by: By = "q_eoi",
-    samples: option.SampleCount = None,
-    dt: option.SampleStep = None,
-    tolerance: option.Tolerance = None,
-    program: ProgramFile = None,
-    choose: option.Choose = None,
-    ways: option.Ways = "best",
-    all_rows: AllRows = False,
-    max_time: option.MaxTime = None,
-    after: option.After = None,
-    calibration: CameraErrors = None,
-    report: option.Report = None,
-    jobs: option.Jobs = None,
-    seed: option.Seed = 0,
-    watch: Watch = False,
-    as_json: option.Json = False,
-) -> ExitCode:
+class RankCommand(
+    requests.RankRequest,
+    requests.Chosen,
+    requests.Paged,
+    requests.Watched,
+    requests.Seeded,
+    requests.Printed,
+    requests.StartCommand,
+):
     """Rank the candidates of a task, each in its best way.
 
     The best are those in which the cameras see what matters. The chosen one can be written as a program.
     """
-    from sqrp_cli.api.session import check_choice, world_before
-    from sqrp_cli.checks.cell_warnings import cell_warnings, swept_cameras
+
+    program: Path | None = option(
+        "--program", "Append the chosen candidate to this program file.", PATH, default=None, metavar="PROGRAM"
+    )
+    all: bool = option("--all", "Show all candidates, also of a long ranking.", FLAG, default=False)
+
+
+def rank(context: Any, ask: RankCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
+    """Assess, rank, write what is to be written, and print."""
+    from sqrp_cli.api.session import Session, check_choice, world_before
+    from sqrp_cli.checks.cell_warnings import cell_warnings
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.platform.files import check_distinct
-    from sqrp_cli.programming.ranking import rank, read_criterion
+    from sqrp_cli.programming.ranking import rank
     from sqrp_cli.terminal.console import note, print_problems, say_command
 
-    if watch:
-        return watched(context, {"--json": as_json, "--program": program})
-    workspace, after = Start.of(workspace, after, program)
-    criterion, (wanted, all_ways) = read_criterion(by), option.read_ways(ways)
-    sampling = option.read_sampling(samples, dt, tolerance)
-    drawn = option.read_calibration(calibration, seed)
-    option.check_max_time(max_time)
-    check_distinct({"--program": program, "--report": report})
-    before = world_before(after, program)
-    cell = open_to_write(workspace, seed, [program, after], report=report)
-    session = cell.begin(
-        task,
-        sampling=sampling,
-        calibration=drawn,
-        after=before,
-        by=criterion,
-        ways=wanted,
-        max_time=max_time,
-    )
+    if ask.watch:
+        return watched(context, {"--json": ask.json, "--program": ask.program})
+    workspace, after = Start.of(ask.workspace, ask.after, ask.program)
+    check_distinct({"--program": ask.program, "--report": ask.report})
+    before = world_before(after, ask.program)
+    cell = open_to_write(workspace, ask.seed, [ask.program, after], report=ask.report)
+    session = Session.begin(cell.cell, ask.but(after=before))
     print_problems(cell_warnings(session.cell))
-    choice = "best" if choose is None else choose
-    check_choice(session.task, choice)
-    assessments, interrupted = _assess(session, job_count(jobs))
+    check_choice(session.task, ask.choose)
+    assessments, interrupted = _assess(session, ask.jobs)
     if not assessments:
         return ExitCode.INTERRUPTED
     print_problems(intervals_outside(assessments))
-    ranked = rank(assessments, criterion)
-    if ranked[0].rank is not None:
-        best = ranked[0].assessment
-        print_problems(swept_cameras(cell.cell, session.assignment.world, (one.way for one in best.steps or (best,))))
+    ranked = rank(assessments, ask.by)
     # Written before the output, because its reader may leave early.
-    code, message = (ExitCode.INTERRUPTED, "") if interrupted else _write_chosen(session, ranked, choice, program)
-    if report is not None and not interrupted:
+    code, message = (
+        (ExitCode.INTERRUPTED, "") if interrupted else _write_chosen(session, ranked, ask.choose, ask.program)
+    )
+    if ask.report is not None and not interrupted:
         from sqrp_cli.report.pages.candidate_page import write_ranking
 
-        write = partial(write_ranking, session.task.text, session.assignment, ranked, criterion)
-        if not page_is_written(report, write, context.obj, job_count(jobs)):
+        write = partial(write_ranking, session.task.text, session.assignment, ranked, ask.by)
+        if not page_is_written(ask.report, write, context.obj, ask.jobs):
             code = ExitCode.INTERRUPTED
-    answer(Ranking(session, ranked, criterion, interrupted, all_ways=all_ways, all_rows=all_rows), as_json=as_json)
+    found = Ranking(session, ranked, ask.by, interrupted, all_ways=ask.ways == "all", all_rows=ask.all)
+    answer(found, as_json=ask.json)
     if message:
         note(message)
-    if not as_json and ranked[0].rank is None and _lacks_a_precondition(session):
-        words = [str(workspace), task, *([] if before is None else ["--after", str(before)])]
+    if not ask.json and ranked[0].rank is None and _lacks_a_precondition(session):
+        words = [str(workspace), ask.task, *([] if before is None else ["--after", str(before)])]
         say_command("\nTo see whether something done first helps:", f"sqrp check {shlex.join(words)}")
     return code
 
@@ -161,3 +136,6 @@ def _write_chosen(
     add_steps(session.cell, steps, session.assignment.sampling, program)
     where = "the last step" if len(steps) == 1 else f"the last {len(steps)} steps"
     return ExitCode.OK, f"{chosen.assessment.candidate.name} is now {where} of {program}"
+
+
+command = command_of(RankCommand, rank)

@@ -2,37 +2,38 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Any
 
-import typer
-
-from sqrp_cli.cli import completion
-from sqrp_cli.cli.options import Json
+from sqrp_cli.ask import requests, values
+from sqrp_cli.ask.request import Command, argument
+from sqrp_cli.cli.command import command_of
 from sqrp_cli.errors import ExitCode
 from sqrp_cli.report.documents.document import as_text
 
 NAME = "rules"
 
-Code = Annotated[
-    str | None,
-    typer.Argument(
-        metavar="CODE",
-        autocompletion=completion.codes,
-        help="A finding, such as wrong-unit; all of them unless given.",
-        show_default=False,
-    ),
-]
 
-
-def command(code: Code = None, as_json: Json = False) -> ExitCode:
+class RulesCommand(requests.Printed, Command):
     """List all findings: their codes, what each looks for, and why.
 
     With CODE, show one finding in full, with an example that passes and one that fails.
     """
+
+    code: str | None = argument(
+        "CODE",
+        "A finding, such as wrong-unit; all of them unless given.",
+        values.text("a code"),
+        default=None,
+        complete="codes",
+    )
+
+
+def show_rules(_context: Any, ask: RulesCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
+    """Print findings."""
     from sqrp_cli.checks.registry import rule_of, rules
 
-    chosen = list(rules().values()) if code is None else [rule_of(code)]
-    if as_json:
+    chosen = list(rules().values()) if ask.code is None else [rule_of(ask.code)]
+    if ask.json:
         from sqrp_cli.report.documents.checks import RulesDocument
         from sqrp_cli.terminal.console import say_raw
 
@@ -40,8 +41,11 @@ def command(code: Code = None, as_json: Json = False) -> ExitCode:
         return ExitCode.OK
     from sqrp_cli.terminal.check_table import print_rule, print_rules
 
-    if code is None:
+    if ask.code is None:
         print_rules(chosen)
     else:
         print_rule(chosen[0])
     return ExitCode.OK
+
+
+command = command_of(RulesCommand, show_rules)

@@ -9,15 +9,25 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from sqrp_cli.api.arguments import RunOutputs
 from sqrp_cli.api.logged_run import LoggedRun
 from sqrp_cli.api.program import DEFAULT_RUNS
-from sqrp_cli.cli import options as option
-from sqrp_cli.cli.options import answer, check_excluded, check_needed, program_with_warnings, read_share
+from sqrp_cli.api.run_results import RunOutputs
+from sqrp_cli.ask import requests, values
+from sqrp_cli.ask.request import Command, argument, option
+from sqrp_cli.ask.values import FLAG, PATH
+from sqrp_cli.cli.command import command_of
+from sqrp_cli.cli.options import (
+    answer,
+    check_excluded,
+    check_needed,
+    check_report,
+    program_with_warnings,
+    read_program,
+)
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem, bad_option
 
 if TYPE_CHECKING:
@@ -30,128 +40,95 @@ if TYPE_CHECKING:
 
 NAME = "run"
 
-_FORMS = (
-    "slip@a4+0.4, slip@a4:random, slip@7.2, miss-pick, camera-loss:cam2@5, frozen:cam1@3, latency:cam3=0.5, "
-    "perception-crash:cam1@4, 2:slip@a4 in step 2"
-)
-
-_OPTIONS = {"film": "--record", "log": "--log", "frames": "--frames", "page": "--report"}
-
-MaybeProgram = Annotated[
-    Path | None, typer.Argument(metavar="PROGRAM", help="A program file, as `sqrp rank --program` writes.")
-]
-Simulated = Annotated[bool, typer.Option("--sim", help="Run it in the simulated cell.")]
-RobotFile = Annotated[
-    Path | None, typer.Option("--robot", metavar="CONFIG", help="Run it on the robot that this file leads to.")
-]
-DryRun = Annotated[bool, typer.Option("--dry-run", help="With --robot: check and look, but command nothing.")]
-Agreed = Annotated[bool, typer.Option("--yes", help="With --robot: do not ask before it moves.")]
-Speed = Annotated[
-    str | None,
-    typer.Option("--speed", metavar="PERCENT", help="With --robot: share of the program's speed, such as 10%."),
-]
-Faults = Annotated[
-    list[str] | None, typer.Option("--fault", metavar="FAULT", help=f"Let this happen: {_FORMS}; repeatable.")
-]
-Sweep = Annotated[
-    str | None,
-    typer.Option("--sweep", metavar="[STEP:]slip@PRIMITIVE", help="Many runs, with a slip at other instants."),
-]
-RunCount = Annotated[int | None, typer.Option("--n", metavar="N", min=1, help="Runs of a sweep; 20 by default.")]
-RecordFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--record",
-        metavar="FILE",
-        help="*.mp4: film all cameras, with what is seen drawn in. *.mcap, or *.bag for ROS 1: images, joints, "
-        "frames, boxes and verdicts, as Foxglove and RViz show them and `sqrp audit` reads them.",
-    ),
-]
-LogFile = Annotated[
-    Path | None, typer.Option("--log", metavar="FILE", help="Write what happens, one JSON document per line.")
-]
-FramesFolder = Annotated[
-    Path | None, typer.Option("--frames", metavar="DIR", help="Keep every image, as `sqrp audit` reads them.")
-]
-ReplayedLog = Annotated[
-    Path | None,
-    typer.Option(
-        "--replay",
-        metavar="LOG",
-        help="Show a run again, from its log, without simulating; with PROGRAM its page has 3D playback, too.",
-    ),
-]
+LEAST_SPEED = 0.01
+"""Below it a program would take a hundred times as long."""
 
 
-def command(
-    context: typer.Context,
-    program: MaybeProgram = None,
-    sim: Simulated = False,
-    robot: RobotFile = None,
-    dry_run: DryRun = False,
-    yes: Agreed = False,
-    speed: Speed = None,
-    fault: Faults = None,
-    sweep: Sweep = None,
-    n: RunCount = None,
-    seed: option.Seed = 0,
-    record: RecordFile = None,
-    log: LogFile = None,
-    frames: FramesFolder = None,
-    replay: ReplayedLog = None,
-    report: option.Report = None,
-    as_json: option.Json = False,
-) -> ExitCode:
+class RunCommand(requests.RunRequest, requests.Paged, requests.Seeded, requests.Printed, Command):
     """Run a program, watched through camera images alone.
 
     The robot stops, tries again or goes on as the skill says when a fault is seen.
     """
-    outputs = RunOutputs(film=record, log=log, frames=frames, page=report, options=_OPTIONS)
-    _check_options(replay, sweep, n, fault, outputs)
-    check_needed("--robot", robot, {"--dry-run": dry_run, "--yes": yes, "--speed": speed})
-    if robot is not None:
-        check_excluded("--robot", {"--sim": sim, "--fault": fault, "--sweep": sweep, "--replay": replay})
+
+    program: Path | None = argument("PROGRAM", "A program file, as `sqrp rank --program` writes.", PATH, default=None)
+    sim: bool = option("--sim", "Run it in the simulated cell.", FLAG, default=False)
+    robot: Path | None = option(
+        "--robot", "Run it on the robot that this file leads to.", PATH, default=None, metavar="CONFIG"
+    )
+    dry_run: bool = option("--dry-run", "With --robot: check and look, but command nothing.", FLAG, default=False)
+    yes: bool = option("--yes", "With --robot: do not ask before it moves.", FLAG, default=False)
+    speed: float | None = option(
+        "--speed",
+        "With --robot: share of the program's speed, such as 10%.",
+        values.share(LEAST_SPEED),
+        default=None,
+        metavar="PERCENT",
+    )
+    sweep: str | None = option(
+        "--sweep",
+        "Many runs, with a slip at other instants.",
+        values.text("a slip and where, such as `slip@a4`"),
+        default=None,
+        metavar="[STEP:]slip@PRIMITIVE",
+    )
+    n: int | None = option("--n", "Runs of a sweep; 20 by default.", values.count(1), default=None, metavar="N")
+    replay: Path | None = option(
+        "--replay",
+        "Show a run again, from its log, without simulating; with PROGRAM its page has 3D playback, too.",
+        PATH,
+        default=None,
+        metavar="LOG",
+    )
+
+
+def run(context: Any, ask: RunCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
+    """Run, sweep or replay, as the options say."""
+    outputs = RunOutputs.of(ask, page=ask.report)
+    _check_options(ask, outputs)
     outputs.check_names()
-    if report is not None:
-        option.check_report(report)
-    if replay is not None:
-        return _replay(replay, program, report, context.obj, as_json=as_json)
-    if program is None:
-        how = "--sim" if robot is None else f"--robot {shlex.quote(str(robot))}"
+    if ask.report is not None:
+        check_report(ask.report)
+    if ask.replay is not None:
+        return _replay(ask.replay, ask, context.obj)
+    if ask.program is None:
+        how = "--sim" if ask.robot is None else f"--robot {shlex.quote(str(ask.robot))}"
         raise InputError(Problem("no-program", "expected a program to run", mend=f"sqrp run PROGRAM {how}"))
-    if robot is not None:
-        run = run_on_robot(program, robot, speed, outputs, seed, dry_run=dry_run, yes=yes, as_json=as_json)
-    elif sweep is not None:
-        return _sweep(_open(program, sim=sim, seed=seed), sweep, n, as_json=as_json)
+    if ask.robot is not None:
+        found = run_on_robot(ask.program, ask.robot, ask, outputs)
+    elif ask.sweep is not None:
+        return _sweep(_open(ask.program, ask), ask.sweep, ask)
     else:
-        run = _run(_open(program, sim=sim, seed=seed), fault or [], outputs, as_json=as_json)
-    if dry_run and run.done and not as_json:
+        found = _run(_open(ask.program, ask), ask, outputs)
+    if ask.dry_run and found.done and not ask.json:
         from sqrp_cli.terminal.console import say
 
         say("The cell is as the program says, and so are the images where it starts. Nothing was commanded.")
         return ExitCode.OK
-    return _show(run, report, context.obj, as_json=as_json)
+    return _show(found, ask.report, context.obj, as_json=ask.json)
 
 
-def _check_options(
-    replay: Path | None, sweep: str | None, n: int | None, fault: list[str] | None, outputs: RunOutputs
-) -> None:
+def _check_options(ask: RunCommand, outputs: RunOutputs) -> None:
     """Raises InputError for options that exclude each other."""
     files = outputs.named
-    if replay is not None:
-        check_excluded("--replay", {"--fault": fault, "--sweep": sweep, "--n": n, **files, "--report": None})
-    if sweep is not None:
-        check_excluded("--sweep", {"--fault": fault, "--report": outputs.page, **files})
-    check_needed("--sweep", sweep, {"--n": n})
+    if ask.replay is not None:
+        others = {"--fault": ask.faults, "--sweep": ask.sweep, "--n": ask.n, **files, "--report": None}
+        check_excluded("--replay", others)
+    if ask.sweep is not None:
+        check_excluded("--sweep", {"--fault": ask.faults, "--report": outputs.page, **files})
+    check_needed("--sweep", ask.sweep, {"--n": ask.n})
+    check_needed("--robot", ask.robot, {"--dry-run": ask.dry_run, "--yes": ask.yes, "--speed": ask.speed})
+    if ask.robot is not None:
+        others = {"--sim": ask.sim, "--fault": ask.faults, "--sweep": ask.sweep, "--replay": ask.replay}
+        check_excluded("--robot", others)
 
 
-def _open(path: Path, *, sim: bool, seed: int) -> OpenProgram:
+def _open(path: Path, ask: RunCommand) -> OpenProgram:
     """The program with its workspace. Raises InputError where it cannot be run."""
     from sqrp_cli.runtime.cell.requirements import check_simulator
     from sqrp_cli.terminal.console import print_problems
 
-    opened = program_with_warnings(path, seed)
-    if not sim:
+    opened = program_with_warnings(path, ask.seed)
+    if not ask.sim:
         message = "expected where to run it: --sim, or --robot with the file that leads to a robot"
         raise InputError(Problem("no-driver", message, mend=f"sqrp run {path} --sim"))
     check_simulator()
@@ -159,10 +136,10 @@ def _open(path: Path, *, sim: bool, seed: int) -> OpenProgram:
     return opened
 
 
-def _run(opened: OpenProgram, faults: Sequence[str], outputs: RunOutputs, *, as_json: bool) -> SimulatedRun:
+def _run(opened: OpenProgram, ask: RunCommand, outputs: RunOutputs) -> SimulatedRun:
     """Run a program in the simulated cell, shown live."""
-    injected, witnessed = opened.read_faults(faults, "--fault"), outputs.page is not None
-    with _shown_live(opened, as_json=as_json) as listeners:
+    injected, witnessed = opened.read_faults(ask.faults, "--fault"), outputs.page is not None
+    with _shown_live(opened, as_json=ask.json) as listeners:
         return opened.run_into(outputs, injected, listeners=listeners, witnessed=witnessed)
 
 
@@ -187,39 +164,39 @@ def _shown_live(opened: OpenProgram, *, as_json: bool, stopped: str = "") -> Ite
         raise typer.Exit(ExitCode.INTERRUPTED) from None
 
 
-def _replay(log: Path, program: Path | None, page: Path | None, arguments: Sequence[str], *, as_json: bool) -> ExitCode:
+def _replay(log: Path, ask: RunCommand, arguments: Sequence[str]) -> ExitCode:
     """Show a run again; of one that was interrupted, what happened until then.
 
-    program: leads to the workspace, for a page with 3D playback.
+    A program leads to the workspace, for a page with 3D playback.
     """
     from sqrp_cli.platform.files import check_not_read
     from sqrp_cli.terminal.console import note
     from sqrp_cli.terminal.run_view import FinishedSteps, LiveView
 
     logged = LoggedRun.read(log)
-    if program is not None:
-        logged = logged.of(option.read_program(program))
-    check_not_read([page], [log, *([] if logged.program is None else logged.program.files)])
+    if ask.program is not None:
+        logged = logged.of(read_program(ask.program))
+    check_not_read([ask.report], [log, *([] if logged.program is None else logged.program.files)])
     finished = FinishedSteps([step.skill for step in logged.header.steps])
-    with LiveView(logged.header.cameras, pace=not as_json) as view:
+    with LiveView(logged.header.cameras, pace=not ask.json) as view:
         run = logged.replay(finished, view)
     if run is not None:
-        return _show(run, page, arguments, as_json=as_json)
-    if page is not None or as_json:
+        return _show(run, ask.report, arguments, as_json=ask.json)
+    if ask.report is not None or ask.json:
         raise logged.no_report
     finished.show(logged.header.workspace)
     note(f"this log was interrupted at {finished}")
     return ExitCode.INTERRUPTED
 
 
-def _sweep(opened: OpenProgram, slip: str, count: int | None, *, as_json: bool) -> ExitCode:
+def _sweep(opened: OpenProgram, slip: str, ask: RunCommand) -> ExitCode:
     """Many runs of a program, each with a slip at another instant; at Ctrl-C those that are finished are shown."""
     from sqrp_cli.runtime.run.injected_fault import parse_sweep
     from sqrp_cli.terminal.console import progress
 
     parse_sweep(slip, opened.program.steps, "--sweep")
-    swept = opened.sweep(slip, count or DEFAULT_RUNS, progress=progress)
-    answer(swept, as_json=as_json)
+    swept = opened.sweep(slip, ask.n or DEFAULT_RUNS, progress=progress)
+    answer(swept, as_json=ask.json)
     if swept.interrupted:
         return ExitCode.INTERRUPTED
     return ExitCode.OK if swept.done else ExitCode.STOPPED_ON_FAULT
@@ -241,21 +218,7 @@ def _show(run: SimulatedRun, page: Path | None, arguments: Sequence[str], *, as_
     return ExitCode.OK if run.done else ExitCode.STOPPED_ON_FAULT
 
 
-LEAST_SPEED = 0.01
-"""Below it a program would take a hundred times as long."""
-
-
-def run_on_robot(
-    program: Path,
-    robot: Path,
-    speed: str | None,
-    outputs: RunOutputs,
-    seed: int,
-    *,
-    dry_run: bool,
-    yes: bool,
-    as_json: bool,
-) -> SimulatedRun:
+def run_on_robot(program: Path, robot: Path, ask: RunCommand, outputs: RunOutputs) -> SimulatedRun:
     """Run a program on the robot that a file leads to; at Ctrl-C it stops.
 
     Raises InputError where the cell is not as the program says, or nobody agrees.
@@ -263,19 +226,18 @@ def run_on_robot(
     from sqrp_cli.api.robot import open_robot
     from sqrp_cli.terminal.console import print_problems
 
-    if as_json and not dry_run and not yes:
+    if ask.json and not ask.dry_run and not ask.yes:
         raise bad_option("--json leaves no room for a question; add --yes, or --dry-run")
-    opened = program_with_warnings(program, seed)
+    opened = program_with_warnings(program, ask.seed)
     outputs.check_not_read([*opened.files, robot])
     print_problems(opened.warnings)
-    share = 1.0 if speed is None else read_share(speed, "--speed", LEAST_SPEED)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # the robot is told to stop, as at Ctrl-C
-    with open_robot(opened, robot, share) as session:
-        _check(session, robot, as_json=as_json)
-        if not dry_run and not yes:
+    with open_robot(opened, robot, ask.speed or 1.0) as session:
+        _check(session, robot, as_json=ask.json)
+        if not ask.dry_run and not ask.yes:
             _agree(session)
-        with _shown_live(session.opened, as_json=as_json, stopped="; the robot is told to stop") as listeners:
-            return session.run(outputs, listeners, moves=not dry_run)
+        with _shown_live(session.opened, as_json=ask.json, stopped="; the robot is told to stop") as listeners:
+            return session.run(outputs, listeners, moves=not ask.dry_run)
 
 
 def _check(session: RobotSession, robot: Path, *, as_json: bool) -> None:
@@ -320,3 +282,6 @@ def _agree(session: RobotSession) -> None:
         agreed = ""
     if agreed.lower() not in ("y", "yes"):
         raise InputError(Problem("not-agreed", refused, mend="answer y, or give --yes"))
+
+
+command = command_of(RunCommand, run)

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.api.results import Scores
-from sqrp_cli.cli import options as option
-from sqrp_cli.cli.options import Patches, answer, job_count, note_late, read_sampling
-from sqrp_cli.cli.watch import Watch, watched
+from sqrp_cli.ask import requests, values
+from sqrp_cli.ask.request import Command, argument, option
+from sqrp_cli.ask.values import FLAG, PATH
+from sqrp_cli.cli.command import command_of
+from sqrp_cli.cli.options import Patches, answer, check_needed, check_report, note_late
+from sqrp_cli.cli.watch import watched
 from sqrp_cli.errors import ExitCode, InputError, bad_option
 from sqrp_cli.platform.files import check_distinct, check_not_read, check_writable
 from sqrp_cli.report.documents.document import as_text
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from sqrp_cli.api.scores import ScoreRun
     from sqrp_cli.scoring.scorecard import Expected, Scorecard
     from sqrp_cli.scoring.sweep import Sweep
@@ -29,95 +29,104 @@ NAME = "score"
 PATCHES = Patches("# The best variant that `sqrp score --vary` found", "that --vary wrote")
 
 
-@dataclass(frozen=True)
-class Outputs:
-    """Files to write."""
-
-    junit: Path | None
-    summary: Path | None
-    baseline: Path | None
-    report: Path | None
-
-    @property
-    def paths(self) -> tuple[Path, ...]:
-        """All of them."""
-        return tuple(path for path in (self.junit, self.summary, self.baseline, self.report) if path is not None)
-
-    def check(self) -> None:
-        """Raises InputError before anything is computed if one of them cannot be written, or two are the same."""
-        options = ("--junit", "--summary", "--save-baseline", "--report")
-        check_distinct(dict(zip(options, (self.junit, self.summary, self.baseline, self.report), strict=True)))
-        for path in self.paths:
-            check_writable(path)
-        if self.report is not None:
-            option.check_report(self.report)
+ALLOW = "What may get worse: points of Q, percent of times."
+ALLOWANCE = 0.5
+"""Changes for the worse that are no regression yet: points of Q, percent of times."""
 
 
-def command(
-    context: typer.Context,
-    paths: option.Paths,
-    baseline: option.Baseline = None,
-    save_baseline: option.SaveBaseline = None,
-    allow: option.Allow = option.DEFAULT_ALLOWANCE,
-    allow_missing: option.AllowMissing = False,
-    junit: option.Junit = None,
-    summary: option.Summary = None,
-    report: option.Report = None,
-    out: option.Out = None,
-    resume: option.Resume = False,
-    cluster: option.Cluster = None,
-    vary: option.Vary = None,
-    draws: option.Draws = None,
-    patch: option.Patch = None,
-    seed: option.Seed = 0,
-    samples: option.SampleCount = None,
-    dt: option.SampleStep = None,
-    tolerance: option.Tolerance = None,
-    jobs: option.Jobs = None,
-    watch: Watch = False,
-    as_json: option.Json = False,
-) -> ExitCode:
+class ScoreCommand(
+    requests.ScoreRequest,
+    requests.Paged,
+    requests.Clustered,
+    requests.Watched,
+    requests.Seeded,
+    requests.Printed,
+    Command,
+):
     """Score all tasks of many workspaces.
 
     Each task's best candidate is compared with the thresholds in its workspace, and with a baseline.
     """
+
+    paths: Sequence[str] = argument(
+        "PATH...", "Workspaces, folders of workspaces, or patterns such as 'cells/*'.", values.texts("paths")
+    )
+    baseline: Path | None = option(
+        "--baseline", "Fail where something is worse than in this file.", PATH, default=None, metavar="FILE"
+    )
+    save_baseline: Path | None = option(
+        "--save-baseline", "Write the scores, to compare later ones with.", PATH, default=None, metavar="FILE"
+    )
+    allow: float = option("--allow", ALLOW, values.number(0.0), default=ALLOWANCE, metavar="POINTS")
+    allow_missing: bool = option(
+        "--allow-missing", "Pass though the baseline has workspaces or tasks that are gone.", FLAG, default=False
+    )
+    junit: Path | None = option("--junit", "Write a JUnit file for a CI server.", PATH, default=None, metavar="FILE")
+    summary: Path | None = option("--summary", "Write a Markdown summary.", PATH, default=None, metavar="FILE")
+    resume: bool = option(
+        "--resume", "Say that --out is that of an interrupted run, to go on with it.", FLAG, default=False
+    )
+    vary: Sequence[str] = option(
+        "--vary",
+        "Score variants of a workspace, and name the best.",
+        values.texts("values by their paths"),
+        default=(),
+        metavar="PATH=FROM:TO:N",
+    )
+    draws: int | None = option(
+        "--draws", "With --vary: so many at random, not a grid.", values.count(1, 10_000), default=None, metavar="N"
+    )
+    patch: Path | None = option(
+        "--patch",
+        "With --vary: where the best variant goes; NAME-best.patch by default.",
+        PATH,
+        default=None,
+        metavar="FILE",
+    )
+
+    @property
+    def outputs(self) -> dict[str, Path]:
+        """The files to write, by their options."""
+        named = {"--junit": self.junit, "--summary": self.summary, "--save-baseline": self.save_baseline}
+        return {name: path for name, path in (named | {"--report": self.report}).items() if path is not None}
+
+
+def score(context: Any, ask: ScoreCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
+    """Score all, or variants of one, once the options agree and the outputs can be written."""
     from sqrp_cli.scoring.work.cluster import connected
 
-    if watch:
-        return watched(context, {"--json": as_json, "--vary": vary, "--save-baseline": save_baseline})
-    if resume and out is None:
+    if ask.watch:
+        refused = {"--json": ask.json, "--vary": ask.vary, "--save-baseline": ask.save_baseline}
+        return watched(context, refused)
+    if ask.resume and ask.out is None:
         mend = "name the folder of the interrupted run: --out DIR --resume"
         raise bad_option("--resume needs the folder with the results", mend=mend)
-    option.check_needed("--vary", vary, {"--draws": draws, "--patch": patch})
-    option.check_needed("--baseline", baseline, {"--allow-missing": allow_missing})
-    outputs = Outputs(junit, summary, save_baseline, report)
-    if vary and (baseline is not None or outputs.paths):
+    check_needed("--vary", ask.vary, {"--draws": ask.draws, "--patch": ask.patch})
+    check_needed("--baseline", ask.baseline, {"--allow-missing": ask.allow_missing})
+    if ask.vary and (ask.baseline is not None or ask.outputs):
         raise bad_option("--vary goes without baselines and reports")
-    outputs.check()
-    with connected(cluster, note_late) as workers:
+    check_distinct(ask.outputs)
+    for path in ask.outputs.values():
+        check_writable(path)
+    if ask.report is not None:
+        check_report(ask.report)
+    with connected(ask.cluster, note_late) as workers:
+        from sqrp_cli.programming.coverage.sampling import Adaptive
         from sqrp_cli.scoring.work.compute import Means
 
-        means = Means(read_sampling(samples, dt, tolerance), job_count(jobs), workers, out, seed)
-        if vary:
-            return _vary(paths, vary, draws, patch, means, as_json=as_json)
+        means = Means(ask.sampling or Adaptive(), ask.jobs, workers, ask.out, ask.seed)
+        if ask.vary:
+            return _vary(ask, means)
         from sqrp_cli.scoring.baselines.baseline import load_baseline
         from sqrp_cli.scoring.scorecard import Expected
 
-        check_not_read(outputs.paths, [baseline])
-        known = None if baseline is None else load_baseline(baseline, means.sampling)
-        expected = None if known is None else Expected(known, allow, may_vanish=allow_missing)
-        return _score(paths, expected, outputs, means, context.obj, as_json=as_json)
+        check_not_read(ask.outputs.values(), [ask.baseline])
+        known = None if ask.baseline is None else load_baseline(ask.baseline, means.sampling)
+        expected = None if known is None else Expected(known, ask.allow, may_vanish=ask.allow_missing)
+        return _score(ask, expected, means, context.obj)
 
 
-def _score(
-    paths: Sequence[str],
-    expected: Expected | None,
-    outputs: Outputs,
-    means: Means,
-    arguments: Sequence[str],
-    *,
-    as_json: bool,
-) -> ExitCode:
+def _score(ask: ScoreCommand, expected: Expected | None, means: Means, arguments: Sequence[str]) -> ExitCode:
     """Score all, compare with the baseline, write the requested files and print; arguments: of the command.
 
     Raises InputError for unusable paths, folders and files, and if nothing at all can be scored. Otherwise prints what
@@ -128,16 +137,19 @@ def _score(
 
     findings = None
     try:
-        with ScoreRun.open(paths, outputs.paths, means, progress) as run:
+        with ScoreRun.open(ask.paths, list(ask.outputs.values()), means, progress) as run:
             findings = _findings(run)
             if expected is not None and not findings.interrupted:
                 findings = run.compare(findings, expected)
                 if findings.interrupted:
                     note("interrupted before everything was compared with the baseline")
             if not findings.interrupted:
-                run.write(findings, junit=outputs.junit, summary=outputs.summary, baseline=outputs.baseline)
-        if outputs.report is not None and findings.results and not findings.interrupted:
-            _write_page(run, findings, means, outputs.report, arguments)
+                run.write(findings, junit=ask.junit, summary=ask.summary, baseline=ask.save_baseline)
+        if ask.report is not None and findings.results and not findings.interrupted:
+            from sqrp_cli.report.pages.candidate_page import write_scores
+
+            write_scores(run.cells, findings, means, ask.report, arguments=arguments, progress=progress)
+            note(f"open {ask.report} in a browser")
     except KeyboardInterrupt:
         if findings is None:
             raise
@@ -145,11 +157,11 @@ def _score(
         findings = replace(findings, interrupted=True)
     except InputError:  # a file that cannot be written takes nothing from what was scored
         if findings is not None and not nothing_scored(findings):
-            show(Scores(findings), as_json=as_json)
+            show(Scores(findings), as_json=ask.json)
         raise
     if nothing_scored(findings):
         raise InputError(*why_not_scored(findings))
-    return show(Scores(findings), as_json=as_json)
+    return show(Scores(findings), as_json=ask.json)
 
 
 def _findings(run: ScoreRun) -> Scorecard:
@@ -166,14 +178,6 @@ def _findings(run: ScoreRun) -> Scorecard:
     return findings
 
 
-def _write_page(run: ScoreRun, findings: Scorecard, means: Means, page: Path, arguments: Sequence[str]) -> None:
-    from sqrp_cli.report.pages.candidate_page import write_scores
-    from sqrp_cli.terminal.console import note, progress
-
-    write_scores(run.cells, findings, means, page, arguments=arguments, progress=progress)
-    note(f"open {page} in a browser")
-
-
 def show(scores: Scores, *, as_json: bool) -> ExitCode:
     """Print the findings; returns their exit code."""
     answer(scores, as_json=as_json)
@@ -188,35 +192,33 @@ def _code(findings: Scorecard) -> ExitCode:
     return ExitCode.OK if findings.passed else ExitCode.NONE_FEASIBLE
 
 
-def _vary(
-    paths: Sequence[str], texts: Sequence[str], draws: int | None, wanted: Path | None, means: Means, *, as_json: bool
-) -> ExitCode:
-    """Score variants, print them and write the best as a patch. wanted: its file; None: NAME-best.patch."""
+def _vary(ask: ScoreCommand, means: Means) -> ExitCode:
+    """Score variants, print them and write the best as a patch."""
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.scoring.score import find_workspaces, short_names, wanted_of
     from sqrp_cli.scoring.sweep import grid_shape, read_variants, read_variation, sweep, variants
     from sqrp_cli.scoring.work.compute import open_computer
     from sqrp_cli.terminal.console import note, print_problems, progress
 
-    variations = [read_variation(text) for text in texts]
-    values = variants(variations, draws, means.seed)
-    files = find_workspaces(paths)
+    variations = [read_variation(text) for text in ask.vary]
+    drawn = variants(variations, ask.draws, means.seed)
+    files = find_workspaces(ask.paths)
     if len(files) > 1:
         names = ", ".join(f"`{name}`" for name in short_names(files).values())
         raise bad_option(f"--vary is about one workspace, found {names}")
     name = short_names(files)[files[0]]
-    patch = wanted or Path(f"{name}-best.patch")
+    patch = ask.patch or Path(f"{name}-best.patch")
     PATCHES.check(patch)
-    with progress("Reading variants", len(values) + 1) as advance:
-        document, read = read_variants(files[0], values, advance)
+    with progress("Reading variants", len(drawn) + 1) as advance:
+        document, read = read_variants(files[0], drawn, advance)
     with open_computer(means) as computer:
-        found = sweep(document, read, grid_shape(variations, draws), computer, progress)
+        found = sweep(document, read, grid_shape(variations, ask.draws), computer, progress)
         wants = [want for variant in read for want in wanted_of(variant.cell)]
         assessments = [outcome.assessment for outcome in map(computer.outcome, wants) if outcome is not None]
     print_problems(problem for problem in read[0].cell.problems if problem.severity == "warning")
     print_problems(intervals_outside(assessments))
     if not found.interrupted:
-        return _show_sweep(found, name, patch, as_json=as_json)
+        return _show_sweep(found, name, patch, as_json=ask.json)
     count = len(read)
     note(f"interrupted before all {count} variants were scored, so none is named the best and no patch is written")
     return ExitCode.INTERRUPTED
@@ -239,3 +241,6 @@ def _show_sweep(found: Sweep, name: str, patch: Path, *, as_json: bool) -> ExitC
     else:
         print_sweep(found, patch)
     return _code(found.best.findings)
+
+
+command = command_of(ScoreCommand, score)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from sqrp_cli.cli import completion
-from sqrp_cli.cli.options import Jobs, Seed, WorkspacePath, job_count, open_with_warnings
+from sqrp_cli.ask import requests, values
+from sqrp_cli.ask.request import argument, option
+from sqrp_cli.ask.values import FLAG
+from sqrp_cli.cli.command import command_of
+from sqrp_cli.cli.options import open_with_warnings
 from sqrp_cli.errors import ExitCode, bad_option
 
 if TYPE_CHECKING:
@@ -17,39 +18,32 @@ if TYPE_CHECKING:
 
 NAME = "studio"
 
-Task = Annotated[
-    str | None,
-    typer.Argument(
-        metavar="TASK", autocompletion=completion.tasks, help="The first that the workspace lists by default."
-    ),
-]
-Port = Annotated[int, typer.Option("--port", metavar="N", min=0, max=65535, help="By default one that is free.")]
-NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Open no browser, only print the address.")]
 
-
-def command(
-    workspace: WorkspacePath,
-    task: Task = None,
-    port: Port = 0,
-    no_browser: NoBrowser = False,
-    jobs: Jobs = None,
-    seed: Seed = 0,
-) -> ExitCode:
+class StudioCommand(requests.Worked, requests.Seeded, requests.CellCommand):
     """Open a live page of a cell: move cameras, parts and the robot, and see what that changes.
 
     The page is for this machine only. Ctrl-C closes it; what was not saved is lost.
     """
+
+    task: str | None = argument(
+        "TASK", "The first that the workspace lists by default.", requests.TASK, default=None, complete="tasks"
+    )
+    port: int = option("--port", "By default one that is free.", values.count(0, 65535), default=0, metavar="N")
+    no_browser: bool = option("--no-browser", "Open no browser, only print the address.", FLAG, default=False)
+
+
+def studio(_context: Any, ask: StudioCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
+    """Show the page until Ctrl-C."""
     from sqrp_cli.report.pages.assembly import check_libraries
     from sqrp_cli.studio.bench_process import Bench
     from sqrp_cli.studio.server import check_server
 
     check_server()
     check_libraries()
-    count = job_count(jobs)
-    bench = Bench(workspace, seed, count)  # loads its libraries while this process reads the workspace
+    bench = Bench(ask.workspace, ask.seed, ask.jobs)  # loads its libraries while this process reads the workspace
     try:
-        opened = open_with_warnings(workspace, seed)
-        return _serve(opened, _checked_task(task, opened), bench, port, count, show=not no_browser)
+        opened = open_with_warnings(ask.workspace, ask.seed)
+        return _serve(opened, _checked_task(ask.task, opened), bench, ask.port, ask.jobs, show=not ask.no_browser)
     finally:
         bench.close()
 
@@ -98,3 +92,6 @@ def _serve(opened: OpenCell, task: str, bench: Bench, port: int, jobs: int, *, s
     finally:
         studio.close()
     return ExitCode.OK
+
+
+command = command_of(StudioCommand, studio)

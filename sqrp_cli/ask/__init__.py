@@ -1,0 +1,1 @@
+"""Questions: words of a command line, values of Python and messages come in, one frozen request goes out."""

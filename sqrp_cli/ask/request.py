@@ -1,0 +1,202 @@
+"""Requests: frozen records of what is asked, each field stated once for the command line, Python and the studio.
+
+A field is declared with `option` or `argument`: the word of the command line, its help, and the `Kind` that reads it
+from words and from values of Python alike.
+"""
+
+# ruff: noqa: ANN401 - a field may hold anything
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import FrozenInstanceError
+from typing import Any, ClassVar, Concatenate, NamedTuple, ParamSpec, Self, TypeVar, dataclass_transform
+
+Cell = TypeVar("Cell")
+Asked = TypeVar("Asked", bound="Request")
+Answered = TypeVar("Answered")
+Given = ParamSpec("Given")
+
+NEEDED: Any = inspect.Parameter.empty
+"""In place of a default: the field has none."""
+
+
+class Kind(NamedTuple):
+    """What a field holds."""
+
+    words: Any
+    """What a word of the command line is read as: `str`, `int`, `float`, `bool`, `Path`, or a list of one of them."""
+    read: Callable[[Any, str], Any]
+    """Makes the field of a value, called by the name that messages use; what it has made it leaves as it is.
+
+    Raises InputError for what says nothing sensible.
+    """
+
+
+class Word(NamedTuple):
+    """An option or argument of the command line."""
+
+    flags: str
+    """Such as `--by`, `--run/--no-run`, or `TASK` for an argument."""
+    help: str
+    words: Any = str
+    metavar: str | None = None
+    complete: str | None = None
+    """The function of `cli.completion` that proposes values."""
+
+    @property
+    def name(self) -> str:
+        """As Python calls it."""
+        first = self.flags.split("/")[0].split("|")[0].split(":=")[0].rstrip(".")
+        return first.lstrip("-").lower().replace("-", "_").replace("=", "_")
+
+    @property
+    def is_argument(self) -> bool:
+        """Whether it has no name on the command line."""
+        return not self.flags.startswith("-")
+
+
+class Field(NamedTuple):
+    """A field of a request."""
+
+    words: tuple[Word, ...]
+    """None for what only Python says; several are read together, by their names."""
+    kind: Kind
+    default: Any
+    kw_only: bool
+    uses: tuple[str, ...] = ()
+    """Names of further words that it needs."""
+    absent: Callable[[], Any] | None = None
+    """Its value where a command line does not say it, if that is not the default."""
+
+
+def option(
+    flags: str,
+    help: str,  # noqa: A002 - as Typer calls it
+    kind: Kind,
+    *,
+    default: Any,
+    metavar: str | None = None,
+    complete: str | None = None,
+    absent: Callable[[], Any] | None = None,
+    kw_only: bool = True,
+) -> Any:
+    """A field that one option says."""
+    return Field((Word(flags, help, kind.words, metavar, complete),), kind, default, kw_only, absent=absent)
+
+
+def argument(
+    metavar: str,
+    help: str,  # noqa: A002 - as Typer calls it
+    kind: Kind,
+    *,
+    default: Any = NEEDED,
+    complete: str | None = None,
+    kw_only: bool = True,
+) -> Any:
+    """A field that is said by its place."""
+    return Field((Word(metavar, help, kind.words, None, complete),), kind, default, kw_only)
+
+
+def options(*words: Word, kind: Kind, default: Any, uses: tuple[str, ...] = ()) -> Any:
+    """A field that several options say, read together by their names. uses: names of other words that it needs."""
+    return Field(words, kind, default, True, uses)
+
+
+def value(kind: Kind, *, default: Any) -> Any:
+    """A field that only Python says."""
+    return Field((), kind, default, True)
+
+
+@dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(option, argument, options, value))
+class Request:
+    """A question. Raises InputError for a value that says nothing sensible.
+
+    It is no dataclass, as making those of all commands would take longer than `--help` may.
+    """
+
+    fields: ClassVar[Mapping[str, Field]] = {}
+    """By name, those of the last base first."""
+
+    def __init_subclass__(cls) -> None:
+        found: dict[str, Field] = {}
+        for base in reversed(cls.__mro__):
+            found.update({name: one for name, one in vars(base).items() if isinstance(one, Field)})
+        cls.fields = found
+        cls.__doc__ = cls.__doc__ or next(filter(None, (base.__doc__ for base in cls.__mro__)))
+
+    def __init__(self, *given: Any, **named: Any) -> None:
+        by_place = [name for name, one in self.fields.items() if not one.kw_only]
+        named.update(zip(by_place, given, strict=False))
+        unknown = [name for name in named if name not in self.fields]
+        missing = [name for name, one in self.fields.items() if one.default is NEEDED and name not in named]
+        if unknown or missing or len(given) > len(by_place):
+            wrong = f"has no `{unknown[0]}`" if unknown else f"lacks {missing}" if missing else f"takes {by_place}"
+            raise TypeError(f"{type(self).__name__} {wrong}")
+        for name, one in self.fields.items():
+            found = named.get(name, one.default)
+            vars(self)[name] = found if found is one.default else one.kind.read(found, self.called(name))
+
+    def __setattr__(self, name: str, _value: object) -> None:
+        raise FrozenInstanceError(f"cannot assign to field `{name}`")
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{name}={one!r}' for name, one in vars(self).items())})"
+
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and vars(self) == vars(other)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def but(self, **changed: Any) -> Self:
+        """The same question with some fields changed."""
+        return type(self)(**{**vars(self), **changed})
+
+    @classmethod
+    def said(cls) -> Iterator[tuple[Word, Field]]:
+        """The words that it is read from, each with its field: arguments, and options, the record's own first."""
+        arguments = [one for one in cls.fields.values() if any(word.is_argument for word in one.words)]
+        names = dict.fromkeys(name for base in cls.__mro__ for name in vars(base) if name in cls.fields)
+        options = [cls.fields[name] for name in names if cls.fields[name] not in arguments]
+        return ((word, one) for one in (*arguments, *options) for word in one.words)
+
+    @classmethod
+    def called(cls, name: str) -> str:
+        """What messages call a field: by its option in a command, by its own name in Python."""
+        return name
+
+    @classmethod
+    def of_words(cls, words: Mapping[str, Any]) -> Self:
+        """The question of a command line: the value of each word by its name, None or empty where it is not said."""
+        found: dict[str, Any] = {}
+        for name, one in cls.fields.items():
+            said = {word.name: words[word.name] for word in one.words if words[word.name] not in (None, [])}
+            if said and (one.uses or len(one.words) > 1):
+                found[name] = said | {used: words[used] for used in one.uses}
+            elif said:
+                found[name] = next(iter(said.values()))
+            elif one.absent is not None:
+                found[name] = one.absent()
+        return cls(**found)
+
+
+class Command(Request):
+    """A question with what only a command line says; messages call its fields by their options."""
+
+    @classmethod
+    def called(cls, name: str) -> str:
+        """As `Request` says."""
+        words = cls.fields[name].words
+        return words[0].flags.split("/")[0] if words else name
+
+
+def question(
+    record: Callable[Given, Asked], answer: Callable[[Cell, Asked], Answered]
+) -> Callable[Concatenate[Cell, Given], Answered]:
+    """A method that asks: it takes the fields of a request, and gives its answer."""
+
+    def ask(self: Cell, /, *given: Given.args, **named: Given.kwargs) -> Answered:
+        return answer(self, record(*given, **named))
+
+    ask.__doc__ = record.__doc__
+    return ask

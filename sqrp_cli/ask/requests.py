@@ -1,0 +1,493 @@
+"""What may be asked: a request for each question of Python, and a command for each of the command line.
+
+A command is its question, the workspace or program that it is about, and what becomes of the answer.
+Each command has its own in its module.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from sqrp_cli.ask import values
+from sqrp_cli.ask.request import Command, Request, Word, argument, option, options, value
+from sqrp_cli.ask.values import FLAG, PATH, PATHS, PROGRESS, cores, silent
+
+if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
+    from sqrp_cli.logic.planner import Planner
+    from sqrp_cli.programming.coverage.robustness import Calibration
+    from sqrp_cli.programming.coverage.sampling import Sampling
+    from sqrp_cli.programming.pipeline import Inquiry
+    from sqrp_cli.programming.ranking import Criterion
+    from sqrp_cli.programming.ways.find import TimeLimit
+    from sqrp_cli.runtime.record.events import Listener
+    from sqrp_cli.starter.random_cell import Crowd
+
+    Progress = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
+
+Ways = Literal["best", "all", "fastest"]
+AnyPath = Any
+"""A path, which Python may also give as text."""
+
+
+TASK = values.text("a skill and what to do it with, such as `pickup green`")
+TASK_HELP = 'A skill and what to do it with, such as "pickup red screw".'
+
+CHECK_HELP = 'Check this task as well, such as "pickup green".'
+CHOOSE_HELP = "Which candidate: best, its place in the ranking, or its name; best by default."
+
+
+# Parts that several commands share.
+
+
+class CellCommand(Command):
+    """What is about a workspace."""
+
+    workspace: Path = argument("WORKSPACE", "Folder of a workspace, or its YAML file.", PATH)
+
+
+class StartCommand(Command):
+    """What is about a workspace, or goes on after a program."""
+
+    workspace: Path = argument(
+        "WORKSPACE",
+        "Folder of a workspace, its YAML file, or a PROGRAM: to go on after it.",
+        PATH,
+    )
+
+
+class ProgramCommand(Command):
+    """What is about a program."""
+
+    program: Path = argument("PROGRAM", "A program file, as `sqrp rank --program` writes.", PATH)
+
+
+class Seeded(Request):
+    """What draws at random."""
+
+    seed: int = option("--seed", "Seed of everything that is drawn at random.", values.count(0), default=0, metavar="N")
+
+
+class Printed(Request):
+    """What prints an answer."""
+
+    json: bool = option("--json", "Print one JSON document and nothing else.", FLAG, default=False)
+
+
+class Watched(Request):
+    """What may be asked again and again."""
+
+    watch: bool = option(
+        "--watch",
+        "Again whenever a file of the cell is saved, old and new side by side, until Ctrl-C.",
+        FLAG,
+        default=False,
+    )
+
+
+class Paged(Request):
+    """What may be written as a page."""
+
+    report: Path | None = option(
+        "--report", "Write a page with charts and 3D playback, for any browser.", PATH, default=None, metavar="FILE"
+    )
+
+
+class Chosen(Request):
+    """What is about one of several candidates."""
+
+    choose: str = option(
+        "--choose",
+        CHOOSE_HELP,
+        values.text("the name of a candidate, or `best`"),
+        default="best",
+        metavar="best|N|NAME",
+        complete="candidates",
+    )
+
+
+class Worked(Request):
+    """What takes a while."""
+
+    jobs: int = option(
+        "--jobs", "Processes at most; by default one per core.", values.count(1), default=1, metavar="N", absent=cores
+    )
+    progress: Progress = value(PROGRESS, default=silent)
+    """Called with a title and a total; gives what is called with how many are done."""
+
+
+class Sampled(Request):
+    """What samples motions."""
+
+    sampling: Sampling | None = options(
+        Word("--samples", "N samples per primitive action, instead of as many as needed.", int, "N"),
+        Word("--dt", "A sample every S seconds, instead of as many as needed.", metavar="S"),
+        Word("--tolerance", "Error of Q that sampling may leave, in points; 0.1 by default.", float, "POINTS"),
+        kind=values.SAMPLING,
+        default=None,
+    )
+    """Adaptive by default."""
+
+
+class Kept(Request):
+    """What keeps its results."""
+
+    out: AnyPath = option(
+        "--out", "Keep results here as they finish; those there are used.", PATH, default=None, metavar="DIR"
+    )
+
+
+class Following(Request):
+    """What may start after a program."""
+
+    after: AnyPath = option(
+        "--after", "Start from the world that this program leaves behind.", PATH, default=None, metavar="PROGRAM"
+    )
+
+
+# Questions about a task.
+
+
+class TaskRequest(Following, Sampled, Worked):
+    """A task in a cell."""
+
+    task: str = argument("TASK", TASK_HELP, TASK, complete="tasks", kw_only=False)
+    ways: Ways = option(
+        "--ways",
+        "Take the best of all ways of a candidate, or the fastest branch with the first yaw and side, seen or not; "
+        "other yaws and sides may be faster.",
+        values.one_of("best", "fastest"),
+        default="best",
+        metavar="best|fastest",
+    )
+
+    @property
+    def inquiry(self) -> Inquiry:
+        """How each candidate is asked about."""
+        from sqrp_cli.programming.coverage.sampling import Adaptive
+        from sqrp_cli.programming.pipeline import Inquiry
+        from sqrp_cli.programming.ways.find import WantedWay
+
+        by: Criterion = getattr(self, "by", "q_eoi")
+        calibration = getattr(self, "calibration", None)
+        wanted = WantedWay(by, self.ways == "fastest", getattr(self, "max_time", None))
+        return Inquiry(sampling=self.sampling or Adaptive(), calibration=calibration, wanted=wanted)
+
+
+class Limited(Request):
+    """What may limit the time of ways."""
+
+    max_time: TimeLimit | str | float | None = option(
+        "--max-time",
+        "How long a way may take: 20 s, or 1.25x the time of the fastest of all.",
+        values.TIME_LIMIT,
+        default=None,
+        metavar="T",
+    )
+
+
+class RankRequest(Limited, TaskRequest):
+    """Rank the candidates of a task, each in its best way.
+
+    The best are those in which the cameras see what matters. The chosen one can be written as a program.
+    """
+
+    by: Criterion = option(
+        "--by",
+        "What counts first; q_eoi by default.",
+        values.one_of("q_eoi", "q_avg", "time", "delay", "expected_time"),
+        default="q_eoi",
+        metavar="q_eoi|q_avg|time|delay|expected_time",
+    )
+    ways: Ways = option(
+        "--ways",
+        "Show each candidate by its best way, all that are Pareto-optimal, or take the fastest branch with the first "
+        "yaw and side, seen or not; other yaws and sides may be faster.",
+        values.one_of("best", "all", "fastest"),
+        default="best",
+        metavar="best|all|fastest",
+    )
+    calibration: Calibration | None = options(
+        Word("--calibration", "What if the cameras are off by this (1 sigma)?", metavar='"5 mm, 0.5 deg"'),
+        kind=values.CALIBRATION,
+        default=None,
+        uses=("seed",),
+    )
+    """Draws of camera poses tell its effect."""
+
+
+class ExplainRequest(Limited, TaskRequest):
+    """Explain how well the cameras see a way of doing a task.
+
+    Shows when each camera sees each literal, and what is in the way when it does not.
+    """
+
+    choose: str | None = option(
+        "--choose",
+        CHOOSE_HELP,
+        values.CHOICE,
+        default="best",
+        metavar="best|N|NAME",
+        complete="candidates",
+        kw_only=False,
+    )
+    step: int | None = option(
+        "--step",
+        "Of a task of several steps, or of a program: which; by default the one seen worst.",
+        values.count(1),
+        default=None,
+        metavar="N",
+    )
+
+
+class AdviseRequest(Chosen, Kept, TaskRequest):
+    """Find the least change that lets the cameras see enough.
+
+    The motion comes first, then what it handles, cameras last: their aim, position, lens, and another camera.
+    """
+
+    want: str | None = option(
+        "--want",
+        'Such as "q_eoi 100 %, time 20 s"; by default the thresholds of the task in the workspace.',
+        values.text("a wish such as `q_eoi 100 %, time 20 s`"),
+        default=None,
+        metavar="WISH",
+    )
+    kinds: Any = option(
+        "--kinds",
+        "What may change, all of it: way, path, object, aim, position, lens, camera.",
+        values.KINDS,
+        default=None,
+        metavar="KIND,...",
+    )
+    ways: Ways = option(
+        "--ways",
+        "fastest: the motion stays as rank --ways fastest has it.",
+        values.one_of("best", "fastest"),
+        default="best",
+        metavar="best|fastest",
+    )
+
+
+class CheckRequest(Following, Worked):
+    """Validate a workspace, and a task in it.
+
+    With a task, show which candidates can be done, why the others cannot, and what would have to be done first. Times
+    are those of `rank --ways fastest`; without that, rank takes the best of all ways.
+    """
+
+    task: str | None = argument("TASK", CHECK_HELP, TASK, default=None, complete="tasks", kw_only=False)
+    plan: bool | None = value(values.WHERE_NEEDED, default=None)
+    """Whether to plan the steps to do first; by default if no candidate can be done at once."""
+    planner: Planner | None = option(
+        "--planner", "Plan with this engine of unified-planning.", values.PLANNER, default=None, metavar="NAME"
+    )
+
+
+# Questions about many tasks.
+
+
+class Clustered(Request):
+    """What a cluster may compute."""
+
+    cluster: str | None = option(
+        "--cluster",
+        "Compute on this Dask cluster: tcp://HOST:PORT or scheduler file.",
+        values.text("an address or a file"),
+        default=None,
+        metavar="ADDRESS",
+    )
+
+
+class ScoreRequest(Sampled, Worked, Kept):
+    """Score all tasks of the workspace."""
+
+
+ALLOW = "What may get worse: points of Q, percent of times."
+
+
+class PlaceRequest(Sampled, Worked, Kept):
+    """Find where cameras should go, and prove that no others do better."""
+
+    tasks: Sequence[str] = argument(
+        "TASK...",
+        "Such as `pickup green`; by default all that the workspace lists.",
+        values.texts("texts such as `pickup green`"),
+        default=(),
+        complete="tasks",
+    )
+    cameras: int | None = option("--cameras", "Most cameras on mounts.", values.count(1), default=None, metavar="N")
+    want: str | None = option(
+        "--want",
+        'As few cameras as possible with which every candidate has it, such as "q_eoi 100 %, delay 0.5 s".',
+        values.text("a wish such as `q_eoi 100 %, delay 0.5 s`"),
+        default=None,
+        metavar="WISH",
+    )
+    objective: str = option(
+        "--objective",
+        "Which quality of all candidates counts first.",
+        values.one_of("least", "mean"),
+        default="least",
+        metavar="least|mean",
+    )
+    survive: int = option("--survive", "1: any one camera may fail.", values.count(0, 1), default=0, metavar="N")
+    keep: Sequence[str] = option(
+        "--keep",
+        "A camera of the workspace that stays.",
+        values.texts("names of cameras"),
+        default=(),
+        metavar="CAMERA",
+        complete="cameras",
+    )
+    budget: float | None = option(
+        "--budget", "Most that the cameras may cost.", values.number(0.0), default=None, metavar="PRICE"
+    )
+    ways: Ways = option(
+        "--ways",
+        "fastest: ways stay as rank --ways fastest has them.",
+        values.one_of("best", "fastest"),
+        default="best",
+        metavar="best|fastest",
+    )
+    mounts: AnyPath = option(
+        "--mounts", "Mounts and lenses; by default place.yaml beside the workspace.", PATH, default=None, metavar="FILE"
+    )
+
+
+# Questions about programs.
+
+FAULTS = (
+    "slip@a4+0.4, slip@a4:random, slip@7.2, miss-pick, camera-loss:cam2@5, frozen:cam1@3, latency:cam3=0.5, "
+    "perception-crash:cam1@4, 2:slip@a4 in step 2"
+)
+
+
+class RunRequest(Request):
+    """Run a program, watched through camera images alone.
+
+    The robot stops, tries again or goes on as the skill says when a fault is seen.
+    """
+
+    faults: Sequence[str] = option(
+        "--fault",
+        f"Let this happen: {FAULTS}; repeatable.",
+        values.texts("texts such as ['slip@a4+0.4']"),
+        default=(),
+        metavar="FAULT",
+        kw_only=False,
+    )
+    film: AnyPath = option(
+        "--record",
+        "*.mp4: film all cameras, with what is seen drawn in. *.mcap, or *.bag for ROS 1: images, joints, frames, "
+        "boxes and verdicts, as Foxglove and RViz show them and `sqrp audit` reads them.",
+        PATH,
+        default=None,
+        metavar="FILE",
+    )
+    log: AnyPath = option(
+        "--log", "Write what happens, one JSON document per line.", PATH, default=None, metavar="FILE"
+    )
+    frames: AnyPath = option(
+        "--frames", "Keep every image, as `sqrp audit` reads them.", PATH, default=None, metavar="DIR"
+    )
+    listeners: Sequence[Listener] = value(values.LISTENERS, default=())
+    """Called with each event as it happens."""
+    witnessed: bool = value(FLAG, default=True)
+    """Whether the events have the true poses, for a page; a log always has them."""
+
+
+class AuditRequest(Request):
+    """Compare recorded camera images with what a program predicts.
+
+    Shows which cameras have moved, which clocks are wrong, and how often each camera showed each literal when it was
+    predicted to.
+    """
+
+    recording: AnyPath = argument(
+        "RECORDING",
+        "Of a run of it: MCAP, rosbag2 or a bag of ROS 1; or a folder with PNG files and `frames.csv`.",
+        PATH,
+    )
+    threshold: float = option(
+        "--threshold",
+        "Least share of predicted detections that must have come true; 97% by default.",
+        values.share(0.0),
+        default=0.97,
+        metavar="PERCENT",
+        kw_only=False,
+    )
+    topics: Mapping[str, str] | None = option(
+        "--topic",
+        "Images of a camera whose name is not in its topic's; repeatable.",
+        values.TOPICS,
+        default=None,
+        metavar="CAMERA=TOPIC",
+    )
+    progress: Progress = value(PROGRESS, default=silent)
+
+
+class CalibrateRequest(Request):
+    """Learn from labelled frames how likely each detector sees.
+
+    Prints how well its curve, and its limits, agree with frames that the curve was not learned from.
+    """
+
+    frames: AnyPath = argument(
+        "FRAMES", "What `sqrp run --frames` kept, a recording, or PNG files and `labels.csv`.", PATH
+    )
+    workspace: AnyPath = option(
+        "--workspace", "The cell that `labels.csv` is about.", PATH, default=None, metavar="WORKSPACE"
+    )
+    program: AnyPath = option(
+        "--program", "The program that was run, if it is not in FRAMES.", PATH, default=None, metavar="FILE"
+    )
+    progress: Progress = value(PROGRESS, default=silent)
+
+
+# A new workspace, and questions about one as it stands.
+
+
+class InitRequest(Request):
+    """Make a new workspace with its skill.
+
+    Guesses about your arm are marked `check:` in the file. Nothing is ever overwritten. Exit code 1 if the arm can pick
+    up nothing anywhere, or the first run stops.
+    """
+
+    folder: AnyPath = argument("DIR", "The new folder; it must not exist or be empty.", PATH)
+    arguments: Mapping[str, str] | None = argument(
+        "NAME:=VALUE", "Arguments of a xacro, such as ur_type:=ur5e.", values.XACRO, default=None, kw_only=True
+    )
+    urdf: AnyPath = option(
+        "--urdf",
+        "Your arm, URDF or xacro; without it, one of the program's own.",
+        values.URDF,
+        default=None,
+        metavar="FILE",
+    )
+    moveit: AnyPath = option(
+        "--moveit", "Its configuration of MoveIt; one beside the URDF is found.", PATH, default=None, metavar="DIR"
+    )
+    package_roots: Sequence[AnyPath] = option(
+        "--package-root", "Where packages are looked up; may be repeated.", PATHS, default=(), metavar="DIR"
+    )
+    crowd: Crowd | None = value(values.CROWD, default=None)
+    """How many random objects and cameras to put in."""
+    tip: str | None = option(
+        "--tip",
+        "The link at the end of the arm, of a robot with several arms.",
+        values.text("the name of a link"),
+        default=None,
+        metavar="LINK",
+    )
+    run: bool = option(
+        "--run/--no-run",
+        "Run its task once in the simulated cell, if there is one; may take minutes.",
+        FLAG,
+        default=False,
+    )
+    progress: Progress = value(PROGRESS, default=silent)

@@ -1,0 +1,353 @@
+"""Kinds of fields of requests: each reads words and values of Python, and says what was expected."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from reprlib import repr as short
+from typing import TYPE_CHECKING, Any
+
+from sqrp_cli.ask.request import Kind
+from sqrp_cli.errors import InputError, bad_option, expected_names
+
+if TYPE_CHECKING:
+    from sqrp_cli.knowledge.text.units import Dimension
+    from sqrp_cli.programming.coverage.robustness import Calibration
+    from sqrp_cli.programming.coverage.sampling import Sampling
+    from sqrp_cli.programming.ways.find import TimeLimit
+
+LEAST_TOLERANCE = 1e-5
+"""Smallest tolerance of Q in sampling; below it rounding decides."""
+
+LEAST_STEP = 1e-4
+"""Smallest time between two samples [s]."""
+
+MOST_SAMPLES = 20_000
+"""Most samples per primitive action."""
+
+
+def refused(name: str, value: object, expected: str) -> InputError:
+    """The error that says what an argument was and what was expected."""
+    return bad_option(f"{name} is {short(value)}, expected {expected}")
+
+
+@contextmanager
+def silent(_title: str, _total: int | None) -> Iterator[Callable[[int], None]]:
+    """Progress that is not shown."""
+    yield lambda _count: None
+
+
+def cores() -> int:
+    """How many processes a command uses at most where it is not told."""
+    return os.cpu_count() or 1
+
+
+def text(expected: str) -> Kind:
+    """Text."""
+
+    def read(value: object, name: str) -> str:
+        if not isinstance(value, str):
+            raise refused(name, value, expected)
+        return value
+
+    return Kind(str, read)
+
+
+def _choice(value: object, name: str) -> str | None:
+    return None if value is None else text("the name of a candidate, `best`, or None for all").read(value, name)
+
+
+def texts(expected: str) -> Kind:
+    """Several texts; a single text is none."""
+
+    def read(value: object, name: str) -> tuple[str, ...]:
+        if isinstance(value, str) or not isinstance(value, Sequence) or any(not isinstance(one, str) for one in value):
+            raise refused(name, value, expected)
+        return tuple(value)
+
+    return Kind(list[str], read)
+
+
+def one_of(*known: str) -> Kind:
+    """One of some names."""
+
+    def read(value: object, name: str) -> str:
+        if not isinstance(value, str):
+            raise refused(name, value, f"one of {', '.join(known)}")
+        if value not in known:
+            raise bad_option(f"{name} is `{value}`; {expected_names(value, known)}")
+        return value
+
+    return Kind(str, read)
+
+
+def count(least: int, most: int | None = None) -> Kind:
+    """A whole number."""
+    upto = "on" if most is None else f"to {most:,}"
+
+    def read(value: object, name: str) -> int:
+        if isinstance(value, bool) or not isinstance(value, int) or value < least or (most and value > most):
+            raise refused(name, value, f"a whole number from {least} {upto}")
+        return value
+
+    return Kind(int, read)
+
+
+def number(least: float, most: float = math.inf) -> Kind:
+    """A number."""
+    upto = " on" if most == math.inf else f" to {most:g}"
+
+    def read(value: object, name: str) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
+            raise refused(name, value, f"a number from {least:g}{upto}")
+        return value
+
+    return Kind(float, read)
+
+
+def share(least: float) -> Kind:
+    """A share, such as `97%` or 0.97."""
+
+    def read(value: object, name: str) -> float:
+        from sqrp_cli.knowledge.text.units import SHARE, read_quantity
+
+        if isinstance(value, str):
+            found = read_quantity(value)
+            if found is None or found.dimension not in (None, SHARE) or not least <= found.value <= 1.0:
+                raise bad_option(f"{name} is `{value}`, expected {100 * least:g}% to 100%")
+            return found.value
+        if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= 1.0:
+            raise refused(name, value, f"a number from {least:g} to 1")
+        return value
+
+    return Kind(str, read)
+
+
+def function(expected: str) -> Kind:
+    """Something that can be called."""
+
+    def read(value: object, name: str) -> object:
+        if not callable(value):
+            raise refused(name, value, expected)
+        return value
+
+    return Kind(None, read)
+
+
+def _path(value: object, name: str) -> Path:
+    if not isinstance(value, str | Path) or not str(value):
+        raise refused(name, value, "a path, as text or as a pathlib.Path")
+    return Path(value)
+
+
+def _paths(value: object, name: str) -> tuple[Path, ...]:
+    if isinstance(value, str | Path) or not isinstance(value, Sequence):
+        raise refused(name, value, "several paths, in a list")
+    return tuple(_path(one, name) for one in value)
+
+
+CHOICE = Kind(str, _choice)
+FLAG = Kind(bool, lambda value, _name: value)
+PATH = Kind(Path, _path)
+PATHS = Kind(list[Path], _paths)
+PROGRESS = function("a function of a title and a total")
+
+
+def _time_limit(value: object, name: str) -> TimeLimit:
+    """A limit of time: `20 s`, `1.25x`, or seconds."""
+    from sqrp_cli.programming.ways.find import TimeLimit
+
+    if isinstance(value, TimeLimit):
+        return value
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise refused(name, value, "a time such as `20 s` or `1.25x`, or seconds")
+    return TimeLimit.read(str(value), name)
+
+
+TIME_LIMIT = Kind(str, _time_limit)
+
+
+def _sampling(value: Sampling | Mapping[str, Any], name: str) -> Sampling:
+    """A sampling, as a value or by its words: `samples`, `dt` or `tolerance`."""
+    from sqrp_cli.knowledge.text.units import TIME, expected_quantity, read_quantity
+    from sqrp_cli.programming.coverage.sampling import Adaptive, FixedCount, FixedStep
+
+    if isinstance(value, Mapping) and len(value) > 1:
+        first, second, *_ = value
+        raise bad_option(f"--{first} and --{second} exclude each other; give one of them")
+    match value:
+        case {"samples": int() as samples}:
+            if not 2 <= samples <= MOST_SAMPLES:
+                raise bad_option(f"--samples is {samples}, expected 2 to {MOST_SAMPLES:,} per primitive action")
+            return FixedCount(samples)
+        case {"dt": str() as dt}:
+            quantity = read_quantity(dt)
+            if quantity is None or quantity.dimension not in (None, TIME):
+                raise bad_option(f"--dt is `{dt}`, expected {expected_quantity(TIME)}")
+            if quantity.value < LEAST_STEP:
+                raise bad_option(f"--dt is {quantity.value:g} s, expected at least {LEAST_STEP:g} s")
+            return FixedStep(quantity.value)
+        case {"tolerance": float() as points}:
+            if not (math.isfinite(points) and 100 * LEAST_TOLERANCE <= points <= 100):
+                raise bad_option(f"--tolerance is {points:g}, expected {100 * LEAST_TOLERANCE:g} to 100 points")
+            return Adaptive(points / 100)
+        case FixedCount(int() as samples) if 2 <= samples <= MOST_SAMPLES:
+            return value
+        case FixedStep(float() | int() as step) if LEAST_STEP <= step < math.inf:
+            return value
+        case Adaptive(float() | int() as tolerance) if LEAST_TOLERANCE <= tolerance <= 1.0:
+            return value
+    expected = (
+        f"Adaptive(tolerance) with {LEAST_TOLERANCE:g} to 1, FixedCount(samples) with 2 to {MOST_SAMPLES:,} per "
+        f"primitive action, or FixedStep(dt) with at least {LEAST_STEP:g} s"
+    )
+    raise refused(name, value, expected)
+
+
+SAMPLING = Kind(None, _sampling)
+
+
+def _calibration(value: Calibration | Mapping[str, Any], name: str) -> Calibration:
+    """Standard deviations of camera poses, as a value or in words such as `5 mm, 0.5 deg` with a seed."""
+    from sqrp_cli.programming.coverage.robustness import Calibration
+
+    match value:
+        case {"calibration": str() as said, "seed": seed}:
+            return Calibration(*_pose_errors(said, name), seed)
+        case Calibration(float() | int() as position, float() | int() as rotation, int() as seed) if (
+            0 <= position <= 1 and 0 <= rotation <= 1 and seed >= 0
+        ):
+            return value
+    raise refused(name, value, "Calibration(position, rotation, seed) with up to 1 m and up to 1 rad")
+
+
+CALIBRATION = Kind(str, _calibration)
+
+
+def _pose_errors(said: str, name: str) -> tuple[float, float]:
+    """A length [m] and an angle [rad], each with its unit; either may be left out."""
+    from sqrp_cli.knowledge.text.units import ANGLE, LENGTH, read_quantity
+
+    found: dict[Dimension, float] = {}
+    for part in (one.strip() for one in said.split(",")):
+        quantity = read_quantity(part)
+        if quantity is None:
+            numbers = re.split(r"\s+(?=[-+.\d])", part)
+            lacks = len(numbers) == 2 and all(map(read_quantity, numbers))
+            wrong = "lacks a comma" if lacks else "is no length or angle"
+        elif quantity.dimension is None:
+            wrong = "has no unit"
+        elif quantity.dimension not in (LENGTH, ANGLE):
+            wrong = "is no length or angle"
+        elif quantity.dimension in found:
+            wrong = f"is {quantity.dimension.name} once more"
+        elif not 0 <= quantity.value <= 1:
+            unit = "m" if quantity.dimension is LENGTH else "rad"
+            wrong = "is negative" if quantity.value < 0 else f"is not up to 1 {unit}"
+        else:
+            found[quantity.dimension] = quantity.value
+            continue
+        raise bad_option(f"{name}: `{part}` {wrong}; try `5 mm, 0.5 deg`")
+    return found.get(LENGTH, 0.0), found.get(ANGLE, 0.0)
+
+
+def _listeners(value: object, name: str) -> Sequence[Any]:
+    if not isinstance(value, Sequence) or not all(map(callable, value)):
+        raise refused(name, value, "functions of an event, in a list")
+    return value
+
+
+LISTENERS = Kind(None, _listeners)
+
+
+def _flag_or_none(value: object, name: str) -> bool:
+    if not isinstance(value, bool):
+        raise refused(name, value, "True, False, or None for where it is needed")
+    return value
+
+
+WHERE_NEEDED = Kind(None, _flag_or_none)
+
+
+def _planner(value: object, name: str) -> Any:  # noqa: ANN401 - a planner
+    """A function that plans, or the name of an engine of unified-planning."""
+    if isinstance(value, str):
+        from sqrp_cli.logic.unified_planner import engine_planner
+
+        return engine_planner(value)
+    return function("a function such as sqrp_cli.logic.planner.find_plan").read(value, name)
+
+
+PLANNER = Kind(str, _planner)
+
+
+def _kinds(value: object, name: str) -> Any:  # noqa: ANN401 - kinds of changes
+    """Kinds of changes, in a list or parted by commas."""
+    from sqrp_cli.programming.advice.change import read_kinds
+
+    said = value.split(",") if isinstance(value, str) else value
+    return read_kinds([one.strip() for one in texts("kinds of changes").read(said, name)])
+
+
+KINDS = Kind(str, _kinds)
+
+
+def _topics(value: object, name: str) -> dict[str, str]:
+    """Topics by camera, as a mapping or in texts `CAMERA=TOPIC`."""
+    if isinstance(value, Mapping):
+        return dict(value)
+    pairs: dict[str, str] = {}
+    for said in texts("topics by camera").read(value, name):
+        camera, equals, topic = said.partition("=")
+        if not (camera and equals and topic):
+            raise bad_option(f"{name} is `{said}`, expected CAMERA=TOPIC such as cam1=/left/image_raw/compressed")
+        if pairs.get(camera, topic) != topic:
+            raise bad_option(f"{name} names both {pairs[camera]} and {topic} for {camera}")
+        pairs[camera] = topic
+    return pairs
+
+
+TOPICS = Kind(list[str], _topics)
+
+
+def _rate(value: object, name: str) -> float:
+    """A rate of 1 to 2000 Hz, such as `100` or `50 Hz`."""
+    from sqrp_cli.knowledge.text.units import FREQUENCY, expected_quantity, read_quantity
+
+    quantity = read_quantity(str(value))
+    if quantity is None or quantity.dimension not in (None, FREQUENCY):
+        raise bad_option(f"{name} is `{value}`, expected {expected_quantity(FREQUENCY)}")
+    if not 1.0 <= quantity.value <= 2000.0:
+        raise bad_option(f"{name} is {quantity.value:g} Hz, expected 1 to 2000 Hz")
+    return quantity.value
+
+
+RATE = Kind(str, _rate)
+
+
+def _xacro(value: object, name: str) -> Mapping[str, str] | tuple[str, ...]:
+    """Arguments of a xacro, as a mapping or in texts `NAME:=VALUE`."""
+    return dict(value) if isinstance(value, Mapping) else texts("texts such as ur_type:=ur5e").read(value, name)
+
+
+XACRO = Kind(list[str], _xacro)
+
+URDF = Kind(str, lambda value, name: value if isinstance(value, str) and value else _path(value, name))
+"""A path, or an address of a package as text."""
+
+
+def _crowd(value: object, name: str) -> object:
+    """Numbers of objects and cameras to put in."""
+    from sqrp_cli.starter.random_cell import Crowd
+
+    match value:
+        case Crowd(int() as seed, int() as objects, int() as cameras) if min(seed, objects, cameras) >= 0:
+            return value
+    raise refused(name, value, "Crowd(seed, objects, cameras) with whole numbers from 0 on")
+
+
+CROWD = Kind(None, _crowd)
