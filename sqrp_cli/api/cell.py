@@ -60,7 +60,7 @@ def explained(cell: OpenCell, ask: ExplainRequest) -> Explanation:
     from sqrp_cli.programming.ranking import rank
 
     session, choose, task = Session.begin(cell.cell, ask), ask.choose, ask.task
-    check_choice(session.task, choose or "best")
+    check_choice(session.task, "best" if choose is None else choose)
     whole = bool(session.task.candidates[0].steps)
     if ask.step is not None and not whole:
         raise bad_option(f"--step is {ask.step}, but `{task}` is a task of one step")

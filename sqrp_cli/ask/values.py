@@ -32,7 +32,8 @@ MOST_SAMPLES = 20_000
 
 def refused(name: str, value: object, expected: str) -> InputError:
     """The error that says what an argument was and what was expected."""
-    return bad_option(f"{name} is {short(value)}, expected {expected}")
+    given = f"{value:g}" if isinstance(value, float) else short(value)
+    return bad_option(f"{name} is {given}, expected {expected}")
 
 
 @contextmanager

@@ -111,7 +111,7 @@ def check_excluded(option: str, others: Mapping[str, object]) -> None:
 
 
 def _is_given(value: object) -> bool:
-    return value is not None and value is not False and value not in ("", [], {})
+    return value is not None and value is not False and value not in ("", (), [], {})
 
 
 def check_report(path: Path) -> None:
