@@ -81,7 +81,7 @@ def made(ask: InitRequest) -> NewCell:
     moveit = None if ask.moveit is None else Path(ask.moveit)
     own = OwnRobot(None if ask.urdf is None else str(ask.urdf), dict(ask.arguments or {}), roots, moveit)
     with ask.progress("Looking for what the arm can reach", MOST_STANDS) as advance:
-        found = make_starter(folder, own if is_own else None, ask.crowd, ask.tip, advance)
+        found = make_starter(folder, own if is_own else None, ask.tip, advance)
     tried = first_run(found.folder, found.task, ask.progress) if ask.run and found.task is not None else None
     return NewCell(found, folder, own_arm=is_own, run=tried)
 

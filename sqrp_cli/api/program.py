@@ -90,9 +90,7 @@ def _surveyed(opened: OpenProgram, footage: Footage, progress: Progress) -> tupl
     try:
         from sqrp_cli.runtime.audit.survey import survey
 
-        total = len(footage.frames) + len(opened.workspace.cameras)
-        with progress(f"Surveying the cameras of {footage.path}", total) as advance:
-            return survey(opened.program, opened.workspace, footage, lambda: advance(1)), ""
+        return survey(opened.program, opened.workspace, footage, progress), ""
     except InputError as error:
         if error.problems[0].code != "no-opengl":
             raise

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.ranking import Criterion
     from sqrp_cli.programming.ways.find import TimeLimit
     from sqrp_cli.runtime.record.events import Listener
-    from sqrp_cli.starter.random_cell import Crowd
 
     Progress = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
 
@@ -475,8 +474,6 @@ class InitRequest(Request):
     package_roots: Sequence[AnyPath] = option(
         "--package-root", "Where packages are looked up; may be repeated.", PATHS, default=(), metavar="DIR"
     )
-    crowd: Crowd | None = value(values.CROWD, default=None)
-    """How many random objects and cameras to put in."""
     tip: str | None = option(
         "--tip",
         "The link at the end of the arm, of a robot with several arms.",

@@ -339,16 +339,3 @@ XACRO = Kind(list[str], _xacro)
 
 URDF = Kind(str, lambda value, name: value if isinstance(value, str) and value else _path(value, name))
 """A path, or an address of a package as text."""
-
-
-def _crowd(value: object, name: str) -> object:
-    """Numbers of objects and cameras to put in."""
-    from sqrp_cli.starter.random_cell import Crowd
-
-    match value:
-        case Crowd(int() as seed, int() as objects, int() as cameras) if min(seed, objects, cameras) >= 0:
-            return value
-    raise refused(name, value, "Crowd(seed, objects, cameras) with whole numbers from 0 on")
-
-
-CROWD = Kind(None, _crowd)

@@ -6,7 +6,7 @@ import signal
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from sqrp_cli.ask import requests, values
 from sqrp_cli.ask.request import option
@@ -24,12 +24,8 @@ class ServeCommand(requests.Seeded, requests.CellCommand):
     Runs until Ctrl-C. Its clock is `/clock`, which passes more slowly where this computer is too slow.
     """
 
-    serve: Literal["ros2", "ros1"] | None = option(
-        "--serve",
-        "By topics of ROS 2 (DDS), or of ROS 1.",
-        values.one_of("ros2", "ros1"),
-        default=None,
-        metavar="ros2|ros1",
+    serve: str | None = option(
+        "--serve", "By topics of ROS 2 (DDS).", values.one_of("ros2"), default=None, metavar="ros2"
     )
     config: Path | None = option(
         "--config", "Write how `run --robot` reaches it, once it can be reached.", PATH, default=None, metavar="FILE"
@@ -72,7 +68,7 @@ def serve(_context: Any, ask: ServeCommand) -> ExitCode:  # noqa: ANN401 - Typer
 
     config = ask.config
     if not ask.serve:
-        raise bad_option("--serve is missing; expected ros2 or ros1", mend=f"sqrp cell {ask.workspace} --serve ros2")
+        raise bad_option("--serve is missing; expected ros2", mend=f"sqrp cell {ask.workspace} --serve ros2")
     if ask.faults and ask.program is None:
         raise bad_option("--fault needs --program: its times are those of a program")
     cell = open_with_warnings(ask.workspace, ask.seed)
@@ -82,15 +78,14 @@ def serve(_context: Any, ask: ServeCommand) -> ExitCode:  # noqa: ANN401 - Typer
         check_writable(config)
         _check_new(config)
     joints = tuple(cell.workspace.robot.home) if opened is None else opened.program.joints
-    file = served_as(ask.serve, joints, cell, ask.network, ask.domain)
+    file = served_as(joints, cell, ask.network, ask.domain)
 
     def ready() -> None:
         if config is not None:
             _check_new(config)  # it may have come while the simulation was made ready
             write_atomically(config, as_yaml(file))
             leaving.callback(config.unlink, missing_ok=True)
-        where = f"domain {file.domain}, {file.network}" if ask.serve == "ros2" else "ROS 1"
-        note(f"serving {cell.workspace.name} ({where}) until Ctrl-C")
+        note(f"serving {cell.workspace.name} (domain {file.domain}, {file.network}) until Ctrl-C")
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C
     with ExitStack() as leaving:

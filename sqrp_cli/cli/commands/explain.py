@@ -15,7 +15,7 @@ from sqrp_cli.cli.completion import example_task
 from sqrp_cli.cli.options import answer, check_excluded, open_with_warnings
 from sqrp_cli.cli.start import Start
 from sqrp_cli.cli.watch import watched
-from sqrp_cli.errors import ExitCode, InputError, Problem, nearest
+from sqrp_cli.errors import ExitCode, InputError, Problem, first_names, nearest
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -158,16 +158,18 @@ def _say_more(explanation: Explanation, workspace: Path, after: Path | None, ask
 
 def _write_images(cell: Cell, studies: Sequence[Study], images: Path, *, several: bool) -> None:
     """Take pictures of every blind interval, in a folder per candidate if there may be several."""
-    from sqrp_cli.report.pictures.pictures import SHEET, folder_of, write_pictures
+    from sqrp_cli.report.pictures.pictures import MOST_PIXELS, SHEET, blind_intervals, folder_of, write_pictures
     from sqrp_cli.terminal.console import note, progress
 
-    with progress("Taking pictures", len(studies)) as advance:
+    cameras = cell.observer.cameras
+    if large := [camera.name for camera in cameras if camera.width * camera.height > MOST_PIXELS]:
+        note(f"pictures have at most {MOST_PIXELS:,} pixels; those of {first_names(large)} are smaller than its images")
+    with progress("Taking pictures", len(cameras) * sum(len(list(blind_intervals(one))) for one in studies)) as advance:
         for study in studies:
             folder = folder_of(study, images) if several else images
-            blind = write_pictures(cell, study, folder)
+            blind = write_pictures(cell, study, folder, advance)
             counted = f"{blind} blind interval{'s' if blind > 1 else ''}, see {folder / SHEET}"
             note(f"{study.candidate.name}: {counted if blind else 'never blind, so there are no pictures'}")
-            advance()
 
 
 command = command_of(ExplainCommand, explain)

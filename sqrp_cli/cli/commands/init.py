@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from sqrp_cli.api.new_cell import made
-from sqrp_cli.ask import requests, values
+from sqrp_cli.ask import requests
 from sqrp_cli.ask.request import Command, option
 from sqrp_cli.ask.values import FLAG
 from sqrp_cli.cli.command import command_of
@@ -15,9 +15,6 @@ from sqrp_cli.cli.options import answer, check_needed
 from sqrp_cli.errors import ExitCode, InputError, Problem, bad_option
 
 NAME = "init"
-
-DEFAULT_OBJECTS, DEFAULT_CAMERAS = 9, 4
-"""Of a workspace that is filled at random."""
 
 
 class InitCommand(requests.InitRequest, requests.Printed, Command):
@@ -33,35 +30,20 @@ class InitCommand(requests.InitRequest, requests.Printed, Command):
         FLAG,
         default=True,
     )
-    random: bool = option("--random", "Fill it at random, for load tests.", FLAG, default=False)
-    objects: int | None = option(
-        "--objects", "With --random: so many cubes; 9 by default.", values.count(1, 1500), default=None, metavar="N"
-    )
-    cameras: int | None = option(
-        "--cameras", "With --random: so many cameras; 4 by default.", values.count(1, 200), default=None, metavar="N"
-    )
-    seed: int | None = option(
-        "--seed", "With --random: seed of what is drawn; 0 by default.", values.count(0), default=None, metavar="N"
-    )
 
 
 def init(_context: Any, ask: InitCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
     """Make it, run its task once, and print."""
     from sqrp_cli.knowledge.workspace.workspace_file import WORKSPACE_FILE
-    from sqrp_cli.starter.random_cell import Crowd
     from sqrp_cli.terminal.console import note, print_problems, progress
 
-    check_needed("--random", ask.random, {"--objects": ask.objects, "--cameras": ask.cameras, "--seed": ask.seed})
     folder, given = _split([str(ask.folder), *(ask.arguments or ())])
     of_arm = {"--tip": ask.tip, "--package-root": ask.package_roots, "an argument": given}
     check_needed("the arm of --urdf", ask.moveit if ask.urdf is None else ask.urdf, of_arm)
     for root in ask.package_roots:
         if not Path(root).is_dir():
             raise InputError(Problem("missing-folder", f"--package-root: there is no folder {root}"))
-    crowd = None
-    if ask.random:
-        crowd = Crowd(ask.seed or 0, ask.objects or DEFAULT_OBJECTS, ask.cameras or DEFAULT_CAMERAS)
-    asked = ask.but(folder=folder, arguments=given, crowd=crowd, run=ask.run and crowd is None, progress=progress)
+    asked = ask.but(folder=folder, arguments=given, progress=progress)
     try:
         found = made(asked)
     except KeyboardInterrupt:
