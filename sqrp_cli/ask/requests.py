@@ -410,6 +410,7 @@ class AuditRequest(Request):
         "RECORDING",
         "Of a run of it: MCAP, rosbag2 or a bag of ROS 1; or a folder with PNG files and `frames.csv`.",
         PATH,
+        kw_only=False,
     )
     threshold: float = option(
         "--threshold",
@@ -436,7 +437,7 @@ class CalibrateRequest(Request):
     """
 
     frames: AnyPath = argument(
-        "FRAMES", "What `sqrp run --frames` kept, a recording, or PNG files and `labels.csv`.", PATH
+        "FRAMES", "What `sqrp run --frames` kept, a recording, or PNG files and `labels.csv`.", PATH, kw_only=False
     )
     workspace: AnyPath = option(
         "--workspace", "The cell that `labels.csv` is about.", PATH, default=None, metavar="WORKSPACE"
@@ -457,7 +458,7 @@ class InitRequest(Request):
     up nothing anywhere, or the first run stops.
     """
 
-    folder: AnyPath = argument("DIR", "The new folder; it must not exist or be empty.", PATH)
+    folder: AnyPath = argument("DIR", "The new folder; it must not exist or be empty.", PATH, kw_only=False)
     arguments: Mapping[str, str] | None = argument(
         "NAME:=VALUE", "Arguments of a xacro, such as ur_type:=ur5e.", values.XACRO, default=None, kw_only=True
     )

@@ -115,7 +115,7 @@ def test_a_workspace_with_errors_is_not_opened(tmp_path):
         (lambda cell: cell.rank("pickup g2", progress=3), "progress is 3, expected a function"),
         (lambda cell: cell.rank("pickup g2").write("program.yaml", 3), "choose is 3, expected the name of a candidate"),
         (lambda cell: cell.check("pickup g2", plan="x"), "plan is 'x', expected True, False, or None"),
-        (lambda cell: cell.check("pickup g2", planner="x"), "planner is 'x', expected a function"),
+        (lambda cell: cell.check("pickup g2", planner="x"), "there is no planner `x`; expected one of"),
         (lambda _: new_cell("folder", progress=3), "progress is 3, expected a function"),
         (lambda cell: cell.check("pickup g2", jobs=True), "jobs is True"),
         (lambda cell: cell.check(7), "task is 7"),

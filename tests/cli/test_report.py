@@ -493,6 +493,7 @@ def test_a_cell_with_hostile_files_has_pages_that_work(browser, sqrp, watch, tmp
 def watch_documents(watch) -> tuple[list[tuple[dict, dict]], dict, dict]:
     """Of the cell `watch`: the documents of its candidates, those with their motion, the scene and the model."""
     from sqrp_cli.api.session import Session
+from sqrp_cli.ask.requests import TaskRequest
     from sqrp_cli.knowledge.workspace.load import load_workspace
     from sqrp_cli.programming.cell import Cell
     from sqrp_cli.programming.coverage.sampling import Adaptive
@@ -505,7 +506,7 @@ def watch_documents(watch) -> tuple[list[tuple[dict, dict]], dict, dict]:
     from sqrp_cli.report.pages.assembly import tidy
     from sqrp_cli.report.pages.candidate_page import SceneModel
 
-    session = Session.begin(Cell.load(load_workspace(watch)), "watch green", Inquiry())
+    session = Session.begin(Cell.load(load_workspace(watch)), TaskRequest("watch green"))
     assessments = list(assess_all(session.assignment, session.task.candidates, 1))
     explained = [session.assignment.explain(ranked) for ranked in rank(assessments, "q_eoi")]
     ranked = [
