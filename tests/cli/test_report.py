@@ -493,11 +493,11 @@ def test_a_cell_with_hostile_files_has_pages_that_work(browser, sqrp, watch, tmp
 def watch_documents(watch) -> tuple[list[tuple[dict, dict]], dict, dict]:
     """Of the cell `watch`: the documents of its candidates, those with their motion, the scene and the model."""
     from sqrp_cli.api.session import Session
-from sqrp_cli.ask.requests import TaskRequest
+    from sqrp_cli.ask.requests import TaskRequest
     from sqrp_cli.knowledge.workspace.load import load_workspace
     from sqrp_cli.programming.cell import Cell
     from sqrp_cli.programming.coverage.sampling import Adaptive
-    from sqrp_cli.programming.pipeline import Inquiry, assess_all
+    from sqrp_cli.programming.pipeline import assess_all
     from sqrp_cli.programming.ranking import rank
     from sqrp_cli.report.documents.candidates import CandidateFigures
     from sqrp_cli.report.documents.explanation import CandidateStudy
