@@ -14,8 +14,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.logic.formula_time import SAME_INSTANT
-
 Array = NDArray[np.float64]
 
 _GAUSS = np.array([0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5])
@@ -41,57 +39,10 @@ class Window(NamedTuple):
     """From an image until what it shows is known [s]."""
 
 
-class Windows(NamedTuple):
-    """When images show something: windows in order, apart from each other."""
-
-    sure: tuple[Window, ...]
-    """In which they surely do."""
-    usual: tuple[Window, ...]
-    """In which they usually do: those, and others."""
-
-    @classmethod
-    def always(cls, windows: Iterable[Window]) -> Windows:
-        """What images show in the same windows surely and usually."""
-        found = tuple(windows)
-        return cls(found, found)
-
-
 def within(windows: Iterable[Window], start: float, end: float) -> list[Window]:
     """What of windows lies between two times [s]."""
     clipped = (one._replace(start=max(one.start, start), end=min(one.end, end)) for one in windows)
     return [one for one in clipped if one.end > one.start]
-
-
-def overlaps(windows: Iterable[Window], others: Sequence[Window]) -> list[Window]:
-    """Where windows meet others, with the slower cameras of both."""
-    return [
-        found._replace(period=max(one.period, found.period), lag=max(one.lag, found.lag))
-        for one in windows
-        for found in within(others, one.start, one.end)
-    ]
-
-
-def joined(*windows: Sequence[Window]) -> tuple[Window, ...]:
-    """Windows, with what of the next ones lies outside of those before; in order, apart from each other."""
-    found: list[Window] = []
-    for some in windows:
-        edges = [-np.inf, *(edge for one in found for edge in (one.start, one.end)), np.inf]
-        new = [one for start, end in zip(edges[::2], edges[1::2], strict=True) for one in within(some, start, end)]
-        every, found = sorted([*found, *new]), []
-        for one in every:
-            if found and found[-1][1:] == (one.start, one.period, one.lag):
-                one = found.pop()._replace(end=one.end)
-            found.append(one)
-    return tuple(found)
-
-
-def shown_until(windows: Iterable[Window], start: float) -> float:
-    """Until when one window after the other shows what happens from a time on [s]; that time where none does."""
-    until = start
-    for window in windows:
-        if window.start <= until + SAME_INSTANT:
-            until = max(until, window.end)
-    return until
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,16 +89,17 @@ class Delays:
     """Mean of a cost of the time at which it is noticed; None where `unseen` is more than 0."""
 
 
-def delays(windows: Windows, onset: Onset, cost: Callable[[Array], Array], bends: Array) -> Delays:
-    """The delays of something that happens at any x of `onset`: the worst by what is sure, the rest by what is usual.
+def delays(windows: Sequence[Window], onset: Onset, cost: Callable[[Array], Array], bends: Array) -> Delays:
+    """The delays of something that happens at any x of `onset` and that images show in windows.
 
-    cost: of being noticed at times, shape (n,) each, linear between `bends` [s]. Of one rate all is exact; of several,
-    mean, unseen share and cost are means over 512 combinations of phases.
+    Worst and unseen are by when they surely show it, the rest by when they usually do. cost: of being noticed at times,
+    shape (n,) each, linear between `bends` [s]. Of one rate all is exact; of several, mean, unseen share and cost are
+    means over 512 combinations of phases.
     """
-    usual = _delays(windows.usual, onset.as_usual, cost, bends)
-    if onset.usual is None and windows.sure == windows.usual:
+    usual = _delays(windows, onset.as_usual, cost, bends)
+    if onset.usual is None:
         return usual
-    sure = _delays(windows.sure, Onset(onset.x, onset.shown), cost, bends)
+    sure = _delays(windows, Onset(onset.x, onset.shown), cost, bends)
     return replace(usual, worst=sure.worst, unseen=sure.unseen, cost=None if sure.unseen else usual.cost)
 
 

@@ -23,7 +23,7 @@ from sqrp_cli.knowledge.text.entries import Entry, Finite, Stored, Written
 from sqrp_cli.knowledge.text.units import read_quantity
 from sqrp_cli.knowledge.workspace.understood import Plain
 from sqrp_cli.knowledge.workspace.workspace import World
-from sqrp_cli.logic.image_time import Onset, Window, Windows, delays
+from sqrp_cli.logic.image_time import Onset, Window, delays
 from sqrp_cli.trajectory import Trajectory
 
 Numbers = tuple[Finite, ...]
@@ -187,7 +187,7 @@ class ProgramSight(Entry):
     """When images show a fault."""
 
     windows: tuple[ProgramWindow, ...]
-    """In order, apart from each other."""
+    """Those of cameras of one rate and latency in order, apart from each other."""
     onsets: tuple[ProgramOnset, ...]
     """Of each interval in which it may happen."""
 
@@ -198,7 +198,7 @@ class ProgramSight(Entry):
             return None
         shown = float(np.interp(x, onset.x, onset.shown))
         at = Onset(np.array([x, x]), np.array([shown, shown]))
-        windows = Windows.always(Window(w.start, w.end, w.period, w.lag) for w in self.windows)
+        windows = [Window(w.start, w.end, w.period, w.lag) for w in self.windows]
         return delays(windows, at, lambda t: t, np.empty(0)).worst
 
 

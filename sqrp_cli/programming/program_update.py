@@ -24,7 +24,7 @@ from sqrp_cli.logic.literal import Literal
 from sqrp_cli.program import record
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
-from sqrp_cli.programming.coverage.fault_sights import telling
+from sqrp_cli.programming.coverage.fault_sights import distinguishing
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.coverage.timeline import Watch, observe
 from sqrp_cli.programming.coverage.verdict import verdict
@@ -119,7 +119,7 @@ def _primitive(timed: TimedPrimitive, action: PrimitiveAction) -> record.Program
 
 def _sight(study: Study, fault: str) -> record.ProgramSight:
     return record.ProgramSight(
-        windows=tuple(record.ProgramWindow(**window._asdict()) for window in study.windows[fault].sure),
+        windows=tuple(record.ProgramWindow(**window._asdict()) for window in study.windows[fault]),
         onsets=tuple(
             record.ProgramOnset(x=tuple(onset.x.tolist()), shown=tuple(onset.shown.tolist()))
             for onset in study.onsets[fault]
@@ -175,7 +175,9 @@ def with_usual_images(step: record.Step, study: Study, observer: Observer) -> re
     cameras = [replace(observer, cameras=(camera,)) for camera in observer.cameras]
     names = [camera.name for camera in observer.cameras]
     confirming = [(target,) for target in study.targets]
-    refuting = [telling(target, Literal(target.atom, positive=False), study.stage.X_WO) for target in study.targets]
+    refuting = [
+        distinguishing(target, Literal(target.atom, positive=False), study.stage.X_WO) for target in study.targets
+    ]
     found = [_usually_seen(study, confirming + refuting, camera) for camera in cameras]
     usual = [dict(zip(names, of_cameras, strict=True)) for of_cameras in zip(*found, strict=True)]
     targets = {}

@@ -356,7 +356,7 @@ def _noticed(sight: Document, onset: Document, key: str) -> Noticed:
     shown, rows = np.interp(x, onset["x"], onset[key]), []
     for share in (np.arange(PHASES) + 0.5) / PHASES:
         images = []
-        for w in sight["usual_windows" if key == "usual" else "windows"]:
+        for w in sight["windows"]:
             t = (np.arange(w["start"] // w["period"] - 1, w["end"] // w["period"] + 2) + share) * w["period"]
             images += [(one, one + w["lag"]) for one in t.tolist() if w["start"] <= one <= w["end"]]
         taken, known = np.array([*sorted(images), (np.inf, np.inf)]).T
@@ -375,7 +375,7 @@ def test_delays_of_faults_follow_from_every_image_at_every_phase(scene):
         def mean(values: list[np.ndarray], length: list[float] = length) -> float:
             return float(np.average([value.mean() for value in values], weights=length))
 
-        edges = 2 * len(sight["usual_windows"]) + 4
+        edges = 2 * len(sight["windows"]) + 4
         off = edges * (1 / INSTANTS + min(1.0, 0.2 / min(length)) / PHASES) / 2
         longest = document["time"]
         assert figures["unseen"] == pytest.approx(1.0 - mean([one.seen for one in surely]), abs=off)

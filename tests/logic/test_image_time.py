@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.logic.image_time import Delays, Onset, Window, Windows, delays
+from sqrp_cli.logic.image_time import Delays, Onset, Window, delays
 
 PHASES, INSTANTS = 100, 400
 
@@ -62,7 +62,7 @@ def onsets(draw: st.DrawFn) -> Onset:
 
 
 def of(windows: list[Window], onset: Onset) -> Delays:
-    return delays(Windows.always(windows), onset, known, NO_BENDS)
+    return delays(windows, onset, known, NO_BENDS)
 
 
 @settings(max_examples=25, deadline=None)

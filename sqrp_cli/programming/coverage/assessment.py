@@ -13,7 +13,7 @@ import numpy as np
 from sqrp_cli.errors import Infeasible, bad_input
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.formula_time import Stretch
-from sqrp_cli.logic.image_time import Onset, Window, Windows, delays
+from sqrp_cli.logic.image_time import Onset, Window, delays
 from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming import pieces
 from sqrp_cli.programming.cell import Cell
@@ -32,7 +32,7 @@ _PROMPT = 1e-3
 """Times and shares up to this explain no delay [s, 1]."""
 
 
-def fault_metrics(windows: Windows, onsets: Sequence[Onset], recovery: Recovery, total: float) -> FaultMetrics:
+def fault_metrics(windows: Sequence[Window], onsets: Sequence[Onset], recovery: Recovery, total: float) -> FaultMetrics:
     """The metrics of a fault that may happen at any time of its intervals, on a motion of duration `total` [s].
 
     windows: in which images show it. onsets: of each interval. It is noticed by the first image of it, or never.
@@ -46,15 +46,15 @@ def fault_metrics(windows: Windows, onsets: Sequence[Onset], recovery: Recovery,
     return FaultMetrics(
         delay_mean=float(noticed @ [part.mean or 0.0 for part in parts] / noticed.sum()) if noticed.any() else None,
         delay_worst=None if unseen else max(part.worst or 0.0 for part in parts),
-        blind_longest=max(longest_gap(windows.sure, Stretch(float(one.x[0]), float(one.x[-1]))) for one in onsets),
+        blind_longest=max(longest_gap(windows, Stretch(float(one.x[0]), float(one.x[-1]))) for one in onsets),
         unseen=unseen,
         expected_time=None if unseen else float(weights @ [part.cost or 0.0 for part in parts]),
     )
 
 
-def why_late(fault: FaultMetrics, windows: Windows, onsets: Sequence[Onset]) -> str:
+def why_late(fault: FaultMetrics, windows: Sequence[Window], onsets: Sequence[Onset]) -> str:
     """What takes so long until a fault is noticed, at worst; see `fault_metrics`."""
-    if not windows.sure:
+    if not windows:
         return "no image is sure to show it"
     if fault.unseen:
         return f"no image is sure to show it in {100 * fault.unseen:.3g} % of cases"
@@ -67,10 +67,12 @@ def why_late(fault: FaultMetrics, windows: Windows, onsets: Sequence[Onset]) -> 
 
 
 def longest_gap(windows: Sequence[Window], interval: Stretch) -> float:
-    """The longest stretch of an interval that no window contains [s]; windows are in order."""
-    edges = [interval.start, *(edge for window in windows for edge in (window.start, window.end)), interval.end]
-    within = np.clip(edges, interval.start, interval.end)
-    return float((within[1::2] - within[::2]).max())
+    """The longest stretch of an interval that no window contains [s]."""
+    found, until = 0.0, interval.start
+    for window in sorted(windows):
+        found = max(found, min(window.start, interval.end) - until)
+        until = max(until, window.end)
+    return max(found, interval.end - until)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,7 +191,7 @@ class Study(Watched):
     """A feasible candidate with all data behind its figures."""
 
     recovery: Recovery
-    windows: Mapping[str, Windows]
+    windows: Mapping[str, Sequence[Window]]
     """In which images show each fault, by its name."""
     onsets: Mapping[str, tuple[Onset, ...]]
     """From when on images show each fault, for each interval in which it may happen, by its name."""
@@ -292,7 +294,7 @@ def observed_again(cell: Cell, study: Study, sampling: Sampling, *, full: bool) 
     return replace(study, timeline=timeline, windows=windows, onsets=fault_onsets(study, cell.observer))
 
 
-def _study(cell: Cell, scene: Watched, windows: Mapping[str, Windows]) -> Study:
+def _study(cell: Cell, scene: Watched, windows: Mapping[str, Sequence[Window]]) -> Study:
     starts = (pieces.fault_intervals(scene.formulas, fault)[0].start for fault in scene.timeline.faults)
     recovery = recovery_over(scene.motion, cell.model, min(starts, default=scene.motion.time))
     return Study(**vars(scene), recovery=recovery, windows=windows, onsets=fault_onsets(scene, cell.observer))

@@ -101,6 +101,12 @@ class Stage:
         lost = replace(motion, primitives=tuple(map(empty, motion.primitives)))
         return Stage(self.model, lost, self.pieces, self.X_WO, self._carried)
 
+    def samples_at(self, t: Array) -> Samples:
+        """Instants in order, shape (n,) [s], as samples; those after the motion are at its end."""
+        ends = np.array([piece.end for piece in self.pieces])
+        t = np.minimum(t, ends[-1])
+        return Samples(np.minimum(np.searchsorted(ends, t, side="right"), len(ends) - 1), t)
+
     def positions(self, samples: Samples) -> Array:
         """Positions of the motion's joints, shape (m, n)."""
         q = np.empty((len(samples), len(self.motion.joint_names)))

@@ -137,19 +137,15 @@ class FaultSight(Record):
     """When images show a fault."""
 
     windows: list[SightWindow]
-    """In which they surely show it, in order, apart from each other."""
-    usual_windows: list[SightWindow]
-    """In which they usually do, likewise."""
+    """In which they show it; those of cameras of one rate and latency in order, apart from each other."""
     onsets: list[SightOnset]
     """Of each interval in which it may happen."""
 
     @classmethod
     def of(cls, study: Study, fault: str) -> FaultSight:
         """As a study found it."""
-        sure, usual = ([SightWindow(**window._asdict()) for window in one] for one in study.windows[fault])
         return cls(
-            windows=sure,
-            usual_windows=usual,
+            windows=[SightWindow(**window._asdict()) for window in study.windows[fault]],
             onsets=[
                 SightOnset(x=one.x.tolist(), shown=one.shown.tolist(), usual=one.as_usual.shown.tolist())
                 for one in study.onsets[fault]

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import astuple, replace
-from itertools import groupby, pairwise
+from itertools import groupby
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,29 +15,32 @@ from hypothesis import strategies as st
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, Trajectory
 
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.workspace.load import load_workspace
-from sqrp_cli.logic.formula_time import Stretch
-from sqrp_cli.logic.image_time import Onset, Window, Windows
+from sqrp_cli.logic.image_time import Onset, Window
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study, fault_metrics, why_late
-from sqrp_cli.programming.coverage.fault_sights import Clock, FaultWatch, after_loss, fault_windows
+from sqrp_cli.programming.coverage.fault_sights import FaultWatch, fault_windows
 from sqrp_cli.programming.coverage.sampling import Adaptive, first_samples
 from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.motion.stop_and_return import Recovery, stop
 from sqrp_cli.programming.motion.timing import MotionLimits
 from sqrp_cli.programming.pieces import cut_into_pieces
+from sqrp_cli.programming.sensing.observer import BoxVerdicts
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.programming.ways.find import WantedWay, find_way
 from tests.programming.studies import always, eventually
-from tests.programming.timelines import ATOMS, RESPONSES, Story, make_story, moments, stories
+from tests.programming.timelines import ATOMS, Story, make_story, moments, stories
 
 PERIOD = 0.06
-"""Between two images [s]; a response is this and a latency."""
+"""Between two images [s]."""
 
-CLOCKS = {response: Clock(PERIOD, response - PERIOD) for response in RESPONSES}
+LATENCY = 0.04
+"""[s]."""
+
+CAMERA: Any = SimpleNamespace(rate=1 / PERIOD, latency=LATENCY)
 
 PHASES, INSTANTS = 40, 400
 """Phases of the cameras, and instants x at which the delay is evaluated."""
@@ -51,20 +55,20 @@ def windows_of(story: Story) -> tuple[Window, ...]:
     literals = story.formulas[-1].operator.literals
     columns = tuple((ATOMS.index(literal.atom),) for literal in literals)
     fault = FaultWatch("slip", literals, (story.interval,), columns)
-    return fault_windows(story.timeline, fault, CLOCKS, story.total)
+    return fault_windows(story.timeline, (), fault, [CAMERA], story.total)
 
 
 def figures(story: Story, back: Recovery) -> FaultMetrics:
     return fault_metrics(
-        Windows.always(windows_of(story)), [Onset.at_once(story.interval.start, story.interval.end)], back, story.total
+        windows_of(story), [Onset.at_once(story.interval.start, story.interval.end)], back, story.total
     )
 
 
-def latencies(story: Story, t: Array) -> Array:
-    """How late an image at each time t is known if it shows the fault, by the samples around it; NaN if it does not."""
-    found, interval = np.full(len(t), np.nan), story.interval
+def shows_fault(story: Story, t: Array) -> Mask:
+    """Whether an image at each time t shows the fault, by the samples around it."""
+    found, interval = np.zeros(len(t), dtype=bool), story.interval
     pieces = story.timeline.samples.piece.tolist()
-    for (t0, first, response0), (t1, second, response1), number, after in zip(
+    for (t0, first, _), (t1, second, _), number, after in zip(
         moments(story), moments(story)[1:], pieces, pieces[1:], strict=False
     ):
         piece, literals = story.timeline.pieces[number], story.formulas[-1].operator.literals
@@ -72,7 +76,7 @@ def latencies(story: Story, t: Array) -> Array:
         opposed = piece.start >= interval.end - 1e-9 and any(lit.negated() in piece.literals for lit in literals)
         if first and second and number == after and t0 < t1 and (within or opposed):
             until = t1 + PERIOD * (t1 == story.total)  # a run looks once more at the end
-            found[(t0 <= t) & (t <= until)] = max(response0, response1) - PERIOD
+            found |= (t0 <= t) & (t <= until)
     return found
 
 
@@ -83,13 +87,11 @@ def enumerated(story: Story, back: Recovery) -> FaultMetrics:
     late, seen = [], []
     for phase in (np.arange(PHASES) + 0.5) / PHASES * PERIOD:
         t = np.arange(phase, story.total + PERIOD, PERIOD)
-        latency = latencies(story, t)
-        shows = ~np.isnan(latency)
+        shows = shows_fault(story, t)
         first = np.searchsorted(t[shows], x)
-        known = np.minimum.accumulate(np.append((t + latency)[shows], np.inf)[::-1])[::-1]  # of those from each on
-        late.append(known[first])
+        late.append(np.append(t[shows] + LATENCY, np.inf)[first])
         seen.append(first < shows.sum())
-    blind = np.isnan(latencies(story, x)).tolist()
+    blind = (~shows_fault(story, x)).tolist()
     runs = [len(list(run)) for hidden, run in groupby(blind) if hidden]
     noticed, never = np.array(late), not np.all(seen)
     done = noticed + back.at(noticed.ravel()).reshape(noticed.shape) + story.total
@@ -141,9 +143,7 @@ def story_of(seen: float, *, start: float = 1.0, end: float = 3.0) -> Story:
 
 
 def test_a_fault_that_is_always_seen_waits_for_the_next_image() -> None:
-    found = fault_metrics(
-        Windows.always([Window(0.0, 4.0, 0.1, 0.05)]), [Onset.at_once(1.0, 3.0)], recovery(0, 4.0), 4.0
-    )
+    found = fault_metrics([Window(0.0, 4.0, 0.1, 0.05)], [Onset.at_once(1.0, 3.0)], recovery(0, 4.0), 4.0)
     assert found.delay_mean == pytest.approx(0.10)
     assert found.delay_worst == pytest.approx(0.15)
     assert (found.blind_longest, found.unseen) == (0, pytest.approx(0.0))
@@ -155,9 +155,7 @@ def test_a_fault_that_no_image_shows_has_no_delay() -> None:
 
 
 def test_a_fault_at_one_instant_has_that_instants_delay() -> None:
-    found = fault_metrics(
-        Windows.always([Window(2.0, 4.0, 0.1, 0.05)]), [Onset.at_once(1.5, 1.5)], recovery(0, 4.0), 4.0
-    )
+    found = fault_metrics([Window(2.0, 4.0, 0.1, 0.05)], [Onset.at_once(1.5, 1.5)], recovery(0, 4.0), 4.0)
     assert (found.delay_mean, found.delay_worst) == (pytest.approx(0.6), pytest.approx(0.65))
 
 
@@ -222,7 +220,7 @@ def test_stopping_takes_as_long_and_as_far_as_ruckig_says(velocity: float, accel
 
 def test_a_fault_in_two_intervals_is_averaged_over_both_and_not_over_the_time_between() -> None:
     first, second = Onset.at_once(0.5, 1.0), Onset.at_once(2.0, 3.5)
-    windows, back = Windows.always([Window(0.7, 1.2, 0.1, 0.05), Window(3.0, 4.0, 0.1, 0.05)]), recovery(0, 4.0)
+    windows, back = [Window(0.7, 1.2, 0.1, 0.05), Window(3.0, 4.0, 0.1, 0.05)], recovery(0, 4.0)
     parts = [fault_metrics(windows, [part], back, 4.0) for part in (first, second)]
     both = fault_metrics(windows, (first, second), back, 4.0)
     means, dones = ([getattr(part, name) for part in parts] for name in ("delay_mean", "expected_time"))
@@ -234,7 +232,7 @@ def test_a_fault_in_two_intervals_is_averaged_over_both_and_not_over_the_time_be
 
 def test_a_fault_that_may_never_be_noticed_in_one_interval_has_the_delay_of_the_other_on_average() -> None:
     first, second = Onset.at_once(0.5, 1.0), Onset.at_once(2.0, 3.5)
-    both = fault_metrics(Windows.always([Window(0.5, 1.2, 0.1, 0.05)]), (first, second), recovery(0, 4.0), 4.0)
+    both = fault_metrics([Window(0.5, 1.2, 0.1, 0.05)], (first, second), recovery(0, 4.0), 4.0)
     assert (both.delay_mean, both.delay_worst, both.expected_time) == (pytest.approx(0.1), None, None)
     assert both.unseen == pytest.approx(0.75)
 
@@ -253,54 +251,32 @@ LATE = Onset(np.array([1.0, 3.0]), np.array([1.4, 3.0]))
     ],
 )
 def test_what_makes_the_longest_delay_long(windows: list[Window], onset: Onset, why: str) -> None:
-    shown = Windows.always(windows)
+    shown = windows
     found = fault_metrics(shown, [onset], recovery(0, 4.0), 4.0)
     assert why_late(found, shown, [onset]).startswith(why)
 
 
-@st.composite
-def some_windows(draw: st.DrawFn) -> list[Window]:
-    """Some apart from each other, some of one camera after the other."""
-    edges = sorted(draw(st.sets(st.integers(10, 60), max_size=8)))
-    seen = [(a / 10, b / 10) for a, b in pairwise(edges) if draw(st.booleans())]
-    return [Window(a, b, (0.1, 0.2)[number % 2], 0.05) for number, (a, b) in enumerate(seen)]
-
-
-def contains(windows: Iterable[Window], t: float) -> bool:
-    return any(one.start <= t <= one.end for one in windows)
-
-
-def period(windows: Iterable[Window], t: float) -> float:
-    return next(one.period for one in windows if one.start <= t <= one.end)
-
-
-@given(planned=some_windows(), lost=some_windows())
-def test_what_fingers_lost_is_surely_seen_with_closed_fingers_and_not_sooner_than_as_planned(
-    planned: list[Window], lost: list[Window]
-) -> None:
-    intervals = Stretch(1.0, 3.0), Stretch(4.0, 5.0)
-    found = after_loss(planned, lost, intervals)
-
-    def shown_since(start: float, t: float) -> bool:
-        return all(contains(planned, k / 10 + 0.05) for k in range(round(10 * start), int(10 * t) + 1))
-
-    for t in np.arange(1.005, 6.0, 0.01):
-        assert contains(found, t) == contains(lost, t), t
-        held = any(one.start < t < one.end and shown_since(one.start, t) for one in intervals)
-        if held and contains(lost, t):  # the fingers may be still around the part, and others show that
-            assert period(found, t) == max(period(planned, t), period(lost, t))
-    assert all(first.end <= second.start for first, second in pairwise(found))
-
-
-def test_the_mean_is_by_the_usual_windows_and_the_worst_by_the_sure_ones() -> None:
-    sure, usual = (Window(3.0, 4.0, 0.1, 0.0),), (Window(0.0, 2.0, 0.1, 0.0), Window(3.0, 4.0, 0.1, 0.0))
-    onset, back = Onset.at_once(1.0, 2.0), recovery(0, 4.0)
-    both = fault_metrics(Windows(sure, usual), [onset], back, 4.0)
-    surely, usually = (fault_metrics(Windows.always(one), [onset], back, 4.0) for one in (sure, usual))
-    assert (both.delay_mean, both.expected_time) == (usually.delay_mean, usually.expected_time)
-    assert (both.delay_worst, both.blind_longest) == (surely.delay_worst, surely.blind_longest)
-    assert both.delay_mean is not None and both.delay_worst is not None  # noqa: PT018
-    assert both.delay_mean < 0.2 < 2.0 < both.delay_worst
+@given(seed=st.integers(0, 10**6))
+def test_each_kind_of_cameras_has_its_windows_and_together_they_show_what_none_shows_alone(seed: int) -> None:
+    story = make_story([4.0], (eventually(1.0, 3.0, *map(Literal, ATOMS), fault="slip"),), [9], seed, seen=1.0)
+    cameras: list[Any] = [SimpleNamespace(rate=10, latency=0.05), SimpleNamespace(rate=4, latency=0.02)]
+    rng, t = np.random.default_rng(seed), story.timeline.samples.t
+    sees = rng.random((len(ATOMS), len(t), 2)) < 0.7
+    empty = np.zeros(sees.shape[1:])
+    matrix = tuple((BoxVerdicts(np.where(one, 0, 9).astype(np.int8), empty.astype(int), empty, empty),) for one in sees)
+    timeline = replace(story.timeline, observation=replace(story.timeline.observation, matrix=matrix))
+    targets: list[Any] = [SimpleNamespace(cameras=1)] * 2
+    fault = FaultWatch("slip", tuple(map(Literal, ATOMS)), (story.interval,), ((0,), (1,)))
+    found = fault_windows(timeline, targets, fault, cameras, story.total)
+    inside = (t[:-1] >= 1.0) & (t[1:] <= 3.0) & (np.diff(t) > 0)
+    for number, of_clock in enumerate([(0.1, 0.05), (0.25, 0.02), (0.25, 0.05)]):
+        own = sees[..., [number]] if number < 2 else sees
+        shown = own.any(axis=2).all(axis=0)
+        windows = [one for one in found if one[2:] == of_clock]
+        for i in np.flatnonzero(inside):
+            contained = any(one.start <= t[i] and t[i + 1] <= one.end for one in windows)
+            long = number < 2 or any(one.end - one.start > 0.25 for one in windows if one.start <= t[i] <= one.end)
+            assert contained == (shown[i] and shown[i + 1] and long) or (number == 2 and not contained)
 
 
 def test_once_it_is_lost_a_part_lies_where_it_stood_and_the_fingers_are_closed() -> None:

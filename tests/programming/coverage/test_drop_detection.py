@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from sqrp_cli.geometry import Array, pose, rpy_to_matrix
-from sqrp_cli.knowledge.camera.detector import Detector
+from sqrp_cli.knowledge.camera.detector import SHIFT_PIXELS, SHIFT_SHARE, Detector
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.frames import WORLD, FrameName
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.programming.coverage import parting
+from sqrp_cli.programming.coverage.drop_detection import SURE, USUAL, Drop, Sight, _judged, majority_time
 from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts
 from sqrp_cli.programming.sensing.scene_states import SceneStates
@@ -107,13 +107,11 @@ def test_from_when_on_a_part_counts_as_seen_lost_the_detector_says_so(eye: Any, 
         free = HELD + np.linspace(0.0, far, STEPS)[:, None] * way
         X_WR = turned(HELD + 0.4 * max(size) * way)
         tool, rest = box_at("tool", X_WH, size), box_at("rest", X_WR, size)  # type: ignore[arg-type]
-        loss = parting.LostPart(np.zeros(1), np.broadcast_to(HELD, (1, STEPS, 3)), free[None])
-        held = parting.HeldPart(loss, X_WH[None, :3, :3], np.array(size))
-        eyes, focal = parting._eyes([eye])
-        stage: Any = SimpleNamespace(resting={rest.frame: np.eye(4)[None]})
-        clear = parting._clear(held, eyes, parting.SURE)[0, 0] >= 0
-        apart = parting._apart(held, eyes, focal, parting.SURE)[0, 0] >= 0
-        there = parting._at_place(held, stage, rest, eyes, parting.SURE)[0, 0] >= 0  # type: ignore[arg-type]
+        held = np.broadcast_to(HELD, (1, STEPS, 3))
+        drop = Drop(t=np.zeros(1), held=held, free=free[None], R_WB=X_WH[None, :3, :3], size=np.array(size))
+        sight = Sight(eye.X_FC[:3, 3].reshape(1, 1, 1, 3), np.array([(eye.matrix[0, 0] * eye.matrix[1, 1]) ** 0.5]))
+        clear, apart = drop.clear(sight, SURE)[0, 0] >= 0, drop.apart(sight, SURE)[0, 0] >= 0
+        there = drop.at_place(rest.X_FB, sight, SURE)[0, 0] >= 0
         poses = [turned(at) for at in free]
         alone = np.array([painted.shows_not_held([tool], X) for X in poses])
         beside = np.array([painted.shows_not_held([tool, rest], X) for X in poses])
@@ -137,8 +135,8 @@ def test_a_part_must_fall_as_far_whatever_its_tool_hides_of_it(size: Size, hidde
     first = next(fall for fall in falls if painted.shows_not_held(boxes, pose(np.eye(3), HELD - (0, 0, fall))))
     outline = painted.projected(X_WH).box
     along = np.ptp(outline.polygon, axis=0)[1] / height  # pixels of a metre
-    usual, sure = (rule.pixels + rule.share * outline.area**0.5 for rule in (parting.USUAL, parting.SURE))
-    least = parting.SHIFT_PIXELS + parting.SHIFT_SHARE * outline.area**0.5
+    usual, sure = (rule.pixels + rule.share * outline.area**0.5 for rule in (USUAL, SURE))
+    least = SHIFT_PIXELS + SHIFT_SHARE * outline.area**0.5
     seen = first * along
     assert least - 0.5 <= seen <= sure
     assert seen == pytest.approx(usual, abs=1.0)  # the detector measures by whole pixels
@@ -164,7 +162,7 @@ def test_cameras_count_that_judge_a_part_though_too_much_is_hidden(size: Size, m
         cause = Cause.HIDDEN if visible < box.limits.min_visible else Cause.NONE
         one = np.ones((1, 1))
         verdicts = BoxVerdicts((cause * one).astype(np.int8), one.astype(int), one, visible * one)
-        assert parting._judges(box, verdicts, [NEAR], states).all()
+        assert _judged(box, verdicts, [NEAR], states).all()
         uncovered += visible < min_visible
     assert uncovered
 
@@ -175,11 +173,11 @@ def test_cameras_show_what_more_of_them_say_than_deny() -> None:
         cameras, needed = int(rng.integers(1, 6)), int(rng.integers(1, 3))
         until = rng.integers(0, 20, (cameras, 3)).astype(float)
         since = until + rng.integers(0, 10, (cameras, 3))
-        for column, found in enumerate(parting._outvoted(until, since, needed)):
+        for column, found in enumerate(majority_time(until, since, needed)):
             agreed = (
                 t
                 for t in np.arange(30.0)
                 if (since[:, column] <= t).sum() > (until[:, column] > t).sum()
                 and (since[:, column] <= t).sum() >= needed
             )
-            assert found == next(agreed, since[:, column].max())
+            assert found == next(agreed, np.inf)

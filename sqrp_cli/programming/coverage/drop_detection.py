@@ -1,0 +1,432 @@
+"""From when on images show that the tool has lost a part: what must lie apart first, and what must be in its place.
+
+A lost part falls freely, with the tool's velocity, down to where it stood or is to stand. An image shows that it is not
+held once it lies clear of where the tool would show it, or apart from there and in a place that the camera sees and in
+which it is looked for, too: seen in between, a detector of colours calls it neither held nor gone. An image shows that
+it is in its place once the line of sight through its centre meets the middle plane of its box inside the box.
+
+Cameras contradict each other as long as one of them takes the part for held. So there are two answers: images *surely*
+show a drop once the slowest camera does that may judge it soon after, and *usually* once more of these say so than say
+the opposite. Which these are follows from the robot's motion alone: what else hides a part makes windows smaller, but
+never a drop quicker to see.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.camera.detector import ALIKE, BORDER, EMPTY, FULL, LEAST_SHARE, SHIFT_PIXELS, SHIFT_SHARE
+from sqrp_cli.knowledge.skill.target_box import object_of
+from sqrp_cli.logic.formula_time import Stretch
+from sqrp_cli.logic.image_time import Onset
+from sqrp_cli.logic.literal import Atom, Literal
+from sqrp_cli.programming.coverage.stage import Stage
+from sqrp_cli.programming.motion.fingers import move_fingers
+from sqrp_cli.programming.sensing.limits import Cause
+from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer
+from sqrp_cli.programming.sensing.scene_states import SceneStates
+from sqrp_cli.programming.targets import SoughtBox, Target
+
+
+class DropRule(NamedTuple):
+    """What a detector of colours needs to call a part not held, as far as it may be known beforehand."""
+
+    pixels: float
+    """How far apart it must be seen from where the tool would show it [pixels], ..."""
+    share: float
+    """... and a share of its size."""
+    inside: float
+    """How far from a place, as a share of its length that way, it fills enough of it to count as there."""
+    covered: float
+    """How much of where the tool would show it it may cover if it counts as there nowhere: a share."""
+
+
+SURE = DropRule(
+    # The detector measures by whole pixels. What it leaves open lies at an edge across the way, half of it hidden.
+    pixels=SHIFT_PIXELS + 1.0,
+    share=SHIFT_SHARE + 2.0 * ALIKE,
+    # Moved by a share d, a convex silhouette still covers (1 - d)^2 of itself at least (Brunn-Minkowski), even if all
+    # that it leaves uncovered is in the share of it that must be visible.
+    inside=1.0 - float(np.sqrt(1.0 - LEAST_SHARE * (1.0 - FULL / 2))),
+    covered=0.0,
+)
+"""So much is surely enough."""
+
+USUAL = DropRule(
+    # What the detector leaves open lies at two edges.
+    pixels=SHIFT_PIXELS,
+    share=SHIFT_SHARE + ALIKE / 2.0,
+    # Moved along an edge by a share d, a box covers 1 - d of itself.
+    inside=1.0 - FULL / 2,
+    covered=EMPTY,
+)
+"""So much is usually enough."""
+
+GRAVITY = 9.81
+"""[m/s^2]."""
+
+_STARTS, _STEP = 25, 0.1
+"""Instants of an interval at which a part is let fall: at least so many, and one in so many seconds."""
+
+_LONGEST = 4.0
+"""How long what is lost is followed [s]; what images do not show by then, they never do."""
+
+_FALL = _LONGEST * np.linspace(0.0, 1.0, 81) ** 2
+"""Times after it is lost at which it is looked at [s], the first ones closer."""
+
+_SOON = 0.8
+"""How long after a loss cameras count that judge the part [s]."""
+
+_EVERY = 3
+"""Of the times between two starts, so many pass until cameras are asked again what they see."""
+
+_NEVER = 1e3
+"""How long after the motion what no image shows is shown [s]: after all windows."""
+
+
+class Sight(NamedTuple):
+    """Cameras that look at a drop."""
+
+    eyes: Array
+    """Where each of c cameras is, shape (c, s, f, 3) or (c, 1, 1, 3) [m]."""
+    focal: Array
+    """Their focal lengths, shape (c,) [pixels]."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Drop:
+    """A part that is lost at s instants of an interval, each followed for f times `_FALL`."""
+
+    t: Array
+    """When it is lost, shape (s,) [s]."""
+    held: Array
+    """Where its centre would be if the tool held it, shape (s, f, 3) [m]."""
+    free: Array
+    """Where its centre is, shape (s, f, 3) [m]."""
+    R_WB: Array
+    """How the box is turned in which the tool would show it, when it is lost, shape (s, 3, 3)."""
+    size: Array
+    """Full extents of that box, shape (3,) [m]."""
+
+    def apart(self, sight: Sight, rule: DropRule) -> Array:
+        """By how much it is further from where the tool would show it than it must be, shape (c, s, f) [m]."""
+        across, distance, _ = _beside(self.held, self.free, sight.eyes)
+        least = rule.pixels * distance / sight.focal[:, None, None] + rule.share * _spread(self.size)
+        margin: Array = np.linalg.norm(across, axis=3) - least
+        return margin
+
+    def clear(self, sight: Sight, rule: DropRule) -> Array:
+        """By how much it is seen beside where the tool would show it, covering too little of that, (c, s, f) [m]."""
+        across, distance, nearer = _beside(self.held, self.free, sight.eyes)
+        length = _length(across, self.held - sight.eyes, self.R_WB[:, None], self.size)
+        scale = distance / np.maximum(distance - nearer, 1e-6)
+        margin: Array = np.linalg.norm(across, axis=3) * scale - 0.5 * (1.0 + scale) * (1.0 - rule.covered) * length
+        return margin
+
+    def at_place(self, X_WB: Array, sight: Sight, rule: DropRule) -> Array:
+        """By how much it is nearer to where a place would show it than it must be to fill it, shape (c, s, f) [m]."""
+        place = np.broadcast_to(X_WB[:3, 3], self.free.shape)
+        across, *_ = _beside(place, self.free, sight.eyes)
+        length = _length(across, place - sight.eyes, X_WB[:3, :3], self.size)
+        margin: Array = rule.inside * length - np.linalg.norm(across, axis=3)
+        return margin
+
+    def in_place(self, X_WB: Array, size: Array, sight: Sight) -> Array:
+        """By how much the line of sight through it meets the middle plane of a box inside it, shape (c, s, f) [m]."""
+        eye = (sight.eyes - X_WB[:3, 3]) @ X_WB[:3, :3]
+        part = (self.free - X_WB[:3, 3]) @ X_WB[:3, :3]
+        ray = part - eye
+        met = part[..., :2] - ray[..., :2] * (part[..., 2:] / np.where(np.abs(ray[..., 2:]) > 1e-6, ray[..., 2:], 1e-6))
+        margin: Array = (0.5 * size[:2] - np.abs(met)).min(axis=3)
+        return margin
+
+
+class _Shown(NamedTuple):
+    """When a drop at each of s instants is shown by each of c cameras."""
+
+    x: Array
+    """When the fault becomes true, shape (s,) [s]."""
+    surely: Array
+    """From when on each that may judge it shows it, -inf of the others, shape (c, s) [s]."""
+    late: Array
+    """From when on the slowest of all would, shape (s,) [s]."""
+    usual: Array
+    """From when on all of them together usually show it, shape (s,) [s]."""
+
+
+def onset(
+    stage: Stage, observer: Observer, literals: Sequence[Literal], targets: Mapping[Atom, Target], interval: Stretch
+) -> Onset:
+    """From when on images show a fault that becomes true at a time of an interval.
+
+    literals: of the fault, with the target of each. Where the tool loses nothing in it, images show it at once.
+    """
+    found = _shown(stage, observer, literals, targets, interval)
+    if found is None:
+        return Onset.at_once(interval.start, interval.end)
+    slowest = found.surely.max(axis=0, initial=-np.inf)
+    slowest = np.where(slowest < 0, found.late, slowest)  # where no camera judges it, none says so at once
+    surely = _between(found.x, np.maximum(slowest, found.x + _closing(stage, interval)), interval)
+    usual = _between(found.x, found.usual, interval)
+    return Onset(surely.x, surely.shown, np.minimum(usual.shown, surely.shown))
+
+
+def least_delays(
+    stage: Stage,
+    observer: Observer,
+    literals: Sequence[Literal],
+    targets: Mapping[Atom, Target],
+    interval: Stretch,
+    response: float,
+) -> Array:
+    """What the longest delay of a fault is at least, with each camera and whichever others, shape (cameras,) [s].
+
+    As the slowest of the cameras that may judge a part tells when it is shown, others make no camera faster.
+    At some phase the image that shows it is known one response later. See `onset`.
+
+    response: the shortest of all cameras [s].
+    """
+    found = _shown(stage, observer, literals, targets, interval)
+    if found is None:
+        return np.full(len(observer.cameras), response)
+    alone = [_between(found.x, surely, interval) for surely in found.surely]
+    return np.array([(one.shown - one.x + response).max() for one in alone])
+
+
+def _shown(
+    stage: Stage, observer: Observer, literals: Sequence[Literal], targets: Mapping[Atom, Target], interval: Stretch
+) -> _Shown | None:
+    """When each camera shows a fault; None where the tool loses nothing."""
+    name = held_in(stage, interval)
+    boxes = {} if name is None else {lit: _boxes_of(stage, targets[lit.atom], name) for lit in literals}
+    needed = {box: targets[lit.atom].cameras for lit, found in boxes.items() for box in found}
+    left = [box for lit, found in boxes.items() if not lit.positive for box in found if box.frame in stage.model.links]
+    reached = [box for lit, found in boxes.items() if lit.positive for box in found if box.frame in stage.resting]
+    if name is None or not left or interval.length <= 0.0:
+        return None
+    t = np.linspace(interval.start, interval.end, max(_STARTS, int(np.ceil(interval.length / _STEP)) + 1))
+    step = t[1] - t[0]
+    period = max((1.0 / camera.rate for camera in observer.cameras), default=0.0)  # so long it must be apart
+    times = np.append(t, np.arange(interval.end + step, interval.end + _LONGEST + step, step))
+    states = stage.states(stage.samples_at(times))
+    drop = _dropped(stage, states, name, left[0], times, len(t))
+    sight = Sight(
+        _followed([states.camera_poses(one)[:, :3, 3] for one in observer.cameras], times, len(t)),
+        _focal(observer.cameras),
+    )
+    by_color = left[0].limits.kind == "color"
+    every = (box for target in targets.values() for box in _boxes_of(stage, target, name))
+    places = [box for box in dict.fromkeys([*reached, *every]) if box.frame in stage.resting and by_color]
+    some = times[times <= interval.end + _SOON + _EVERY * step][::_EVERY]
+    judged = _looks(observer, stage, [*left, *reached], some, robot_alone=True)
+    seen = _looks(observer, stage.once_lost(), places, some, robot_alone=False)
+
+    def gone(rule: DropRule) -> tuple[Array, Array]:
+        """When each camera ceases to show the part held, and when it shows it not held, (c, s) each [s]."""
+        apart = drop.apart(sight, rule)
+        there = np.full(apart.shape, -np.inf)
+        for box in places:
+            at_place = drop.at_place(_at_rest(stage, box), sight, rule)
+            there = np.maximum(there, np.where(seen.always(box, t[:, None] + _FALL), at_place, -np.inf))
+        enough = np.maximum(drop.clear(sight, rule), np.minimum(apart, there)) if by_color else apart
+        return t + _first(apart, period), t + _first(enough, period)
+
+    x, late, judge = t, gone(SURE)[1], np.any([judged.ever(box, t) for box in left], axis=0)
+    surely = np.where(judge, late, -np.inf)
+    until, since = gone(USUAL)
+    usual = majority_time(np.where(judge, until, -np.inf), np.where(judge, since, np.inf), needed[left[0]])
+    for box in reached:
+        X_WB, size = _at_rest(stage, box), np.array(box.size)
+        offset = (drop.free - X_WB[:3, 3]) @ X_WB[:3, :3]
+        x = np.maximum(x, t + _first((0.5 * size - np.abs(offset)).min(axis=2)[None])[0])
+        there, judge = t + _first(drop.in_place(X_WB, size, sight), period), judged.ever(box, t)
+        late, surely = np.maximum(late, there), np.maximum(surely, np.where(judge, there, -np.inf))
+        until, since = (np.where(judge, there, other) for other in (-np.inf, np.inf))
+        usual = np.maximum(usual, majority_time(until, since, needed[box]))
+    latest = stage.motion.time + _NEVER
+    return _Shown(*(np.minimum(one, latest) for one in (x, surely, late.max(axis=0, initial=-np.inf), usual)))
+
+
+def majority_time(until: Array, since: Array, needed: int) -> Array:
+    """When more cameras say something than say the opposite, and as many as needed, shape (s,) [s]; infinite if never.
+
+    until: when each of c cameras ceases to say the opposite, (c, s) [s]. since: when each says it, (c, s) [s].
+    """
+    times = np.concatenate([until, since])
+    yes = (since[None] <= times[:, None]).sum(axis=1)
+    no = (until[None] > times[:, None]).sum(axis=1)
+    found: Array = np.where((yes > no) & (yes >= needed), times, np.inf).min(axis=0, initial=np.inf)
+    return found
+
+
+def held_in(stage: Stage, interval: Stretch) -> str | None:
+    """What the tool holds throughout an interval."""
+    primitives = stage.motion.primitives
+    held = {p.held for p in primitives if p.start < interval.end - 1e-9 and p.end > interval.start + 1e-9}
+    return held.pop() if len(held) == 1 else None
+
+
+def _closing(stage: Stage, interval: Stretch) -> float:
+    """How long fingers take to close behind what they lose [s]; windows are those of closed fingers."""
+    model = stage.model
+    start = stage.positions(stage.samples_at(np.array([interval.start])))[0, len(model.arm) :]
+    return move_fingers(model.fingers, start, model.fingers.closed, 0.0).duration if model.fingers.joints else 0.0
+
+
+def _between(x: Array, shown: Array, interval: Stretch) -> Onset:
+    """The onset of what becomes true at x and is shown from some times on, within an interval."""
+    x = np.maximum.accumulate(x)
+    lag = np.maximum(shown - x, 0.0)
+    kept = np.append(np.diff(x) > 1e-9, True)
+    inner = (x > interval.start) & (x < interval.end) & kept
+    at = np.concatenate([[interval.start], x[inner], [interval.end]])
+    return Onset(at, np.maximum.accumulate(at + np.interp(at, x[kept], lag[kept])))
+
+
+def _boxes_of(stage: Stage, target: Target, name: str) -> list[SoughtBox]:
+    return [box for box in target.boxes if object_of(str(target.atom), box, stage.X_WO) == name]
+
+
+def _at_rest(stage: Stage, box: SoughtBox) -> Array:
+    X_WB: Array = stage.resting[box.frame][0] @ box.X_FB
+    return X_WB
+
+
+def _followed(tracks: Sequence[Array], times: Array, starts: int) -> Array:
+    """Where points are while a part falls, (points, s, f, 3) [m].
+
+    tracks: at `times`, (n, 3) each, or (1, 3). starts: how many of them are starts of a fall, s.
+    """
+    when = times[:starts, None] + _FALL
+    points = [np.broadcast_to(track, (len(times), 3)) for track in tracks]
+    found = [np.stack([np.interp(when, times, one[:, axis]) for axis in range(3)], axis=2) for one in points]
+    return np.array(found).reshape(-1, *when.shape, 3)
+
+
+def _dropped(stage: Stage, states: SceneStates, name: str, box: SoughtBox, times: Array, starts: int) -> Drop:
+    """The falls of a part; states: at `times`, of which the first are the starts."""
+    t = times[:starts]
+    path = np.broadcast_to(states.X_WF[name], (len(times), 4, 4))[:, :3, 3]
+    start, velocity = path[: len(t)], np.gradient(path, times, axis=0)[: len(t)]
+    floor = np.full(len(t), -np.inf)
+    begins_held = stage.motion.primitives[0].held == name
+    for X_WO in (None if begins_held else stage.X_WO[name], stage.motion.final.X_WO.get(name)):
+        if X_WO is not None:
+            above = np.hypot(*(start - X_WO[:3, 3])[:, :2].T) < 0.02
+            floor = np.where(above, np.maximum(floor, X_WO[2, 3]), floor)
+    free = start[:, None] + velocity[:, None] * _FALL[:, None]
+    free[..., 2] = np.maximum(free[..., 2] - 0.5 * GRAVITY * _FALL**2, np.minimum(floor, start[:, 2])[:, None])
+    R_WB = np.broadcast_to(states.box_poses(box), (len(times), 4, 4))[: len(t), :3, :3]
+    return Drop(t=t, held=_followed([path], times, starts)[0], free=free, R_WB=R_WB, size=np.array(box.size))
+
+
+class _Looks(NamedTuple):
+    """What each of c cameras sees of boxes around a drop."""
+
+    t: Array
+    """Instants at which they are asked, from the start of the interval on, shape (n,) [s]."""
+    boxes: Mapping[SoughtBox, Mask]
+    """Whether a camera judges a box at each, though something may hide a little more than allowed, shape (n, c)."""
+
+    def ever(self, box: SoughtBox, t: Array) -> Mask:
+        """Whether each camera judges a box soon after any of some times (s,), shape (c, s)."""
+        first, last = (np.searchsorted(self.t, edge) for edge in (t, t + _SOON))
+        seen = [self.boxes[box][max(i - 1, 0) : j + 1].any(axis=0) for i, j in zip(first, last, strict=True)]
+        return np.transpose(seen)
+
+    def always(self, box: SoughtBox, t: Array) -> Mask:
+        """Whether each camera judges a box before and after each of some times (s, f), shape (c, s, f)."""
+        seen = self.boxes[box]
+        both = np.append(seen[:-1] & seen[1:], np.zeros((1, seen.shape[1]), dtype=bool), axis=0)
+        return np.moveaxis(both[np.searchsorted(self.t, t, side="right") - 1], 2, 0)
+
+
+def _looks(observer: Observer, stage: Stage, boxes: Sequence[SoughtBox], t: Array, *, robot_alone: bool) -> _Looks:
+    """What cameras see of boxes at times (n,) [s]; robot_alone: whether nothing else is in the way."""
+    if not boxes or not observer.cameras:
+        return _Looks(t, {box: np.zeros((len(t), len(observer.cameras)), dtype=bool) for box in boxes})
+    others = [one.part.name for one in observer.solids if robot_alone and one.color is not None]
+    asked = [replace(box, limits=box.limits.judging, encloses=(*box.encloses, *dict.fromkeys(others))) for box in boxes]
+    states, found = stage.states(stage.samples_at(t)), {}
+    verdicts = observer.verdicts([Target(Atom(box.name), 1, (box,)) for box in asked], states)
+    for box, sought, (seen,) in zip(boxes, asked, verdicts, strict=True):
+        found[box] = _judged(sought, seen, observer.cameras, states)
+    return _Looks(t, found)
+
+
+def _judged(box: SoughtBox, seen: BoxVerdicts, cameras: Sequence[Camera], states: SceneStates) -> Mask:
+    """Whether each of c cameras judges a box, though something may hide a little more than allowed, shape (n, c)."""
+    least = np.full(seen.cause.shape, box.limits.min_visible)
+    if box.limits.kind == "color":
+        eyes = [states.camera_poses(camera)[:, :3, 3] for camera in cameras]
+        distance = [np.linalg.norm(states.box_poses(box)[:, :3, 3] - eye, axis=1) for eye in eyes]
+        far = np.array([np.broadcast_to(one, states.count) for one in distance]).T
+        least = np.maximum(least - BORDER * far / (_focal(cameras) * _spread(np.array(box.size))), LEAST_SHARE)
+    judged: Mask = np.where(seen.cause == Cause.HIDDEN, seen.visible >= least, np.isin(seen.cause, _SEEN))
+    return judged
+
+
+_SEEN = (Cause.NONE, Cause.SAME_COLOUR, Cause.TOO_DARK, Cause.TOO_BRIGHT)
+"""Where a box is in the image with nothing before it."""
+
+
+def _focal(cameras: Sequence[Camera]) -> Array:
+    """Focal lengths of c cameras, shape (c,) [pixels]."""
+    return np.array([np.sqrt(camera.matrix[0, 0] * camera.matrix[1, 1]) for camera in cameras])
+
+
+def _spread(size: Array) -> float:
+    """Square root of the mean area of the silhouette of a box of full extents (3,) [m]."""
+    return float(np.sqrt(0.5 * (size * np.roll(size, 1)).sum()))
+
+
+def _beside(expected: Array, free: Array, eyes: Array) -> tuple[Array, Array, Array]:
+    """How far a part is from where it is expected, as cameras see it.
+
+    Returns it across the line of sight, shape (c, s, f, 3) [m], the distance of where it is expected, and by how much
+    it is nearer than that, both of shape (c, s, f) [m].
+    """
+    ray = expected - eyes
+    distance = np.linalg.norm(ray, axis=3)
+    gap = free - expected
+    nearer = -(ray * gap).sum(axis=3) / distance
+    across: Array = gap + (nearer / distance)[..., None] * ray
+    return across, distance, nearer
+
+
+def _length(across: Array, ray: Array, R_WB: Array, size: Array) -> Array:
+    """How long the silhouette of a box is along a direction, through its middle and seen along a ray, (c, s, f) [m].
+
+    The most r for which r * direction + k * ray is in the box for some k; at a corner of these bounds two faces meet.
+    """
+    gone = np.linalg.norm(across, axis=3, keepdims=True)
+    way = np.where(gone > 1e-9, across / np.maximum(gone, 1e-9), 0.0)[..., None, :] @ R_WB
+    u, v = way[..., 0, :], (ray[..., None, :] @ R_WB)[..., 0, :]
+    v = v / np.linalg.norm(v, axis=3, keepdims=True)
+    other_u, other_v, other_size = (np.roll(part, 1, axis=-1) for part in (u, v, size))
+    turn = np.abs(u * other_v - v * other_u)
+    longest: Array = ((size * np.abs(other_v) + other_size * np.abs(v)) / np.maximum(turn, 1e-9)).min(axis=3)
+    return np.minimum(longest, np.linalg.norm(size))
+
+
+def _first(margin: Array, least: float = 0.0) -> Array:
+    """When a margin (c, s, f) is first not negative after the loss for a least time [s], shape (c, s) [s].
+
+    Infinite if it never is.
+    """
+    bad = np.where(margin < 0.0, _FALL, np.inf)
+    lasts = np.minimum.accumulate(bad[..., ::-1], axis=2)[..., ::-1] - _FALL
+    good = (margin >= 0.0) & (lasts >= least)
+    index = good.argmax(axis=2)
+    before = np.maximum(index - 1, 0)
+    late, early = (np.take_along_axis(margin, i[..., None], axis=2)[..., 0] for i in (index, before))
+    with np.errstate(invalid="ignore"):
+        share = np.where((index > 0) & np.isfinite(early) & (early < 0), early / np.minimum(early - late, -1e-12), 1.0)
+    found = _FALL[before] + np.clip(share, 0.0, 1.0) * (_FALL[index] - _FALL[before])
+    return np.where(good.any(axis=2), found, np.inf)
