@@ -452,7 +452,7 @@ def test_another_approach_is_not_advised_where_there_is_one_way_only(sqrp, watch
 
 def test_a_fault_that_no_image_shows_is_named_in_words_and_one_candidate_has_its_reason_too(sqrp, watch):
     shown = " ".join(sqrp("rank", watch, "watch behind").out.split())
-    assert "Noticed only when the skill ends, as no image shows it: moved in 100 % of cases." in shown
+    assert "Never noticed, as no image is sure to show it: moved in 100 % of cases." in shown
     assert "behind wall" in shown
     several = " ".join(sqrp("rank", watch, "watch cube").out.split())
     assert "as no image shows it: moved of behind and 9 more in up to 100 % of cases." in several
