@@ -110,7 +110,7 @@ def slips(folder: Path, seed: int, count: int) -> tuple[dict[str, Study], list[S
     candidates = read_task(TASK, workspace).candidates
     found = find_ways(cell, candidates, cell.initial_world, Adaptive(), WantedWay(alone=True))
     ways = {one.study.candidate.name: one.study for one in found if isinstance(one, BestWay)}
-    ways = {name: way for name, way in ways.items() if way.windows[FAULT].usual}
+    ways = {name: way for name, way in ways.items() if way.windows[FAULT]}
     kept, rng = folder / "slips.jsonl", np.random.default_rng(seed)
     done = [Slip(*json.loads(line)) for line in kept.read_text().splitlines()] if kept.exists() else []
     if len(done) >= count or not ways:
@@ -161,10 +161,10 @@ def _compared(ways: dict[str, Study], done: Sequence[Slip]) -> Iterator[Compared
             continue
         shown, usual = (np.interp([slip.happened] * 2, onset.x, one) for one in (onset.shown, onset.as_usual.shown))
         at = Onset(np.full(2, slip.happened), shown, usual)
-        found = delays(way.windows[FAULT], at, way.motion.time, lambda t: t, np.empty(0))
-        if found.unseen == 0:
-            measured = way.motion.time if slip.seen is None else slip.seen
-            yield Compared(measured - slip.happened, found.mean, found.worst)
+        found = delays(way.windows[FAULT], at, lambda t: t, np.empty(0))
+        if found.worst is not None and found.mean is not None:
+            measured = np.inf if slip.seen is None else slip.seen - slip.happened
+            yield Compared(measured, found.mean, found.worst)
 
 
 def main(words: Sequence[str]) -> int:

@@ -18,9 +18,8 @@ from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.programming.ways.find import WantedWay, find_way
 from sqrp_cli.programming.whole_study import WholeStudy, whole_study
-from sqrp_cli.starter.make import make_starter
-from sqrp_cli.starter.random_cell import Crowd
 from tests.cells import read_cell, shipped_cell, write_cell
+from tests.random_cell import Crowd, random_cell
 
 CELLS = (3, 5)
 
@@ -38,7 +37,7 @@ def studied(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
         whole = whole_study(cell, candidates[0], cell.initial_world, Adaptive(), full=False)
         assert isinstance(whole, WholeStudy)
         return cell, list(whole.steps)
-    folder = make_starter(tmp_path / "cell", None, Crowd(request.param, 6, 3)).folder
+    folder = random_cell(tmp_path / "cell", Crowd(request.param, 6, 3))
     document = read_cell(folder)
     rng = np.random.default_rng(request.param)
     for name, camera in zip(document["cameras"], document["cameras"].values(), strict=True):
