@@ -248,8 +248,8 @@ class Feasibility:
     """Duration of its motion, with the first grip that works, in the fastest branch [s]; None if infeasible."""
     suggestion: Suggestion
     """How to establish its precondition."""
-    ways_around: tuple[str, ...] = ()
-    """Detours where the direct move is blocked, such as `a1 goes around wall`."""
+    remarks: tuple[str, ...] = ()
+    """Detours and speeds that are not reached, such as `a1 goes around wall` and `a4 reaches 3.4 of 5 cm/s`."""
     outside: tuple[tuple[int, int], ...] = ()
     """The temporal operators that are never checked, see `grounding.formulas_outside`."""
 
@@ -267,7 +267,7 @@ def check_candidate(candidate: Candidate, suggester: Suggester) -> Feasibility:
         feasible=True,
         time=motion.time,
         suggestion=suggestion,
-        ways_around=motion.ways_around,
+        remarks=motion.remarks,
         outside=formulas_outside(candidate, motion),
     )
 
@@ -282,7 +282,7 @@ def _check_steps(candidate: Candidate, suggester: Suggester) -> Feasibility:
         reasons=found.reasons,
         time=found.time,
         suggestion=Suggestion("satisfied", ""),
-        ways_around=found.ways_around,
+        remarks=found.remarks,
     )
 
 

@@ -78,7 +78,7 @@ def assessment_of_all(candidate: Candidate, done: Sequence[Assessment]) -> Asses
         states=sum(one.states or 0 for one in done),
         error=max((one.error for one in done if one.error is not None), default=None),
         largest_gap=max((one.largest_gap for one in done if one.largest_gap is not None), default=None),
-        ways_around=tuple(f"{n}.{text}" for n, one in enumerate(done, 1) for text in one.ways_around),
+        remarks=tuple(f"{n}.{text}" for n, one in enumerate(done, 1) for text in one.remarks),
         verdict=_verdict(done),
         why_late=max(done, key=lambda one: one.latest or 0.0).why_late,
         recalibrated=tuple(

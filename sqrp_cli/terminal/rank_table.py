@@ -138,8 +138,8 @@ def print_ranking(
         _print_feasible(feasible, shown)
         _print_calibration(assignment, feasible, by)
     for ranked in feasible:
-        if ranked.assessment.ways_around:
-            say(f"{ranked.assessment.candidate.name}: {', '.join(ranked.assessment.ways_around)}")
+        if ranked.assessment.remarks:
+            say(f"{ranked.assessment.candidate.name}: {', '.join(ranked.assessment.remarks)}")
     blocked = [ranked.assessment for ranked in ranking if ranked.rank is None]
     print_infeasible((found.candidate, found.reasons[0]) for found in blocked)
     if feasible:

@@ -24,10 +24,10 @@ from sqrp_cli.programming.coverage.sampling import FixedCount
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.motion.collision.placed_scene import CLEARANCE, pair
 from sqrp_cli.programming.motion.plan_motion import Motion
-from sqrp_cli.programming.motion.timing import phase_samples
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.task import read_task
 from tests.cells import write_cell
+from tests.programming.motion.phases import phase_samples
 
 SKILL = Path(__file__).parents[2] / "skills" / "pickup"
 DATA = "package://example-robot-data/robots/"

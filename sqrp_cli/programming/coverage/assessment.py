@@ -139,8 +139,8 @@ class Assessment(Figures):
     """How likely images show all that must be seen, mean over T, in 0..1; None without detectors that have curves."""
     largest_gap: float | None = None
     """Between samples, see `Timeline.largest_gap` [s]."""
-    ways_around: tuple[str, ...] = ()
-    """Detours where the direct move is blocked, such as `a1 goes around wall`."""
+    remarks: tuple[str, ...] = ()
+    """Detours and speeds that are not reached, such as `a1 goes around wall` and `a4 reaches 3.4 of 5 cm/s`."""
     outside: tuple[tuple[int, int], ...] = ()
     """The temporal operators that are never checked, see `grounding.formulas_outside`."""
     verdict: str = ""
@@ -210,7 +210,7 @@ class Study(Watched):
             **vars(figures_of(timeline, time, faults)),
             error=timeline.transition_error,
             largest_gap=timeline.largest_gap,
-            ways_around=self.motion.ways_around,
+            remarks=self.motion.remarks,
             outside=formulas_outside(self.candidate, self.motion),
             verdict=verdict,
             why_late="" if latest is None else why_late(faults[latest], self.windows[latest], self.onsets[latest]),

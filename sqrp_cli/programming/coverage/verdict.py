@@ -228,7 +228,7 @@ def verdicts(cell: Cell, studies: Sequence[Study]) -> list[str]:
             tried = study.candidate.branch or not (skill.waypoints or stated)
             advice = stretch.advice.removesuffix(_OTHER_WAY) if tried else stretch.advice
             sentences = f"{stretch}{HELP}{advice}."
-        ways = ", ".join(study.motion.ways_around)
+        ways = ", ".join(study.motion.remarks)
         found.append(sentences + (f" On the way {ways}." if ways else ""))
     return found
 

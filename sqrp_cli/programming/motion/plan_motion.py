@@ -31,6 +31,9 @@ MOST_AXES_WITHOUT_REDUNDANCY = 6
 MEASURED = 1e-3
 """Largest measured excess over a limit at the start of a motion, which then starts at the limit [rad or m]."""
 
+REACHED = 0.98
+"""Share of a stated speed above which it counts as reached."""
+
 MAX_REASONS = 5
 """Most reasons of an infeasible motion."""
 
@@ -68,6 +71,8 @@ class TimedPrimitive:
     """The link or object that it goes around, None if it is direct."""
     guard: Guard | None = None
     """Of a move that ends at contact; its trajectory then ends where contact is expected."""
+    too_slow: str | None = None
+    """The highest speed of its tool where that is below the stated one, such as `reaches 3.4 of 5 cm/s`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,9 +87,14 @@ class Motion:
     """The world after it, with the facts from before; X_WO of a held object is its final pose."""
 
     @property
-    def ways_around(self) -> tuple[str, ...]:
-        """Detours, such as `a1 goes around wall`."""
-        return tuple(f"{p.name} goes around {p.around}" for p in self.primitives if p.around is not None)
+    def remarks(self) -> tuple[str, ...]:
+        """Detours and speeds that are not reached, such as `a1 goes around wall` and `a4 reaches 3.4 of 5 cm/s`."""
+        return tuple(
+            f"{p.name} {note}"
+            for p in self.primitives
+            for note in (p.around and f"goes around {p.around}", p.too_slow)
+            if note
+        )
 
     @property
     def time(self) -> float:
@@ -369,10 +379,21 @@ class _Planner:
                     X_WO=resting[id(world)],
                     around=move.around,
                     guard=self._guard(primitive, guarded, resting_fingers),
+                    too_slow=self._too_slow(primitive, move.trajectory),
                 )
             )
             start = end
         return Motion(self._model.joints, tuple(primitives), self._final(q_end))
+
+    def _too_slow(self, primitive: GroundPrimitive, arm: Trajectory) -> str | None:
+        """Its highest speed on curves of a stated one, where its phases meet, if that is not reached."""
+        if not any(curve.length > sections.SHORTEST_LINE for curve in primitive.curves):
+            return None
+        q, velocity = arm.motion(arm.law.breaks, 1)
+        J = self._model.tool_poses_and_jacobians(q).J[:, :3]
+        reached = float(np.linalg.norm((J @ velocity[:, :, None])[..., 0], axis=1).max())
+        slow = reached < REACHED * primitive.speed
+        return f"reaches {100 * reached:.2g} of {100 * primitive.speed:.3g} cm/s" if slow else None
 
     def _guard(self, primitive: GroundPrimitive, guarded: Mapping[str, Trajectory], fingers: Array) -> Guard | None:
         if primitive.guard is None:

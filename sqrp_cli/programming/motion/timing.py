@@ -4,20 +4,38 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from ruckig import InputParameter, Result, Ruckig
 from ruckig import Trajectory as RuckigTrajectory
 
-from sqrp_cli.geometry import Array, ranges
+from sqrp_cli.geometry import Array, Indices
 from sqrp_cli.trajectory import JointPath, PiecewiseCubic, Trajectory, chain_rule, side_by_side
 
-SAMPLES_PER_DEGREE, LEAST_SAMPLES = 32, 17
-"""Instants at which limits are checked: along the whole path for each of its coefficients, and more in each phase."""
+FEW_SAMPLES = (5, 5, 5, 17, 5, 5, 5)
+"""Instants in each phase of a law at which limits are looked at while a law is sought."""
+
+LEAST_SAMPLES, MORE_SAMPLES = 17, (4, 16, 16, 32, 16, 16, 4)
+"""Those at which a found law is checked: in each phase, and for each coefficient of the path more where it is long."""
 
 STRETCH_MARGIN = 1e-3
-"""Extra stretch of `time_path` beyond that required by its samples, for peaks between samples."""
+"""Extra stretch of a law beyond that required by its samples, for peaks between them."""
+
+ROUNDS, ROUNDS_OF_SHARES = 3, 6
+"""Times that the limits of a law are adapted: of all, and of its ramps alone at each of `SPEEDS`."""
+
+SPEEDS = (1.0, 0.85, 0.7, 0.55, 0.4, 0.25)
+"""Shares of the speed that are tried where it fell below `REACHED` of the stated one; the fastest motion wins."""
+
+REACHED = 0.95
+
+LEAST_RATIO = 1e-9
+"""Least ratio of a motion to its limit, so that what stands may be divided by it."""
+
+_ORDERS = np.array([[1], [2], [3]])
+"""Of velocity, acceleration and jerk: a law k times as slow has derivatives smaller by k to this power."""
 
 STANDSTILL = 1e-9
 """A joint line on which no joint moves further than this [rad or m] counts as no motion."""
@@ -120,77 +138,153 @@ def rest_to_rest(limits: MotionLimits) -> PiecewiseCubic:
 
 
 def time_path(path: JointPath, limits: MotionLimits, along: MotionLimits | None = None) -> Trajectory:
-    """A motion along a curved path, from rest to rest, that keeps the limits of every joint, shape (n,).
+    """As `time_paths` of one path.
 
-    along: scalar limits of the path parameter (for a tool line: those of the tool, divided by its length). By default
-    those that the joints would put on it if the path were a straight line as steep as its steepest place.
-
-    The fastest law under `along` is slowed down as a whole by k = max(1, r_v, sqrt(r_a), cbrt(r_j)), where r are the
-    largest ratios of a joint's velocity, acceleration and jerk to its limit. They are taken at the instants that
-    `phase_samples` gives, and k gets a margin of `STRETCH_MARGIN`; where bounds of the derivatives already show that no
-    limit is met, none are taken.
+    along: by default what the joints would put on the parameter if the path were a straight line as steep as its
+    steepest place.
     """
     (trajectory,) = time_paths([path], limits, along or limits.along(path.derivative_bounds().max(axis=0)))
     return trajectory
 
 
 def time_paths(paths: Sequence[JointPath], limits: MotionLimits, along: MotionLimits) -> list[Trajectory]:
-    """As `time_path` of each of several paths that have the same breaks."""
-    law = rest_to_rest(along)
-    factors = np.ones(len(paths))
+    """A motion along each of several paths with the same breaks, from rest to rest, that keeps every joint's limits.
+
+    limits: of the joints, shape (n,). along: scalar limits of the path parameter (for a tool line: those of the tool,
+    divided by its length).
+
+    The law is that of `rest_to_rest` under limits of its own, `along` or lower: where a joint's jerk or acceleration is
+    too high on a ramp, the ramp gets softer; where its velocity is, or anything at full speed, the speed falls. Where
+    it fell, shares of the speed are also tried with the hardest ramps that fit. The fastest law is slowed down as a
+    whole by what is still too high at many samples, and by `STRETCH_MARGIN` for peaks between them.
+    """
+    stated = np.array([along.velocity, along.acceleration, along.jerk], dtype=float)
+    timed: dict[int, Trajectory] = {}
     for rows, joined in side_by_side(paths):
-        factors[rows] = _stretches(Trajectory(joined, law), limits)
-    return [
-        Trajectory(path, law.stretched(factor) if factor > 1.0 else law)
-        for path, factor in zip(paths, factors.tolist(), strict=True)
-    ]
+        curves = _Curves(joined, len(rows), limits)
+        best = _fastest_laws(curves, np.tile(stated[:, None], len(rows)), np.arange(len(rows)), ROUNDS)
+        slow = np.flatnonzero(best[0] < REACHED * stated[0])
+        for share in SPEEDS if len(slow) else ():
+            shortest = rest_to_rest_duration(1.0, MotionLimits(*best))
+            slower = stated * [share, 1.0, 1.0]
+            going = slow[rest_to_rest_duration(1.0, MotionLimits(*slower)) < shortest[slow]]
+            if len(going):
+                tried = _fastest_laws(
+                    curves, np.tile(slower[:, None], len(going)), going, ROUNDS_OF_SHARES, ramps_alone=True
+                )
+                faster = rest_to_rest_duration(1.0, MotionLimits(*tried)) < shortest[going]
+                best[:, going[faster]] = tried[:, faster]
+        many = [LEAST_SAMPLES + joined.coefficients[:, :, 0].size * more for more in MORE_SAMPLES]
+        excess = curves.ratios(_sampled(best, many).motion, np.arange(len(rows))).max(axis=2)
+        spare = (1.0 + STRETCH_MARGIN) ** _ORDERS
+        stretches = (np.maximum(excess * spare, best / stated[:, None]) ** (1 / _ORDERS)).max(axis=0)
+        for row, law, stretch in zip(rows.tolist(), best.T, stretches.tolist(), strict=True):
+            timed[row] = Trajectory(paths[row], rest_to_rest(MotionLimits(*law)).stretched(stretch))
+    return [timed[row] for row in range(len(paths))]
 
 
-def _stretches(trajectory: Trajectory, limits: MotionLimits) -> Array:
-    """By how much b motions of n joints each, as one of b n joints, have to be slowed down, shape (b,); at least 1.
+class _Sampled(NamedTuple):
+    """Laws of r rows at m instants, the same number in each phase."""
 
-    An order of derivatives is not sampled if its bounds require no larger factor than already found.
+    motion: Array
+    """The parameter and its first three derivatives, shape (4, r, m); at both ends of a phase as seen from within."""
+    speed: Array
+    acceleration: Array
+    """The highest of each law, shape (r,)."""
+
+
+def _sampled(limits: Array, counts: Sequence[int]) -> _Sampled:
+    """The laws that `rest_to_rest` makes under limits, shape (3, r), at `counts` instants in each of seven phases."""
+    v, a, j = limits
+    ramp = np.where(v * j < a * a, 2.0 * np.sqrt(v / j), v / a + a / j)
+    speed = np.where(v * ramp < 1.0, v, 2.0 / rest_to_rest_duration(1.0, MotionLimits(v, a, j)))
+    acceleration = np.minimum(a, np.sqrt(speed * j))
+    rise = acceleration / j
+    hold = np.maximum(speed / acceleration - rise, 0.0)
+    cruise = np.maximum(1.0 / speed - 2.0 * rise - hold, 0.0)
+    s, ds, dds = np.zeros((3, len(v)))
+    motion = []
+    phases = (rise, hold, rise, cruise, rise, hold, rise)
+    for lasting, jerk, count in zip(phases, (j, 0 * j, -j, 0 * j, -j, 0 * j, j), counts, strict=True):
+        t = np.linspace(0.0, 1.0, count)[:, None] * lasting
+        phase = (
+            s + t * (ds + t * (dds / 2 + t * (jerk / 6))),
+            ds + t * (dds + t * (jerk / 2)),
+            dds + t * jerk,
+            np.broadcast_to(jerk, t.shape),
+        )
+        motion.append(np.stack(phase))
+        s, ds, dds = (values[-1] for values in phase[:3])
+    return _Sampled(np.concatenate(motion, axis=1).swapaxes(1, 2), speed, acceleration)
+
+
+def _fastest_laws(curves: _Curves, stated: Array, rows: Indices, rounds: int, *, ramps_alone: bool = False) -> Array:
+    """The limits of the fastest law that each adaptation gives, shape (3, r), so low that samples keep all limits.
+
+    stated: limits of the parameter that are not exceeded, shape (3, r). rows: the path of each, shape (r,).
+    ramps_alone: adapt the jerk alone.
     """
-    path, law = trajectory.path, trajectory.law
-    every = (limits.velocity, limits.acceleration, limits.jerk)
-
-    def ratios(motion: Array, order: int) -> Array:
-        """The largest ratio of each motion's joints to their limits, shape (1, b); of magnitudes of shape (b n,)."""
-        largest: Array = (motion.reshape(-1, len(limits.velocity)) / every[order - 1]).max(axis=1)[None]
-        return largest
-
-    def factors(ratios: Array, order: int) -> Array:
-        factors: Array = (ratios ** (1.0 / np.array([[order]])))[0] * (1.0 + STRETCH_MARGIN)
-        return factors
-
-    ends = np.concatenate([law.breaks[:-1], np.nextafter(law.breaks[1:], 0.0)])
-    peaks = np.abs(law.derivatives(ends)[1:]).max(axis=1)
-    slopes = [path.derivative_bounds(order).max(axis=0) for order in (1, 2, 3)]
-    bounds = [ratios(chain_rule(peaks, slopes[:order]), order) for order in (1, 2, 3)]
-    stretches = np.ones(bounds[0].shape[1])
-    if max(bound.max() for bound in bounds) <= 1.0:
-        return stretches
-    sampled = law.derivatives(phase_samples(trajectory, LEAST_SAMPLES, SAMPLES_PER_DEGREE * path.coefficients.shape[1]))
-    slopes = [path.derivatives(sampled[0], order) for order in (1, 2, 3)]
-    for order in (3, 2, 1):
-        if (factors(bounds[order - 1], order) > stretches).any():
-            motion = np.abs(chain_rule(sampled[1:, :, None], slopes[:order])).max(axis=0)
-            stretches = np.maximum(stretches, factors(ratios(motion, order), order))
-    return stretches
+    limits, best, shortest = stated, stated.copy(), np.full(len(rows), np.inf)
+    few = [count * curves.pieces for count in FEW_SAMPLES]
+    cruise = slice(sum(few[:3]), sum(few[:4]))
+    for _ in range(rounds):
+        law = _sampled(limits, few)
+        ratios = curves.ratios(law.motion, rows)
+        highest = ratios.max(axis=2)
+        fitting = limits / (np.maximum(highest, limits / stated) ** (1 / _ORDERS)).max(axis=0) ** _ORDERS
+        duration = rest_to_rest_duration(1.0, MotionLimits(*fitting))
+        best, shortest = np.where(duration < shortest, fitting, best), np.minimum(duration, shortest)
+        if ramps_alone:
+            softer = np.stack([*limits[:2], limits[2] / (highest ** [[2], [2], [1]]).max(axis=0)])
+        else:
+            speed = np.maximum(highest[0], (ratios[:, :, cruise].max(axis=2) ** (1 / _ORDERS)).max(axis=0))
+            reached = np.where(speed > 1.0, law.speed, limits[0])
+            ramps = np.delete(ratios, cruise, axis=2).max(axis=2)
+            softer = np.stack([reached / speed, law.acceleration / ramps[1], limits[2] / ramps[2]])
+        limits = np.minimum(stated, softer)
+    return best
 
 
-def phase_samples(trajectory: Trajectory, least: int, whole: int = 0) -> Array:
-    """Instants [s] in each phase of a trajectory, both its ends included as seen from within, shape (m,).
+class _Curves:
+    """Paths of n joints each, joined, whose slopes are sought at places of their own."""
 
-    A phase lasts from one break of law or path to the next. Each gets `least` of them, 2 or more, and its share of
-    another `whole`, by how much of the path it covers.
-    """
-    law, breaks = trajectory.law, trajectory.law.breaks
-    if joints := [law.time_at(s) for s in trajectory.path.breaks[1:-1]]:
-        breaks = np.unique(np.concatenate([breaks, joints]))
-    counts = least + np.ceil(whole * np.diff(law.positions(breaks))).astype(int)
-    starts, ends = breaks[:-1], np.nextafter(breaks[1:], 0.0)
-    phase, number = ranges(np.zeros(len(counts)), counts)
-    instants: Array = number * ((ends - starts) / (counts - 1))[phase] + starts[phase]
-    instants[np.cumsum(counts) - 1] = ends
-    return instants
+    def __init__(self, joined: JointPath, count: int, limits: MotionLimits) -> None:
+        """joined: the paths as one of `count` times n joints. limits: of the joints, shape (n,)."""
+        self._breaks, self._limits = joined.breaks, (limits.velocity, limits.acceleration, limits.jerk)
+        p, degree = joined.coefficients.shape[:2]
+        self.pieces = p
+        every = np.zeros((3, degree, p, joined.coefficients.shape[2]))
+        width = np.diff(joined.breaks)[:, None]
+        for order in (1, 2, 3):
+            derived = np.polynomial.chebyshev.chebder(joined.coefficients.swapaxes(0, 1), order)
+            every[order - 1, : len(derived)] = derived * (2.0 / width) ** order
+        # By piece and path, then by polynomial, then by order and joint.
+        self._slopes = every.reshape(3, degree, p, count, -1).transpose(2, 3, 1, 0, 4).reshape(p, count, degree, -1)
+
+    def ratios(self, law: Array, rows: Indices) -> Array:
+        """The largest ratio of a joint's velocity, acceleration and jerk to its limit, shape (3, r, m').
+
+        law: of each row, as `_Sampled.motion`, shape (4, r, m). rows: the path of each, shape (r,). At breaks of the
+        path, both sides are taken in addition.
+        """
+        inner = self._breaks[1:-1]
+        piece = np.searchsorted(inner, law[0], side="right")
+        if len(inner):
+            every = (zip(law[0], order, strict=True) for order in law)
+            at_breaks = [[np.interp(inner, s, values) for s, values in pairs] for pairs in every]
+            law = np.concatenate([law, at_breaks, at_breaks], axis=2)
+            sides = np.concatenate([np.arange(len(inner)), np.arange(1, len(inner) + 1)])
+            piece = np.concatenate([piece, np.tile(sides, (len(rows), 1))], axis=1)
+        x = np.clip(2.0 * (law[0] - self._breaks[piece]) / np.diff(self._breaks)[piece] - 1.0, -1.0, 1.0)
+        T = np.cos(np.arange(self._slopes.shape[2]) * np.arccos(x)[..., None])  # T_k(x) = cos(k arccos x)
+        slopes = T @ self._slopes[0][rows]
+        for k in range(1, len(self._slopes)):
+            slopes = np.where((piece == k)[..., None], T @ self._slopes[k][rows], slopes)
+        by_order = np.moveaxis(slopes.reshape(*law.shape[1:], 3, -1), 2, 0)
+        motions = (np.abs(chain_rule(law[1:, ..., None], by_order[: order + 1])) for order in range(3))
+        return np.stack(
+            [
+                (motion / limit).max(axis=-1, initial=LEAST_RATIO)
+                for motion, limit in zip(motions, self._limits, strict=True)
+            ]
+        )

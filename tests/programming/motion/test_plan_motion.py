@@ -18,10 +18,11 @@ from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.placed_scene import CLEARANCE, pair
 from sqrp_cli.programming.motion.plan_motion import Motion
-from sqrp_cli.programming.motion.timing import MotionLimits, joint_move, phase_samples, time_path
+from sqrp_cli.programming.motion.timing import MotionLimits, joint_move, time_path
 from sqrp_cli.programming.motion.tool_curve import ToolLine
 from sqrp_cli.trajectory import JointPath
 from tests.programming.motion.cells import VALUES, Cell, PinocchioCell, read_waypoints, thing
+from tests.programming.motion.phases import phase_samples
 from tests.programming.motion.straight import straight_line
 
 PLACED = {"position": [0.35, 0.35, 0.041], "rpy": ["180 deg", 0, 0]}
@@ -324,3 +325,38 @@ def test_grasping_from_the_side_works_too(cell: Cell, tabletop: Workspace) -> No
     assert isinstance(motion, Motion)
     q_grasp = motion.primitives[2].trajectory.positions([0.0])[0]
     np.testing.assert_allclose(cell.model.tool_pose(q_grasp)[:3, 2], [1, 0, 0], atol=1e-9)
+
+
+def test_a_lift_of_ten_centimetres_goes_at_the_stated_speed_between_ramps_that_joints_allow(cell: Cell) -> None:
+    """At 5 cm/s and with the ramps of the tool alone, 0.2 s to 5 cm/s, it would take 2.2 s."""
+    motion = cell.plan(pickup_at(cell, 0.05))
+    assert isinstance(motion, Motion)
+    lift = motion.primitives[3].trajectory
+    assert 2.2 < lift.duration < 2.36
+    t = np.linspace(0.0, lift.duration, 500)
+    places = cell.model.tool_poses(lift.positions(t))[:, :3, 3]
+    speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(t)
+    assert speeds.max() == pytest.approx(0.05, rel=1e-3)
+    assert (speeds > 0.0499).mean() > 0.6
+    assert motion.remarks == ()
+
+
+def test_a_speed_that_joints_do_not_allow_is_said_with_the_one_they_reach(cell: Cell) -> None:
+    motion = cell.plan(pickup_at(cell, 0.5))
+    assert isinstance(motion, Motion)
+    lift = motion.primitives[3].trajectory
+    t = np.linspace(0.0, lift.duration, 2000)
+    places = cell.model.tool_poses(lift.positions(t))[:, :3, 3]
+    fastest = float((np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(t)).max())
+    said = re.fullmatch(r"a4 reaches ([\d.]+) of 50 cm/s", motion.remarks[-1])
+    assert said
+    assert float(said[1]) == pytest.approx(100 * fastest, rel=0.05)
+
+
+def pickup_at(cell: Cell, speed: float) -> Skill:
+    """The pickup with straight moves at a speed [m/s]."""
+    primitives = (
+        one.model_copy(update={"speed": speed}) if isinstance(one, StraightMove) else one
+        for one in cell.skill.primitives
+    )
+    return replace(cell.skill, primitives=tuple(primitives))

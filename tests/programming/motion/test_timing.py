@@ -16,13 +16,13 @@ from sqrp_cli.programming.motion.timing import (
     MotionLimits,
     joint_move,
     joint_move_duration,
-    phase_samples,
     rest_to_rest,
     rest_to_rest_duration,
     time_path,
     time_paths,
 )
 from sqrp_cli.trajectory import JointPath, Trajectory
+from tests.programming.motion.phases import phase_samples
 
 EXPONENT = st.floats(-2, 2)
 JOINTS = 6
@@ -165,3 +165,23 @@ def test_many_paths_at_once_are_timed_like_each_alone() -> None:
     durations = [trajectory.duration for trajectory in time_paths(paths, limits, along)]
     assert durations == pytest.approx([time_path(path, limits, along).duration for path in paths], rel=1e-12)
     assert len(set(durations)) > 3
+
+
+def fastest_by_brute_force(path: JointPath, limits: MotionLimits, along: MotionLimits) -> float:
+    """Duration of the fastest law whose ramp's jerk, at any of many shares of the speed, breaks no limit of a joint."""
+
+    def keeps(share: float, jerk: float) -> float:
+        softer = MotionLimits(share * along.velocity, along.acceleration, np.array(jerk))
+        trajectory = Trajectory(path, rest_to_rest(softer))
+        return trajectory.duration if excess(trajectory, limits, 40) <= 1.0 else np.inf
+
+    jerks = (float(along.jerk) * np.geomspace(1e-3, 1.0, 60)).tolist()
+    return min(keeps(share, jerk) for share in np.geomspace(0.1, 1.0, 15).tolist() for jerk in jerks)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_law_lasts_hardly_longer_than_the_fastest_of_its_form(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    limits, path, speed = random_limits(rng), random_path(rng), float(rng.uniform(0.05, 1.0))
+    along = MotionLimits(*(np.array(x) for x in (speed, 2 * speed, 20 * speed)))
+    assert time_path(path, limits, along).duration <= 1.03 * fastest_by_brute_force(path, limits, along)

@@ -17,9 +17,9 @@ from sqrp_cli.programming.coverage.robustness import Calibration
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.motion.plan_motion import Motion
-from sqrp_cli.programming.motion.timing import phase_samples
 from sqrp_cli.programming.seen.seen_ways import blind_ends, move_spaces, open_moves, way_with_seen_paths
 from sqrp_cli.programming.ways.find import TimeLimit, WantedWay, find_way
+from tests.programming.motion.phases import phase_samples
 from tests.programming.seen.compared import Compared, blind_time
 from tests.random_cell import Crowd, random_cell
 

@@ -7,11 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.programming.motion.timing import STANDSTILL, MotionLimits, joint_move, rest_to_rest_duration, time_path
+from sqrp_cli.programming.motion.timing import STANDSTILL, MotionLimits, joint_move, time_path
 from sqrp_cli.trajectory import JointPath, Trajectory
-
-SPEEDS = (1.0, 0.8, 0.6, 0.4, 0.25)
-"""Shares of the velocity limits tried along a curved path; the fastest motion wins."""
 
 _LEAVING = np.array([45 / 128, 1 / 2, 5 / 32, 0.0, -1 / 128])
 
@@ -52,17 +49,10 @@ def longest_reaches(lengths: Array) -> list[float]:
 
 def blended_motion(corners: Array, lengths: Array, reaches: Sequence[float], limits: MotionLimits) -> Trajectory:
     """The fastest motion, from rest to rest, along a polyline with curves at all its inner corners."""
-    path = blended_path(corners, lengths, reaches)
     # A curve's slope lies between those of the pieces that it joins, so these bound all velocities.
     steepest = limits.along(np.diff(corners, axis=0) / lengths[:, None] * lengths.sum())
     slowest = MotionLimits(steepest.velocity.min(), steepest.acceleration.min(), steepest.jerk.min())
-    best = time_path(path, limits, slowest)
-    for share in SPEEDS[1:] if len(corners) > 2 else ():
-        along = MotionLimits(share * slowest.velocity, slowest.acceleration, slowest.jerk)
-        if rest_to_rest_duration(1.0, along) >= best.duration:
-            break  # Not even the law on a straight line would be faster, and those to come are slower.
-        best = min(best, time_path(path, limits, along), key=lambda trajectory: trajectory.duration)
-    return best
+    return time_path(blended_path(corners, lengths, reaches), limits, slowest)
 
 
 def blended_path(corners: Array, lengths: Array, reaches: Sequence[float]) -> JointPath:

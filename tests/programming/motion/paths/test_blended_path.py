@@ -15,8 +15,9 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.paths.blended_path import blended_path, motion_through
 from sqrp_cli.programming.motion.plan_motion import Motion
-from sqrp_cli.programming.motion.timing import MotionLimits, joint_move, phase_samples
+from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
 from tests.programming.motion.cells import Cell, thing
+from tests.programming.motion.phases import phase_samples
 
 TABLE = thing("table", (2, 2, 0.04), pose(position=(0, 0, -0.02)))
 CUBE = thing("cube", (0.04, 0.04, 0.04), pose(position=(0.45, -0.25, 0.02)), fixed=False)
@@ -123,7 +124,7 @@ def test_vias_that_lead_around_an_obstacle_need_no_planner(walled: Cell, monkeyp
     along = {name: around.primitives[index].trajectory.path for name, index in (("a1", 0), ("a5", 4))}
     monkeypatch.setattr("sqrp_cli.programming.motion.paths.joint_moves.find_way", lambda *_: pytest.fail("asked"))
     motion = planned(walled, {name: path.positions(np.linspace(0.1, 0.9, 9)) for name, path in along.items()})
-    assert motion.ways_around == ("a1 goes around wall", "a5 goes around wall")
+    assert motion.remarks == ("a1 goes around wall", "a5 goes around wall")
 
 
 def test_a_move_by_home_has_no_vias(cell: Cell) -> None:

@@ -20,10 +20,10 @@ from sqrp_cli.programming.motion.paths.position_limits import LIMIT_SLACK, past_
 from sqrp_cli.programming.motion.paths.straight_line import follow
 from sqrp_cli.programming.motion.plan_motion import MEASURED, Motion
 from sqrp_cli.programming.motion.stop_and_return import recovery_over
-from sqrp_cli.programming.motion.timing import phase_samples
 from sqrp_cli.programming.motion.tool_curve import ToolLine
 from sqrp_cli.trajectory import JointPath
 from tests.programming.motion.cells import Cell, thing
+from tests.programming.motion.phases import phase_samples
 from tests.programming.motion.straight import straight_line
 from tests.programming.robots import joint, robot, torso_arm, written_urdf
 

@@ -17,9 +17,10 @@ from sqrp_cli.programming.motion.collision.placed_scene import CLEARANCE
 from sqrp_cli.programming.motion.paths import joint_moves
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.stop_and_return import recovery_over
-from sqrp_cli.programming.motion.timing import MotionLimits, joint_move_duration, phase_samples
+from sqrp_cli.programming.motion.timing import MotionLimits, joint_move_duration
 from sqrp_cli.trajectory import Trajectory
 from tests.programming.motion.cells import Cell, PinocchioCell, thing
+from tests.programming.motion.phases import phase_samples
 
 TABLE = thing("table", (2, 2, 0.04), pose(position=(0, 0, -0.02)))
 CUBE = thing("cube", (0.04, 0.04, 0.04), pose(position=(0.45, -0.25, 0.02)), fixed=False)
@@ -59,7 +60,7 @@ def millimetre_steps(trajectory: Trajectory) -> Array:
 
 
 def test_moves_that_a_wall_blocks_go_around_it_and_say_so(motion: Motion) -> None:
-    assert motion.ways_around == ("a1 goes around wall", "a5 goes around wall")
+    assert motion.remarks == ("a1 goes around wall", "a5 goes around wall")
 
 
 def test_a_way_around_touches_nothing_at_steps_of_a_millimetre_in_pinocchios_own_model(
@@ -126,7 +127,7 @@ def test_the_planner_is_asked_only_where_no_combination_of_branches_is_direct(
     monkeypatch.setattr(joint_moves, "find_way", lambda *_: pytest.fail("a way around was looked for"))
     motion = Cell(tabletop.robot, ur5, pickup, (TABLE, CUBE, WALL)).plan()
     assert isinstance(motion, Motion)
-    assert motion.ways_around == ()
+    assert motion.remarks == ()
 
 
 def test_where_no_way_is_found_the_pair_that_touches_is_named(walled: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
