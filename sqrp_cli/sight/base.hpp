@@ -44,10 +44,9 @@ public:
     }
     void clear() { resize(0); }
     T take() { return data_[--size_]; }  // the last one, of plain elements
-    void exchange(List& other) { swap_all(data_, other.data_), swap_all(size_, other.size_), swap_all(room_, other.room_); }
+    void exchange(List& other) { swap(data_, other.data_), swap(size_, other.size_), swap(room_, other.room_); }
 
 private:
-    template <class U> static void swap_all(U& a, U& b) { U kept = a; a = b, b = kept; }
     void make_room(int room) {
         room_ = room, data_ = static_cast<T*>(realloc(static_cast<void*>(data_), sizeof(T) * size_t(room)));
         if (!data_) abort();  // there is no memory left
@@ -112,6 +111,21 @@ inline int outline(V3* points, int n, V3* found) {
         count--;
     }
     return most(count, 1);
+}
+
+// Cuts a convex polygon of n corners, with room for one more of each plane, to where heights are not above 0 (Sutherland
+// and Hodgman 1974); returns how many corners are left.
+template <int ROOM, class Height> int cut(V3 (&p)[ROOM], int n, Height height) {
+    V3 kept[ROOM];
+    int count = 0;
+    for (int i = 0; i < n && count + 2 <= ROOM; i++) {
+        V3 a = p[i], b = p[i + 1 == n ? 0 : i + 1];
+        double from = height(a), to = height(b);
+        if (from <= 0) kept[count++] = a;
+        if ((from > 0) != (to > 0)) kept[count++] = a + (from / (from - to)) * (b - a);
+    }
+    memcpy(p, kept, sizeof(V3) * size_t(count));
+    return count;
 }
 
 // Twice the area of an outline, in any plane.

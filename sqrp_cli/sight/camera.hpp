@@ -60,9 +60,6 @@ struct Box {
 
 struct Verdict { int cause = NONE, side = -1; double figure = 0; };
 
-// How a camera faces a box.
-struct Aspect { double distance, incidence, size; };
-
 // The image of a box.
 struct Image {
     Point pixel[8];
@@ -96,19 +93,9 @@ struct Image {
         Point points[8], rest[CUT];
         memcpy(points, pixel, sizeof points);
         int n = outline(points, 8, rest);
-        double whole = double_area(rest, n).z;
-        for (int k = 0; k < 4; k++) {
-            auto height = [&](Point p) { return k == 0 ? -0.5 - p.x : k == 1 ? p.x - (camera.width - 0.5) : k == 2 ? -0.5 - p.y : p.y - (camera.height - 0.5); };
-            Point cut[CUT];
-            int kept = 0;
-            for (int i = 0; i < n && kept + 2 <= CUT; i++) {
-                Point a = rest[i], b = rest[(i + 1) % n];
-                double p = height(a), q = height(b);
-                if (p <= 0) cut[kept++] = a;
-                if ((p > 0) != (q > 0)) cut[kept++] = a + (p / (p - q)) * (b - a);
-            }
-            n = kept, memcpy(rest, cut, sizeof rest);
-        }
+        double whole = double_area(rest, n).z, w = camera.width - 0.5, h = camera.height - 0.5;
+        n = cut(rest, n, [&](Point p) { return -0.5 - p.x; }), n = cut(rest, n, [&](Point p) { return p.x - w; });
+        n = cut(rest, n, [&](Point p) { return -0.5 - p.y; }), n = cut(rest, n, [&](Point p) { return p.y - h; });
         return whole > 0 ? double_area(rest, n).z / whole : 0;
     }
 

@@ -361,16 +361,21 @@ class Request:
         found = Verdicts(
             np.empty(shape, dtype=np.int8), np.empty(shape, dtype=np.int64), np.empty(shape), np.full(shape, np.nan)
         )
-        self._call("judge", len(box), box, state, *found[:3], found.visible if shares else None)
+        self._call("judge", len(box), box, state, *found[:3], found.visible if shares else None, None)
         return found
 
     def measure(self, box: Indices, state: Indices) -> Aspects:
         """How all cameras face boxes in states, shape (n,) each."""
         box, state = self._looks(box, state)
         shape = self._scene.cameras, len(box)
-        found = Aspects(np.empty(shape, dtype=np.int8), np.empty(shape), np.empty(shape), np.empty(shape))
-        self._call("measure", len(box), box, state, *found)
-        return found
+        cause, by, figure, facing = (
+            np.empty(shape, np.int8),
+            np.empty(shape, np.int64),
+            np.empty(shape),
+            np.empty((3, *shape)),
+        )
+        self._call("judge", len(box), box, state, cause, by, figure, None, facing)
+        return Aspects(cause, *facing)
 
     def occluders(self, box: Indices, camera: Indices, state: Indices, parts: int) -> tuple[Array, Array]:
         """How much of boxes each of some parts hides from cameras: as the first, and as the only one, (n, parts) each.

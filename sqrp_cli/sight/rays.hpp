@@ -56,20 +56,11 @@ struct Rays {
     // Adds those that meet a flat convex polygon; map: into column and row, both times depth, and depth.
     void add(const Pose& map, const V3* p, int n) {
         V3 q[CORNERS];
-        double c[2 * CORNERS], r[2 * CORNERS];
-        bool all = true, any = false;
-        for (int i = 0; i < n; i++) q[i] = map(p[i]), all &= q[i].z > AHEAD, any |= q[i].z > AHEAD;
-        if (!any) return;
-        int m = 0;
-        for (int i = 0; i < n; i++) {
-            V3 a = q[i], b = q[i + 1 == n ? 0 : i + 1];
-            if (a.z > AHEAD) c[m] = a.x / a.z, r[m++] = a.y / a.z;
-            if (!all && (a.z > AHEAD) != (b.z > AHEAD)) {
-                V3 cut = a + ((a.z - AHEAD) / (a.z - b.z)) * (b - a);
-                c[m] = cut.x / AHEAD, r[m++] = cut.y / AHEAD;
-            }
-        }
-        add_polygon(c, r, m);
+        double c[CORNERS], r[CORNERS];
+        for (int i = 0; i < n; i++) q[i] = map(p[i]);
+        n = cut(q, n, [](V3 v) { return AHEAD - v.z; });
+        for (int i = 0; i < n; i++) c[i] = q[i].x / q[i].z, r[i] = q[i].y / q[i].z;
+        if (n) add_polygon(c, r, n);
     }
 };
 
@@ -141,22 +132,6 @@ struct Grid {
 
     // The share of the box that is seen where these rays are blocked; without area in the image nothing hides it.
     double seen(const Rays& blocked) const { return total ? double(silhouette.count_without(blocked)) / total : 1.0; }
-
-    // How many rays that are not blocked yet may meet what is in a box, at most.
-    int most_met(const Node& box, const Pose& from_box, const Rays& blocked) const {
-        double left = ENDLESS, right = -ENDLESS, top = ENDLESS, bottom = -ENDLESS;
-        for (int i = 0; i < 8; i++) {
-            V3 p = from_box(box.center + corner(i, box.extent));
-            if (p.z <= AHEAD) return silhouette.count_without(blocked);
-            double c = p.x / p.z, r = p.y / p.z;
-            left = least(left, c), right = most(right, c), top = least(top, r), bottom = most(bottom, r);
-        }
-        // The rays of a row stand up to one column to the right of their numbers.
-        int from = first_column(left - 1), to = first_column(right + 1), last = least(first_row(bottom + 1e-9) + 1, ROWS), count = 0;
-        uint32_t columns = uint32_t((1ull << to) - (1ull << from));
-        for (int k = first_row(top - 1e-9); from < to && k < last; k++) count += bits(silhouette.row[k] & ~blocked.row[k] & columns);
-        return count;
-    }
 };
 
 // Memory that a call uses again and again.
@@ -166,22 +141,13 @@ struct Scratch {
 };
 
 // Calls `whole(i, side)` for the triangles that may block rays to a box and lie before its far side, and
-// `cut(i, planes)` for those of which only what is inside these planes does. H, map: in the frame of the surface.
-template <class Whole, class Cut> void for_blocking(const Surface& s, const Hull& H, const Pose& map, Whole whole, Cut cut) {
+// `part(i, planes)` for those of which only what is inside these planes does. H, map: in the frame of the surface.
+template <class Whole, class Part> void for_blocking(const Surface& s, const Hull& H, const Pose& map, Whole whole, Part part) {
     V3 away = H.eye() - s.nodes[0].center, root = s.nodes[0].extent;
     // A ray that meets the back of a convex surface has met its front, unless it begins inside.
     bool front_only = s.is_convex && (fabs(away.x) > root.x || fabs(away.y) > root.y || fabs(away.z) > root.z);
-    struct Open { int node; uint32_t planes; } open[DEEPEST];
-    int size = 0;
-    open[size++] = {0, H.all()};
-    while (size) {
-        Open now = open[--size];
-        const Node& n = s.nodes[now.node];
-        if (now.planes && !H.may_meet(n, now.planes)) continue;
-        if (!n.count) {
-            open[size++] = {n.first, now.planes}, open[size++] = {n.first + 1, now.planes};
-            continue;
-        }
+    auto enter = [&](const Node& n, uint32_t& planes) { return !planes || H.may_meet(n, planes); };
+    auto leaf = [&](const Node& n, uint32_t planes) {
         const double* m = map.m;
         bool ahead = map(n.center).z - (fabs(m[8]) * n.extent.x + fabs(m[9]) * n.extent.y + fabs(m[10]) * n.extent.z) > AHEAD;
         for (int i = n.first; i < n.first + n.count; i++) {
@@ -189,15 +155,17 @@ template <class Whole, class Cut> void for_blocking(const Surface& s, const Hull
             int8_t side = dot(s.normals[i], H.eye() - t.a) > 0 ? 1 : -1;
             if (front_only && side < 0) continue;
             uint32_t through = 0;
-            if (now.planes & H.far || !ahead) {
+            if (planes & H.far || !ahead) {
                 uint32_t a = H.outside(t.a), b = H.outside(t.b), c = H.outside(t.c);
                 if (a & b & c) continue;
                 through = (a | b | c) & H.far;
             }
             if (ahead && !through) whole(i, side);
-            else cut(i, through);
+            else part(i, through);
         }
-    }
+        return false;
+    };
+    walk(s, H.all(), enter, leaf);
 }
 
 // Adds the rays that a surface blocks. Of triangles wholly before the far side only the common outline is drawn: sides of

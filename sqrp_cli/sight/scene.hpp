@@ -66,15 +66,20 @@ struct Scene : Request {
         ::block(rays, solids[near.solid]->surface, near.hull, grid.map * pose_of(near.solid, state), scratch);
     }
 
-    // The first solid of the part that by itself hides most of a box: the first part of equals; -1 of none.
-    int largest(const Grid& grid, const List<Near>& near, int64_t state) {
-        List<const Near*> all;
+    // Near solids in the order of their parts.
+    void by_part(const List<Near>& near, List<const Near*>& all) const {
         for (const Near& n : near) all.add(&n);
-        auto part = [&](int i) { return solid_part[all[i]->solid]; };
         sort(all.begin(), all.end(), [&](const Near* a, const Near* b) {
             int64_t p = solid_part[a->solid], q = solid_part[b->solid];
             return p != q ? p < q : a->solid < b->solid;
         });
+    }
+
+    // The first solid of the part that by itself hides most of a box: the first part of equals; -1 of none.
+    int largest(const Grid& grid, const List<Near>& near, int64_t state) {
+        List<const Near*> all;
+        by_part(near, all);
+        auto part = [&](int i) { return solid_part[all[i]->solid]; };
         int by = -1;
         double best = 2;
         for (int i = 0, first = 0; i < all.size(); first = i) {

@@ -86,8 +86,11 @@ void cover(const Request* request, int questions, const int64_t* state, const in
     }
 }
 
-// What every camera makes of n boxes in states, (cameras, n) each; visible may be null, then it is not measured.
-void judge(const Request* request, int n, const int64_t* box, const int64_t* state, int8_t* cause, int64_t* by, double* figure, double* visible) {
+// What every camera makes of n boxes in states, (cameras, n) each. visible: shares, not measured if it is null. facing: if it
+// is not null, only limits count that do not depend on the scene, and it becomes the distance, the incidence and the size of
+// the boxes, (3, cameras, n); sizes are NAN behind a camera.
+void judge(const Request* request, int n, const int64_t* box, const int64_t* state, int8_t* cause, int64_t* by, double* figure,
+           double* visible, double* facing) {
     Scene scene(*request);
     List<View> views;
     LitBox lit;
@@ -96,38 +99,17 @@ void judge(const Request* request, int n, const int64_t* box, const int64_t* sta
         if (i && box[i] != box[i - 1])
             for (View& view : views) view.forget();
         for (int c = 0; c < request->camera_count; c++) {
-            size_t at = size_t(c) * n + i;
+            size_t at = size_t(c) * n + i, all = size_t(request->camera_count) * n;
             View& view = views[c];
             view.look(scene, request->cameras[c], request->cameras[c].X_FC, int(box[i]), state[i]);
             cause[at] = int8_t(view.limit.cause), by[at] = view.limit.side, figure[at] = view.limit.figure;
             if (visible) visible[at] = NAN;
-            if (view.limit.cause != NONE) continue;
+            if (facing) view.face(scene, facing[at], facing[all + at], facing[2 * all + at]);
+            if (view.limit.cause != NONE || facing) continue;
             view.find_near(scene);
             Judgement found = view.judge(scene, lit, visible);
             cause[at] = int8_t(found.cause), by[at] = found.by;
             if (visible) visible[at] = found.visible;
-        }
-    }
-}
-
-// The first limit that each camera misses for n boxes in states, and how it faces them, (cameras, n) each; sizes of boxes
-// behind a camera are NAN.
-void measure(const Request* request, int n, const int64_t* box, const int64_t* state, int8_t* cause, double* distance, double* incidence, double* size) {
-    Scene scene(*request);
-    for (int c = 0; c < request->camera_count; c++) {
-        View view;
-        for (int i = 0; i < n; i++) {
-            size_t at = size_t(c) * n + i;
-            const Camera& camera = request->cameras[c];
-            const Box& b = request->boxes[box[i]];
-            view.forget();
-            view.look(scene, camera, camera.X_FC, int(box[i]), state[i]);
-            Pose X_CB = view.X_CB();
-            V3 corners[8];
-            for (int k = 0; k < 8; k++) corners[k] = X_CB(corner(k, {b.half[0], b.half[1], b.half[2]}));
-            cause[at] = int8_t(view.limit.cause), distance[at] = norm(X_CB.origin());
-            incidence[at] = incidence_of(b, X_CB, distance[at]);
-            size[at] = view.limit.cause == BEHIND ? NAN : Image(camera, corners).size();
         }
     }
 }

@@ -23,14 +23,22 @@ public:
         const Box& b = scene.boxes[box];
         still = scene.is_still(int(camera->frame)) && scene.is_still(int(b.frame));
         X_WC = scene.pose(int(camera->frame), state) * Pose::of(X_FC), X_WB = scene.pose(int(b.frame), state) * Pose::of(b.X_FB);
-        limit = check(*camera, b, X_CB());
+        limit = check(*camera, b, X_WC.inverse() * X_WB);
         has_hull = has_grid = has_resting = has_rays = has_scenery = behind_moved = false;
         still_met = behind_by = -1, cut = behind = 0;
     }
 
     void forget() { known = false; }
-    bool is_still() const { return still; }
-    Pose X_CB() const { return X_WC.inverse() * X_WB; }
+
+    // How the camera faces the box; see `judge` in `sight.cpp`.
+    void face(const Scene& scene, double& distance, double& incidence, double& size) const {
+        const Box& b = scene.boxes[box];
+        Pose X_CB = X_WC.inverse() * X_WB;
+        V3 corners[8];
+        for (int k = 0; k < 8; k++) corners[k] = X_CB(corner(k, vector(b.half)));
+        distance = norm(X_CB.origin()), incidence = incidence_of(b, X_CB, distance);
+        size = limit.cause == BEHIND ? NAN : Image(*camera, corners).size();
+    }
 
     // Finds the solids that may be in the way, for a box within all limits; how many these are.
     int find_near(const Scene& scene) {
@@ -40,11 +48,10 @@ public:
             has_hull = true;
             if (b.judges_rest) cut_by_image();
         }
-        moving.clear();
-        scene.find_near(scene.moving, H, box, state, moving);
-        if (!has_resting || !still) resting.clear(), scene.find_near(scene.resting, H, box, state, resting);
-        has_resting = true;
-        return resting.size() + moving.size();
+        if (!has_resting || !still) near.clear(), scene.find_near(scene.resting, H, box, state, near), resting = near.size();
+        has_resting = true, near.resize(resting);
+        scene.find_near(scene.moving, H, box, state, near);
+        return near.size();
     }
 
     // The share of the box that must be visible; above 1 if none is enough. Where all that looks alike behind it is seen
@@ -58,7 +65,7 @@ public:
     // Whether it is seen, of what is within the limits, where this share must be visible; after `find_near`.
     bool sees(Scene& scene, double needed_share) {
         if (needed_share + cut > 1) return false;
-        if (resting.empty() && moving.empty()) return true;
+        if (near.empty()) return true;
         if (cut > 0) return share_within_image(scene) >= needed_share;
         return scene.boxes[box].visible >= 1 ? !met(scene) : share(scene, needed_share) >= needed_share;
     }
@@ -70,10 +77,7 @@ public:
         if (b.visible < 1) {
             found.visible = share(scene, NAN);
             if (found.visible < b.visible) {
-                List<Near> all;
-                for (const Near& n : resting) all.add(n);
-                for (const Near& n : moving) all.add(n);
-                found.cause = HIDDEN, found.by = scene.largest(rays(), all, state);
+                found.cause = HIDDEN, found.by = scene.largest(rays(), near, state);
             }
         } else if ((found.by = first_met(scene)) >= 0) {
             found.cause = HIDDEN;
@@ -96,10 +100,8 @@ public:
     // (docs/reference/numbers.md, "Who is in the way"; of parts at the same place the first owns the ray.)
     void share_out(Scene& scene, double* first, double* alone) {
         List<const Near*> all;
-        for (const Near& n : resting) all.add(&n);
-        for (const Near& n : moving) all.add(&n);
+        scene.by_part(near, all);
         auto part = [&](int i) { return scene.solid_part[all[i]->solid]; };
-        sort(all.begin(), all.end(), [&](const Near* a, const Near* b) { return scene.solid_part[a->solid] < scene.solid_part[b->solid]; });
         const Grid& grid = rays();
         Depths nearest;
         int owner[ROWS][COLUMNS] = {}, blocking[ROWS][COLUMNS] = {};
@@ -126,7 +128,8 @@ private:
     const Camera* camera = nullptr;
     Pose X_WC, X_WB;
     Hull H;
-    List<Near> resting, moving;
+    List<Near> near;  // those at rest first
+    int resting = 0;  // how many these are
     Grid grid;
     Rays still_blocked;
     bool has_scenery = false, behind_moved = false;
@@ -150,19 +153,19 @@ private:
     bool met(const Scene& scene) {
         if (still_met < 0) {
             still_met = 0;
-            for (int i = 0; !still_met && i < resting.size(); i++) still_met = meets_box(scene, resting[i]);
+            for (int i = 0; !still_met && i < resting; i++) still_met = meets_box(scene, near[i]);
         }
-        for (int i = 0; i < moving.size(); i++)
-            if (still_met || meets_box(scene, moving[i])) return true;
-        return still_met;
+        bool found = still_met;
+        for (int i = resting; !found && i < near.size(); i++) found = meets_box(scene, near[i]);
+        return found;
     }
 
     // The solid that is named as hiding a box that must be seen whole, -1 if none does: the first on the ray to the
     // box's centre, else the one with the point in the hull that is nearest to the eye.
     int first_met(const Scene& scene) const {
         List<const Near*> hit;
-        for (const Near& n : resting) if (meets_box(scene, n)) hit.add(&n);
-        for (const Near& n : moving) if (meets_box(scene, n)) hit.add(&n);
+        for (const Near& n : near)
+            if (meets_box(scene, n)) hit.add(&n);
         if (hit.size() < 2) return hit.empty() ? -1 : hit[0]->solid;
         sort(hit.begin(), hit.end(), [](const Near* a, const Near* b) { return a->solid < b->solid; });
         double best = ENDLESS;
@@ -189,40 +192,26 @@ private:
     const Rays& blocked_by_resting(Scene& scene) {
         if (!has_rays) {
             still_blocked = {};
-            for (const Near& n : resting) scene.block(still_blocked, rays(), n, state);
+            for (int i = 0; i < resting; i++) scene.block(still_blocked, rays(), near[i], state);
             has_rays = true;
         }
         return still_blocked;
     }
 
-    // The share that is visible. enough: with which it is compared, NAN if it must be exact; else, once that is settled,
-    // any other share on the same side.
+    // The share that is visible; once it is less than `enough`, any other one that is. NAN: it must be exact.
     double share(Scene& scene, double enough) {
-        if (resting.empty() && moving.empty()) return 1;
+        if (near.empty()) return 1;
         const Grid& g = rays();
         Rays blocked = blocked_by_resting(scene);
         double seen = g.seen(blocked);
-        struct Turn { const Near* near; Pose map; int most; };
-        List<Turn> turns;
-        int left = 0;
-        for (const Near& n : moving) {
-            Pose map = g.map * scene.pose_of(n.solid, state);
-            int most_met = g.most_met(scene.solids[n.solid]->root(), map, blocked);
-            if (most_met) turns.add({&n, map, most_met}), left += most_met;
-        }
-        sort(turns.begin(), turns.end(), [](const Turn& a, const Turn& b) { return a.most > b.most; });
-        for (const Turn& turn : turns) {
-            if (seen < enough || seen - double(left) / most(g.total, 1) >= enough) return seen;
-            block(blocked, scene.solids[turn.near->solid]->surface, turn.near->hull, turn.map, scene.scratch);
-            seen = g.seen(blocked), left -= turn.most;
-        }
+        for (int i = resting; i < near.size() && !(seen < enough); i++) scene.block(blocked, g, near[i], state), seen = g.seen(blocked);
         return seen;
     }
 
     double share_within_image(Scene& scene) {
         const Grid& g = rays();
         Rays blocked = blocked_by_resting(scene);
-        for (const Near& n : moving) scene.block(blocked, g, n, state);
+        for (int i = resting; i < near.size(); i++) scene.block(blocked, g, near[i], state);
         int count = 0;
         for (int k = 0; k < ROWS; k++)
             for (uint32_t left = g.silhouette.row[k] & ~blocked.row[k]; left; left &= left - 1) count += camera->has(g.direction(k, __builtin_ctz(left)));
@@ -237,30 +226,30 @@ private:
         V3 eye = X_WC.origin();
         double nearest = ENDLESS;
         for (int i = 0; i < 8; i++) nearest = least(nearest, norm(H.point[i] - eye));
-        List<int> near;
+        List<int> back;
         if (fresh) behind_resting.clear();
-        for (int s : behind_resting) near.add(s);
+        for (int s : behind_resting) back.add(s);
         for (int s : scene.scenery) {
             bool rests = scene.rests(s);
             if ((rests && !fresh) || scene.is(scene.own, s, box)) continue;
             // In the cone around the box, and not before it.
-            V3 d = scene.pose_of(s, state)(scene.solids[s]->center) - eye;
-            double radius = scene.solids[s]->radius + TOUCH, along = dot(d, H.axis), aside = sqrt(most(0.0, dot(d, d) - along * along));
-            if (aside * H.cosine - along * H.sine > radius || norm(d) + radius <= nearest) continue;
-            near.add(s);
+            V3 center = scene.pose_of(s, state)(scene.solids[s]->center);
+            double radius = scene.solids[s]->radius;
+            if (H.outside(center, radius) & ~H.far || norm(center - eye) + radius + TOUCH <= nearest) continue;
+            back.add(s);
             if (rests) behind_resting.add(s);
         }
-        bool moved = near.size() != behind_resting.size(), same = !fresh && !moved && !behind_moved;
+        bool moved = back.size() != behind_resting.size(), same = !fresh && !moved && !behind_moved;
         has_scenery = true, behind_moved = moved, behind_state = state;
         if (same) return;
         behind = 0, behind_by = -1;
         bool may_be = false;
-        for (int s : near) may_be |= scene.is(scene.alike, s, box);
-        if (may_be) count_behind(scene, near);
+        for (int s : back) may_be |= scene.is(scene.alike, s, box);
+        if (may_be) count_behind(scene, back);
     }
 
-    void count_behind(const Scene& scene, List<int>& near) {
-        sort(near.begin(), near.end(), [](int a, int b) { return a < b; });
+    void count_behind(const Scene& scene, List<int>& back) {
+        sort(back.begin(), back.end(), [](int a, int b) { return a < b; });
         V3 eye = X_WC.origin(), half = vector(scene.boxes[box].shrunk), from = X_WB.back(eye) - vector(scene.boxes[box].middle);
         double low_u = ENDLESS, high_u = -ENDLESS, low_v = ENDLESS, high_v = -ENDLESS;
         for (int i = 0; i < 8; i++) {
@@ -269,7 +258,7 @@ private:
         }
         List<Pose> X_WP;
         List<int> hits;
-        for (int s : near) X_WP.add(scene.pose_of(s, state)), hits.add(0);
+        for (int s : back) X_WP.add(scene.pose_of(s, state)), hits.add(0);
         int inside = 0;
         for (int i = 0; i < BEHIND_RAYS; i++)
             for (int j = 0; j < BEHIND_RAYS; j++) {
@@ -280,8 +269,8 @@ private:
                 inside++;
                 V3 start = eye + (leave - BACK) * ray;
                 int which = -1;
-                for (int k = 0; k < near.size(); k++) {
-                    const Solid& s = *scene.solids[near[k]];
+                for (int k = 0; k < back.size(); k++) {
+                    const Solid& s = *scene.solids[back[k]];
                     V3 start_P = X_WP[k].back(start), ray_P = X_WP[k].turn_back(ray);
                     double along = ENDLESS;
                     if (s.form == Form::box) {
@@ -293,10 +282,10 @@ private:
                 if (which >= 0) hits[which]++;
             }
         int total = 0, best = 0;
-        for (int k = 0; k < near.size(); k++) {
-            if (!scene.is(scene.alike, near[k], box)) continue;
+        for (int k = 0; k < back.size(); k++) {
+            if (!scene.is(scene.alike, back[k], box)) continue;
             total += hits[k];
-            if (hits[k] > best) best = hits[k], behind_by = near[k];
+            if (hits[k] > best) best = hits[k], behind_by = back[k];
         }
         behind = double(total) / most(inside, 1);
     }
