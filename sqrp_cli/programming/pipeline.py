@@ -182,21 +182,17 @@ def assess_all(assignment: Assignment, candidates: Sequence[Candidate], jobs: in
 
     jobs: number of processes at most.
     """
-    tried = not assignment.wanted.fastest and any(candidate.leaves_free for candidate in candidates)
-    least = WORTH_WITH_WAYS if tried else WORTH_A_PROCESS
-    assessments = _assessed(assignment, candidates, min(jobs, len(candidates) // least))
+    fastest = assignment.wanted.fastest
+    tried = not fastest and any(candidate.leaves_free for candidate in candidates)
+    processes = min(jobs, len(candidates) // (WORTH_WITH_WAYS if tried else WORTH_A_PROCESS))
+    # The same groups with any number of processes.
+    size = TOGETHER if fastest else 1
+    groups = [candidates[start : start + size] for start in range(0, len(candidates), size)]
+    assessments = chain.from_iterable(_mapped(assignment.assess_together, groups, processes))
     for candidate, assessment in zip(candidates, assessments, strict=True):
         # A result from a process has its own copy of the skill; replace it by the caller's, which all share.
         way = assessment.best_way and replace(assessment.best_way, skill=candidate.skill)
         yield replace(assessment, candidate=candidate, best_way=way)
-
-
-def _assessed(assignment: Assignment, candidates: Sequence[Candidate], processes: int) -> Iterator[Assessment]:
-    if not assignment.wanted.fastest:
-        return _mapped(assignment.assess, candidates, processes)
-    # The same groups with any number of processes.
-    groups = [candidates[start : start + TOGETHER] for start in range(0, len(candidates), TOGETHER)]
-    return chain.from_iterable(_mapped(assignment.assess_together, groups, processes))
 
 
 def _mapped(work: Callable[[Item], Result], items: Sequence[Item], processes: int) -> Iterator[Result]:

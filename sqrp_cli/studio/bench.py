@@ -146,7 +146,7 @@ class _Bench:
 
     def _opened(self, asked: Rank) -> Session:
         """The task in the cell of a text; what depends on no camera is reused."""
-        cell, wanted = self._read(asked), WantedWay(asked.by, alone=True)
+        cell, wanted = self._read(asked), WantedWay(asked.by)
         if self._task is not None and self._task[0] == asked.task:
             before = self._task[1]
             return Session(before.task, replace(before.assignment, cell=cell, wanted=wanted))

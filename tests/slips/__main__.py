@@ -108,7 +108,7 @@ def slips(folder: Path, seed: int, count: int) -> tuple[dict[str, Study], list[S
     workspace = load_workspace(folder if folder.exists() else make_cell(folder, seed))
     cell = Cell.load(workspace)
     candidates = read_task(TASK, workspace).candidates
-    found = find_ways(cell, candidates, cell.initial_world, Adaptive(), WantedWay(alone=True))
+    found = find_ways(cell, candidates, cell.initial_world, Adaptive(), WantedWay())
     ways = {one.study.candidate.name: one.study for one in found if isinstance(one, BestWay)}
     ways = {name: way for name, way in ways.items() if way.windows[FAULT]}
     kept, rng = folder / "slips.jsonl", np.random.default_rng(seed)

@@ -11,7 +11,6 @@ from sqrp_cli.knowledge.text.units import SHARE, TIME, read_quantity
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask
 from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.quality import Qualities, falls_short
-from sqrp_cli.programming.ways.prospect import Prospect
 
 QUALITIES = ("q_eoi", "q_avg")
 TIMES = ("time", "delay")
@@ -63,10 +62,9 @@ class Wish:
         """Whether a candidate meets all of it."""
         return not self.missed(found)
 
-    def may_be_met(self, way: Prospect | Qualities) -> bool:
-        """Whether a way meets it if it is worth all that it may be worth; nothing is known of its delays yet."""
-        hoped = {"q_eoi": way.q_eoi, "q_avg": way.q_avg}
-        pairs = ((hoped[name], least) for name, least in self._stated(QUALITIES))
+    def may_be_met(self, seen: Qualities) -> bool:
+        """Whether qualities meet it; nothing is known of times yet."""
+        pairs = ((getattr(seen, name), least) for name, least in self._stated(QUALITIES))
         return not any(quality is None or falls_short(quality, least) for quality, least in pairs)
 
     def shortfall(self, found: Assessment | None) -> float:

@@ -35,6 +35,9 @@ _ROUNDS = range(1, 9)
 _LOOK = 100
 """Fixed cost of one observation, in samples."""
 
+_WATCHED_TOGETHER = 32
+"""Motions to observe at once, to bound the memory."""
+
 _TOGETHER = 1000
 """Targets of a motion to ask for at once, counted in every sample: so few that the overhead of calls dominates."""
 
@@ -191,6 +194,12 @@ def observe(watch: Watch, observer: Observer, sampling: Sampling, *, full: bool)
 
 def observe_all(watches: Sequence[Watch], observer: Observer, sampling: Sampling, *, full: bool) -> list[Timeline]:
     """As `observe` of each of several motions in one cell, which is faster together."""
+    if len(watches) > _WATCHED_TOGETHER:
+        first, others = watches[:_WATCHED_TOGETHER], watches[_WATCHED_TOGETHER:]
+        return [
+            *observe_all(first, observer, sampling, full=full),
+            *observe_all(others, observer, sampling, full=full),
+        ]
     if not watches:
         return []
     samples = all_first_samples(sampling, observer, [(watch.stage, watch.targets) for watch in watches])

@@ -1,9 +1,10 @@
-"""The best way of doing what a candidate says: all are planned and looked at, those that may be best are studied."""
+"""The best way of doing what a candidate says: all are planned and observed, and none is judged by less."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, compress, islice
 from math import inf
 
 import numpy as np
@@ -20,20 +21,18 @@ from sqrp_cli.programming.coverage.assessment import (
     Watched,
     WayFigures,
     WaysFound,
-    all_observed,
     all_watched,
-    observed,
     rehearsal,
     with_delays,
 )
-from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling
+from sqrp_cli.programming.coverage.quality import Qualities
+from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.timeline import Rehearsal
 from sqrp_cli.programming.feasibility import feasible_motion, impossible_start, skill_use
 from sqrp_cli.programming.motion.plan_motion import Motion, no_such_branch, plan_branches, plan_motion
 from sqrp_cli.programming.ranking import Criterion, Ranked, compared_quality, compared_time, contenders, rank
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.grips import first_grip, grips
-from sqrp_cli.programming.ways.prospect import Prospect, prospects
 
 ROUNDING = 1e-9
 """By how much a way may exceed a limit, because times are sums [s]."""
@@ -100,20 +99,11 @@ class WantedWay:
     limit: TimeLimit | None = None
     """How long it may take."""
 
-    alone: bool = False
-    """Whether the other ways that are worth naming beside it are left out."""
-
 
 def find_way(
     cell: Cell, candidate: Candidate, world: World, sampling: Sampling, wanted: WantedWay
 ) -> BestWay | Infeasible:
-    """The wanted way of doing what a candidate says.
-
-    Every way is planned. A look at a few instants of each gives the most that it may be worth, see `Prospect`. The most
-    promising are studied exactly, until no other can be the best one; then the others that may be worth naming beside
-    those that were studied, the fastest first. Where looks do not bound what counts (delays, instants that a user
-    chose), all are studied.
-    """
+    """The wanted way of doing what a candidate says: every way is planned and observed, none is left out."""
     return find_ways(cell, [candidate], world, sampling, wanted)[0]
 
 
@@ -125,7 +115,7 @@ def find_ways(
     wanted: WantedWay,
     plans: Plans | None = None,
 ) -> list[BestWay | Infeasible]:
-    """As `find_way` of each of several candidates: faster, as those with a single way are observed together.
+    """As `find_way` of each of several candidates, which is faster, as all their ways are observed together.
 
     plans: what is known of their motions already, and is added to.
     """
@@ -135,12 +125,21 @@ def find_ways(
     allowed = [
         obstacles[_objects(candidate)] or _allowed(cell, candidate, world, wanted, plans) for candidate in candidates
     ]
-    single = [ways.scenes[0] for ways in allowed if isinstance(ways, _Allowed) and len(ways.scenes) == 1]
-    known = dict(zip(map(id, single), all_observed(cell, single, sampling, full=False), strict=True))
-    return [
-        ways if isinstance(ways, Infeasible) else _best_way(cell, ways, sampling, wanted, known.get(id(ways.scenes[0])))
-        for ways in allowed
-    ]
+    found = [ways for ways in allowed if isinstance(ways, _Allowed)]
+    watched = iter(all_watched(cell, [scene for ways in found for scene in ways.scenes], sampling, full=False))
+    named = [_worth_naming(cell, ways, list(islice(watched, len(ways.scenes))), sampling, wanted) for ways in found]
+    studies = iter(with_delays(cell, list(chain(*named)), sampling))
+    best = (
+        _best(
+            ways,
+            list(
+                islice(studies, len(of)),
+            ),
+            wanted,
+        )
+        for ways, of in zip(found, named, strict=True)
+    )
+    return [ways if isinstance(ways, Infeasible) else next(best) for ways in allowed]
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,22 +171,23 @@ def _allowed(cell: Cell, candidate: Candidate, world: World, wanted: WantedWay, 
     return _Allowed(candidate, planned.tried, scenes, longest)
 
 
-def _best_way(cell: Cell, ways: _Allowed, sampling: Sampling, wanted: WantedWay, known: Study | None) -> BestWay:
-    """The best of the ways; known: the study of the only one."""
-    by_quality = wanted.by in ("q_eoi", "q_avg", "time")
-    if known is not None:
-        watched: list[Watched] = [known]
-    else:
-        bounded = isinstance(sampling, Adaptive) and by_quality
-        hopeful = prospects(cell.observer, ways.scenes) if bounded else list(map(Prospect, ways.scenes))
-        watched = list(_watched(cell, hopeful, sampling, wanted, prune=bounded))
+def _worth_naming(
+    cell: Cell, ways: _Allowed, watched: Sequence[Watched], sampling: Sampling, wanted: WantedWay
+) -> list[Watched]:
+    """The ways that may be the best or Pareto-optimal, with seen paths if the candidate is open to them.
+
+    watched: all its direct ways. Where delays count first, none is left out.
+    """
     if ways.candidate.open_paths:
         direct = (replace(one, candidate=one.candidate.with_paths({})) for one in watched)
         watched = [*direct, *_seen(cell, ways.scenes, sampling, ways.longest, wanted.by)]
-    if by_quality:
-        may_be_named = contenders([one.without_delays for one in watched], wanted.by)
-        watched = [one for one, named in zip(watched, may_be_named, strict=True) if named]
-    studies = with_delays(cell, watched, sampling)
+    if wanted.by not in ("q_eoi", "q_avg", "time"):
+        return list(watched)
+    return list(compress(watched, contenders([one.without_delays for one in watched], wanted.by)))
+
+
+def _best(ways: _Allowed, studies: Sequence[Study], wanted: WantedWay) -> BestWay:
+    """The best of the ways that are worth naming."""
     ranked = rank([study.assessment("") for study in studies], wanted.by)
     best = ranked[0].assessment
     chosen = next(study for study in studies if study.candidate is best.candidate)
@@ -207,28 +207,24 @@ def studied_ways(
     sampling: Sampling,
     *,
     limit: TimeLimit,
-    worth: Callable[[Prospect], bool],
+    worth: Callable[[Qualities], bool],
 ) -> Iterator[Study]:
-    """Exact studies of all ways of a candidate within a limit that are worth one by their prospects, the fastest first.
+    """Studies of all ways of a candidate within a limit whose qualities are worth one, the fastest first.
 
-    Where looks do not bound figures (instants that a user chose), every prospect is that of a way that is always seen.
     Nothing if it cannot be done.
     """
-    if impossible_start(cell, candidate, world) is not None:
-        return
-    scenes = _planned(cell, candidate, world).scenes
+    scenes = planned_ways(cell, candidate, world, fastest=False)
     allowed = scenes if isinstance(scenes, Infeasible) else limit.within(scenes)
     if isinstance(allowed, Infeasible):
         return
-    hopeful = prospects(cell.observer, allowed) if isinstance(sampling, Adaptive) else list(map(Prospect, allowed))
-    ordered = sorted(hopeful, key=lambda prospect: compared_time(prospect.time))
-    found: Iterator[Study] = (observed(cell, one.scene, sampling, full=False) for one in ordered if worth(one))
+    watched: list[Watched] = all_watched(cell, allowed, sampling, full=False)
     if candidate.open_paths:
         longest = limit.longest(allowed)
-        known = [one for by in ("q_eoi", "q_avg") for one in _seen(cell, allowed, sampling, longest, by)]
-        direct = (replace(one, candidate=one.candidate.with_paths({})) for one in found)
-        found = iter(sorted([*direct, *known], key=lambda one: compared_time(one.motion.time)))
-    yield from found
+        seen = [one for by in ("q_eoi", "q_avg") for one in _seen(cell, allowed, sampling, longest, by)]
+        watched = [*(replace(one, candidate=one.candidate.with_paths({})) for one in watched), *seen]
+    for one in sorted(watched, key=lambda way: compared_time(way.motion.time)):
+        if worth(Qualities.of(one.timeline)):
+            yield from with_delays(cell, [one], sampling)
 
 
 def planned_ways(cell: Cell, candidate: Candidate, world: World, *, fastest: bool) -> Sequence[Rehearsal] | Infeasible:
@@ -314,32 +310,6 @@ def _planned(cell: Cell, candidate: Candidate, world: World) -> _Planned:
         scenes += [rehearsal(cell, way, world, motion) for way, motion in ways]
     none = no_such_branch(candidate.branch) if candidate.branch else Infeasible(reasons[0])
     return _Planned(tried, scenes or none)
-
-
-def _watched(
-    cell: Cell, hopeful: Sequence[Prospect], sampling: Sampling, wanted: WantedWay, *, prune: bool
-) -> Iterator[Watched]:
-    """What the cameras see of the ways that may be best, the most promising first; then of the others worth naming."""
-    by, found = wanted.by, list[Assessment]()
-
-    def watched(prospect: Prospect) -> Watched:
-        (one,) = all_watched(cell, [prospect.scene], sampling, full=False)
-        found.append(one.without_delays)
-        return one
-
-    waiting = sorted(hopeful, key=lambda prospect: _place(prospect, by))
-    while waiting and not (prune and found and min(_place(one, by) for one in found) <= _place(waiting[0], by)):
-        yield watched(waiting.pop(0))
-    for prospect in () if wanted.alone else sorted(waiting, key=lambda prospect: compared_time(prospect.time)):
-        if all(map(prospect.is_worth_naming_beside, found)):
-            yield watched(prospect)
-
-
-def _place(way: Prospect | Assessment, by: Criterion) -> tuple[float, ...]:
-    """A key that puts the best way first: by what it is worth, or may be worth at most."""
-    q_avg, q_eoi, time = compared_quality(way.q_avg), compared_quality(way.q_eoi), compared_time(way.time or 0.0)
-    first = {"q_avg": -q_avg, "q_eoi": -q_eoi, "time": time}.get(by, 0.0)
-    return first, -q_avg, time
 
 
 def _seen(
