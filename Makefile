@@ -89,6 +89,7 @@ trials: all
 	$(BIN)/python -m tests.place
 	$(BIN)/python -m tests.slips
 	$(BIN)/python -m tests.slits
+	$(BIN)/python -m tests.ways
 	$(BIN)/python -m tests.wire
 	$(BIN)/python -m tests.detectors
 	$(BIN)/python -m tests.studio

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
+from operator import le
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,16 +11,17 @@ import numpy as np
 
 from sqrp_cli import open_cell
 from sqrp_cli.api.cell import OpenCell
-from sqrp_cli.starter.make import make_starter
-from sqrp_cli.starter.random_cell import Crowd
-from tests.cells import read_cell, write_cell
+from sqrp_cli.programming.coverage.assessment import WayFigures
+from sqrp_cli.report.documents.candidates import CandidateFigures
+from tests.cells import ROOT, read_cell, write_cell
+from tests.random_cell import Crowd, random_cell
 
 YAWS, ELBOWS, SHOULDERS, WRISTS = (0, 90, 180, -90), ("up", "down"), ("left", "right"), ("flip", "no_flip")
 
 POINT = 0.001
 """Qualities are compared rounded to this."""
 
-OBJECT = "g1"
+SLOW_LIFT = ROOT / "tests" / "cases" / "slow_lift"
 
 Figures = tuple[float, float, float]
 """Q_eoi and Q_avg in points, and the time, as they are compared: less is better in each."""
@@ -30,45 +32,79 @@ class Ways(NamedTuple):
 
     shown: Figures | None
     """The figures of its row; None if it cannot be done."""
-    optimal: set[Figures]
-    """Those of the ways that are named as Pareto-optimal."""
+    optimal: list[Figures]
+    """Those of the ways that are named as Pareto-optimal, in order."""
     by_hand: list[Figures]
-    """Those of every way that can be done."""
+    """Those of every way that can be done, in order."""
 
     @property
     def right(self) -> bool:
-        """Whether the best way is shown, and exactly the ways that no other dominates are named."""
-        undominated = {
-            one for one in self.by_hand if not any(_dominates(other, one) for other in self.by_hand if other != one)
-        }
+        """Whether the best way is shown, and exactly the ways that no other dominates are named, each once."""
+
+        def dominated(one: Figures) -> bool:
+            return any(other != one and all(map(le, other, one)) for other in self.by_hand)
+
+        undominated = sorted({one for one in self.by_hand if not dominated(one)})
         return self.shown == min(self.by_hand, default=None) and self.optimal == undominated
 
 
-def _dominates(one: Figures, other: Figures) -> bool:
-    return all(a <= b for a, b in zip(one, other, strict=True))
+class Cell(NamedTuple):
+    """A cell with a task that leaves everything free, and all choices that may be stated instead."""
+
+    cell: OpenCell
+    task: str
+    yaws: tuple[int, ...]
+
+    def stated(self) -> list[CandidateFigures]:
+        """Every way that can be done, with all settings stated in a task of its own."""
+        tasks = (
+            f"{self.task} approach_yaw={yaw}deg elbow={elbow} shoulder={shoulder} wrist={wrist}"
+            for yaw, elbow, shoulder, wrist in product(self.yaws, ELBOWS, SHOULDERS, WRISTS)
+        )
+        found = (self.cell.rank(task, ways="fastest").document.candidates[0] for task in tasks)
+        return [way for way in found if way.feasible]
+
+    def ways(self) -> Ways:
+        """What is said of the only candidate, and all its ways."""
+        free = " ".join(f"{name}=any" for name in ("approach_yaw", "elbow", "shoulder", "wrist"))
+        (row,) = self.cell.rank(f"{self.task} {free}").document.candidates
+        return Ways(
+            shown=compared(row) if row.feasible else None,
+            optimal=sorted(map(compared, row.ways.pareto)) if row.ways else [],
+            by_hand=sorted(map(compared, self.stated())),
+        )
 
 
-def random_cell(folder: Path, seed: int) -> OpenCell:
-    """A cell with one to three cameras beside the part, through whose low images it is lifted in a moment.
+def cell_with_ways(folder: Path, seed: int) -> Cell:
+    """A cell with two cameras beside a part, out of whose low images it is soon lifted.
 
-    Every other seed has a camera on the flange, too.
+    Two of three are variants of the case `slow_lift`, the others have a starter's arm and skill. Every other has a
+    camera on the flange, too.
     """
     rng = np.random.default_rng((seed, 41))
-    path = make_starter(folder, None, Crowd(seed, 2, int(rng.integers(1, 4)))).folder
-    cell = read_cell(path)
-    x, y, _ = cell["objects"][OBJECT]["pose"]["position"]
+    starter = seed % 3 == 2
+    if starter:
+        path = random_cell(folder, Crowd(seed, 2, 2))
+    else:
+        path = folder
+        path.mkdir()
+    cell = read_cell(path if starter else SLOW_LIFT)
+    name = "g1" if starter else "part"
+    if not starter:
+        turn, far = rng.uniform(-0.5, 0.5), rng.uniform(0.38, 0.5)
+        place = np.round([far * np.cos(turn), far * np.sin(turn), 0.02], 3).tolist()
+        cell["objects"][name]["pose"] = {"position": place, "rpy": [0, 0, round(float(rng.uniform(-np.pi, np.pi)), 3)]}
+    x, y, _ = cell["objects"][name]["pose"]["position"]
     for camera in cell["cameras"].values():
-        turn, height = rng.uniform(-np.pi, np.pi), rng.uniform(0.03, 0.3)
+        turn, height = rng.uniform(-np.pi, np.pi), rng.uniform(0.05, 0.2)
         camera["pose"] = {
             "position": np.round([x + 1.2 * np.cos(turn), y + 1.2 * np.sin(turn), height], 3).tolist(),
-            "look_at": np.round([x, y, rng.uniform(0.02, 0.1)], 3).tolist(),
+            "look_at": np.round([x, y, rng.uniform(0.04, 0.09)], 3).tolist(),
         }
-        camera["image"] = {"width": 640, "height": int(rng.integers(90, 320)), "horizontal_fov": "20 deg"}
-    cell["detectors"]["color"]["min_pixels"] = 4
-    cell["robot"]["limits"] |= {"velocity": "30 deg/s"}
+        camera["image"] = {"width": 640, "height": int(rng.integers(70, 200)), "horizontal_fov": "20 deg"}
     if seed % 2:
         cell["cameras"]["hand"] = {
-            "frame": "flange",
+            "frame": cell["robot"]["tool"]["link"],
             "pose": {"position": rng.uniform((-0.1, -0.1, 0.0), (0.1, 0.1, 0.05)).round(3).tolist(), "rpy": [0, 0, 0]},
             "image": {"width": 640, "height": 480, "horizontal_fov": "70 deg"},
             "near": "1 cm",
@@ -77,24 +113,13 @@ def random_cell(folder: Path, seed: int) -> OpenCell:
             "latency": "50 ms",
         }
     write_cell(cell, path)
-    return open_cell(path)
+    task = f"pickup {name} via=direct" if starter else f"pick {name}"
+    return Cell(open_cell(path), task, YAWS if starter else (0, 180))
 
 
-def ways_of(cell: OpenCell) -> Ways:
-    """What is said of the candidate, and all its ways."""
-    (row,) = cell.rank(f"pickup {OBJECT}").document.candidates
-    tasks = (
-        f"pickup {OBJECT} approach_yaw={yaw}deg elbow={elbow} shoulder={shoulder} wrist={wrist} via=direct"
-        for yaw, elbow, shoulder, wrist in product(YAWS, ELBOWS, SHOULDERS, WRISTS)
-    )
-    found = [cell.rank(task, ways="fastest").document.candidates[0] for task in tasks]
-    return Ways(
-        shown=_figures(row) if row.feasible else None,
-        optimal=set(map(_figures, row.ways.pareto)) if row.ways else set(),
-        by_hand=[_figures(way) for way in found if way.feasible],
-    )
-
-
-def _figures(way: object) -> Figures:
-    q_eoi, q_avg, time = (getattr(way, name) for name in ("q_eoi", "q_avg", "time"))
-    return -round(q_eoi / POINT), -round(q_avg / POINT), round(time, 6)
+def compared(way: CandidateFigures | WayFigures) -> Figures:
+    """The figures of a way as they are compared."""
+    assert way.q_eoi is not None
+    assert way.q_avg is not None
+    assert way.time is not None
+    return -round(way.q_eoi / POINT), -round(way.q_avg / POINT), round(way.time, 6)
