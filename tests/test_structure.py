@@ -64,6 +64,12 @@ layers = ["sqrp_cli.two", "sqrp_cli.one"]
 """
 
 
+def test_meshes_are_read_by_one_module() -> None:
+    # Coal's own loader numbers the vertices of a part from the first vertex of the whole.
+    sources = {path: path.read_text(encoding="utf-8") for path in (ROOT / "sqrp_cli").rglob("*.py")}
+    assert [path for path, source in sources.items() if "MeshLoader" in source] == []
+
+
 def test_the_table_has_a_column_for_each_checkout(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

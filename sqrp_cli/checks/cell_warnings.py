@@ -13,7 +13,7 @@ from sqrp_cli.checks.placement import MIN_OVERLAP, doubted_objects
 from sqrp_cli.errors import Infeasible, Place, Problem
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, side_pose, transform
 from sqrp_cli.knowledge.frames import WORLD, frame_poses
-from sqrp_cli.knowledge.mesh.mesh_file import mesh_unit
+from sqrp_cli.knowledge.mesh import mesh_unit
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.settings import Reference
 from sqrp_cli.knowledge.skill.skill import Skill, ToolMove

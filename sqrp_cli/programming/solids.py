@@ -6,7 +6,6 @@ The only module that turns shapes into coal's classes.
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -17,9 +16,9 @@ import coal
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.errors import InputError, Place, bad_input
+from sqrp_cli.errors import InputError
 from sqrp_cli.geometry import BOX_SIGNS, Array, inverse, read_only, transform
-from sqrp_cli.knowledge.text.units import LARGEST_LENGTH
+from sqrp_cli.knowledge.mesh import read_mesh
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere, Triangles
 from sqrp_cli.sight import kernel
 
@@ -112,7 +111,7 @@ class Solids(tuple[Solid, ...]):
 def load_solid(part: Part, name: str | None = None) -> Solid:
     """Make the solid of a part, with the part's name or another one; meshes are read once per file and scale.
 
-    Raises InputError for a mesh that cannot be read, is empty or reaches too far. Files have passed `check_mesh`.
+    Raises as `read_mesh`, with the name of the part.
     """
     try:
         geometry, surface = _load_shape(part.shape)
@@ -172,7 +171,13 @@ def _form(shape: Shape) -> tuple[kernel.Form, tuple[float, float, float]]:
 def _load_shape(shape: Shape) -> tuple[Any, Triangles]:
     """Geometry of coal, and the triangles of a shape, in its own frame."""
     if isinstance(shape, Mesh):
-        return _load_mesh(shape)
+        mesh = read_mesh(shape.path, shape.scale)
+        tree: Any = coal.BVHModelOBBRSS()
+        tree.beginModel(len(mesh.faces), len(mesh.vertices))
+        tree.addVertices(mesh.vertices)
+        tree.addTriangles(mesh.faces)
+        tree.endModel()
+        return tree, mesh
     triangles = shape.triangles(SIDES, enclosing=True)
     match shape:
         case Box(size):
@@ -183,27 +188,3 @@ def _load_shape(shape: Shape) -> tuple[Any, Triangles]:
             return coal.Cylinder(radius, length), triangles
         case Capsule(radius, length):
             return coal.Capsule(radius, length), triangles
-
-
-def _load_mesh(mesh: Mesh) -> tuple[Any, Triangles]:
-    try:
-        # As bytes, because not every file name is text.
-        geometry = coal.MeshLoader(coal.BV_OBBRSS).load(os.fsencode(mesh.path), np.array(mesh.scale))
-    except (RuntimeError, ValueError) as error:
-        message = f"this mesh cannot be loaded: {_because(str(error))}"
-        raise bad_input("mesh-unreadable", message, Place(mesh.path)) from error
-    count = geometry.num_tris
-    if count == 0:
-        raise bad_input("mesh-empty", "this mesh has no triangles", Place(mesh.path))
-    vertices = np.array(geometry.vertices())
-    if not (np.abs(vertices) <= LARGEST_LENGTH).all():
-        message = f"this mesh reaches further than {LARGEST_LENGTH:g} m from its origin, or has vertices without place"
-        raise bad_input("mesh-too-large", message, Place(mesh.path), mend="check its `scale`")
-    faces = np.array([[t[0], t[1], t[2]] for t in map(geometry.tri_indices, range(count))], dtype=np.int64)
-    return geometry, Triangles(vertices, faces)
-
-
-def _because(text: str) -> str:
-    """Coal's message without code locations, hints and the repeated path."""
-    text = text.partition("Could not load resource")[2].partition("\nHint")[0].partition("\n")[2] or text
-    return "no triangle of it has an area" if text.startswith("No meshes remaining") else " ".join(text.split())

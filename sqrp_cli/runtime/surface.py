@@ -1,19 +1,15 @@
-"""Surfaces of solid parts: what the simulation draws of mesh files, and what silhouettes in images are drawn from."""
+"""Surfaces of solid parts, from which silhouettes in images are drawn."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.errors import Place, bad_input
 from sqrp_cli.geometry import Array, transform
-from sqrp_cli.knowledge.mesh.mesh_file import check_mesh
-from sqrp_cli.platform.interrupts import interrupts_later
-from sqrp_cli.shapes import Mesh, Part, Triangles
+from sqrp_cli.knowledge.mesh import read_mesh
+from sqrp_cli.shapes import Mesh, Part
 
 _SIDES = 24
 """Corners of the polygons that stand for circles in outlines.
@@ -41,7 +37,7 @@ class Surface:
     def of(cls, part: Part) -> Surface:
         """The surface of a part. Raises InputError for a mesh file that cannot be used."""
         if isinstance(part.shape, Mesh):
-            mesh = load_triangles(part.shape)
+            mesh = read_mesh(part.shape.path, part.shape.scale)
             return cls(part.parent, transform(part.X_PG, mesh.vertices), mesh.faces)
         corners = part.shape.triangles(_SIDES, enclosing=False).vertices
         return cls(part.parent, transform(part.X_PG, corners), None)
@@ -63,38 +59,3 @@ class Surface:
         line = ~whole & (a != c) & ~np.isin(a * count + c, np.concatenate(sides))
         triangles = np.column_stack([a, b, c])[whole | line]
         return Surface(self.parent, self.vertices[first], triangles)
-
-
-@cache
-def load_triangles(mesh: Mesh) -> Triangles:
-    """The triangles of a mesh file, scaled. Raises InputError if it cannot be read or has none.
-
-    It is handed on as an open file, from which no other file can be reached: textures and materials are of no use here.
-    """
-    _check(mesh.path)
-    with interrupts_later():
-        import trimesh
-
-    try:
-        with mesh.path.open("rb") as file:
-            kind = mesh.path.suffix.lower().removeprefix(".")
-            options = {"skip_materials": True} if kind == "obj" else {}
-            loaded = trimesh.load_mesh(file, file_type=kind, **options)
-        triangles = loaded.to_mesh() if isinstance(loaded, trimesh.Scene) else loaded
-        vertices, faces = np.asarray(triangles.vertices, dtype=float), np.asarray(triangles.faces, dtype=np.int64)
-    except Exception as error:  # each format's reader fails in ways of its own
-        message = f"this mesh cannot be read: {error or type(error).__name__}"
-        raise bad_input("mesh-unreadable", message, Place(mesh.path)) from error
-    if len(faces) == 0:
-        raise bad_input("mesh-empty", "this mesh has no triangles", Place(mesh.path))
-    if np.prod(mesh.scale) < 0.0:
-        faces = faces[:, ::-1]
-    return Triangles(vertices * mesh.scale, faces)
-
-
-def _check(path: Path) -> None:
-    """What a robot is drawn with is looked at here first: a workspace is read without it."""
-    try:
-        check_mesh(path)
-    except OSError as error:
-        raise bad_input("unreadable-file", f"cannot be read: {error.strerror}", Place(path)) from error

@@ -24,7 +24,7 @@ LONGEST, MOST = 10.0, 1000.0
 _WAIT, _MEMORY = 120, 3 << 30
 """When a command is killed [s], and its address space [bytes]: more than it may take, less than there is."""
 
-_SOURCES = ("sqrp_cli", "cv2", "trimesh", "collada", "distributed", "mujoco", "coal", "pinocchio", "ompl", "eaik")
+_SOURCES = ("sqrp_cli", "cv2", "distributed", "mujoco", "coal", "pinocchio", "ompl", "eaik")
 _SOURCES += (
     "embreex",
     "PIL",

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.knowledge.mesh.mesh_file import check_mesh
+from sqrp_cli.knowledge.mesh import read_mesh
 from sqrp_cli.knowledge.robot.read_urdf import read_urdf
 from tests.cells import refusal
 from tests.knowledge.mesh.mesh_bombs import dae
@@ -111,7 +111,7 @@ def binary_stl(path: Path, stated: int, present: int) -> Path:
 def test_a_mesh_of_millions_of_triangles_is_refused_from_its_header(tmp_path: Path) -> None:
     for count, code in ((10_000_000, "file-too-large"), (3_900_000, "mesh-too-large")):
         with pytest.raises(InputError) as caught:
-            check_mesh(binary_stl(tmp_path / "big.stl", count, count))
+            read_mesh(binary_stl(tmp_path / "big.stl", count, count))
         assert caught.value.problems[0].code == code
         assert caught.value.problems[0].mend == "simplify the mesh"
 
@@ -124,19 +124,19 @@ def test_meshes_as_text_are_counted_without_loading_them(tmp_path: Path) -> None
     (tmp_path / "big.dae").write_bytes(many)
     for name, count in (("big.obj", "600,000"), ("big.dae", "786,432")):
         with pytest.raises(InputError, match=f"{count} triangles, the limit is 500,000"):
-            check_mesh(tmp_path / name)
+            read_mesh(tmp_path / name)
 
 
 def test_a_mesh_that_is_cut_off_is_refused_and_not_taken_for_a_smaller_one(tmp_path: Path, cell: Path) -> None:
     with pytest.raises(InputError, match="its header promises 1,000 triangles"):
-        check_mesh(binary_stl(tmp_path / "cut.stl", 1000, 700))
+        read_mesh(binary_stl(tmp_path / "cut.stl", 1000, 700))
     text = (cell / "cube.stl").read_text(encoding="utf-8")
     for old, new in (("vertex", "vertx"), ("endfacet", "endfact"), ("0.5", "O.5"), ("0.5", "nan"), ("0.5", "")):
         (tmp_path / "text.stl").write_text(text.replace(old, new, 1), encoding="utf-8")
         with pytest.raises(InputError) as caught:
-            check_mesh(tmp_path / "text.stl")
+            read_mesh(tmp_path / "text.stl")
         assert caught.value.problems[0].code == "mesh-damaged"
-    check_mesh(cell / "cube.stl")
+    read_mesh(cell / "cube.stl")
 
 
 @pytest.mark.parametrize("file", ["workspace.yaml", "arm.urdf", "arm.srdf", "side.yaml", "cube.stl"])

@@ -18,8 +18,7 @@ import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.geometry import Array, read_only
-from sqrp_cli.knowledge.mesh.mesh_file import mesh_of
-from sqrp_cli.shapes import Box, Capsule, Cylinder, Geometry, Part, Shape, Sphere
+from sqrp_cli.shapes import Box, Capsule, Cylinder, Geometry, Mesh, Part, Shape, Sphere
 
 JointType = Literal["fixed", "revolute", "continuous", "prismatic"]
 
@@ -53,7 +52,7 @@ class LinkGeometry:
         if not isinstance(self.shape, MeshReference):
             return self.shape
         try:
-            return mesh_of(resolve(self.shape.reference, urdf), self.shape.scale)
+            return Mesh(resolve(self.shape.reference, urdf), self.shape.scale)
         except InputError as error:
             first = error.problems[0]
             raise bad_input(first.code, first.message, self.place, mend=first.mend) from error

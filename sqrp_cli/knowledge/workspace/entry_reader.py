@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sqrp_cli.errors import InputError, Place, Problem, bad_input
-from sqrp_cli.knowledge.mesh.mesh_file import check_mesh
+from sqrp_cli.knowledge.mesh import read_mesh
 from sqrp_cli.knowledge.robot.robot_source import RobotSource
 from sqrp_cli.knowledge.text import packages
 from sqrp_cli.knowledge.text.entries import XacroEntry
 from sqrp_cli.knowledge.text.input_file import ContentDigest
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument
+from sqrp_cli.shapes import Mesh
 
 
 class RobotDescription(NamedTuple):
@@ -66,18 +67,18 @@ class EntryReader:
         file = self._resolve(entry.xacro, self.document.value_place(path))
         return RobotDescription(file, RobotSource((*self.roots, self.document.folder), entry.args))
 
-    def _add_mesh(self, role: str, path: Path, place: Place) -> None:
+    def _add_mesh(self, role: str, mesh: Mesh, place: Place) -> None:
         """Add a mesh file to the digest; place: where it is named.
 
-        Raises InputError if it is too large, damaged or cannot be read.
+        Raises as `read_mesh`.
         """
         try:
-            self.digest.add_file(role, path)  # first checks that this is a regular file
-            check_mesh(path)
+            self.digest.add_file(role, mesh.path)  # first checks that this is a regular file
+            read_mesh(mesh.path, mesh.scale)
         except InputError as error:
             problems = (
                 replace(problem, message=f"{problem.message}; {place} names this file") for problem in error.problems
             )
             raise InputError(*problems) from error
         except OSError as error:
-            raise bad_input("unreadable-file", f"{path}: {error.strerror}", place) from error
+            raise bad_input("unreadable-file", f"{mesh.path}: {error.strerror}", place) from error

@@ -21,7 +21,7 @@ from sqrp_cli.knowledge.camera.static_transforms import HandEye
 from sqrp_cli.knowledge.fixture.fixture_file import FixturesEntry, read_fixtures
 from sqrp_cli.knowledge.frames import TOOL, WORLD, link_called
 from sqrp_cli.knowledge.markers import Marker
-from sqrp_cli.knowledge.mesh.mesh_file import bounds_of, mesh_of
+from sqrp_cli.knowledge.mesh import bounds_of
 from sqrp_cli.knowledge.robot.read_urdf import read_urdf
 from sqrp_cli.knowledge.scene import NO_SIZE, Held, ObjectEntry, SceneObject
 from sqrp_cli.knowledge.text import packages
@@ -95,7 +95,7 @@ class CellReader(EntryReader):
             parts = [Part(f"{name}/{i}", name, shape, X) for i, (shape, X) in enumerate(one.shapes)]
             for part in parts:
                 if isinstance(part.shape, Mesh):
-                    self._add_mesh(f"fixtures.{index}.{part.name}", part.shape.path, one.place)
+                    self._add_mesh(f"fixtures.{index}.{part.name}", part.shape, one.place)
             stands = ObjectEntry(type="obstacle", pose=read_only(entry.pose.matrix()), fixed=True)
             found[name] = self._sized(name, stands, parts)
         return found
@@ -236,7 +236,7 @@ class CellReader(EntryReader):
             self.digest.add(dotted(path), urdf.path, urdf.content)
             for part in found:
                 if isinstance(part.shape, Mesh):
-                    self._add_mesh(f"{dotted(path)}.{part.name}", part.shape.path, self.document.value_place(path))
+                    self._add_mesh(f"{dotted(path)}.{part.name}", part.shape, self.document.value_place(path))
             self.warnings.extend(urdf.warnings)
             if not found:
                 self._report("no-links", path, f"`{urdf.path.name}` has no link with geometry")
@@ -257,9 +257,9 @@ class CellReader(EntryReader):
     def _mesh(self, path: KeyPath, name: str, scale: tuple[float, float, float]) -> Mesh:
         """The mesh of that name in the part at `path`."""
         place = self.document.value_place((*path, "mesh"))
-        mesh = self._resolve(name, place)
+        mesh = Mesh(self._resolve(name, place), scale)
         self._add_mesh(dotted(path), mesh, place)
-        return mesh_of(mesh, scale)
+        return mesh
 
     def _fact(self, path: KeyPath, text: str, domain: Domain) -> Atom | None:
         match = _FACT.fullmatch(text)

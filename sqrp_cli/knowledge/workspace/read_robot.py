@@ -105,7 +105,7 @@ class RobotReader(EntryReader):
         pieces = (piece for link in urdf.links.values() for piece in link.geometry(self.entry.geometry))
         for part, piece in zip(parts, pieces, strict=True):
             if isinstance(part.shape, Mesh):
-                self._add_mesh(f"{dotted(path)}.{part.name}", part.shape.path, piece.place)
+                self._add_mesh(f"{dotted(path)}.{part.name}", part.shape, piece.place)
         return urdf
 
     def _read_tool(self, entry: robot.ToolEntry) -> UrdfModel:

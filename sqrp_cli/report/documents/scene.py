@@ -14,6 +14,7 @@ from sqrp_cli.knowledge.camera.curve import Curve
 from sqrp_cli.knowledge.camera.detector import DetectorKind
 from sqrp_cli.knowledge.camera.marker_range import marker_ranges
 from sqrp_cli.knowledge.light import Light
+from sqrp_cli.knowledge.mesh import mesh_unit
 from sqrp_cli.knowledge.robot import robot
 from sqrp_cli.knowledge.robot.robot import Fingers, Marker
 from sqrp_cli.knowledge.text.entries import completed
@@ -363,7 +364,7 @@ def _is_plain_box(parts: Sequence[Part], size: tuple[float, float, float]) -> bo
 def _shape(shape: Shape) -> dict[str, Any]:
     match shape:
         case Mesh(path, scale):
-            return {"mesh": str(path), "scale": list(scale)}
+            return {"mesh": str(path), "scale": [mesh_unit(path) * along for along in scale]}
         case Box(size):
             return {"shape": "box", "size": list(size)}
         case Sphere(radius):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, pose
 from sqrp_cli.knowledge.markers import DICTIONARIES, Marker, opencv_name
+from sqrp_cli.knowledge.mesh import read_mesh
 from sqrp_cli.knowledge.paint import COLORS, Rgb
 from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.knowledge.robot.urdf import Inertial, UrdfJoint, UrdfLink, UrdfModel
@@ -18,7 +19,6 @@ from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.text.packages import resolve_mesh
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.runtime.cell.engine import mujoco
-from sqrp_cli.runtime.surface import load_triangles
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
 
 TIME_STEP = 0.002
@@ -230,7 +230,7 @@ class _ModelBuilder:
 
     def _mesh(self, mesh: Mesh, group: int) -> str:
         if (mesh, group) not in self._meshes:
-            triangles = load_triangles(mesh)
+            triangles = read_mesh(mesh.path, mesh.scale)
             name = f"mesh{len(self._meshes)}"
             asset = self._spec.add_mesh(name=name)
             asset.uservert = triangles.vertices.ravel()

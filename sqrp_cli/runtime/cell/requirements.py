@@ -12,7 +12,7 @@ from importlib.util import find_spec
 
 from sqrp_cli.errors import InputError, bad_input
 
-_PACKAGES = {"mujoco": "mujoco", "cv2": "opencv-contrib-python-headless", "trimesh": "trimesh", "collada": "pycollada"}
+_PACKAGES = {"mujoco": "mujoco", "cv2": "opencv-contrib-python-headless"}
 """Modules of the extra `sim`, with the names under which pip installs them."""
 
 _LIBRARIES = {"egl": ("EGL", "GL"), "osmesa": ("OSMesa",)}

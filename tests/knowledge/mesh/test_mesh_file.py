@@ -16,13 +16,12 @@ import pytest
 
 from sqrp_cli.errors import InputError
 from sqrp_cli.geometry import pose
-from sqrp_cli.knowledge.mesh.mesh_file import check_mesh
+from sqrp_cli.knowledge.mesh import read_mesh
 from sqrp_cli.knowledge.text.packages import package_roots
 from sqrp_cli.programming.solids import load_solid
-from sqrp_cli.runtime.surface import load_triangles
 from sqrp_cli.shapes import Mesh, Part
 from tests.cells import refusal
-from tests.knowledge.mesh.mesh_bombs import binary_stl, bombs, dae, mutated, obj, sound_meshes, text_stl
+from tests.knowledge.mesh.mesh_bombs import bombs, dae, mutated, obj, sound_meshes, text_stl
 
 BOMBS = bombs()
 SOUND = sound_meshes()
@@ -42,7 +41,7 @@ def test_a_mesh_that_contradicts_itself_is_refused_with_what_is_wrong(name: str,
     before = time.process_time()
     tracemalloc.start()
     with pytest.raises(InputError) as caught:
-        check_mesh(path)
+        read_mesh(path)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert re.search(bomb.says, str(caught.value)), str(caught.value)
@@ -52,15 +51,33 @@ def test_a_mesh_that_contradicts_itself_is_refused_with_what_is_wrong(name: str,
 
 
 @pytest.mark.parametrize("name", SOUND)
-def test_a_sound_mesh_has_the_same_triangles_in_both_loaders(name: str, tmp_path: Path) -> None:
-    path = write(tmp_path / name, SOUND[name])
-    check_mesh(path)
-    solid = load_solid(Part("cube", "cube", Mesh(path), pose()))
-    drawn = load_triangles(Mesh(path))
-    assert len(drawn.faces) == TRIANGLES.get(name, 12)
-    assert len(solid.triangles) <= len(drawn.faces)
-    for vertices in (solid.vertices, drawn.vertices):
-        assert np.ptp(vertices, axis=0) == pytest.approx([0.1, 0.1, 0.1])
+def test_every_way_of_writing_a_mesh_gives_its_triangles_to_collision_and_sight(name: str, tmp_path: Path) -> None:
+    solid = load_solid(Part("cube", "cube", Mesh(write(tmp_path / name, SOUND[name])), pose()))
+    assert len(solid.triangles) == solid.geometry.num_tris == TRIANGLES.get(name, 12)
+    assert np.ptp(solid.vertices, axis=0) == pytest.approx([0.1, 0.1, 0.1])
+    assert np.array(solid.geometry.vertices()) == pytest.approx(solid.vertices)
+
+
+def test_a_mesh_of_several_materials_is_all_of_it(tmp_path: Path) -> None:
+    lines = obj().splitlines()
+    materials = b"\n".join([*lines[:14], b"usemtl red", *lines[14:17], b"g handle\nusemtl blue", *lines[17:]])
+    parts = re.sub(rb"(<triangles count=)\S+ *(>.*?<p>)(.*)(</p>\s*</triangles>)", split_in_two, dae(), flags=re.DOTALL)
+    surfaces = []
+    for name, content in {"one.obj": obj(), "two.obj": materials, "two.dae": parts}.items():
+        solid = load_solid(Part("cube", "cube", Mesh(write(tmp_path / name, content)), pose()))
+        tree = solid.geometry
+        faces = [[tree.tri_indices(index)[corner] for corner in range(3)] for index in range(tree.num_tris)]
+        for corners in (solid.vertices[solid.triangles], np.array(tree.vertices())[faces]):
+            surfaces.append(sorted(map(sorted, corners.round(6).tolist())))  # noqa: PERF401
+    assert len(surfaces[0]) == 12
+    assert all(surface == surfaces[0] for surface in surfaces)
+
+
+def split_in_two(triangles: re.Match[bytes]) -> bytes:
+    """The triangles of a COLLADA file in two parts of a mesh."""
+    begin, inputs, numbers, end = triangles.groups()
+    words = numbers.split()
+    return b"".join(begin + b'"6"' + inputs + b" ".join(half) + end for half in (words[:36], words[36:]))
 
 
 @pytest.mark.parametrize("suffix", [".dae", ".obj", ".stl"])
@@ -71,12 +88,11 @@ def test_meshes_of_real_robots_are_accepted(suffix: str) -> None:
     small = [path for path in found if path.stat().st_size < 2_000_000]
     assert len(small) > 50
     for path in small[::9]:
-        check_mesh(path)
+        read_mesh(path)
 
 
-def test_what_passes_neither_crashes_the_loaders_nor_takes_them_long(tmp_path: Path) -> None:
+def test_a_damaged_mesh_neither_crashes_the_reader_nor_takes_it_long(tmp_path: Path) -> None:
     contents = [(Path(name).suffix, content) for name, content in SOUND.items()]
-    load_triangles(Mesh(write(tmp_path / "warm.stl", binary_stl())))  # imports happen here, not in each child
     ends = {}
     for number in range(60):
         suffix, content = contents[number % len(contents)]
@@ -94,9 +110,7 @@ def end_of_child(path: Path) -> str:
         resource.setrlimit(resource.RLIMIT_CPU, (10, 10))
         code = 3
         try:
-            check_mesh(path)
             load_solid(Part("cube", "cube", Mesh(path), pose()))
-            load_triangles(Mesh(path))
             code = 1
         except InputError:
             code = 2
@@ -114,7 +128,7 @@ def test_a_refusal_names_the_mesh_and_the_entry_of_the_workspace_that_names_it(c
     path.write_text(path.read_text(encoding="utf-8").replace("cube.stl", "other.stl"), encoding="utf-8")
     problem = refusal(cell)
     assert problem.place is not None
-    assert (problem.place.file, problem.place.line) == (cell / "other.stl", 4)
+    assert (problem.place.file, problem.place.line) == (cell / "other.stl", 2)
     number = re.search(rf"{re.escape(str(cell / 'workspace.yaml'))}:(\d+):\d+ names this file", problem.message)
     assert number is not None, problem.message
     lines = (cell / "workspace.yaml").read_text(encoding="utf-8").splitlines()
@@ -139,7 +153,6 @@ def test_a_mesh_is_loaded_from_a_path_that_is_not_utf8(tmp_path: Path) -> None:
         folder.mkdir(exist_ok=True)
         path = write(folder / name, content)
         assert len(load_solid(Part("cube", "cube", Mesh(path), pose())).triangles) > 0
-        assert len(load_triangles(Mesh(path)).faces) > 0
 
 
 def test_a_mesh_of_another_format_is_refused_by_its_name(cell: Path) -> None:
@@ -153,14 +166,14 @@ def test_a_mesh_of_another_format_is_refused_by_its_name(cell: Path) -> None:
 
 def test_triangles_without_area_are_said_to_have_none(tmp_path: Path) -> None:
     flat = write(tmp_path / "flat.stl", re.sub(rb"vertex .*", b"vertex 0 0 0", text_stl()))
-    with pytest.raises(InputError, match=r"no triangle of it has an area; it is the mesh of `cube/0`"):
+    with pytest.raises(InputError, match=r"no triangle of this mesh has an area; it is the mesh of `cube/0`"):
         load_solid(Part("cube/0", "cube", Mesh(flat), pose()))
 
 
 def test_no_texture_or_material_of_a_drawn_mesh_is_opened(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "waits.png")
     image = '<library_images><image id="i"><init_from>waits.png</init_from></image></library_images>'
-    load_triangles(Mesh(write(tmp_path / "mesh.dae", dae(library=image))))
+    read_mesh(write(tmp_path / "mesh.dae", dae(library=image)))
     write(tmp_path / "m.mtl", b"newmtl a\nmap_Kd waits.png\n")
-    load_triangles(Mesh(write(tmp_path / "mesh.obj", obj("mtllib m.mtl\nusemtl a\n"))))
+    read_mesh(write(tmp_path / "mesh.obj", obj("mtllib m.mtl\nusemtl a\n")))
     shutil.rmtree(tmp_path)

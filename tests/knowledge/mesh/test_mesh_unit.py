@@ -13,7 +13,7 @@ import pytest
 from sqrp_cli.checks.cell_warnings import doubtful_meshes
 from sqrp_cli.errors import InputError, Place
 from sqrp_cli.geometry import Array, pose, read_only
-from sqrp_cli.knowledge.mesh.mesh_file import mesh_of, mesh_unit
+from sqrp_cli.knowledge.mesh import read_mesh
 from sqrp_cli.knowledge.robot.read_urdf import read_urdf
 from sqrp_cli.knowledge.text.input_file import SourceFile
 from sqrp_cli.knowledge.workspace.load import load_workspace
@@ -25,8 +25,8 @@ from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.candidate_page import STEP, SceneModel
 from sqrp_cli.runtime.cell.engine import mujoco
 from sqrp_cli.runtime.cell.mujoco_model import build_model
-from sqrp_cli.runtime.surface import Surface, load_triangles
-from sqrp_cli.shapes import Part
+from sqrp_cli.runtime.surface import Surface
+from sqrp_cli.shapes import Mesh, Part
 
 CASES = Path(__file__).parents[2] / "cases"
 
@@ -73,13 +73,13 @@ def spans(vertices: Array) -> Array:
 @pytest.mark.parametrize("up", UP_AXES)
 @pytest.mark.parametrize("asset", UNITS)
 def test_all_readers_of_a_mesh_take_it_in_its_unit_and_along_its_axes(asset: str, up: str, tmp_path: Path) -> None:
-    mesh = mesh_of(dae(tmp_path / "tetrahedron.DAE", asset + up, UNITS[asset]), (1.0, 1.0, -2.0))
+    mesh = Mesh(dae(tmp_path / "tetrahedron.DAE", asset + up, UNITS[asset]), (1.0, 1.0, -2.0))
     part = Part("g1/0", "g1", mesh, read_only(pose()))
     solid = load_solid(part)
     found = {
         "sight, collision, pictures and pages": solid.vertices,
         "perception": Surface.of(part).vertices,
-        "simulation": load_triangles(mesh).vertices,
+        "simulation": read_mesh(mesh.path, mesh.scale).vertices,
     }
     for name, vertices in found.items():
         np.testing.assert_allclose(spans(vertices), [[0, 0, -0.24], [0.03, 0.06, 0]], atol=1e-6, err_msg=name)
@@ -89,7 +89,7 @@ def test_physics_and_pages_show_a_mesh_in_inches_as_large_as_it_is(tabletop: Wor
     asset = '<unit name="inch" meter="0.0254"/>'
     g1 = tabletop.objects["g1"]
     file = dae(tmp_path / "it.dae", asset, 0.0254)
-    mesh = mesh_of(file, (1.0, 1.0, 1.0))
+    mesh = Mesh(file)
     g1 = replace(g1, parts=(Part("g1/0", "g1", mesh, read_only(pose())),), size=(0.12, 0.12, 0.12))
     files = {**tabletop.files, "mesh": SourceFile(file, sha256(file.read_bytes()).hexdigest())}
     workspace = replace(tabletop, objects={**tabletop.objects, "g1": g1}, files=files)
@@ -136,21 +136,14 @@ def test_the_unit_counts_for_links_as_for_objects(tmp_path: Path) -> None:
 def test_a_unit_that_is_no_length_is_refused_with_its_line(unit: str, tmp_path: Path) -> None:
     path = dae(tmp_path / "it.dae", f'<unit meter="{unit}"/>')
     with pytest.raises(InputError) as raised:
-        mesh_of(path, (1.0, 1.0, 1.0))
+        read_mesh(path)
     (problem,) = raised.value.problems
     assert problem.place == Place(path, 2)
     assert f'`<unit meter="{unit}">`' in problem.message
 
 
-def test_other_meshes_and_files_that_are_no_xml_are_in_metres(tmp_path: Path) -> None:
-    for name in ("none.dae", "it.stl"):
-        assert mesh_unit(tmp_path / name) == 1.0
-    (tmp_path / "text.dae").write_text("solid")
-    assert mesh_unit(tmp_path / "text.dae") == 1.0
-
-
 def test_a_doubt_about_a_mesh_says_that_its_unit_counts_already(tabletop: Workspace, tmp_path: Path) -> None:
-    mesh = mesh_of(dae(tmp_path / "it.dae", '<unit meter="0.001"/>', 0.001), (0.001, 0.001, 0.001))
+    mesh = Mesh(dae(tmp_path / "it.dae", '<unit meter="0.001"/>', 0.001), (0.001, 0.001, 0.001))
     g1 = replace(tabletop.objects["g1"], parts=(Part("g1/0", "g1", mesh, read_only(pose())),))
     model = RobotModel.load(tabletop.robot)
     (problem,) = doubtful_meshes(replace(tabletop, objects={"g1": g1}), model)

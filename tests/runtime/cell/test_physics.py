@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.geometry import Array, inverse, pose, transform
+from sqrp_cli.knowledge.mesh import read_mesh
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
@@ -19,7 +20,6 @@ from sqrp_cli.programming.solids import load_solid
 from sqrp_cli.runtime.cell.engine import mujoco
 from sqrp_cli.runtime.cell.physics import Physics
 from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
-from sqrp_cli.runtime.surface import load_triangles
 from sqrp_cli.shapes import Mesh
 from tests.programming.robots import REAL_ARMS, ROBOTS, robot
 from tests.runtime.cell.scenes import TABLE, Quintic, Rest, camera, cell, thing, workspace, world
@@ -333,6 +333,6 @@ def test_meshes_are_as_large_as_the_planner_takes_them() -> None:
             scaled = replace(part.shape, scale=(0.5, 1.0, -2.0))
             for mesh in (part.shape, scaled):
                 solid = load_solid(replace(part, shape=mesh))
-                vertices = transform(part.X_PG, load_triangles(mesh).vertices)
+                vertices = transform(part.X_PG, read_mesh(mesh.path, mesh.scale).vertices)
                 assert vertices.min(axis=0) == pytest.approx(solid.vertices.min(axis=0), abs=1e-6)
                 assert vertices.max(axis=0) == pytest.approx(solid.vertices.max(axis=0), abs=1e-6)

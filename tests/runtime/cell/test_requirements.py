@@ -98,7 +98,7 @@ def test_an_opengl_that_does_not_start_is_reported_by_the_cell() -> None:
 
 WITHOUT_EXTRA = """
 import importlib.util
-MISSING, found = ("mujoco", "cv2", "trimesh", "collada"), importlib.util.find_spec
+MISSING, found = ("mujoco", "cv2"), importlib.util.find_spec
 importlib.util.find_spec = lambda name, package=None: None if name in MISSING else found(name, package)
 import sys
 class Missing:
@@ -109,7 +109,7 @@ sys.meta_path.insert(0, Missing)
 """
 
 
-INSTALL = "pip install mujoco opencv-contrib-python-headless trimesh pycollada"
+INSTALL = "pip install mujoco opencv-contrib-python-headless"
 
 
 @pytest.mark.parametrize(
@@ -143,7 +143,7 @@ def test_without_the_extra_only_what_needs_it_says_so(
 def test_the_cell_can_be_named_without_loading_a_simulator() -> None:
     script = (
         "import sys, sqrp_cli.runtime.cell.simulated_cell as cell\n"
-        "print([name for name in ('mujoco', 'cv2', 'trimesh') if name in sys.modules])"
+        "print([name for name in ('mujoco', 'cv2') if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
