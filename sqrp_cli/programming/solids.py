@@ -1,7 +1,4 @@
-"""Parts of the cell as coal geometry, for collision and for sight.
-
-The only module that turns shapes into coal's classes.
-"""
+"""Parts of the cell as triangles, and as solids of the kernel, for collision and for sight."""
 
 from __future__ import annotations
 
@@ -9,10 +6,8 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from typing import Any
 from weakref import WeakValueDictionary
 
-import coal
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,13 +33,11 @@ _made: WeakValueDictionary[object, kernel.Solid] = WeakValueDictionary()
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A part as coal geometry and as triangles; all but `geometry` is in the frame of the part's parent."""
+    """A part as triangles, in the frame of its parent."""
 
     part: Part
     name: str
     """Its name in output; the pieces of a link share one name."""
-    geometry: Any
-    """Coal's collision geometry, in the shape's frame; place it with X_WP @ part.X_PG."""
     vertices: Array
     """Corners of its triangles [m], shape (V, 3)."""
     triangles: NDArray[np.int64]
@@ -114,7 +107,7 @@ def load_solid(part: Part, name: str | None = None) -> Solid:
     Raises as `read_mesh`, with the name of the part.
     """
     try:
-        geometry, surface = _load_shape(part.shape)
+        surface = _load_shape(part.shape)
     except InputError as error:
         raise InputError(
             *(
@@ -129,7 +122,6 @@ def load_solid(part: Part, name: str | None = None) -> Solid:
     return Solid(
         part=part,
         name=part.name if name is None else name,
-        geometry=geometry,
         vertices=read_only(vertices),
         triangles=surface.faces,
         center=read_only(center),
@@ -168,23 +160,8 @@ def _form(shape: Shape) -> tuple[kernel.Form, tuple[float, float, float]]:
 
 
 @cache
-def _load_shape(shape: Shape) -> tuple[Any, Triangles]:
-    """Geometry of coal, and the triangles of a shape, in its own frame."""
+def _load_shape(shape: Shape) -> Triangles:
+    """The triangles of a shape, in its own frame."""
     if isinstance(shape, Mesh):
-        mesh = read_mesh(shape.path, shape.scale)
-        tree: Any = coal.BVHModelOBBRSS()
-        tree.beginModel(len(mesh.faces), len(mesh.vertices))
-        tree.addVertices(mesh.vertices)
-        tree.addTriangles(mesh.faces)
-        tree.endModel()
-        return tree, mesh
-    triangles = shape.triangles(SIDES, enclosing=True)
-    match shape:
-        case Box(size):
-            return coal.Box(*size), triangles
-        case Sphere(radius):
-            return coal.Sphere(radius), triangles
-        case Cylinder(radius, length):
-            return coal.Cylinder(radius, length), triangles
-        case Capsule(radius, length):
-            return coal.Capsule(radius, length), triangles
+        return read_mesh(shape.path, shape.scale)
+    return shape.triangles(SIDES, enclosing=True)

@@ -11,6 +11,7 @@ import pytest
 from sqrp_cli.geometry import Array, matrix_to_quaternion, pose, quaternion_to_matrix
 from sqrp_cli.programming.solids import Solid, distance, load_solid
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
+from tests.coal_geometry import coal_geometry
 
 FORMS = [Box((0.1, 0.2, 0.3)), Sphere(0.1), Cylinder(0.05, 0.2), Capsule(0.05, 0.2)]
 
@@ -52,7 +53,7 @@ def of_coal(first: Solid, X_1: Array, second: Solid, X_2: Array) -> float:
     placed = (coal.Transform3s(X[:3, :3], X[:3, 3]) for X in (X_1 @ first.part.X_PG, X_2 @ second.part.X_PG))
     X_1G, X_2G = placed
     request, result = coal.DistanceRequest(), coal.DistanceResult()
-    return max(0.0, float(coal.distance(first.geometry, X_1G, second.geometry, X_2G, request, result)))
+    return max(0.0, float(coal.distance(coal_geometry(first), X_1G, coal_geometry(second), X_2G, request, result)))
 
 
 @pytest.mark.parametrize("one", FORMS)

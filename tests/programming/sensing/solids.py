@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import coal
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,7 +19,6 @@ def solid_of(vertices: Array, triangles: NDArray[np.int64]) -> Solid:
     return Solid(
         part=Part("shape", "world", Mesh(Path("shape.stl")), pose()),
         name="shape",
-        geometry=coal.Box(1.0, 1.0, 1.0),
         vertices=vertices,
         triangles=triangles,
         center=center,

@@ -19,6 +19,7 @@ from sqrp_cli.programming.motion.collision.motion_bound import MotionBound
 from sqrp_cli.programming.motion.collision.placed_scene import CLEARANCE, RESOLUTION, Contact, PlacedScene, pair
 from sqrp_cli.programming.solids import load_solid
 from sqrp_cli.trajectory import JointPath
+from tests.coal_geometry import coal_geometry
 from tests.programming.motion.cells import thing
 from tests.programming.robots import joint, robot
 
@@ -49,10 +50,10 @@ class BruteForce:
         self.request = coal.CollisionRequest()
         self.request.security_margin = margin
         depth = MotionBound(model).depth
-        parts = [(part, load_solid(part).geometry, None) for part in model.parts]
+        parts = [(part, coal_geometry(load_solid(part)), None) for part in model.parts]
         for t in THINGS:
             frame = state.X_TO if t.name == state.held else state.X_WO[t.name]
-            parts += [(part, load_solid(part).geometry, frame) for part in t.parts]
+            parts += [(part, coal_geometry(load_solid(part)), frame) for part in t.parts]
         self.parts, self.held = parts, state.held
         rigid = {part.parent: depth.get(part.parent, 0) for part, *_ in parts}
         if state.held is not None:

@@ -19,6 +19,7 @@ from sqrp_cli.programming.sensing.sight_scene import SKIN
 from sqrp_cli.programming.solids import Solid, load_solid
 from sqrp_cli.programming.targets import Target
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Shape, Sphere
+from tests.coal_geometry import coal_geometry
 from tests.programming.sensing.views import make_box, make_camera
 
 TABLETOP = Path(__file__).parents[4] / "workspaces" / "tabletop"
@@ -65,7 +66,7 @@ def _meets(solid: Solid, X_WP: Array, eye: Array, X_WB: Array, half: Array) -> b
     X = X_WP @ solid.part.X_PG
     at = coal.Transform3s(X[:3, :3], X[:3, 3])
     result = coal.CollisionResult()
-    return coal.collide(shape, coal.Transform3s(), solid.geometry, at, coal.CollisionRequest(), result) > 0
+    return coal.collide(shape, coal.Transform3s(), coal_geometry(solid), at, coal.CollisionRequest(), result) > 0
 
 
 def _vectors(points: Array) -> coal.StdVec_Vec3s:
