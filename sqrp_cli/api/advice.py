@@ -15,6 +15,7 @@ from sqrp_cli.api.results import Answer
 from sqrp_cli.api.session import Session, assess, check_choice, choose_candidate
 from sqrp_cli.errors import InputError, bad_input, bad_option
 from sqrp_cli.geometry import inverse, read_only
+from sqrp_cli.knowledge.camera.camera import assumed_latency
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.yaml_edit import patch
@@ -170,11 +171,14 @@ class TaskAdvice(Answer[AdviceDocument]):
 
     def show(self, *, written: bool = False) -> None:
         """Print what `sqrp advise` prints; written: whether a change was written to a file."""
+        from sqrp_cli.terminal.console import say
         from sqrp_cli.terminal.search_tables import print_advice
 
         fixed = self.session.assignment.wanted.fastest
         fastest = is_fastest(self.before)
         print_advice(self.document, self.wish, fastest=fastest, fixed=fixed, written=written)
+        if assumed := assumed_latency(self.session.workspace.cameras.values()):
+            say(f"Delays: {assumed}.")
 
     @cached_property
     def _file(self) -> SourceDocument:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from sqrp_cli.api.results import Answer
 from sqrp_cli.errors import bad_input, bad_option, expected_names
+from sqrp_cli.knowledge.camera.camera import assumed_latency
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.yaml_edit import patch
 from sqrp_cli.knowledge.workspace.edits import NewCamera, with_cameras
@@ -69,9 +70,13 @@ class CellPlacement(Answer[PlaceDocument]):
 
     def show(self) -> None:
         """Print what `sqrp place` prints."""
+        from sqrp_cli.terminal.console import say
         from sqrp_cli.terminal.search_tables import print_placement
 
         print_placement(self.document, self.found.question.demand.wish, written=self.written)
+        cameras = () if self.found.cell is None else self.found.cell.observer.cameras
+        if assumed := assumed_latency(cameras):
+            say(f"Delays: {assumed}.")
 
     @cached_property
     def patch(self) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from sqrp_cli.checks.placement import doubted_objects
 from sqrp_cli.errors import Problem
 from sqrp_cli.geometry import Array, box_corners, inverse, transform
-from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.camera.camera import Camera, assumed_latency
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.scene import SceneObject
@@ -103,6 +103,16 @@ def detectors_out_of_range(workspace: Workspace) -> Iterator[Problem]:
             place = workspace.places.get(f"detectors.{name}.distance")
             mend = "correct `distance`, or `near` and `far` of the cameras"
             yield Problem("detector-out-of-range", message, place, severity="warning", mend=mend)
+
+
+def assumed_latencies(workspace: Workspace) -> Iterator[Problem]:
+    """Cameras whose latency is not stated, in one warning."""
+    silent = [camera.name for camera in workspace.cameras.values() if camera.latency is None]
+    if silent:
+        place = workspace.places.get(f"cameras.{silent[0]}")
+        message = f"{assumed_latency(workspace.cameras.values())}; all delays are too short by what it really is"
+        mend = "state `latency`, such as `latency: 50 ms`; `latency: 0 s` if there is none"
+        yield Problem("assumed-latency", message, place, severity="warning", mend=mend)
 
 
 def thresholds_out_of_reach(workspace: Workspace) -> Iterator[Problem]:

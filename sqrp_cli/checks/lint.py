@@ -42,6 +42,7 @@ def lint(workspace: Workspace) -> tuple[Problem, ...]:
         findings += too_small_boxes(workspace, skill)
         findings += _unused_parameters(skill)
     findings += _held_against_the_facts(workspace)
+    findings += cameras.assumed_latencies(workspace)
     findings += cameras.thresholds_out_of_reach(workspace)
     findings += cameras.detectors_out_of_range(workspace)
     findings += cameras.doubtful_images(workspace)

@@ -124,10 +124,10 @@ def _delays(windows: Sequence[Window], onset: Onset, cost: Callable[[Array], Arr
 
 
 def _useful(windows: Sequence[Window], onset: Onset) -> list[Window]:
-    """What of windows can matter: up to when an image is known that surely shows what happens last."""
+    """What of windows can matter: up to a period after an image is known that surely shows what happens last."""
     first, last = onset.shown[0], onset.shown[-1]
     sure = [(max(one.start, last) + one.period, one) for one in windows]
-    horizon = min((t + one.lag for t, one in sure if t <= one.end), default=np.inf)
+    horizon = min((t + one.lag + one.period for t, one in sure if t <= one.end), default=np.inf)
     return within(windows, first, horizon)
 
 
@@ -181,7 +181,7 @@ def _latest(windows: Sequence[Window], onset: Onset) -> float:
     x = np.unique(np.concatenate(cuts))
     x = np.repeat(x, 2) if len(x) == 1 else x
     shown = np.interp(x, onset.x, onset.shown)
-    inside = np.minimum(1e-11, 0.25 * np.diff(shown))
+    inside = np.minimum(1e-10, 0.25 * np.diff(shown))
     begin, end = shown[:-1] + inside, shown[1:] - inside
     slowest = [np.maximum(_slowest(own, begin) - x[:-1], _slowest(own, end) - x[1:]) for own in rates]
     return float(np.min(slowest, axis=0).max())
@@ -206,7 +206,7 @@ def _slowest(windows: Sequence[Window], t: Array) -> Array:
         known[:, :-1] = np.minimum(known[:, :-1], np.where(inside, number * period + w.lag, np.inf))
     known = np.minimum.accumulate(known[:, ::-1], axis=1)[:, ::-1]
     piece = np.arange(len(low))
-    next_one = np.ceil((t[:, None] - low) / period).astype(np.int64)
+    next_one = np.ceil((t[:, None] - low) / period - 1e-11).astype(np.int64)
     phase = t[:, None] - (next_one - 1) * period  # before it in a piece, the image before the next one is too early
     later = known[piece, np.clip(next_one - number[0], 0, len(number))]
     sooner = known[piece, np.clip(next_one - 1 - number[0], 0, len(number))]

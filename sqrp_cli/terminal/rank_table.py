@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sqrp_cli.knowledge.camera.camera import assumed_latency
 from sqrp_cli.programming.candidate import Candidate
 from sqrp_cli.programming.coverage.assessment import Assessment, WayFigures
 from sqrp_cli.programming.coverage.robustness import DRAWS
@@ -136,6 +137,8 @@ def print_ranking(
     if feasible:
         shown = feasible if all_rows else _best_of_each(feasible)
         _print_feasible(feasible, shown)
+        if feasible[0].assessment.faults and (assumed := assumed_latency(assignment.cell.observer.cameras)):
+            say(f"Delays: {assumed}.")
         _print_calibration(assignment, feasible, by)
     for ranked in feasible:
         if ranked.assessment.remarks:

@@ -58,7 +58,7 @@ def _print_cameras(workspace: Workspace) -> None:
         (
             camera.name, camera.frame, _numbers(camera.X_FC[:3, 3]), f"{camera.width}x{camera.height}",
             f"{np.degrees(2 * np.arctan(camera.width / 2 / camera.matrix[0, 0])):.0f}", camera.distortion_model,
-            f"{camera.near:g}-{camera.far:g}", f"{camera.rate:g}", f"{1000 * camera.latency:.0f}",
+            f"{camera.near:g}-{camera.far:g}", f"{camera.rate:g}", f"{1000 * camera.lag:.0f}",
         )
         for camera in workspace.cameras.values()
     ]  # fmt: skip

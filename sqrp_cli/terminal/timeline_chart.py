@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from sqrp_cli.knowledge.camera.camera import assumed_latency
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study
 from sqrp_cli.programming.coverage.blind_spans import CauseTotal, cause_totals, first_failures
@@ -85,6 +86,8 @@ def print_study(cell: Cell, explained: Explained, sampling: Sampling, step: Step
     say(plain(_doings(study), "dim"))
     say(plain(unbroken([*LEGEND, *seldom], "  "), "dim"))
     _print_faults(assessment)
+    if assessment.faults and (assumed := assumed_latency(cell.observer.cameras)):
+        say(f"Delays: {assumed}.")
     say(f"\n{_camera_failures(cell, study, assessment)}")
     if totals:
         say()

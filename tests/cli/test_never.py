@@ -4,8 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from sqrp_cli.knowledge.camera.camera import ImageEntry
+from sqrp_cli.knowledge.workspace.edits import NewCamera, with_cameras
+from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
 from tests.cells import shipped_cell, write_cell
 from tests.conftest import Once
 
@@ -62,3 +67,44 @@ def test_a_run_that_misses_a_fault_says_so(sqrp, under_the_table, tmp_path):
     assert replayed.code == 3
     assert "missed a fault" in replayed.out
     assert "missed" in page.read_text()
+
+
+def test_an_assumed_latency_is_said_where_delays_are_and_written_nowhere(sqrp, tmp_path):
+    cell = shipped_cell("tabletop")
+    for name in ("cam1", "cam4"):
+        del cell["cameras"][name]["latency"]
+    workspace = write_cell(cell, tmp_path).parent
+    assumed = "no latency of cam1, cam4 is stated: 0 ms is assumed"
+    checked = sqrp("check", workspace, columns=200)
+    assert checked.err.count(assumed) == 1
+    for command in ("rank", "explain"):
+        shown = sqrp(command, workspace, "pickup g2", "--ways", "fastest", columns=200)
+        assert f"Delays: {assumed}." in shown.out
+    show = sqrp("show", workspace, "--json").document["cameras"]
+    assert (show["cam1"]["latency"], show["cam2"]["latency"]) == (0.0, 0.05)
+    for name, is_stated in (("cam1", False), ("cam2", True)):
+        camera = load_workspace(workspace).cameras[name]
+        image = ImageEntry(width=640, height=480, horizontal_fov=1.0)
+        new = NewCamera(camera, image, None, np.array([0.0, 0.0, 1.0]))
+        written = with_cameras(read_workspace_document(workspace / "workspace.yaml"), [], [new]).decode()
+        assert ("latency" in written) == is_stated
+
+
+@pytest.fixture
+def flange(tmp_path):
+    """The cell `tabletop` with one camera, on the flange: 30 Hz, 200 ms."""
+    cell = shipped_cell("tabletop")
+    pose = {"position": [0.16, 0.0, 0.0], "look_at": [0.0, 0.0, 0.16], "up": [1, 0, 0]}
+    image = {"width": 640, "height": 480, "horizontal_fov": "80 deg"}
+    cell["cameras"] = {"hand": {"frame": "tool0", "pose": pose, "image": image, "near": 0.03, "far": 2.0}}
+    cell["cameras"]["hand"] |= {"rate": 30, "latency": 0.2}
+    cell["detectors"]["color"]["distance"] = [0.05, 3.0]
+    cell["skills"], cell["tasks"] = cell["skills"][:1], []
+    return write_cell(cell, tmp_path).parent
+
+
+def test_a_camera_on_the_robot_shows_no_drop_before_its_latency_has_passed(sqrp, flange):
+    slip = sqrp("rank", flange, "pickup g2", "--ways", "fastest", "--json").document["candidates"][0]["faults"]["slip"]
+    assert slip["unseen"] == 0.0
+    assert 0.2 + 0.5 / 30 <= slip["delay_mean"] <= 0.25  # slips in the simulated cell take 0.23 s on average ...
+    assert slip["delay_worst"] >= 0.4  # ... and up to 0.4 s at the beginning of the lift

@@ -188,6 +188,13 @@ def test_a_short_window_of_a_fast_camera_promises_nothing_before_that_of_a_slow_
     assert found.worst == pytest.approx(2.0 + other + 0.12)
 
 
+@pytest.mark.parametrize("lag", [0.0, 0.05])
+@pytest.mark.parametrize("start", [0.1, 6.358472639])
+def test_what_is_always_seen_takes_a_period_and_the_latency_at_worst(start: float, lag: float) -> None:
+    found = of([Window(start, 9.0, 0.1, lag)], Onset(np.array([start, start + 1.7]), np.array([start, start + 1.71])))
+    assert (found.unseen, found.worst) == (0.0, pytest.approx(0.11 + lag))
+
+
 def test_two_short_windows_are_a_sure_image_if_every_phase_falls_into_one() -> None:
     windows = [Window(2.0, 2.06, 0.1, 0.05), Window(2.35, 2.41, 0.1, 0.05)]
     found = of(windows, Onset.at_once(1.0, 1.0))

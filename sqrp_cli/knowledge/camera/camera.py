@@ -5,7 +5,7 @@ Numbers are in SI units and angles in radians, whatever the unit in a file.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from math import radians, tan
@@ -96,7 +96,10 @@ class Sensing(Stored):
     near: Annotated[Size, Field(description="Nearest depth at which the camera sees.")] = 0.1
     far: Annotated[Size, Field(description="Farthest depth at which the camera sees.")] = 10.0
     rate: Annotated[Frequency, Field(description="Images per second.")]
-    latency: Annotated[Time, Field(description="From exposure to the image being available.")] = 0.0
+    latency: Annotated[
+        Time | None,
+        Field(description="From exposure to the image being available; 0 s is assumed where it is left out."),
+    ] = None
     exposure: Annotated[Time, Field(description="How long the shutter is open; what moves meanwhile is blurred.")] = 0.0
 
     gain: Annotated[
@@ -109,9 +112,21 @@ class Sensing(Stored):
         return 1.0 if self.gain is None else self.gain
 
     @property
+    def lag(self) -> float:
+        """From exposure to the image being available [s]: the latency, 0 where none is stated."""
+        return self.latency or 0.0
+
+    @property
     def response(self) -> float:
         """Longest time from an event until an image of it is available [s]: one frame period and the latency."""
-        return 1.0 / self.rate + self.latency
+        return 1.0 / self.rate + self.lag
+
+
+def assumed_latency(cameras: Iterable[Sensing]) -> str:
+    """That a latency is assumed of cameras, in words; empty where all state theirs."""
+    names = [getattr(camera, "name", "a camera") for camera in cameras if camera.latency is None]
+    shown = ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+    return f"no latency of {shown} is stated: 0 ms is assumed" if names else ""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

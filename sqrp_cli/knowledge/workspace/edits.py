@@ -131,6 +131,8 @@ def _entry(new: NewCamera) -> Data:
             sensing[name] = _number(f"0 {_SENSING_UNITS[dimension]}", getattr(camera, name), dimension)
     if not camera.exposure:
         del sensing["exposure"]
+    if camera.latency is not None:
+        sensing["latency"] = _number(f"0 {_SENSING_UNITS[TIME]}", camera.latency, TIME)
     if camera.gain is not None:
         sensing["gain"] = f"{camera.gain:.6g}"
     frame = {} if camera.frame == WORLD else {"frame": camera.frame}

@@ -68,7 +68,7 @@ def fault_windows(
     together show all literals, the slowest period and latency count, in windows that are as long.
     """
     seen, samples = timeline.observation, timeline.samples
-    clocks = np.array([(1.0 / camera.rate, camera.latency) for camera in cameras]).reshape(-1, 2)
+    clocks = np.array([(1.0 / camera.rate, camera.lag) for camera in cameras]).reshape(-1, 2)
     kinds = [(*clock, (clocks == clock).all(axis=1)) for clock in np.unique(clocks, axis=0).tolist()]
     several = len(kinds) > 1
     if several:
@@ -97,7 +97,7 @@ def all_fault_windows(
 
     What fingers lose is looked for once they are closed on nothing.
     """
-    several = len({(camera.rate, camera.latency) for camera in observer.cameras}) > 1
+    several = len({(camera.rate, camera.lag) for camera in observer.cameras}) > 1
     found: list[dict[str, tuple[Window, ...]]] = [{} for _ in scenes]
     looks = []
     for number, (scene, timeline) in enumerate(zip(scenes, timelines, strict=True)):

@@ -169,6 +169,7 @@ class CameraScene(Record):
             frame=frame,
             pose=X_FC.tolist(),
             far=_finite(seen_by.far),
+            latency=seen_by.lag,
             exposure=seen_by.exposure or None,
         )
 

@@ -224,7 +224,7 @@ def _images(cell: RosCell, camera: Camera) -> Iterator[CellCheck]:
     if rate < (1.0 - cell.file.tolerances.rate) * camera.rate:
         problem = f"`{camera.name}` takes {rate:.3g} images a second, the workspace says {camera.rate:.3g}"
     yield CellCheck(camera.name, "rate", f"{rate:.3g} Hz", f"{camera.rate:.3g} Hz", problem)
-    yield _age(cell, f"images of `{camera.name}`", [one.came - one.t for one in arrived], camera.latency)
+    yield _age(cell, f"images of `{camera.name}`", [one.came - one.t for one in arrived], camera.lag)
 
 
 def _info(cell: RosCell, camera: Camera, info: Message | None, about: ImageTopicEntry) -> Iterator[CellCheck]:

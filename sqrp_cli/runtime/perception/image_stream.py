@@ -44,7 +44,7 @@ class _Stream:
     @property
     def fails_at(self) -> float:
         """When it fails if no image comes [s]."""
-        return self.newest + self.camera.latency + OVERDUE_PERIODS / self.camera.rate
+        return self.newest + self.camera.lag + OVERDUE_PERIODS / self.camera.rate
 
 
 class Streams:
@@ -65,7 +65,7 @@ class Streams:
     @property
     def latency(self) -> float:
         """From an exposure to the image being available, for the slowest camera [s]."""
-        return max(camera.latency for camera in self.cameras.values())
+        return max(camera.lag for camera in self.cameras.values())
 
     @property
     def settled(self) -> float:
@@ -192,7 +192,7 @@ class ImageStreams(Streams):
             stream.last = frame
             with lost_if_crashed():
                 self._detectors.submit(frame, then)
-            arrival = t + stream.camera.latency + stream.delay
+            arrival = t + stream.camera.lag + stream.delay
             heapq.heappush(self._arrivals, (arrival, frame.t, frame.camera))
             sent.append(frame)
         self.images += len(sent)

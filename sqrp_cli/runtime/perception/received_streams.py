@@ -61,7 +61,7 @@ class _ReceivedStream:
     @property
     def patience(self) -> float:
         """How old its newest image may get [s]."""
-        usual = self.camera.latency + OVERDUE_PERIODS / self.camera.rate
+        usual = self.camera.lag + OVERDUE_PERIODS / self.camera.rate
         return usual if self.begun else usual + FIRST
 
     @property

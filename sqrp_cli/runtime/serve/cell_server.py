@@ -234,7 +234,7 @@ class CellServer:
         for name, frame in self._cell.frames(wanted).items() if wanted else ():
             image = self._last.get(name, frame.image) if self._faults.has("frozen", name) else frame.image
             self._last[name] = image
-            late = cameras[name].latency + self._faults.delay("latency", name)
+            late = cameras[name].lag + self._faults.delay("latency", name)
             self._after(late, partial(self._images[name], self._image(name, image)))
             self._infos[name](camera_info(self._types, cameras[name], self.stamp))
         while self._later and self._later[0].t <= self.t + 1e-9:
