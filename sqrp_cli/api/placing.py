@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import inf
 from typing import TYPE_CHECKING
 
 from sqrp_cli.api.results import Answer
@@ -19,10 +20,10 @@ from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.programming.advice.wish import Wish, read_wish
 from sqrp_cli.programming.candidate import split_steps
-from sqrp_cli.programming.placing.place import Placer, Told
-from sqrp_cli.programming.placing.placement import Placement, PlaceQuestion
-from sqrp_cli.programming.placing.problem import OBJECTIVES, Demand, FewestPossible
-from sqrp_cli.programming.placing.solver import check_solver
+from sqrp_cli.programming.placing.place import CameraPlacer, Solution
+from sqrp_cli.programming.placing.problem import OBJECTIVES, FewestPossible, Requirements
+from sqrp_cli.programming.placing.program import Watch, check_solver
+from sqrp_cli.programming.placing.table import PlaceQuestion
 from sqrp_cli.programming.placing.tensor import LocalVerdicts, Verdicts
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.report.documents.placing import PlaceDocument, in_words, placed
@@ -41,7 +42,7 @@ if TYPE_CHECKING:
 class CellPlacement(Answer[PlaceDocument]):
     """Cameras on mounts."""
 
-    found: Placement
+    found: Solution
     written: bool = False
     """Whether its patch was written to a file."""
     content: bytes | None = None
@@ -60,7 +61,7 @@ class CellPlacement(Answer[PlaceDocument]):
     @property
     def brief(self) -> str:
         """Its main figures, in a line."""
-        quality = f"{self.found.question.demand.objective} Q {100 * self.found.objective:.1f} %"
+        quality = f"{self.found.question.requirements.objective} Q {100 * self.found.objective:.1f} %"
         return f"{self.found.question.cell.workspace.name}: {len(self.found.cameras)} cameras, {quality}"
 
     @cached_property
@@ -73,8 +74,8 @@ class CellPlacement(Answer[PlaceDocument]):
         from sqrp_cli.terminal.console import say
         from sqrp_cli.terminal.search_tables import print_placement
 
-        print_placement(self.document, self.found.question.demand.wish, written=self.written)
-        cameras = () if self.found.cell is None else self.found.cell.observer.cameras
+        print_placement(self.document, self.found.question.requirements.wish, written=self.written)
+        cameras = self.found.cell.observer.cameras
         if assumed := assumed_latency(cameras):
             say(f"Delays: {assumed}.")
 
@@ -109,7 +110,7 @@ def find_placement(
     *,
     means: Means,
     progress: Progress,
-    watch: Told | None = None,
+    watch: Watch | None = None,
     content: bytes | None = None,
 ) -> CellPlacement:
     """The best cameras for some tasks; at Ctrl-C the best so far, if verdicts are complete.
@@ -128,13 +129,15 @@ def find_placement(
         world=cell.initial_world,
         tasks=tuple(read_task(text, workspace) for text in _tasks(request, workspace)),
         mounts=mounts,
-        demand=_demand(request, floor, len(keep)),
+        requirements=_requirements(request, floor, len(keep)),
         sampling=means.sampling,
         keep=keep,
         fastest=request.ways == "fastest",
     )
     with closing(Results(means.out)) as results:
-        placer = Placer(replace(question, verdicts=_verdicts(cell, means, results)), progress, watch)
+        asked = replace(question, verdicts=_verdicts(cell, means, results))
+        seconds = inf if request.time is None else request.time
+        placer = CameraPlacer(asked, progress, watch, seconds=seconds, gap=0.01 * request.gap)
         return CellPlacement(found=placer.place(), content=content)
 
 
@@ -172,7 +175,7 @@ def _check_budget(request: PlaceRequest, mounts: Mounts, count: int) -> None:
         raise bad_option(f"{cameras} {least:g}, --budget is {request.budget:g}", mend=f"--budget {least:.15g}")
 
 
-def _demand(request: PlaceRequest, floor: FewestPossible | None, kept: int) -> Demand:
+def _requirements(request: PlaceRequest, floor: FewestPossible | None, kept: int) -> Requirements:
     objective = next((one for one in OBJECTIVES if one == request.objective), None)
     if objective is None:
         expected = expected_names(request.objective, OBJECTIVES)
@@ -183,12 +186,12 @@ def _demand(request: PlaceRequest, floor: FewestPossible | None, kept: int) -> D
     wish = None if request.want is None else read_wish(request.want)
     if wish is None and request.cameras is None:
         wish = Wish(q_eoi=1.0)
-    return Demand(
+    return Requirements(
         wish=wish,
         most=request.cameras,
         floor=floor,
         objective=objective,
-        survive=request.survive,
+        failure_tolerance=request.survive,
         budget=request.budget,
     )
 

@@ -355,6 +355,20 @@ class PlaceRequest(Sampled, Worked, Kept):
     mounts: AnyPath = option(
         "--mounts", "Mounts and lenses; by default place.yaml beside the workspace.", PATH, default=None, metavar="FILE"
     )
+    time: float | None = option(
+        "--time",
+        "Longest time for choosing, once all mounts are looked from; then the best so far.",
+        values.SECONDS,
+        default=None,
+        metavar="T",
+    )
+    gap: float = option(
+        "--gap",
+        "How far from the best the quality may be, in points.",
+        values.number(0.0, 100.0),
+        default=0.0,
+        metavar="POINTS",
+    )
 
 
 # Questions about programs.

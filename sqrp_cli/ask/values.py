@@ -330,6 +330,19 @@ def _rate(value: object, name: str) -> float:
 RATE = Kind(str, _rate)
 
 
+def _seconds(value: object, name: str) -> float:
+    """A time above 0, such as `60` or `90 s`, in seconds."""
+    from sqrp_cli.knowledge.text.units import TIME, expected_quantity, read_quantity
+
+    quantity = read_quantity(str(value))
+    if quantity is None or quantity.dimension not in (None, TIME) or not 0.0 < quantity.value < math.inf:
+        raise bad_option(f"{name} is `{value}`, expected {expected_quantity(TIME)}, more than 0")
+    return quantity.value
+
+
+SECONDS = Kind(str, _seconds)
+
+
 def _xacro(value: object, name: str) -> Mapping[str, str] | tuple[str, ...]:
     """Arguments of a xacro, as a mapping or in texts `NAME:=VALUE`."""
     return dict(value) if isinstance(value, Mapping) else texts("texts such as ur_type:=ur5e").read(value, name)

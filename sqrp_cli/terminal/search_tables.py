@@ -134,14 +134,19 @@ class Bounds:
 
     def __init__(self) -> None:
         """The first line comes after a while."""
-        self._told = monotonic()
+        self._began = self._told = monotonic()
 
     def __call__(self, title: str, best: float | None, bound: float) -> None:
         """Tell it, if the last line is old enough."""
         if wanted.get() and monotonic() - self._told >= PERIOD:
             self._told = monotonic()
-            known = "none" if best is None else f"{abs(best):.4g}"
-            note(f"{title}: best so far {known}, bound {abs(bound):.4g}")
+
+            def shown(value: float) -> str:
+                return f"{100 * value:.1f} %" if title.endswith(" Q") else f"{abs(value):.4g}"
+
+            known = "none" if best is None else shown(best)
+            after = self._told - self._began
+            note(f"choosing cameras: {title}: best so far {known}, bound {shown(bound)} after {after:.0f} s")
 
 
 def print_placement(found: placing.PlaceDocument, wish: Wish | None, *, written: bool = False) -> None:

@@ -1,286 +1,333 @@
-"""The cameras that answer a question: searched for in a survey of mounts and ways, and scored as they were chosen."""
+"""The cameras that answer a question: chosen by an integer program, checked exactly, and chosen again if need be."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import count
+from time import monotonic
 from typing import TypeVar
 
 import numpy as np
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, Mask
-from sqrp_cli.programming.advice.wish import Wish
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.workspace.mounts import LensChoice, Spot
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment, Study
-from sqrp_cli.programming.placing.choose import ChoiceSearch, Chosen
-from sqrp_cli.programming.placing.gain import qualities_alone
-from sqrp_cli.programming.placing.placement import (
-    ROUNDED,
-    JudgedCandidate,
-    PlacedCamera,
-    Placement,
-    PlaceQuestion,
-    SpareCost,
-    WithFewer,
-)
-from sqrp_cli.programming.placing.problem import Choice, Demand, Placing, obstacle, unusable, worth_of
-from sqrp_cli.programming.placing.refine import CameraSeat, refined
-from sqrp_cli.programming.placing.scenes import blocked, price_of
-from sqrp_cli.programming.placing.survey import Progress, Survey
+from sqrp_cli.programming.coverage.assessment import Assessment, Study, Watched
+from sqrp_cli.programming.coverage.timeline import Rehearsal
+from sqrp_cli.programming.placing.problem import Late, Problem, Requirements, Selection, obstacle
+from sqrp_cli.programming.placing.program import Limits, PlacementProgram, Watch
+from sqrp_cli.programming.placing.refine import refined
+from sqrp_cli.programming.placing.scenes import Installation, View, blocked, price_of
+from sqrp_cli.programming.placing.table import PlaceQuestion, Progress, UnseenTarget, VisibilityTable
+from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.find import WantedWay, find_way, with_branch
 
-ROUNDS = 8
-"""Most rounds in which samples are added at which the chosen cameras lose sight, between those that were judged."""
+ROUNDED = 5e-4
+"""Qualities that differ by less are the same: outputs and rankings round them to 0.1 points."""
 
-CLOSE = 1e-3
-"""Figures at the samples that differ from the exact ones by more are sharpened, as a fraction."""
-
-MOST_MISSING = 5
-"""Most choices that are given up because their exact delays are longer than wished."""
-
-Told = Callable[[str, float | None, float], None]
-"""Told what a search seeks, the best value so far if there is one, and the bound."""
+ROUNDS, ROUNDS_ASIDE = 200, 12
+"""Most times that cameras are chosen: for the question, and to say what others would do."""
 
 Found = TypeVar("Found")
 
 
-class Placer:
-    """Answers a question by searches in a survey, which grows where it is too coarse for what was found."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PlacedCamera:
+    """A camera that was chosen."""
 
-    def __init__(self, question: PlaceQuestion, progress: Progress, watch: Told | None = None) -> None:
-        """progress: shows how far it is. watch: told what is sought, the best value so far and the bound."""
-        self.question, self._progress, self._watch = question, progress, watch or (lambda _title, _best, _bound: None)
-        self.survey = Survey(question, progress)
+    camera: Camera
+    spot: Spot
+    lens: LensChoice
+    view: View
+    price: float
+    alone: float
+    """The quality that counts first with no other camera, not even one that stays, and none that fails, in 0..1."""
+    loss: float
+    """By how much that quality falls if this camera is lost, and no other one."""
+    moved: float = 0.0
+    """How far from the site it is, between sites [m]."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JudgedCandidate:
+    """A candidate with the way that was chosen for it, and its exact figures with the chosen cameras."""
+
+    task: str
+    candidate: Candidate
+    scene: Rehearsal
+    """Of the way."""
+    found: Assessment
+    ranked: Assessment | None = None
+    """The way that `rank` takes with these cameras, if that is another one with other figures."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WithFewer:
+    """What one camera less could do."""
+
+    cameras: int
+    """How many."""
+    objective: float
+    """The best quality that was found, least or mean, in 0..1."""
+    bound: float
+    """No choice of so many has more."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpareCost:
+    """What would do if no camera could fail."""
+
+    cameras: int
+    """How many."""
+    price: float
+    """Of all of them."""
+    objective: float
+    """The quality that counts first, in 0..1."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Solution:
+    """What came of a question."""
+
+    question: PlaceQuestion
+    infeasible: tuple[tuple[str, Assessment], ...]
+    """Candidates that cannot be done, with their tasks; they count for nothing."""
+    ways: int
+    """How many ways were looked at."""
+    samples: int
+    """In how many samples of them."""
+    options: int
+    """Poses and lenses that were compared."""
+    seen: Array
+    """The mean quality of all candidates with one camera at each site, the best one there, in 0..1; (sites,)."""
+    shut: Mask
+    """Whether a site cannot be used at all, (sites,)."""
+    cell: Cell
+    """With the chosen cameras."""
+    cameras: tuple[PlacedCamera, ...] = ()
+    candidates: tuple[JudgedCandidate, ...] = ()
+    objective: float = 0.0
+    """The quality that counts first, exactly, of the chosen cameras at their sites, in 0..1."""
+    bound: float = 0.0
+    """No choice of cameras and ways has a greater one."""
+    proven: bool = False
+    """Whether there is no better choice in any aim."""
+    interrupted: bool = False
+    met: bool = True
+    """Whether there are cameras, and the wish is met, if there is one."""
+    why: str = ""
+    """Why there is nothing to choose; empty if there is."""
+    too_slow: bool = False
+    """Whether a candidate takes longer than is wished for in all of its ways."""
+    quickest: float = 0.0
+    """The shortest time until any of the cameras shows a fault that it sees: a frame period and its latency [s]."""
+    fastest: bool = True
+    """Whether one way of each candidate was looked at: the fastest of all, or the only one that is allowed."""
+    fewest: int | None = None
+    """The fewest cameras that meet the wish, or fewer ones do not, as far as is proven; None without one."""
+    fewer: WithFewer | None = None
+    """With one camera less, if there are several."""
+    without_spare: SpareCost | None = None
+    """If cameras may fail: what would do otherwise."""
+    unseen: tuple[UnseenTarget, ...] = ()
+    """If nothing meets the wish: what no choice of sites covers."""
+
+    @property
+    def in_the_way(self) -> int:
+        """How many sites cannot be used, because a camera there would touch something in every way."""
+        return int(self.shut.sum())
+
+    @property
+    def gap(self) -> float:
+        """Between bound and objective; 0 where nothing better exists."""
+        gap = self.bound - self.objective
+        return gap if gap > ROUNDED else 0.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Checked:
+    """What came of a search: a selection with its exact figures."""
+
+    problem: Problem
+    """At the last samples."""
+    requirements: Requirements
+    selection: Selection | None
+    """None where none is possible, or none was found in time."""
+    value: float = 0.0
+    """The quality that counts first, exactly, if as many cameras fail as may; in 0..1."""
+    bound: float = 0.0
+    """No selection has a greater one."""
+    proven: bool = False
+    """Whether no other one is better, in every aim; or that there is none."""
+    fewest: int = 0
+    """With a wish: no fewer cameras than this meet it."""
+
+
+class CameraPlacer:
+    """Answers a question by choices from a table of what is seen, which grows where it hopes for too much."""
+
+    def __init__(
+        self,
+        question: PlaceQuestion,
+        progress: Progress,
+        watch: Watch | None = None,
+        *,
+        seconds: float = np.inf,
+        gap: float = 0.0,
+    ) -> None:
+        """progress: shows how far it is. watch: told what is sought, the best value so far and the bound.
+
+        seconds: after which the best so far is taken, counted from when all is looked at. gap: between bound and
+        objective with which a choice is good enough, in 0..1.
+        """
+        self.question, self._watch = question, watch or (lambda _title, _best, _bound: None)
+        self.table = VisibilityTable(question, progress)
+        self._seconds, self._gap, self._until = seconds, gap, np.inf
         self._stopped = False
         """Whether Ctrl-C came."""
-        self._blind = False
-        """Whether no choice of cameras gives any candidate a quality above 0."""
 
-    def place(self) -> Placement:
+    def place(self) -> Solution:
         """The best cameras for the tasks, with the fastest way of each candidate where no other can do better."""
-        self.survey.plan()
-        if not self.survey.ways:
-            return self._nothing()
-        self.survey.lay_out()
-        self.survey.judge(self.survey.ways)
-        demand = self.question.demand
-        if self._is_ruled_out(demand.wish):
-            return self._closest(demand)
-        problem, chosen = self._reaching(demand)
-        if self.survey.others and not chosen.interrupted and self._may_be_better(problem, chosen):
-            self.survey.add_ways()
-            self._sharpen_plain(demand)
-            self.survey.missing = frozenset()
-            problem, chosen = self._reaching(demand, chosen.choice)
-        if chosen.choice is None and not chosen.interrupted and demand.wish is not None:
-            return self._nearest(demand)
-        return self._placement(*self._at_least_some(problem, chosen, demand))
+        table, wanted = self.table, self.question.requirements
+        table.plan()
+        if not table.ways:
+            sites = len(self.question.mounts.spots)
+            why = "no candidate can be done" + (" in that time" if table.too_slow else "")
+            return replace(self._empty(np.zeros(sites), np.zeros(sites, dtype=bool)), met=False, why=why)
+        table.judge()
+        self._until = monotonic() + self._seconds
+        if self._is_ruled_out():
+            return self._closest()
+        found = self._search(wanted)
+        if any(table.others) and not self._stopped and self._may_be_better(found):
+            table.add_ways()
+            found = self._search(wanted, known=found.selection)
+        if found.selection is None and wanted.wish is not None and not self._stopped:
+            if found.proven and wanted.most is not None:
+                enough = self._search(replace(wanted, most=None))
+                if enough.selection is not None:
+                    return replace(self._solution(enough), met=False)
+            return self._closest(proven=found.proven)
+        return self._at_least_some(found)
 
-    def _reaching(self, demand: Demand, start: Choice | None = None) -> tuple[Placing, Chosen]:
-        """The best choice whose exact delays are as wished for, too; the first one if none of a few is."""
-        first = problem, chosen = self._wanted(demand, start)
-        for _ in range(MOST_MISSING):
-            if chosen.choice is None or chosen.interrupted or not self._misses(chosen.choice, demand):
-                break
-            self.survey.missing |= {chosen.choice.options}
-            problem, chosen = self._wanted(demand)
-        else:
-            return first
-        if chosen.choice is None and first[1].choice is not None:
-            return first
-        # Those left out miss it in the ways that were chosen with them, perhaps not in others.
-        return problem, replace(chosen, proven=chosen.proven and not self.survey.missing)
-
-    def _misses(self, choice: Choice, demand: Demand) -> bool:
-        """Whether a fault may be noticed later than wished with a choice, by the exact delays."""
-        if demand.wish is None or demand.wish.delay is None:
-            return False
-        return _is_late([study.assessment("") for study in self.survey.studies(choice)], demand.wish)
-
-    def _nearest(self, demand: Demand) -> Placement:
-        """The answer where the wish cannot be met: as many cameras more as it takes, or what comes nearest."""
-        if demand.most is not None:
-            problem, enough = self._wanted(replace(demand, most=None))
-            if enough.choice is not None:
-                return replace(self._placement(problem, enough), met=False)
-        return self._closest(demand)
-
-    def _is_ruled_out(self, wish: Wish | None) -> bool:
+    def _is_ruled_out(self) -> bool:
         """Whether a wished delay is shorter than the period and latency of every camera."""
-        responses = [self.survey.camera_at(option).response for option in range(len(self.survey.options))]
-        wished = None if wish is None or not any(way.scene.faults for way in self.survey.ways) else wish.delay
-        return wished is not None and wished < min(responses, default=0.0) - 1e-9
+        wish, table = self.question.requirements.wish, self.table
+        if wish is None or wish.delay is None or not any(way.scene.faults for way in table.ways):
+            return False
+        return wish.delay < min((lens.response for lens in table.lenses), default=0.0) - 1e-9
 
-    def _closest(self, demand: Demand) -> Placement:
-        """What comes nearest to a wish that no choice meets."""
-        demand = replace(demand, wish=None)
-        problem, nearest = self._at_least_some(*self._sharpened(demand), demand)
-        found = self._placement(problem, nearest)
-        return replace(found, met=False, late=False, unseen=tuple(self.survey.unseen(problem)))
+    def _closest(self, *, proven: bool = True) -> Solution:
+        """What comes nearest to a wish that no choice meets. proven: whether it is certain that none does."""
+        nearest = self._at_least_some(self._search(replace(self.question.requirements, wish=None)))
+        problem = self.table.problem(0)
+        unseen = self.table.unseen(self.question.requirements.failure_tolerance, problem.shut)
+        return replace(nearest, met=False, proven=nearest.proven and proven, unseen=tuple(unseen))
 
-    def _at_least_some(self, problem: Placing, chosen: Chosen, demand: Demand) -> tuple[Placing, Chosen]:
+    def _at_least_some(self, found: Checked) -> Solution:
         """The choice with the best mean, where no choice lifts the least quality above 0; none if that is 0, too."""
-        if chosen.choice is None or chosen.interrupted or worth_of(problem, chosen.choice).of(demand.objective) > 0.0:
-            return problem, chosen
-        if demand.objective == "least":
-            problem, chosen = self._sharpened(replace(demand, wish=None, objective="mean"))
-            chosen = replace(chosen, bound=0.0)
-        self._blind = chosen.choice is not None and worth_of(problem, chosen.choice).mean <= 0.0
-        return problem, replace(chosen, choice=None) if self._blind else chosen
+        if found.selection is None or found.value > 0.0 or self._stopped:
+            return self._solution(found)
+        if found.requirements.objective == "least":
+            mean = self._search(replace(found.requirements, wish=None, objective="mean"))
+            if mean.value > 0.0:
+                return self._solution(replace(mean, requirements=found.requirements, value=0.0, bound=found.bound))
+        return self._solution(replace(found, selection=None), blind=True)
 
-    def _wanted(self, demand: Demand, start: Choice | None = None) -> tuple[Placing, Chosen]:
-        """The best choice for a demand; the fewest cameras for a wish, at samples that show what one less can do."""
-        problem, chosen = self._sharpened(demand, start=start)
-        if demand.wish is None or chosen.choice is None or chosen.interrupted:
-            return problem, chosen
-        fewer, samples = len(chosen.choice.options) - 1, self.survey.sample_count
-        if fewer >= problem.at_least(demand):
-            self._sharpened(replace(demand, wish=None, most=fewer), first_only=True)
-        if samples == self.survey.sample_count:
-            return problem, chosen
-        return self._sharpened(demand, start=chosen.choice)
-
-    def _may_be_better(self, problem: Placing, chosen: Chosen) -> bool:
+    def _may_be_better(self, found: Checked) -> bool:
         """Whether other ways may be better than the fastest ones, in quality, delay, or the number of cameras."""
-        if chosen.choice is None:
+        if found.selection is None or found.value < 1.0 - ROUNDED:
             return True
-        worth = worth_of(problem, chosen.choice)
-        imperfect = worth.least < 1.0 - ROUNDED or worth.delay > problem.cover.quickest + CLOSE
-        return imperfect or len(chosen.choice.options) > problem.at_least(self.question.demand)
-
-    def _sharpen_plain(self, demand: Demand) -> None:
-        """Add samples where cameras that are best without a choice of ways lose sight: with it, none are worse."""
-        every = self.survey.candidates
-        self.survey.candidates = [(of_one[plain],) for of_one, plain in zip(every, self.survey.plain, strict=True)]
-        if any(of_one != (all_ways[0],) for of_one, all_ways in zip(self.survey.candidates, every, strict=True)):
-            self._sharpened(demand)
-        self.survey.candidates = every
-
-    def _sharpened(
-        self, demand: Demand, *, first_only: bool = False, start: Choice | None = None
-    ) -> tuple[Placing, Chosen]:
-        """The best choice at samples at which its own figures are exact; first_only: only the first aim counts."""
-        for number in range(ROUNDS):
-            problem = self.survey.posed(demand.survive)
-            chosen = self._search(problem, demand, first_only=first_only, start=start)
-            if chosen.choice is None or chosen.interrupted or number == ROUNDS - 1:
-                break
-            if self.survey.add_hiding(problem, chosen.choice):
-                start = None
-            elif not self._sharpen(problem, chosen.choice, demand.survive):
-                break
-        return problem, chosen
+        delay = found.problem.worth(found.requirements, found.selection)[1]
+        least = found.requirements.at_least(len(found.problem.kept))
+        return delay > found.problem.quickest + 1e-3 or len(found.selection.options) > least
 
     def _search(
-        self, problem: Placing, demand: Demand, *, first_only: bool = False, start: Choice | None = None
-    ) -> Chosen:
-        count = "as few cameras as possible" if demand.most is None else f"{demand.most} of the cameras"
-        with self._progress(f"Choosing {count}", 1):
-            search = ChoiceSearch(problem, demand, self._watch, start)
-            chosen = search.first() if first_only else search.best()
-        self._stopped |= chosen.interrupted
-        return chosen
+        self,
+        wanted: Requirements,
+        *,
+        rounds: int = ROUNDS,
+        first_only: bool = False,
+        known: Selection | None = None,
+    ) -> Checked:
+        """The best selection: chosen by what it may be worth, and checked exactly, until it is worth that.
 
-    def cameras(self, problem: Placing, choice: Choice) -> tuple[PlacedCamera, ...]:
-        """The chosen cameras, with names that no camera that stays has."""
-        names = (name for number in count(1) if (name := f"cam{number}") not in self.question.keep)
-        plain = self.survey.never_failing(problem)
-        return tuple(
-            self._camera(plain, choice, option, name) for option, name in zip(choice.options, names, strict=False)
-        )
-
-    def _camera(self, plain: Placing, choice: Choice, option: int, name: str) -> PlacedCamera:
-        """A chosen camera; plain: the problem if no camera may fail."""
-        seat, objective = self.survey.seat(option), self.question.demand.objective
-        alone = worth_of(replace(plain, kept=frozenset()), Choice((option,), choice.ways))
-        without = worth_of(plain, Choice(tuple(o for o in choice.options if o != option), choice.ways))
-        return PlacedCamera(
-            camera=seat.camera(name),
-            **vars(seat),
-            price=price_of(seat.spot, seat.lens),
-            alone=alone.of(objective),
-            loss=max(0.0, worth_of(plain, choice).of(objective) - without.of(objective)),
-        )
-
-    def _refined(
-        self, problem: Placing, choice: Choice, cameras: tuple[PlacedCamera, ...], studies: list[Study]
-    ) -> tuple[tuple[PlacedCamera, ...], list[Study]]:
-        """The cameras moved and turned between their places, with the exact studies, if they are better then."""
-        ways = [self.survey.ways[number] for number in choice.ways]
-        stay = [self.survey.sees[number][sorted(problem.kept)].sum(axis=0) for number in choice.ways]
-        seats = [CameraSeat(placed.spot, placed.view, placed.lens) for placed in cameras]
-        with self._progress("Refining", 1):
-            found = refined(seats, ways, stay, lambda some: self.survey.seen_from(some, ways), self.survey.free(ways))
-        if any(self.survey.hides(one, other, ways) for one in found for other in found if one is not other):
-            return cameras, studies
-        moved = tuple(
-            replace(
-                placed,
-                camera=seat.camera(placed.camera.name),
-                view=seat.view,
-                moved=float(np.linalg.norm(seat.spot.position - placed.spot.position)),
-            )
-            for placed, seat in zip(cameras, found, strict=True)
-        )
-        stay_there = [self.survey.camera_at(option) for option in self.survey.kept]
-        better = self.survey.studies_with([*stay_there, *(placed.camera for placed in moved)], choice)
-        return (moved, better) if _least(better) > _least(studies) + CLOSE else (cameras, studies)
-
-    def _sharpen(self, problem: Placing, choice: Choice, spare: int) -> bool:
-        """Add samples where the chosen cameras lose or gain sight between those of a way; whether any were added.
-
-        Then the figures at the samples are the exact ones; where any one camera may fail, those without each of them.
+        So nothing better exists: what others may be worth is no more. Where the exact figures are less, samples are
+        added at which the chosen cameras lose sight, and it is chosen again. first_only: only the first aim counts.
         """
-        together = (*choice.options, *self.survey.kept)
-        plain = replace(self.survey.never_failing(problem), kept=frozenset())
-        added = False
-        for some in [together] if not spare else [tuple(o for o in together if o != lost) for lost in together]:
-            worth = worth_of(plain, Choice(some, choice.ways))
-            studies = self.survey.studies_with([self.survey.camera_at(option) for option in some], choice)
-            for number, study, pair in zip(choice.ways, studies, worth.qualities, strict=True):
-                found = study.assessment("")
-                known = zip(pair, (found.q_eoi, found.q_avg), strict=True)
-                if any(a is not None and b is not None and abs(a - b) > CLOSE for a, b in known):
-                    added |= self.survey.add_samples(number, study)
-        return added
+        wish, table, best, bound = wanted.wish, self.table, None, 1.0
+        limits = Limits(until=self._until, gap=self._gap)
+        for number in count(1):
+            problem = table.problem(wanted.failure_tolerance)
+            program = PlacementProgram(problem, wanted, self._watch, limits)
+            if (start := known if best is None else best.selection) is not None:
+                program.begin_with(start)
+            grown, settled = False, False
+            for step in (program.first, *([] if first_only else [program.further])):
+                result = step()
+                self._stopped |= result.interrupted
+                bound = result.bound if wish is not None else min(bound, result.bound)
+                if result.selection is None:
+                    return self._ended(wanted, problem, best, bound, proven=result.proven and best is None)
+                grown, settled = table.add_hiding(result.selection), False
+                if grown:
+                    break
+                value, found, late = self._exact(wanted, result.selection)
+                table.late |= late
+                figures = [one.without_delays for one in found]
+                good = not late and (wish is None or all(replace(wish, delay=None).met(one) for one in figures))
+                if good and (best is None or value >= best.value):
+                    best = Checked(
+                        problem=problem,
+                        requirements=wanted,
+                        selection=result.selection,
+                        value=value,
+                        fewest=result.fewest,
+                    )
+                settled = good and problem.worth(wanted, result.selection)[0] - value <= ROUNDED
+                if not settled:
+                    grown = bool(late)
+                    for way, one in zip(result.selection.ways, found, strict=True):
+                        grown |= table.add_samples(way, one)
+                    break
+            over = self._stopped or limits.over or number == rounds or not grown
+            enough = best is not None and wish is None and bound - best.value <= self._gap
+            if settled or enough or over:
+                proven = settled and result.proven and bound - value <= ROUNDED
+                return self._ended(wanted, problem, best, bound, proven=proven)
+        raise AssertionError
 
-    def _aside(self, demand: Demand, *, first_only: bool = False) -> tuple[Placing, Chosen]:
-        """The best choice for another demand; the samples that the proof of the choice is about stay as they are."""
-        proven = list(self.survey.ways), list(self.survey.sees)
-        found = self._sharpened(demand, first_only=first_only)
-        self.survey.ways, self.survey.sees = proven
-        return found
+    def _ended(
+        self, wanted: Requirements, problem: Problem, best: Checked | None, bound: float, *, proven: bool
+    ) -> Checked:
+        """What came of a search. problem: the last one. best: what was found."""
+        if best is None:
+            return Checked(problem=problem, requirements=wanted, selection=None, bound=bound, proven=proven)
+        return replace(best, problem=problem, bound=max(bound, best.value), proven=proven)
 
-    def _fewer(self, problem: Placing, choice: Choice) -> WithFewer | None:
-        """What one camera less could do."""
-        cameras = len(choice.options) - 1
-        if cameras < max(1, problem.at_least(self.question.demand)):
-            return None
-        demand = replace(self.question.demand, wish=None, most=cameras)
-        sharper, found = self._aside(demand, first_only=True)
-        best = 0.0 if found.choice is None else worth_of(sharper, found.choice).of(demand.objective)
-        return WithFewer(cameras=cameras, objective=best, bound=max(best, found.bound))
+    def _exact(self, wanted: Requirements, selection: Selection) -> tuple[float, Sequence[Watched], set[Late]]:
+        """The quality that counts first of a selection, its ways as they are seen, and those that are too late."""
+        table, wish = self.table, wanted.wish
+        cameras = [table.camera_at(option) for option in (*selection.options, *table.kept)]
+        found = table.watched(cameras, selection.ways, wanted.failure_tolerance)
+        figures = [one.without_delays for one in found]
+        value = wanted.value([(one.q_eoi, one.q_avg) for one in figures], self._weights)
+        late: set[Late] = set()
+        if wish is not None and wish.delay is not None:
+            studies = table.with_delays(cameras, found)
+            only = replace(wish, q_eoi=None, q_avg=None, time=None)
+            pairs = zip(selection.ways, studies, strict=True)
+            late = {Late(selection.options, way) for way, one in pairs if not only.met(one.assessment(""))}
+        return value, found, late
 
-    def _without_spare(self) -> SpareCost | None:
-        """What would do if no camera could fail; None where that is not asked."""
-        demand = self.question.demand
-        if not demand.survive:
-            return None
-        problem, found = self._aside(replace(demand, survive=0))
-        if found.choice is None:
-            return None
-        worth = worth_of(problem, found.choice)
-        return SpareCost(cameras=len(found.choice.options), price=worth.price, objective=worth.of(demand.objective))
-
-    def _seen_alone(self, problem: Placing) -> Array:
-        """See `Placement.seen`."""
-        found = np.zeros(len(self.question.mounts.spots))
-        mean = qualities_alone(self.survey.never_failing(problem))
-        chosen_from = slice(len(problem.spot) - len(problem.kept))
-        np.maximum.at(found, problem.spot[chosen_from], mean[chosen_from])
-        return found
+    @property
+    def _weights(self) -> Array:
+        tasks = [self.table.ways[of_one[0]].task for of_one in self.table.candidates]
+        weights = self.question.mounts.weights
+        return np.array([weights.get(task, 1.0) / tasks.count(task) for task in tasks])
 
     def _unless_stopped(self, step: Callable[[], Found], otherwise: Found) -> Found:
         """What a further step finds; something else after Ctrl-C, and if it comes now: what was chosen is not lost."""
@@ -292,117 +339,175 @@ class Placer:
             self._stopped = True
             return otherwise
 
-    def _without_more(self) -> tuple[JudgedCandidate, ...]:
-        """All candidates in their fastest ways with the cameras that stay."""
-        choice = Choice((), tuple(of_one[0] for of_one in self.survey.candidates))
-        pairs = zip((self.survey.ways[number] for number in choice.ways), self.survey.studies(choice), strict=True)
-        return tuple(
-            JudgedCandidate(task=way.task, candidate=way.candidate, scene=found, found=found.assessment(""))
-            for way, found in pairs
+    def _solution(self, checked: Checked, *, blind: bool = False) -> Solution:
+        """The chosen cameras with all that is said of them."""
+        table, question, problem, selection = self.table, self.question, checked.problem, checked.selection
+        wanted = question.requirements
+        sites = len(question.mounts.spots)
+        seen = np.zeros(sites)
+        free = problem.free
+        np.maximum.at(seen, problem.site[free], problem.alone[free])
+        found = replace(
+            self._empty(seen, np.isin(np.arange(sites), sorted(problem.shut))),
+            proven=checked.proven,
+            objective=checked.value,
+            bound=checked.bound,
+            fewest=checked.fewest if checked.requirements.wish is not None else None,
+            met=not table.too_slow,
+            quickest=problem.quickest,
+            fastest=len(table.ways) == len(table.candidates),
         )
-
-    def _judged(self, cell: Cell, problem: Placing, choice: Choice, number: int, found: Study) -> JudgedCandidate:
-        """A candidate with its exact figures: in the way that `rank` and `score` take in the new cell, if as good."""
-        question, way, ranked = self.question, self.survey.ways[number], None
-        if not question.fastest:
-            taken = find_way(cell, way.candidate, question.world, question.sampling, WantedWay())
-            if not isinstance(taken, Infeasible):
-                ranked = taken.assessment
-                as_good = not question.demand.survive and self._is_as_good(problem, choice, taken.study, found)
-                found = taken.study if as_good else found
-        named = with_branch(question.cell, way.scene) if question.fastest else found.candidate
-        figures = replace(found.assessment(""), candidate=way.candidate, best_way=named)
-        differs = ranked is not None and any(
-            (a is None) != (b is None) or abs((a or 0.0) - (b or 0.0)) > ROUNDED
-            for a, b in ((ranked.q_eoi, figures.q_eoi), (ranked.q_avg, figures.q_avg), (ranked.time, figures.time))
-        )
-        return JudgedCandidate(
-            task=way.task, candidate=way.candidate, scene=found, found=figures, ranked=ranked if differs else None
-        )
-
-    def _is_as_good(self, problem: Placing, choice: Choice, other: Study, found: Study) -> bool:
-        """Whether another way has no worse figures, and the robot touches no chosen camera in it."""
-        new, old = other.assessment(""), found.assessment("")
-        pairs = [(new.q_eoi, old.q_eoi), (new.q_avg, old.q_avg)]
-        worse = any(a is not None and b is not None and a < b - CLOSE for a, b in pairs)
-        later = (new.latest or 0.0) > (old.latest or 0.0) + CLOSE
-        places = [self.survey.spots[problem.spot[option]] for option in choice.options]
-        way = replace(self.survey.ways[choice.ways[0]], scene=other)
-        return not (worse or later or (places and blocked(self.question.cell, way, places).any()))
-
-    def _nothing(self) -> Placement:
-        """The answer where no candidate can be done."""
-        count = len(self.question.mounts.spots)
-        why = "no candidate can be done" + (" in that time" if self.survey.too_slow else "")
-        return replace(self._empty(np.zeros(count), np.zeros(count, dtype=bool)), met=False, why=why)
-
-    def _empty(self, seen: Array, shut: Mask) -> Placement:
-        """The answer without cameras. seen, shut: see `Placement`."""
-        return Placement(
-            question=self.question,
-            infeasible=tuple(self.survey.infeasible),
-            ways=len(self.survey.ways),
-            samples=self.survey.sample_count,
-            options=len(self.survey.options) - len(self.survey.kept),
-            seen=seen,
-            shut=shut,
-            cell=self.survey.cell_with(()),
-            too_slow=self.survey.too_slow,
-        )
-
-    def _so_far(self, problem: Placing, chosen: Chosen) -> Placement:
-        """What is known without the chosen cameras."""
-        shut = np.isin(np.arange(len(self.question.mounts.spots)), sorted(unusable(problem)))
-        return replace(
-            self._empty(self._seen_alone(problem), shut),
-            interrupted=chosen.interrupted,
-            proven=chosen.proven,
-            bound=chosen.bound,
-            fewest=chosen.fewest,
-            met=not self.survey.too_slow,
-            quickest=problem.cover.quickest,
-            fastest=len(self.survey.ways) == len(self.survey.candidates),
-        )
-
-    def _placement(self, problem: Placing, chosen: Chosen) -> Placement:
-        found, choice = self._so_far(problem, chosen), chosen.choice
-        if choice is None:
-            why = "" if chosen.interrupted else obstacle(problem, self.question.demand, blind=self._blind)
-            return replace(found, met=False, why=why, candidates=self._without_more())
-        worth = worth_of(problem, choice)
-        cameras, studies = self.cameras(problem, choice), self.survey.studies(choice)
-        if worth.least < 1.0 - ROUNDED and not chosen.interrupted and not self.question.demand.survive:
-            cameras, studies = self._unless_stopped(
-                lambda: self._refined(problem, choice, cameras, studies), (cameras, studies)
+        stay = [table.camera_at(option) for option in table.kept]
+        if selection is None:
+            why = obstacle(problem, wanted, blind=blind) if checked.proven or blind else ""
+            firsts = [of_one[0] for of_one in table.candidates]
+            studies = table.with_delays(stay, table.watched(stay, firsts))
+            candidates = tuple(self._of_study(way, one) for way, one in zip(firsts, studies, strict=True))
+            return replace(
+                found, met=False, why=why, candidates=candidates, cell=table.cell_with(stay), interrupted=self._stopped
             )
-        cell = self.survey.cell_with([placed.camera for placed in cameras])
+        cameras = self._cameras(selection)
+        studies = self._studies(cameras, stay, selection)
+        if checked.value < 1.0 - ROUNDED and not wanted.failure_tolerance:
+            cameras, studies = self._unless_stopped(
+                lambda: self._refined(problem, selection, cameras, stay, studies), (cameras, studies)
+            )
+        cell = table.cell_with([*stay, *(placed.camera for placed in cameras)])
         candidates = tuple(
-            self._judged(cell, problem, choice, number, study)
-            for number, study in zip(choice.ways, studies, strict=True)
+            self._judged(cell, problem, selection, way, one) for way, one in zip(selection.ways, studies, strict=True)
         )
-        late = _is_late([one.found for one in candidates], self.question.demand.wish)
+        fewer = len(selection.options) - 1
+        with_fewer = without_spare = None
+        if fewer >= max(1, wanted.at_least(len(table.kept))):
+            aside = replace(checked.requirements, wish=None, most=fewer)
+            less = self._unless_stopped(lambda: self._search(aside, rounds=ROUNDS_ASIDE, first_only=True), None)
+            if less is not None and not self._stopped:
+                with_fewer = WithFewer(cameras=fewer, objective=less.value, bound=max(less.value, less.bound))
+        if wanted.failure_tolerance:
+            plain = replace(wanted, failure_tolerance=0)
+            spare = self._unless_stopped(lambda: self._search(plain, rounds=ROUNDS_ASIDE), None)
+            if spare is not None and spare.selection is not None:
+                options = spare.selection.options
+                price = float(spare.problem.price[list(options)].sum())
+                without_spare = SpareCost(cameras=len(options), price=price, objective=spare.value)
         return replace(
             found,
             cameras=cameras,
             cell=cell,
             candidates=candidates,
-            met=found.met and not late,
-            late=late,
-            worth=worth,
-            bound=max(chosen.bound, worth.of(self.question.demand.objective)),
-            fewer=self._unless_stopped(lambda: self._fewer(problem, choice), None),
-            without_spare=self._unless_stopped(self._without_spare, None),
+            fewer=with_fewer,
+            without_spare=without_spare,
             interrupted=self._stopped,
         )
 
+    def _empty(self, seen: Array, shut: Mask) -> Solution:
+        """The answer without cameras. seen, shut: see `Solution`."""
+        table = self.table
+        return Solution(
+            question=self.question,
+            infeasible=tuple(table.infeasible),
+            ways=len(table.ways),
+            samples=table.sample_count,
+            options=len(table.options) - len(table.kept),
+            seen=seen,
+            shut=shut,
+            cell=self.question.cell,
+            too_slow=table.too_slow,
+        )
 
-def _is_late(exact: Sequence[Assessment], wish: Wish | None) -> bool:
-    """Whether a fault is noticed later than wished, by the exact figures: the search has simpler ones, at samples."""
-    latest = max((one.latest or 0.0 for one in exact), default=0.0)
-    return wish is not None and wish.delay is not None and latest > wish.delay + 1e-9
+    def _studies(
+        self, cameras: Sequence[PlacedCamera], stay: Sequence[Camera], selection: Selection
+    ) -> Sequence[Study]:
+        together = [*(placed.camera for placed in cameras), *stay]
+        return self.table.with_delays(together, self.table.watched(together, selection.ways))
 
+    def _cameras(self, selection: Selection) -> tuple[PlacedCamera, ...]:
+        """The chosen cameras, with names that no camera that stays has."""
+        table, wanted = self.table, self.question.requirements
 
-def _least(studies: Sequence[Study]) -> float:
-    """The least of all Q_eoi and Q_avg of some studies."""
-    figures = [study.assessment("") for study in studies]
-    return min((q for one in figures for q in (one.q_eoi, one.q_avg) if q is not None), default=1.0)
+        def quality(options: Sequence[int]) -> float:
+            figures = [
+                one.without_delays for one in table.watched(map(table.camera_at, options), selection.ways)
+            ]
+            return wanted.value([(one.q_eoi, one.q_avg) for one in figures], self._weights)
+
+        names = (name for number in count(1) if (name := f"cam{number}") not in self.question.keep)
+        whole, placed = quality((*selection.options, *table.kept)), []
+        for option, name in zip(selection.options, names, strict=False):
+            there = table.installation(option)
+            rest = [one for one in (*selection.options, *table.kept) if one != option]
+            placed.append(
+                PlacedCamera(
+                    camera=there.camera(name),
+                    **vars(there),
+                    price=price_of(there.spot, there.lens),
+                    alone=quality([option]),
+                    loss=max(0.0, whole - quality(rest)),
+                )
+            )
+        return tuple(placed)
+
+    def _refined(
+        self,
+        problem: Problem,
+        selection: Selection,
+        cameras: tuple[PlacedCamera, ...],
+        stay: Sequence[Camera],
+        studies: Sequence[Study],
+    ) -> tuple[tuple[PlacedCamera, ...], Sequence[Study]]:
+        """The cameras moved and turned between their sites, with the exact studies, if they are better then."""
+        table = self.table
+        ways = [table.ways[number] for number in selection.ways]
+        others = [table.sees[number][sorted(problem.kept)].sum(axis=0) for number in selection.ways]
+        places = [Installation(placed.spot, placed.view, placed.lens) for placed in cameras]
+        found = refined(table, places, ways, others)
+        moved = tuple(
+            replace(
+                placed,
+                camera=there.camera(placed.camera.name),
+                view=there.view,
+                moved=float(np.linalg.norm(there.spot.position - placed.spot.position)),
+            )
+            for placed, there in zip(cameras, found, strict=True)
+        )
+        better = self._studies(moved, stay, selection)
+
+        def least(some: Sequence[Study]) -> float:
+            figures = [study.without_delays for study in some]
+            return min((q for one in figures for q in (one.q_eoi, one.q_avg) if q is not None), default=1.0)
+
+        return (moved, better) if least(better) > least(studies) + 2 * ROUNDED else (cameras, studies)
+
+    def _of_study(self, number: int, found: Study) -> JudgedCandidate:
+        way = self.table.ways[number]
+        return JudgedCandidate(task=way.task, candidate=way.candidate, scene=found, found=found.assessment(""))
+
+    def _judged(
+        self, cell: Cell, problem: Problem, selection: Selection, number: int, found: Study
+    ) -> JudgedCandidate:
+        """A candidate with its exact figures: in the way that `rank` and `score` take in the new cell, if as good."""
+        question, way, ranked = self.question, self.table.ways[number], None
+        if not question.fastest:
+            taken = find_way(cell, way.candidate, question.world, question.sampling, WantedWay())
+            if not isinstance(taken, Infeasible):
+                ranked = taken.assessment
+                spare = question.requirements.failure_tolerance
+                if not spare and self._is_as_good(problem, selection, taken.study, found):
+                    found = taken.study
+        named = with_branch(question.cell, way.scene) if question.fastest else found.candidate
+        figures = replace(found.assessment(""), candidate=way.candidate, best_way=named)
+        differs = ranked is not None and any(
+            (a is None) != (b is None) or abs((a or 0.0) - (b or 0.0)) > 1e-6
+            for a, b in ((ranked.q_eoi, figures.q_eoi), (ranked.q_avg, figures.q_avg), (ranked.time, figures.time))
+        )
+        return replace(self._of_study(number, found), found=figures, ranked=ranked if differs else None)
+
+    def _is_as_good(self, problem: Problem, selection: Selection, other: Study, found: Study) -> bool:
+        """Whether another way has no worse figures, and the robot touches no chosen camera in it."""
+        new, old = other.assessment(""), found.assessment("")
+        pairs = [(new.q_eoi, old.q_eoi), (new.q_avg, old.q_avg)]
+        worse = any(a is not None and b is not None and a < b - 2 * ROUNDED for a, b in pairs)
+        late = (new.latest or 0.0) > (old.latest or 0.0) + 1e-3
+        places = [self.table.spots[problem.site[option]] for option in selection.options]
+        way = replace(self.table.ways[selection.ways[0]], scene=other)
+        return not (worse or late or (places and blocked(self.question.cell, way, places).any()))

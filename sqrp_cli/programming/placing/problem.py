@@ -1,7 +1,13 @@
-"""The choice of cameras and ways as a problem: what may be chosen, its limits, what is wanted, why nothing is found."""
+"""The choice of cameras and ways as a problem that an integer program solves: what may be chosen, and what it leads to.
+
+Time between two neighbouring samples of a way is an *interval*. A camera counts in it if it sees at either end what has
+to be seen there, so that no quality, and no delay, is better than the problem says: unless a camera sees something
+between two samples only. What all options see alike is one *row*: which of them see it, and how many must.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
@@ -9,10 +15,14 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.programming.advice.wish import Wish
-from sqrp_cli.programming.placing.cover import Cover
+from sqrp_cli.programming.coverage.fault_sights import refuting
+from sqrp_cli.programming.placing.scenes import JudgedWay
 
 Objective = Literal["least", "mean"]
 OBJECTIVES: tuple[Objective, ...] = ("least", "mean")
+
+NEVER = -1
+"""The number of a row that no choice covers."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +36,7 @@ class FewestPossible:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Demand:
+class Requirements:
     """What is wanted of the cameras."""
 
     wish: Wish | None = None
@@ -37,147 +47,298 @@ class Demand:
     """Fewest cameras; `most` is not below it. None: any number will do."""
     objective: Objective = "least"
     """Whether the least quality counts first, or the mean."""
-    survive: int = 0
+    failure_tolerance: int = 0
     """So many cameras may fail: only what is seen then still counts as seen."""
     budget: float | None = None
     """Most that the cameras may cost; None: no limit."""
 
+    def at_least(self, kept: int) -> int:
+        """The fewest cameras on mounts with which anything is seen, and not fewer than are required.
+
+        kept: cameras that stay.
+        """
+        floor = 0 if self.floor is None else self.floor.cameras
+        return max(floor, 1 + self.failure_tolerance - kept, 0)
+
+    def value(self, qualities: Iterable[tuple[float | None, float | None]], weights: Array) -> float:
+        """The quality that counts first, by Q_eoi and Q_avg of each candidate; those that are undefined do not count.
+
+        weights: how much each candidate counts in the mean, shape (candidates,).
+        """
+        known = [[q for q in pair if q is not None] for pair in qualities]
+        if self.objective == "least":
+            return min((q for of_one in known for q in of_one), default=1.0)
+        each = np.array([float(np.mean(of_one)) if of_one else 1.0 for of_one in known])
+        total = float(weights.sum())
+        return float(weights @ each) / total if total > 0 else 1.0
+
+
+class Group(NamedTuple):
+    """Time of a way that counts as covered if all of its rows are."""
+
+    rows: tuple[int, ...]
+    seconds: float
+    """All of it that formulas monitor [s]."""
+    of_interest: float
+    """What of it lies in events of interest [s]."""
+
+
+class FaultIntervals(NamedTuple):
+    """The intervals of a way in which images may show a fault that happens in one interval of its formula."""
+
+    first: Array
+    """When a fault may happen that is the last to be seen: where intervals begin, shape (f,) [s]."""
+    begin: Array
+    """Of the intervals that may show it, in order, shape (i,) [s]."""
+    end: Array
+    """Shape (i,) [s]."""
+    rows: tuple[tuple[tuple[int, ...] | None, ...], ...]
+    """For each response, fastest first: of each interval the rows that cameras so fast must cover; None if they cannot.
+    Empty where nothing is known of what shows it."""
+
+    def least(self, response: Array) -> Array:
+        """The least delay of a fault at each of `first` if intervals show it so fast, shape (i,) [s]; shape (f, i).
+
+        response: infinite where an interval does not show it.
+        """
+        later = np.maximum(self.begin - self.first[:, None], 0.0)
+        return np.where(self.end >= self.first[:, None] - 1e-12, later + response, np.inf)
+
+
+class CoveredWay(NamedTuple):
+    """A way as the integer program sees it."""
+
+    T: float
+    """Duration of the union of all formulas' intervals [s]."""
+    T_eoi: float
+    """Duration of the union of the events of interest [s]."""
+    groups: tuple[Group, ...]
+    faults: tuple[FaultIntervals, ...]
+
 
 class Hiding(NamedTuple):
-    """A place where a camera stands in the sight of others."""
+    """A site where a camera stands in the sight of others."""
 
-    place: int
+    site: int
     """By index."""
     options: tuple[int, ...]
-    """At one other place: those from which it hides something that they see."""
+    """At one other site: those from which it hides something that they see."""
     way: int
     """In which motion."""
 
 
+class Late(NamedTuple):
+    """A set of options with which a fault is noticed later than wished in a way, by the exact figures."""
+
+    options: tuple[int, ...]
+    way: int
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Cameras, and a way for each candidate, by index."""
+
+    options: tuple[int, ...]
+    """Those on mounts; cameras that stay are not named."""
+    ways: tuple[int, ...]
+
+
+@dataclass(eq=False)
+class Rows:
+    """The different rows; equal ones have one number."""
+
+    numbers: dict[tuple[int, bytes], int] = field(default_factory=dict)
+    sees: list[Mask] = field(default_factory=list)
+    """Which options see each, shape (options,) each."""
+    needed: list[int] = field(default_factory=list)
+    """How many of them must."""
+
+    def number(self, sees: Mask, needed: int) -> int:
+        """The number of a row; `NEVER` if there are too few options."""
+        if int(sees.sum()) < needed:
+            return NEVER
+        key = needed, np.packbits(sees).tobytes()
+        if key not in self.numbers:
+            self.numbers[key] = len(self.sees)
+            self.sees.append(sees)
+            self.needed.append(needed)
+        return self.numbers[key]
+
+    def weaker(self, rows: Iterable[int]) -> tuple[int, ...]:
+        """Rows without those that are covered whenever another one of them is; only `NEVER` if that is among them."""
+        some = sorted(set(rows))
+        if NEVER in some:
+            return (NEVER,)
+        kept: list[int] = []
+        for row in sorted(some, key=lambda one: (int(self.sees[one].sum()), -self.needed[one], one)):
+            if not any(
+                self.needed[row] <= self.needed[one] and not (self.sees[one] & ~self.sees[row]).any() for one in kept
+            ):
+                kept.append(row)
+        return tuple(sorted(kept))
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Placing:
+class Problem:
     """What may be chosen, and what that leads to. Options and ways are named by index."""
 
-    cover: Cover
+    ways: tuple[CoveredWay, ...]
+    rows: Rows
+    tiers: tuple[float, ...]
+    """The different responses of options, a frame period and the latency each, fastest first [s]."""
     candidates: tuple[tuple[int, ...], ...]
     """The ways of each candidate, one of which is taken."""
     weights: Array
     """How much each candidate counts in the mean, shape (candidates,)."""
-    spot: Indices
-    """The place of each option, at which there is room for one, shape (options,)."""
+    site: Indices
+    """Where each option is; there is room for one, shape (options,)."""
     price: Array
     """Shape (options,)."""
+    alone: Array
+    """The mean quality that each option alone may have, in 0..1, shape (options,)."""
     kept: frozenset[int] = frozenset()
     """Options that are there already: always chosen, and not counted."""
     apart: frozenset[tuple[int, int]] = frozenset()
-    """Pairs of places that cannot both have a camera."""
+    """Pairs of sites that cannot both have a camera."""
     blocked: frozenset[tuple[int, int]] = frozenset()
-    """Places with the ways in which the robot would touch a camera there."""
-    late: Array
+    """Sites with the ways in which the robot would touch a camera there."""
+    least_delays: Array
     """How long the longest delay of a fault of each way is at least with each option, shape (ways, options) [s]."""
     hiding: frozenset[Hiding] = frozenset()
     """Choices in which one camera hides something from another one; none of them counts."""
-    missing: frozenset[tuple[int, ...]] = frozenset()
-    """Sets of options, each in order, that are not to be chosen."""
+    late: frozenset[Late] = frozenset()
+    """Choices that are known to miss the wished delay."""
 
     @property
-    def count(self) -> int:
-        """How many options there are."""
-        return len(self.spot)
+    def free(self) -> list[int]:
+        """The options on mounts."""
+        return [option for option in range(len(self.site)) if option not in self.kept]
 
-    def at_least(self, demand: Demand) -> int:
-        """The fewest cameras on mounts with which anything is seen, and not fewer than are demanded."""
-        floor = 0 if demand.floor is None else demand.floor.cameras
-        return max(floor, 1 + demand.survive - len(self.kept), 0)
+    @property
+    def quickest(self) -> float:
+        """The shortest response of any option [s]; 0 without options."""
+        return min(self.tiers, default=0.0)
 
-    def least_delay(self, choice: Choice) -> float:
-        """What the longest delay of a choice is at least, however well its cameras see [s]."""
-        together = [*choice.options, *sorted(self.kept)]
-        return float(self.late[np.ix_(choice.ways, together)].max(initial=0.0))
+    @property
+    def shut(self) -> frozenset[int]:
+        """The sites where a camera is in the way of a candidate in all of its ways."""
+        of_way = [{site for site, way in self.blocked if way == number} for number in range(len(self.ways))]
+        return frozenset(
+            site for of_one in self.candidates for site in set.intersection(*(of_way[number] for number in of_one))
+        )
 
+    def covered(self, options: Sequence[int]) -> Mask:
+        """Which rows some options and those that stay cover, shape (rows,)."""
+        together = [*options, *sorted(self.kept)]
+        seen = np.array(self.rows.sees, dtype=bool).reshape(-1, len(self.site))[:, together].sum(axis=1)
+        covered: Mask = seen >= np.array(self.rows.needed)
+        return covered
 
-@dataclass(frozen=True, eq=False)
-class Choice:
-    """Cameras, and a way for each candidate, by index."""
+    def qualities(self, way: int, covered: Mask) -> tuple[float | None, float | None]:
+        """Q_eoi and Q_avg of a way at most, if these rows are covered, shape (rows,)."""
+        one = self.ways[way]
+        seen = [group for group in one.groups if all(covered[row] for row in group.rows)]
+        q_eoi = min(1.0, sum(group.of_interest for group in seen) / one.T_eoi) if one.T_eoi > 0 else None
+        return q_eoi, min(1.0, sum(group.seconds for group in seen) / one.T) if one.T > 0 else None
 
-    options: tuple[int, ...]
-    """Those on mounts; kept ones are not named."""
-    ways: tuple[int, ...]
+    def delay(self, way: int, covered: Mask) -> float:
+        """The longest delay of a fault of a way at least, if these rows are covered [s]; 0 without faults."""
+        longest = 0.0
+        for fault in self.ways[way].faults:
+            response = np.full(len(fault.begin), np.inf)
+            for tier, of_tier in zip(reversed(self.tiers), reversed(fault.rows), strict=True):
+                response[[rows is not None and bool(covered[list(rows)].all()) for rows in of_tier]] = tier
+            longest = max(longest, float(fault.least(response).min(axis=1, initial=np.inf).max(initial=0.0)))
+        return longest
 
-    def covered(self, problem: Placing) -> Mask:
-        """The rows that are covered, shape (rows,)."""
-        return problem.cover.table.covered([*self.options, *sorted(problem.kept)])
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Worth:
-    """What a choice is worth at the samples."""
-
-    least: float
-    """The least of all qualities, Q_eoi and Q_avg of every candidate, in 0..1."""
-    mean: float
-    """Their mean, by weight."""
-    delay: float
-    """The longest time until a fault is noticed, as if a lost part had parted at once [s]."""
-    price: float
-    qualities: tuple[tuple[float | None, float | None], ...] = field(default=())
-    """Q_eoi and Q_avg of each candidate."""
-
-    def of(self, objective: Objective) -> float:
-        """The quality that counts first."""
-        return self.least if objective == "least" else self.mean
-
-
-def worth_of(problem: Placing, choice: Choice) -> Worth:
-    """What a choice is worth."""
-    covered = choice.covered(problem)
-    cover = problem.cover
-    taken = [cover.ways[number] for number in choice.ways]
-    qualities = tuple(cover.quality(way, covered) for way in taken)
-    known = [[q for q in pair if q is not None] for pair in qualities]
-    each = [float(np.mean(of_one)) if of_one else 1.0 for of_one in known]
-    total = float(problem.weights.sum())
-    return Worth(
-        least=min((q for of_one in known for q in of_one), default=1.0),
-        mean=float(problem.weights @ np.array(each)) / total if total > 0 else 1.0,
-        delay=max((cover.delay(way, covered) for way in taken), default=0.0),
-        price=float(problem.price[list(choice.options)].sum()),
-        qualities=qualities,
-    )
+    def worth(self, requirements: Requirements, selection: Selection) -> tuple[float, float]:
+        """The quality that counts first at most, and the longest delay at least [s], of a selection."""
+        covered = self.covered(selection.options)
+        value = requirements.value((self.qualities(way, covered) for way in selection.ways), self.weights)
+        return value, max((self.delay(way, covered) for way in selection.ways), default=0.0)
 
 
-def obstacle(problem: Placing, demand: Demand, *, blind: bool) -> str:
+def covered_way(way: JudgedWay, sees: Mask, responses: Array, tiers: Sequence[float], spare: int, rows: Rows) -> CoveredWay:
+    """A way by its intervals; new rows are added to `rows`.
+
+    sees: which options see which items, shape (options, items). responses: of the options, shape (options,), and each
+    once, fastest first [s]. spare: so many cameras may fail, and all that counts as seen is seen still.
+    """
+    scene, samples, targets = way.scene, way.samples, way.scene.targets
+    item = np.full((len(samples), len(targets)), NEVER)
+    item[way.items] = np.arange(len(way.items.sample))
+    piece, t = samples.piece.tolist(), samples.t.tolist()
+    alone = np.flatnonzero(np.bincount(samples.piece)[samples.piece] == 1).tolist()
+    steps = [(n, n + 1) for n in np.flatnonzero(np.diff(samples.piece) == 0).tolist()]
+    spans = sorted([*steps, *((n, n) for n in alone)])
+
+    def row(span: tuple[int, int], column: int, tier: float) -> int:
+        first, last = item[span[0], column], item[span[1], column]
+        return rows.number((sees[:, first] | sees[:, last]) & (responses <= tier), targets[column].cameras + spare)
+
+    groups: dict[tuple[int, ...], tuple[float, float]] = {}
+    for span in spans:
+        columns = np.flatnonzero(item[span[0]] != NEVER).tolist()
+        if columns and t[span[1]] > t[span[0]]:
+            key = rows.weaker(row(span, column, np.inf) for column in columns)
+            step, (seconds, of_interest) = t[span[1]] - t[span[0]], groups.get(key, (0.0, 0.0))
+            groups[key] = seconds + step, of_interest + step * scene.stage.pieces[piece[span[0]]].of_interest
+    asked = refuting(scene)
+    faults = []
+    for fault in asked.faults:
+        known = [
+            targets.index(asked.targets[columns[0]])
+            for columns in fault.columns
+            if len(columns) == 1 and asked.targets[columns[0]] in targets
+        ]
+        for stretch in fault.intervals:
+            told = [
+                span
+                for span in spans
+                if t[span[1]] >= stretch.start - 1e-12 and fault.told_in(scene.stage.pieces[piece[span[0]]])
+            ]
+            begin = np.array([t[first] for first, _ in spans])
+
+            def needed(span: tuple[int, int], tier: float, known: Sequence[int] = known) -> tuple[int, ...] | None:
+                found = rows.weaker(row(span, column, tier) for column in known if item[span[0], column] != NEVER)
+                return None if NEVER in found else found
+
+            faults.append(
+                FaultIntervals(
+                    first=np.unique(np.append(begin[(begin > stretch.start) & (begin < stretch.end)], stretch.start)),
+                    begin=np.array([t[first] for first, _ in told]),
+                    end=np.array([t[last] for _, last in told]),
+                    rows=tuple(tuple(needed(span, tier) for span in told) for tier in tiers),
+                )
+            )
+    kept = tuple(Group(key, *times) for key, times in groups.items() if NEVER not in key)
+    return CoveredWay(scene.T, scene.T_eoi, kept, tuple(faults))
+
+
+def obstacle(problem: Problem, requirements: Requirements, *, blind: bool) -> str:
     """Why not even the fewest cameras that are needed can be chosen, in one sentence.
 
     blind: whether some can, but see nothing that counts.
     """
     if blind:
-        fails = ", if one of them fails" if demand.survive else ""
+        fails = ", if one of them fails" if requirements.failure_tolerance else ""
         return f"all qualities of all candidates would stay 0.0 %{fails}"
-    free = np.array([option for option in range(problem.count) if option not in problem.kept], dtype=np.int64)
-    places = len(np.unique(problem.spot[free]))
+    free = np.array(problem.free, dtype=np.int64)
+    places = len(np.unique(problem.site[free]))
     if not len(free):
         return "at none of the mounts is there a direction for a camera to look in"
-    usable: Indices = free[~np.isin(problem.spot[free], sorted(unusable(problem)))]
+    usable: Indices = free[~np.isin(problem.site[free], sorted(problem.shut))]
     if not len(usable):
         mounts = "the only mount is" if places == 1 else f"all {places} mounts are"
         return f"{mounts} in the way: a camera there would touch something"
-    needed = max(problem.at_least(demand), 1)
-    spots = problem.spot[usable]
-    prices = np.sort([problem.price[usable][spots == place].min() for place in np.unique(spots)])  # of each place
+    needed = max(requirements.at_least(len(problem.kept)), 1)
+    sites = problem.site[usable]
+    prices = np.sort([problem.price[usable][sites == site].min() for site in np.unique(sites)])
     for count, total in enumerate(np.cumsum(prices[:needed]).tolist(), 1):
-        if demand.budget is not None and total > demand.budget + 1e-9:
+        if requirements.budget is not None and total > requirements.budget + 1e-9:
             cheapest = "the cheapest camera costs" if count == 1 else f"the cheapest {count} cameras cost"
-            return f"{cheapest} {total:g}, the budget is {demand.budget:g}"
-    reason = "" if demand.floor is None else f", and {demand.floor.reason}"
+            return f"{cheapest} {total:g}, the budget is {requirements.budget:g}"
+    reason = "" if requirements.floor is None else f", and {requirements.floor.reason}"
     if len(prices) < needed:
         return f"of {places} mounts only {len(prices)} can be used{reason}"
     return f"no {needed} of the mounts can be used together: cameras there touch or hide each other{reason}"
-
-
-def unusable(problem: Placing) -> frozenset[int]:
-    """The places where a camera is in the way of a candidate in all of its ways."""
-    every = [{place for place, way in problem.blocked if way == number} for number in range(len(problem.cover.ways))]
-    return frozenset(
-        place for of_one in problem.candidates for place in set.intersection(*(every[number] for number in of_one))
-    )

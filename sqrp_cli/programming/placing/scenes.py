@@ -149,6 +149,21 @@ class View:
     """What is up in the image then, shape (3,)."""
 
 
+@dataclass(frozen=True, eq=False)
+class Installation:
+    """A camera somewhere on its mount."""
+
+    spot: Spot
+    view: View
+    lens: LensChoice
+
+    def camera(self, name: str) -> Camera:
+        """The camera there."""
+        return completed(
+            Camera, self.lens, self.lens.intrinsics, name=name, frame=self.spot.frame, X_FC=self.view.X_FC
+        )
+
+
 @dataclass(frozen=True)
 class Option:
     """A camera that may be chosen, by index."""
@@ -183,11 +198,6 @@ def _at(index: int, spot: Spot, middle: Array, middles: Sequence[Array]) -> Iter
             yield View(index, read_only(looking_at(eye[None], point[None], up)[0]), point, up)
     for one in aims.fixed:
         yield View(index, read_only(pose(one.matrix()[:3, :3], eye)), None, up)
-
-
-def camera_of(name: str, spot: Spot, view: View, lens: LensChoice) -> Camera:
-    """The camera that an option stands for."""
-    return completed(Camera, lens, lens.intrinsics, name=name, frame=spot.frame, X_FC=view.X_FC)
 
 
 def price_of(spot: Spot, lens: LensChoice) -> float:

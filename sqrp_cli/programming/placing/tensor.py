@@ -14,7 +14,7 @@ from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.workspace.mounts import LensChoice, Spot
 from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.placing.scenes import JudgedWay, View, camera_of
+from sqrp_cli.programming.placing.scenes import Installation, JudgedWay, View
 from sqrp_cli.programming.sensing.moved_camera import MovedCamera
 from sqrp_cli.programming.sensing.observer import Observer
 
@@ -99,7 +99,7 @@ def _in_frame(
     X_FC = np.stack([view.X_FC for view in views])
     moved = [
         MovedCamera(
-            Projection.of(camera_of(lens.name, spots[0], views[0], lens)),
+            Projection.of(Installation(spots[0], views[0], lens).camera(lens.name)),
             boxes,
             observer.solids,
             way.states,

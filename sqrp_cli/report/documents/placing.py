@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf
-from typing import Literal
 
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.programming.advice.wish import Wish
-from sqrp_cli.programming.placing import placement
+from sqrp_cli.programming.placing import place
 from sqrp_cli.programming.placing.problem import FewestPossible, Objective
+from sqrp_cli.programming.placing.table import UnseenTarget
 from sqrp_cli.report.documents.advice import AdvisedFigures, WishedFigures
 from sqrp_cli.report.documents.document import LEFT_OUT, Pose, Record, WorkspaceDocument
 
@@ -43,7 +43,7 @@ class CameraPlaced(Record):
     """By how much that quality falls if this camera is lost, and no other one."""
 
     @classmethod
-    def of(cls, placed: placement.PlacedCamera) -> CameraPlaced:
+    def of(cls, placed: place.PlacedCamera) -> CameraPlaced:
         """A camera as a record."""
         at = placed.view.at
         return completed(
@@ -70,7 +70,7 @@ class PlacedCandidate(AdvisedFigures):
     """The figures of the way that `rank` and `score` take in the patched workspace, if those are others."""
 
     @classmethod
-    def of_candidate(cls, judged: placement.JudgedCandidate) -> PlacedCandidate:
+    def of_candidate(cls, judged: place.JudgedCandidate) -> PlacedCandidate:
         """The figures of a candidate."""
         ranked = None if judged.ranked is None else AdvisedFigures.of(judged.ranked)
         return completed(cls, judged.found, task=judged.task, candidate=judged.candidate.name, ranked=ranked)
@@ -104,8 +104,6 @@ class Compared(Record):
     """Samples of these ways."""
     fastest: bool
     """Whether they are one way of each candidate: the fastest of all, or that with `--ways fastest`."""
-    kind: Literal["samples"] = "samples"
-    """The proof is about what is seen in samples; the chosen cameras were checked in between, too."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,17 +127,16 @@ class PlaceDocument(WorkspaceDocument):
     by: Objective
     """Which quality counts first: the least of all Q_eoi and Q_avg of all candidates, or their mean."""
     objective: float
-    """That quality, at the samples, in 0..1."""
+    """That quality, exactly, of the cameras at their mounts, in 0..1."""
     bound: float
-    """No choice of cameras and ways has more."""
+    """No choice of cameras and ways has more, as long as each camera that sees something between two samples sees it at
+    one of them, too."""
     gap: float
-    """Between both; 0 where nothing better exists."""
+    """Between both; 0 where they differ by less than 0.05 points: nothing better exists."""
     proven: bool
-    """Whether nothing better exists, in quality, then delay, price and number."""
+    """Whether nothing better exists in any aim, or that nothing meets `want`."""
     proof: str
     """The same in words."""
-    late: bool
-    """Whether `want` is met at the samples, but not by the exact delays."""
     too_slow: bool
     """Whether a candidate takes longer than `want` in all of its ways."""
     quickest: float
@@ -152,14 +149,14 @@ class PlaceDocument(WorkspaceDocument):
     price: float
     """Of all cameras on mounts."""
     fewest: int | None
-    """The fewest cameras that meet `want`; null without one."""
-    fewer: placement.WithFewer | None
+    """Fewer cameras than this do not meet `want`; null without one."""
+    fewer: place.WithFewer | None
     """What one camera less could do; null if there cannot be fewer."""
     floor: FewestPossible | None
     """How many there have to be; null if any number will do."""
     reason: str
     """Why no cameras can be chosen at all; empty if some can."""
-    without_spare: placement.SpareCost | None
+    without_spare: place.SpareCost | None
     """With `survive`: what would do if no camera could fail."""
     candidates: Sequence[PlacedCandidate]
     """The exact figures of each, those of `sqrp score` for the patched workspace unless `ranked` says others."""
@@ -167,7 +164,7 @@ class PlaceDocument(WorkspaceDocument):
     """Of each candidate, `TASK: NAME`, the parameters of the way that was chosen for it."""
     infeasible: Sequence[InfeasibleCandidate]
     """Candidates that cannot be done."""
-    unseen: Sequence[placement.UnseenTarget]
+    unseen: Sequence[UnseenTarget]
     """If nothing meets `want`: what no choice of mounts covers, of each candidate and literal the first instant."""
     compared: Compared
     """What the proof is about."""
@@ -177,9 +174,9 @@ class PlaceDocument(WorkspaceDocument):
     """True if Ctrl-C came before the proof was complete."""
 
 
-def placed(found: placement.Placement, patch: str) -> PlaceDocument:
+def placed(found: place.Solution, patch: str) -> PlaceDocument:
     """A placement as a document."""
-    question, demand = found.question, found.question.demand
+    question, wanted = found.question, found.question.requirements
     delays = [one.found.latest for one in found.candidates if one.found.latest is not None]
     shares = [one.found.unseen for one in found.candidates if one.found.unseen is not None]
     return completed(
@@ -187,17 +184,17 @@ def placed(found: placement.Placement, patch: str) -> PlaceDocument:
         found,
         workspace=question.cell.workspace.name,
         tasks=[task.text for task in question.tasks],
-        mounts=found.places,
-        want=completed(WishedFigures, demand.wish or Wish()),
+        mounts=len(question.mounts.spots),
+        want=completed(WishedFigures, wanted.wish or Wish()),
         cameras=[CameraPlaced.of(camera) for camera in found.cameras],
         keep=list(question.keep),
-        survive=demand.survive,
-        by=demand.objective,
+        survive=wanted.failure_tolerance,
+        by=wanted.objective,
         proof=_proof_in_words(found),
         delay_worst=None if inf in delays else max(delays, default=None),
         unseen_faults=max(shares, default=None),
         price=sum(camera.price for camera in found.cameras),
-        floor=demand.floor,
+        floor=wanted.floor,
         reason=found.why,
         candidates=[PlacedCandidate.of_candidate(one) for one in found.candidates],
         ways={f"{one.task}: {one.candidate.name}": one.found.way.parameters for one in found.candidates},
@@ -205,51 +202,52 @@ def placed(found: placement.Placement, patch: str) -> PlaceDocument:
             InfeasibleCandidate(task=task, candidate=one.candidate.name, reason=one.reasons[0])
             for task, one in found.infeasible
         ],
-        compared=completed(Compared, found, mounts=found.places, in_the_way=found.in_the_way),
+        compared=completed(Compared, found, mounts=len(question.mounts.spots), in_the_way=found.in_the_way),
         patch=patch,
         interrupted=found.interrupted or None,
     )
 
 
-def _proof_in_words(found: placement.Placement) -> str:
+def _proof_in_words(found: place.Solution) -> str:
     """What is proven, and about what, in a few sentences."""
+    mounts = _mounts(len(found.question.mounts.spots))
     if found.why:
         return f"No camera can be chosen: {found.why}."
-    if found.worth is None:
-        return f"No choice of {_mounts(found.places)} was found."
-    sentences = [_best(found)]
-    number, demand = in_words(len(found.cameras)), found.question.demand
-    floor, wish = demand.floor, demand.wish
-    if floor is not None and len(found.cameras) == floor.cameras:
+    if not found.cameras and not found.proven:
+        return f"No choice of {mounts} was found, and that there is none is not proven."
+    wanted, number = found.question.requirements, in_words(len(found.cameras))
+    sentences = [_best(found, mounts)]
+    if wanted.floor is not None and len(found.cameras) == wanted.floor.cameras:
         stay = ", with those that stay" if found.question.keep else ""
-        sentences.append(f"Fewer than {number} cannot be{stay}: {floor.reason}.")
-    elif wish is not None and found.met and found.fewest is not None and found.fewest > 1:
-        sentences.append(f"Fewer than {number} do not reach {wish} in these ways.")
+        sentences.append(f"Fewer than {number} cannot be{stay}: {wanted.floor.reason}.")
+    elif wanted.wish is not None and found.met and found.fewest is not None and 1 < found.fewest == len(found.cameras):
+        sentences.append(f"Fewer than {number} do not reach {wanted.wish} in {_scope(found)}.")
     if found.fewer is not None:
         fewer = in_words(found.fewer.cameras)
-        sentences.append(f"With {fewer}, in these ways, it is at most {_percent(found.fewer.bound)}.")
+        sentences.append(f"With {fewer}, in {_scope(found)}, it is at most {_percent(found.fewer.bound)}.")
     return " ".join(sentences)
 
 
-def _best(found: placement.Placement) -> str:
+def _best(found: place.Solution, mounts: str) -> str:
     """How good the chosen cameras are, and that no others are better, or how much better they could be."""
-    number, mounts = in_words(len(found.cameras)), _mounts(found.places)
-    which = "least Q" if found.question.demand.objective == "least" else "mean Q"
-    quality, about = _percent(found.objective), f"{_scope(found)} at {_count(found.samples, 'sample')}"
-    if not (found.proven and found.gap == 0.0):
+    number, places = in_words(len(found.cameras)), len(found.question.mounts.spots)
+    which = f"{found.question.requirements.objective} Q"
+    quality, about = _percent(found.objective), _scope(found)
+    if found.gap > 0.0:
         return (
             f"The {which} is {quality}; no choice of {mounts} has more than {_percent(found.bound)} in {about}. "
             "Whether there is a better one is not proven."
         )
     if not found.cameras:
         return f"No camera on {mounts} adds to the {which} of {quality} in {about} (gap 0)."
-    if found.places == 1:
+    if places == 1:
         return f"A camera on the only mount gives a {which} of {quality} in {about} (gap 0)."
     best = f"None of {mounts} does" if number == "one" else f"No {number} of {mounts} do"
-    return f"{best} better than a {which} of {quality} in {about} (gap 0)."
+    rest = "" if found.proven else " Whether others that see as much are quicker or cheaper is not proven."
+    return f"{best} better than a {which} of {quality} in {about} (gap 0).{rest}"
 
 
-def _scope(found: placement.Placement) -> str:
+def _scope(found: place.Solution) -> str:
     if found.question.fastest:
         return "the way of each candidate with --ways fastest" if found.ways > 1 else "the way with --ways fastest"
     if found.fastest:
@@ -271,20 +269,14 @@ def unmet_in_words(found: PlaceDocument, wish: Wish | None) -> str:
             f"are {found.quickest:.4g} s at worst, and the time that tool and part take to part comes on top. The "
             "nearest is below."
         )
-    if found.late:
-        seen = (
-            "never be noticed" if found.delay_worst is None else f"be seen {found.delay_worst:.2f} s after it happens"
-        )
-        return (
-            f"These cameras do not reach {wish}: a fault may {seen}. At the "
-            "samples they do; the search knows nothing of what lies between them, so that others may do better."
-        )
-    if found.fewest is not None:
+    if found.fewest:
         return f"So many cameras do not reach {wish}; {in_words(found.fewest)} do:"
     if found.too_slow:
         return f"Not every candidate can be done within {wish.time:.4g} s, whatever the cameras."
+    if not found.proven:
+        return f"No choice that reaches {wish} was found; that none does is not proven. The nearest is below."
     if wish.delay is not None:
-        return f"No choice of these mounts reaches {wish} at these samples. The best whatever the delay is below."
+        return f"No choice of these mounts reaches {wish}. The best whatever the delay is below."
     return f"No choice of these mounts reaches {wish}. The nearest is below."
 
 
@@ -318,7 +310,7 @@ def ranked_in_words(found: PlaceDocument) -> str:
 
 
 def scope_in_words(found: PlaceDocument) -> str:
-    """What was looked at beyond the proof, or why there is none."""
+    """What the proof is about, or why there is none."""
     if found.interrupted and found.proven:
         return "Interrupted once that was proven: no camera was moved between places, nor was one less looked at."
     if found.interrupted:
@@ -326,11 +318,8 @@ def scope_in_words(found: PlaceDocument) -> str:
     if found.reason:
         return ""
     if found.proven:
-        return (
-            "The proof is about these mounts, samples and ways; "
-            "the chosen cameras were also checked between the samples."
-        )
-    return "Not proven to be the best."
+        return "The proof is about these mounts and ways; the figures are exact, between the samples, too."
+    return "Not proven to be the best: the search ended before its proof."
 
 
 def in_words(count: int) -> str:

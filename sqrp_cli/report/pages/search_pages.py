@@ -12,7 +12,7 @@ from sqrp_cli.programming.advice.question import is_fastest
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.pipeline import Assignment
-from sqrp_cli.programming.placing.placement import JudgedCandidate, Placement
+from sqrp_cli.programming.placing.place import JudgedCandidate, Solution
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.report.documents import placing
 from sqrp_cli.report.documents.advice import AdviceDocument, costs, held_ways, nearest_in_words
@@ -121,7 +121,7 @@ def studied(row: PageRow, found: Assessment, assignment: Assignment, wish: Wish 
 
 
 def write_placement(
-    found: Placement,
+    found: Solution,
     document: placing.PlaceDocument,
     path: Path,
     *,
@@ -134,7 +134,7 @@ def write_placement(
     assignment = Assignment(question.sampling, cell=found.cell, world=question.world)
 
     def shown(one: JudgedCandidate) -> PageRow:
-        return studied(_row(found, document, one), one.found, assignment, question.demand.wish)
+        return studied(_row(found, document, one), one.found, assignment, question.requirements.wish)
 
     entries = [*computed(shown, found.candidates, jobs, progress), *_infeasible(found)]
     about = origin(arguments, found.cell.workspace)
@@ -144,7 +144,7 @@ def write_placement(
         judged = [Ranked(one.found, 1, pareto=False) for one in found.candidates]
         about.append(("accuracy", accuracy(question.sampling, judged)))
     title = f"Where cameras go: {', '.join(document.tasks)} in {document.workspace}"
-    said = (placing.unmet_in_words(document, question.demand.wish), document.proof, placing.moved_in_words(document))
+    said = (placing.unmet_in_words(document, question.requirements.wish), document.proof, placing.moved_in_words(document))
     summary = " ".join(filter(None, said))
     scenes = [cell_scene(found.cell)]
     write_page(
@@ -152,7 +152,7 @@ def write_placement(
     )
 
 
-def _placement(found: Placement, document: placing.PlaceDocument) -> PlacementShown:
+def _placement(found: Solution, document: placing.PlaceDocument) -> PlacementShown:
     placed = {camera.spot.name: camera.camera.name for camera in found.cameras}
     return PlacementShown(
         by=document.by,
@@ -173,9 +173,9 @@ def _placement(found: Placement, document: placing.PlaceDocument) -> PlacementSh
     )
 
 
-def _row(found: Placement, document: placing.PlaceDocument, one: JudgedCandidate) -> PageRow:
+def _row(found: Solution, document: placing.PlaceDocument, one: JudgedCandidate) -> PageRow:
     """The row of a candidate: how it fares, and what no choice of mounts would cover."""
-    wish = found.question.demand.wish
+    wish = found.question.requirements.wish
     missed = () if wish is None else wish.missed(one.found)
     unseen = [
         str(target) for target in document.unseen if (target.task, target.candidate) == (one.task, one.candidate.name)
@@ -190,7 +190,7 @@ def _row(found: Placement, document: placing.PlaceDocument, one: JudgedCandidate
     )
 
 
-def _infeasible(found: Placement) -> Iterator[PageRow]:
+def _infeasible(found: Solution) -> Iterator[PageRow]:
     """The rows of candidates that cannot be done."""
     for task, one in found.infeasible:
         name, labels = _name(found, task, one.candidate.name), _labels(found, task, one.candidate.name)
@@ -198,7 +198,7 @@ def _infeasible(found: Placement) -> Iterator[PageRow]:
         figures = CandidateFigures.of(Ranked(one, None, pareto=False))
         yield PageRow(
             name,
-            "" if found.question.demand.wish is None else "infeasible",
+            "" if found.question.requirements.wish is None else "infeasible",
             labels,
             figures,
             reasons_by_doing(one),
@@ -207,10 +207,10 @@ def _infeasible(found: Placement) -> Iterator[PageRow]:
         )
 
 
-def _labels(found: Placement, task: str, name: str) -> dict[str, str]:
+def _labels(found: Solution, task: str, name: str) -> dict[str, str]:
     several = len(found.question.tasks) > 1
     return {"candidate": name, **({"task": task} if several else {})}
 
 
-def _name(found: Placement, task: str, name: str) -> str:
+def _name(found: Solution, task: str, name: str) -> str:
     return f"{task}: {name}" if len(found.question.tasks) > 1 else name

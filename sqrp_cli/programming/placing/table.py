@@ -1,0 +1,360 @@
+"""What every option of the mounts sees in every way of the candidates: the ground on which cameras are chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sqrp_cli.errors import Infeasible
+from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.knowledge.camera.camera import Camera, image_of
+from sqrp_cli.knowledge.text.entries import completed
+from sqrp_cli.knowledge.workspace.mounts import LensChoice, MountEntry, Mounts, Spot
+from sqrp_cli.knowledge.workspace.workspace import World
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import Assessment, Study, Watched, all_watched, with_delays
+from sqrp_cli.programming.coverage.fault_sights import least_fault_delays
+from sqrp_cli.programming.coverage.sampling import Sampling
+from sqrp_cli.programming.coverage.stage import Samples
+from sqrp_cli.programming.placing.problem import Hiding, Late, Problem, Requirements, Rows, Selection, covered_way
+from sqrp_cli.programming.placing.scenes import (
+    Installation,
+    JudgedWay,
+    Option,
+    View,
+    blocked,
+    hidden_by,
+    judged,
+    middle_of,
+    of_first_grip,
+    options_of,
+    pairs_apart,
+    price_of,
+    varied,
+    views_of,
+)
+from sqrp_cli.programming.placing.tensor import LocalVerdicts, Verdicts, joined_items, seen_by, view_batches
+from sqrp_cli.programming.task import Task
+from sqrp_cli.programming.ways.find import TimeLimit, planned_ways
+
+MOST_ADDED = 24
+"""Most samples that are added to a way at once where nothing is covered, besides those at changes."""
+
+_TOGETHER = 200
+"""Options whose delays are looked at together, to bound the memory."""
+
+Progress = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
+"""A title and the number of parts; yields what counts the finished ones."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PlaceQuestion:
+    """Which cameras are wanted, and for what."""
+
+    cell: Cell
+    world: World
+    tasks: tuple[Task, ...]
+    mounts: Mounts
+    requirements: Requirements
+    sampling: Sampling
+    keep: tuple[str, ...] = ()
+    """Cameras of the workspace that stay."""
+    fastest: bool = False
+    """Whether candidates keep the fastest branch with the first grip, as with `--ways fastest`."""
+    verdicts: Verdicts | None = None
+    """Where verdicts come from; None: this process."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnseenTarget:
+    """What too few sites see, so that no choice of them covers it."""
+
+    task: str
+    """As it was asked for."""
+    candidate: str
+    """Its name."""
+    literal: str
+    """What has to be seen, such as `hold(g1)`."""
+    time: float
+    """The first such instant in the candidate's motion [s]."""
+    seen_by: int
+    """How many places see it."""
+    needed: int
+    """How many cameras would have to."""
+
+    def __str__(self) -> str:
+        seen = "no mount sees it" if self.seen_by == 0 else f"only {self.seen_by} of {self.needed} needed see it"
+        return f"{self.literal} at {self.time:.2f} s: {seen}"
+
+
+class VisibilityTable:
+    """The ways of all candidates, the options of all mounts, and what each option sees of each way at its samples."""
+
+    def __init__(self, question: PlaceQuestion, progress: Progress) -> None:
+        """Nothing is planned or seen yet. progress: shows how far it is."""
+        self.question, self._progress = question, progress
+        self.spots, self.lenses = list(question.mounts.spots), list(question.mounts.lenses)
+        self.views, self.options, self.kept = list[View](), list[Option](), list[int]()
+        self.ways: list[JudgedWay] = []
+        self.candidates: list[tuple[int, ...]] = []
+        """Of each candidate, which of the ways are its own."""
+        self.infeasible: list[tuple[str, Assessment]] = []
+        self.others: list[list[JudgedWay]] = []
+        """Of each candidate, ways that are looked at only where they may be better."""
+        self.too_slow = False
+        """Whether no camera helps, because a candidate takes longer than is wished for."""
+        self.sees: list[Mask] = []
+        """Of each way, which options see which items, shape (options, items)."""
+        self.late = set[Late]()
+        """Choices that are known to miss the wished delay."""
+        self._aimed_at: list[JudgedWay] = []
+        """Of each candidate, its way without a choice of ways: what cameras aim at does not depend on that choice."""
+        self._shut: list[Mask] = []
+        """Of each way, at which sites a camera would touch something."""
+        self._least_delays: list[Array] = []
+        """Of each way, how long the longest delay of a fault is at least with each option [s]."""
+        self._hiding = set[Hiding]()
+        """Which cameras of choices that were found hide something that another one sees."""
+
+    def plan(self) -> None:
+        """The ways of every candidate, and the options: every pose at every site with every lens that fits."""
+        question, workspace = self.question, self.question.cell.workspace
+        found = [(task, candidate) for task in question.tasks for candidate in task.candidates]
+        wish = question.requirements.wish
+        with self._progress("Planning", len(found)) as advance:
+            for task, candidate in found:
+                scenes = planned_ways(question.cell, candidate, question.world, fastest=question.fastest)
+                advance(1)
+                if wish is not None and wish.time is not None and not isinstance(scenes, Infeasible):
+                    scenes = TimeLimit(wish.time).within(scenes)
+                    self.too_slow |= isinstance(scenes, Infeasible)
+                if isinstance(scenes, Infeasible):
+                    self.infeasible.append((task.text, Assessment.infeasible(candidate, scenes.reasons)))
+                    continue
+                some = varied(scenes)
+                first, *others = ways = [judged(question.cell, task.text, candidate, scene) for scene in some]
+                self.candidates.append((len(self.ways),))
+                self.ways.append(first)
+                self.others.append(others)
+                self._aimed_at.append(ways[some.index(of_first_grip(scenes))])
+        middles = [middle_of([way]) for way in self._aimed_at]
+        self.views = views_of(self.spots, middle_of(self._aimed_at), middles) if self.ways else []
+        self.options = options_of(self.spots, self.views, self.lenses)
+        for name in question.keep:
+            camera = workspace.cameras[name]
+            lens = completed(LensChoice, camera, image=image_of(camera), price=0.0)
+            position = camera.X_FC[:3, 3]
+            entry = MountEntry(points=[tuple(position.tolist())], body=1e-3)
+            self.kept.append(len(self.options))
+            self.options.append(Option(len(self.views), len(self.lenses)))
+            self.views.append(View(len(self.spots), camera.X_FC, None, np.array([0.0, 0.0, 1.0])))
+            self.spots.append(
+                Spot(mount=name, name=name, frame=camera.frame, position=position, entry=entry, lenses=(lens,))
+            )
+            self.lenses.append(lens)
+
+    def judge(self) -> None:
+        """Find out what is seen of the ways that nobody has looked at, and which sites are in their way."""
+        ways = self.ways[len(self.sees) :]
+        self.sees += self._verdicts(ways)
+        self._shut += [blocked(self.question.cell, way, self.question.mounts.spots) for way in ways]
+        self._least_delays += map(self._delays_at_least, ways)
+
+    def add_ways(self) -> None:
+        """Let other ways be chosen, too."""
+        for number, others in enumerate(self.others):
+            self.candidates[number] += tuple(range(len(self.ways), len(self.ways) + len(others)))
+            self.ways += others
+        self.others = []
+        self.judge()
+
+    @property
+    def sample_count(self) -> int:
+        """In how many samples of all ways options were judged."""
+        return sum(len(way.samples) for way in self.ways)
+
+    def problem(self, failure_tolerance: int) -> Problem:
+        """The problem of choosing, at the samples so far, if so many cameras may fail."""
+        site = np.array([self.views[option.view].spot for option in self.options], dtype=np.int64)
+        responses = np.array([self.lenses[option.lens].response for option in self.options])
+        tiers, rows = tuple(np.unique(responses).tolist()), Rows()
+        tasks = [self.ways[of_one[0]].task for of_one in self.candidates]
+        weights = self.question.mounts.weights
+        prices = [
+            0.0 if number in self.kept else price_of(self.spots[place], self.lenses[option.lens])
+            for number, (place, option) in enumerate(zip(site.tolist(), self.options, strict=True))
+        ]
+        return Problem(
+            ways=tuple(
+                covered_way(way, sees, responses, tiers, failure_tolerance, rows)
+                for way, sees in zip(self.ways, self.sees, strict=True)
+            ),
+            rows=rows,
+            tiers=tiers,
+            candidates=tuple(self.candidates),
+            weights=np.array([weights.get(task, 1.0) / tasks.count(task) for task in tasks]),
+            site=site,
+            price=np.array(prices),
+            alone=self.alone,
+            kept=frozenset(self.kept),
+            apart=frozenset(pairs_apart(self.question.mounts.spots)),
+            blocked=frozenset(
+                (place, way) for way, shut in enumerate(self._shut) for place in np.flatnonzero(shut).tolist()
+            ),
+            least_delays=np.array(self._least_delays).reshape(len(self.ways), len(self.options)),
+            hiding=frozenset(self._hiding),
+            late=frozenset(self.late),
+        )
+
+    @property
+    def alone(self) -> Array:
+        """The mean of Q_eoi and Q_avg of all candidates with each option alone, in its best ways, shape (options,).
+
+        In 0..1, at the samples: time between two samples counts as half of it is seen for each end that is. 0 where an
+        option is in the way.
+        """
+        site = np.array([self.views[option.view].spot for option in self.options], dtype=np.int64)
+        each = []
+        for way, sees, shut in zip(self.ways, self.sees, self._shut, strict=True):
+            sample, scene = way.items.sample, way.scene
+            covered = np.tile(np.any(way.required, axis=1), (len(sees), 1))
+            for item in range(len(sample)):
+                covered[:, sample[item]] &= sees[:, item] & (way.needed[item] <= 1)
+            seen = 0.5 * (covered[:, 1:].astype(float) + covered[:, :-1]) * way.samples.steps
+            parts = [(seen[:, scene.stage.of_interest(way.samples)[:-1]], scene.T_eoi), (seen, scene.T)]
+            known = [part.sum(axis=1) / total for part, total in parts if total > 0]
+            mean = np.mean(known, axis=0) if known else np.ones(len(sees))
+            each.append(np.where(np.append(shut, np.zeros(len(self.kept), dtype=bool))[site], 0.0, mean))
+        best = [np.max([each[way] for way in of_one], axis=0) for of_one in self.candidates]
+        mean: Array = np.mean(best, axis=0) if best else np.zeros(len(self.options))
+        return mean
+
+    def installation(self, option: int) -> Installation:
+        """Where the camera of an option is."""
+        view = self.views[self.options[option].view]
+        return Installation(self.spots[view.spot], view, self.lenses[self.options[option].lens])
+
+    def camera_at(self, option: int) -> Camera:
+        """The camera of an option; one that stays has its name."""
+        there = self.installation(option)
+        if option in self.kept:
+            return self.question.cell.workspace.cameras[there.spot.name]
+        return there.camera(f"at {option}")
+
+    def cell_with(self, cameras: Iterable[Camera]) -> Cell:
+        """The cell with these cameras and no others."""
+        cell, together = self.question.cell, {camera.name: camera for camera in cameras}
+        workspace = replace(cell.workspace, cameras=together)
+        return replace(cell, workspace=workspace, observer=replace(cell.observer, cameras=tuple(together.values())))
+
+    def watched(self, cameras: Iterable[Camera], ways: Sequence[int], spare: int = 0) -> list[Watched]:
+        """What cameras see of ways, exactly; spare: counted is only what so many more cameras see than is needed."""
+        scenes = [self.ways[number].scene for number in ways]
+        if spare:
+            more = [[replace(one, cameras=one.cameras + spare) for one in scene.targets] for scene in scenes]
+            scenes = [replace(scene, targets=tuple(of_one)) for scene, of_one in zip(scenes, more, strict=True)]
+        return all_watched(self.cell_with(cameras), scenes, self.question.sampling, full=False)
+
+    def with_delays(self, cameras: Iterable[Camera], watched: Sequence[Watched]) -> list[Study]:
+        """The same with how late faults are noticed."""
+        return with_delays(self.cell_with(cameras), watched, self.question.sampling)
+
+    def add_samples(self, number: int, found: Watched) -> bool:
+        """Add samples to a way where cameras gain or lose sight between those it has; whether there are any."""
+        timeline, way = found.timeline, self.ways[number]
+        covered = timeline.covered
+        changes = np.flatnonzero((covered[1:] != covered[:-1]) & ~np.isnan(timeline.steps))
+        lost = np.flatnonzero(timeline.monitored & ~covered)
+        rows = np.unique(np.concatenate([changes, changes + 1, lost[:: max(1, len(lost) // MOST_ADDED)]]))
+        known = set(zip(way.samples.piece.tolist(), way.samples.t.tolist(), strict=True))
+        pairs = zip(timeline.samples.piece[rows].tolist(), timeline.samples.t[rows].tolist(), strict=True)
+        new = [pair for pair in pairs if pair not in known]
+        if not new:
+            return False
+        more = replace(way, samples=Samples(np.array([p for p, _ in new]), np.array([t for _, t in new])))
+        after = way.with_samples(more.samples)
+        self.sees[number] = joined_items(way, self.sees[number], more, self._verdicts([more])[0], after)
+        self.ways[number] = after
+        return True
+
+    def add_hiding(self, selection: Selection) -> bool:
+        """Keep in mind which of the chosen cameras hide something from another one; whether there are any."""
+        found = frozenset(self._found_hiding(selection))
+        self._hiding |= found
+        return bool(found)
+
+    def _found_hiding(self, selection: Selection) -> Iterator[Hiding]:
+        site = np.array([self.views[option.view].spot for option in self.options], dtype=np.int64)
+        for number in selection.ways:
+            for option in selection.options:
+                for other in (*selection.options, *self.kept):
+                    place, at = int(site[option]), int(site[other])
+                    if place == at:
+                        continue
+                    hidden = hidden_by(self.ways[number], self.spots[place], self.spots[at])
+                    if (hidden & self.sees[number][other]).any():
+                        there = np.flatnonzero(site == at)
+                        seeing = there[(self.sees[number][there] & hidden).any(axis=1)]
+                        yield Hiding(place, tuple(seeing.tolist()), number)
+
+    def unseen(self, failure_tolerance: int, shut: frozenset[int]) -> Iterator[UnseenTarget]:
+        """What no choice covers: of each candidate, the first instant of each literal in the first way.
+
+        shut: sites that cannot be used.
+        """
+        site = np.array([self.views[option.view].spot for option in self.options], dtype=np.int64)
+        usable = ~np.isin(site, sorted(shut))
+        for of_one in self.candidates:
+            way, sees = self.ways[of_one[0]], self.sees[of_one[0]][usable]
+            needed = way.needed + failure_tolerance
+            known: set[int] = set()
+            for item in np.flatnonzero(sees.sum(axis=0) < needed).tolist():
+                sample, target = int(way.items.sample[item]), int(way.items.target[item])
+                if target not in known:
+                    known.add(target)
+                    yield UnseenTarget(
+                        task=way.task,
+                        candidate=way.candidate.name,
+                        literal=str(way.scene.targets[target].atom),
+                        time=float(way.samples.t[sample]),
+                        seen_by=len(set(site[usable][sees[:, item]].tolist())),
+                        needed=int(needed[item]),
+                    )
+
+    def seen_from(self, places: Sequence[Installation], ways: Sequence[JudgedWay]) -> list[Mask]:
+        """What cameras see of each way, shape (cameras, items) each; all have one lens."""
+        spots = [replace(one.spot, lenses=(one.lens,)) for one in places]
+        views = [replace(one.view, spot=number) for number, one in enumerate(places)]
+        return [seen_by(self.question.cell, way, spots, views, (places[0].lens,))[0] for way in ways]
+
+    def _verdicts(self, ways: Sequence[JudgedWay]) -> list[Mask]:
+        """Which options see which items of some ways."""
+        verdicts = self.question.verdicts or LocalVerdicts(self.question.cell)
+        parts = [part for way in ways for part in view_batches(way, self.spots, self.views, self.lenses)]
+        found: dict[int, Mask] = {}
+        with self._progress("Looking from every mount", len(parts)) as advance:
+
+            def done(number: int, sees: Mask) -> None:
+                found[number] = sees
+                advance(1)
+
+            verdicts.of(parts, done)
+        each = len(parts) // max(1, len(ways))
+        by_way = [[found[first + number] for number in range(each)] for first in range(0, len(parts), each or 1)]
+        view, lens = np.array([o.view for o in self.options]), np.array([o.lens for o in self.options])
+        return [np.concatenate(of_way, axis=1)[lens, view] for of_way in by_way]
+
+    def _delays_at_least(self, way: JudgedWay) -> Array:
+        """How long the longest delay of a way is at least with each option, (options,) [s]; 0 if none is wished."""
+        wish = self.question.requirements.wish
+        if wish is None or wish.delay is None:
+            return np.zeros(len(self.options))
+        cameras = [self.camera_at(option) for option in range(len(self.options))]
+        response = min((camera.response for camera in cameras), default=0.0)
+        observer = self.question.cell.observer
+        some = (cameras[first : first + _TOGETHER] for first in range(0, len(cameras), _TOGETHER))
+        found = [least_fault_delays(way.scene, replace(observer, cameras=tuple(of_some)), response) for of_some in some]
+        return np.concatenate([np.empty(0), *found])
