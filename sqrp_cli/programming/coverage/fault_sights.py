@@ -101,8 +101,8 @@ def all_fault_windows(
     found: list[dict[str, tuple[Window, ...]]] = [{} for _ in scenes]
     looks = []
     for number, (scene, timeline) in enumerate(zip(scenes, timelines, strict=True)):
-        targets, faults = _watched(scene)
-        lost = [fault for fault in faults if _is_lost_by_fingers(scene.stage, fault)]
+        targets, faults = watched_faults(scene)
+        lost = [fault for fault in faults if is_lost_by_fingers(scene.stage, fault)]
         for stage, some in ((scene.stage.once_lost(), lost), (scene.stage, [one for one in faults if one not in lost])):
             atoms = {literal.atom for fault in some for literal in fault.literals}
             beyond = any(
@@ -130,7 +130,7 @@ def all_fault_windows(
     return found
 
 
-def _watched(scene: Rehearsal) -> tuple[tuple[Target, ...], tuple[FaultWatch, ...]]:
+def watched_faults(scene: Rehearsal) -> tuple[tuple[Target, ...], tuple[FaultWatch, ...]]:
     """What images are asked for to show the faults of a candidate, and by which of it each is shown."""
     by_atom = {target.atom: target for target in scene.targets}
     shown_by = {
@@ -152,7 +152,8 @@ def _watched(scene: Rehearsal) -> tuple[tuple[Target, ...], tuple[FaultWatch, ..
     )
 
 
-def _is_lost_by_fingers(stage: Stage, fault: FaultWatch) -> bool:
+def is_lost_by_fingers(stage: Stage, fault: FaultWatch) -> bool:
+    """Whether fingers lose what they hold in all intervals of a fault."""
     held = {held_in(stage, interval) for interval in fault.intervals}
     return bool(stage.model.fingers.joints) and None not in held
 

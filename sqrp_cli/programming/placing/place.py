@@ -279,7 +279,8 @@ class CameraPlacer:
                 table.late |= late
                 figures = [one.without_delays for one in found]
                 good = not late and (wish is None or all(replace(wish, delay=None).met(one) for one in figures))
-                if good and (best is None or value >= best.value):
+                settled = good and problem.worth(wanted, result.selection)[0] - value <= ROUNDED
+                if settled or (good and (best is None or value > best.value)):
                     best = Checked(
                         problem=problem,
                         requirements=wanted,
@@ -287,14 +288,13 @@ class CameraPlacer:
                         value=value,
                         fewest=result.fewest,
                     )
-                settled = good and problem.worth(wanted, result.selection)[0] - value <= ROUNDED
                 if not settled:
                     grown = bool(late)
                     for way, one in zip(result.selection.ways, found, strict=True):
                         grown |= table.add_samples(way, one)
                     break
             over = self._stopped or limits.over or number == rounds or not grown
-            enough = best is not None and wish is None and bound - best.value <= self._gap
+            enough = best is not None and wish is None and 0.0 < self._gap >= bound - best.value
             if settled or enough or over:
                 proven = settled and result.proven and bound - value <= ROUNDED
                 return self._ended(wanted, problem, best, bound, proven=proven)
@@ -358,6 +358,7 @@ class CameraPlacer:
             fastest=len(table.ways) == len(table.candidates),
         )
         stay = [table.camera_at(option) for option in table.kept]
+        studies: Sequence[Study]
         if selection is None:
             why = obstacle(problem, wanted, blind=blind) if checked.proven or blind else ""
             firsts = [of_one[0] for of_one in table.candidates]
@@ -426,9 +427,7 @@ class CameraPlacer:
         table, wanted = self.table, self.question.requirements
 
         def quality(options: Sequence[int]) -> float:
-            figures = [
-                one.without_delays for one in table.watched(map(table.camera_at, options), selection.ways)
-            ]
+            figures = [one.without_delays for one in table.watched(map(table.camera_at, options), selection.ways)]
             return wanted.value([(one.q_eoi, one.q_avg) for one in figures], self._weights)
 
         names = (name for number in count(1) if (name := f"cam{number}") not in self.question.keep)
@@ -482,9 +481,7 @@ class CameraPlacer:
         way = self.table.ways[number]
         return JudgedCandidate(task=way.task, candidate=way.candidate, scene=found, found=found.assessment(""))
 
-    def _judged(
-        self, cell: Cell, problem: Problem, selection: Selection, number: int, found: Study
-    ) -> JudgedCandidate:
+    def _judged(self, cell: Cell, problem: Problem, selection: Selection, number: int, found: Study) -> JudgedCandidate:
         """A candidate with its exact figures: in the way that `rank` and `score` take in the new cell, if as good."""
         question, way, ranked = self.question, self.table.ways[number], None
         if not question.fastest:

@@ -15,7 +15,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.programming.advice.wish import Wish
-from sqrp_cli.programming.coverage.fault_sights import refuting
+from sqrp_cli.programming.coverage.fault_sights import is_lost_by_fingers, watched_faults
 from sqrp_cli.programming.placing.scenes import JudgedWay
 
 Objective = Literal["least", "mean"]
@@ -258,7 +258,9 @@ class Problem:
         return value, max((self.delay(way, covered) for way in selection.ways), default=0.0)
 
 
-def covered_way(way: JudgedWay, sees: Mask, responses: Array, tiers: Sequence[float], spare: int, rows: Rows) -> CoveredWay:
+def covered_way(
+    way: JudgedWay, sees: Mask, responses: Array, tiers: Sequence[float], spare: int, rows: Rows
+) -> CoveredWay:
     """A way by its intervals; new rows are added to `rows`.
 
     sees: which options see which items, shape (options, items). responses: of the options, shape (options,), and each
@@ -283,19 +285,23 @@ def covered_way(way: JudgedWay, sees: Mask, responses: Array, tiers: Sequence[fl
             key = rows.weaker(row(span, column, np.inf) for column in columns)
             step, (seconds, of_interest) = t[span[1]] - t[span[0]], groups.get(key, (0.0, 0.0))
             groups[key] = seconds + step, of_interest + step * scene.stage.pieces[piece[span[0]]].of_interest
-    asked = refuting(scene)
+    asked, watched = watched_faults(scene)
     faults = []
-    for fault in asked.faults:
-        known = [
-            targets.index(asked.targets[columns[0]])
-            for columns in fault.columns
-            if len(columns) == 1 and asked.targets[columns[0]] in targets
-        ]
+    for fault in watched:
+        known = (
+            []
+            if is_lost_by_fingers(scene.stage, fault)
+            else [
+                targets.index(asked[columns[0]])
+                for columns in fault.columns
+                if len(columns) == 1 and asked[columns[0]] in targets
+            ]
+        )
         for stretch in fault.intervals:
             told = [
                 span
                 for span in spans
-                if t[span[1]] >= stretch.start - 1e-12 and fault.told_in(scene.stage.pieces[piece[span[0]]])
+                if t[span[1]] >= stretch.start - 1e-12 and fault.counts_in(scene.stage.pieces[piece[span[0]]])
             ]
             begin = np.array([t[first] for first, _ in spans])
 

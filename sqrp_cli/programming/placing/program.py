@@ -262,7 +262,7 @@ class PlacementProgram:
         requirements = self._requirements
         if requirements.wish is not None:
             self._demand_wish()
-            count = self._improve("fewest cameras", {x: -1.0 for x in self._x.values()})
+            count = self._improve("fewest cameras", dict.fromkeys(self._x.values(), -1.0))
             if self._values is None:
                 return self._result()
             self._fewest = max(0, int(np.ceil(-count.bound - 1e-6)))
@@ -305,13 +305,14 @@ class PlacementProgram:
             for way in of_one
             for group in self._problem.ways[way].groups
         ]
-        for share in ("of_interest", "seconds"):
-            totals = {way: getattr(self._problem.ways[way], "T" if share == "seconds" else "T_eoi") for way in of_one}
-            terms: dict[int, float] = {self._taken[way]: 1.0 for way in of_one if not totals[way] and len(of_one) > 1}
+        for share, total in (("of_interest", "T_eoi"), ("seconds", "T")):
+            terms: dict[int, float] = {}
             for variable, way, group in counted:
-                if totals[way] and getattr(group, share):
-                    terms[variable] = terms.get(variable, 0.0) + getattr(group, share) / totals[way]
-            found.append(terms if any(totals.values()) else None)
+                if getattr(group, share):
+                    part = getattr(group, share) / getattr(self._problem.ways[way], total)
+                    terms[variable] = terms.get(variable, 0.0) + part
+            defined = getattr(self._problem.ways[of_one[0]], total) > 0  # all ways have the same formulas
+            found.append(terms if defined else None)
         return found[0], found[1]
 
     def _of_way(self, way: int) -> list[int]:
@@ -350,8 +351,8 @@ class PlacementProgram:
             exactly = {x: 1.0 if option in late.options else -1.0 for option, x in self._x.items()}
             exactly |= dict.fromkeys(self._of_way(late.way), 1.0)
             program.row(exactly, most=len(late.options) - 1.0 + (late.way in self._taken))
-        most = inf if requirements.most is None else float(requirements.most)
-        program.row(self._count, least=float(requirements.at_least(len(problem.kept))), most=most)
+        limit = inf if requirements.most is None else float(requirements.most)
+        program.row(self._count, least=float(requirements.at_least(len(problem.kept))), most=limit)
         if requirements.budget is not None:
             prices = {x: float(problem.price[option]) for option, x in self._x.items()}
             program.row(prices, most=requirements.budget + 1e-9)
@@ -389,7 +390,7 @@ class PlacementProgram:
                 some = {rows[interval] for interval in np.flatnonzero(tier[number]).tolist()}
                 if () in some:  # nothing is known of what shows it there
                     break
-                for of_one in some - {None}:
+                for of_one in (rows_of for rows_of in some if rows_of is not None):
                     if of_one not in shown:
                         shown[of_one] = self._program.all_of(self._covered[row] for row in of_one)
                     enough[shown[of_one]] = 1.0
@@ -425,7 +426,7 @@ class PlacementProgram:
         if price[[self._x[option] for option in chosen]].sum() > np.sort(price)[:least].sum() + SLACK:
             yield "price", {x: -float(problem.price[option]) for option, x in self._x.items()}
         if len(self._selection().options) > least:
-            yield "fewest cameras", {x: -1.0 for x in self._x.values()}
+            yield "fewest cameras", dict.fromkeys(self._x.values(), -1.0)
         if sum(factor * self._values[n] for n, factor in self._mean.items()) < 1.0 - SLACK:  # type: ignore[index]
             yield "mean Q", self._mean
         count = max(1, len(self._selection().options))

@@ -159,9 +159,7 @@ class Installation:
 
     def camera(self, name: str) -> Camera:
         """The camera there."""
-        return completed(
-            Camera, self.lens, self.lens.intrinsics, name=name, frame=self.spot.frame, X_FC=self.view.X_FC
-        )
+        return completed(Camera, self.lens, self.lens.intrinsics, name=name, frame=self.spot.frame, X_FC=self.view.X_FC)
 
 
 @dataclass(frozen=True)

@@ -226,8 +226,8 @@ class VisibilityTable:
             seen = 0.5 * (covered[:, 1:].astype(float) + covered[:, :-1]) * way.samples.steps
             parts = [(seen[:, scene.stage.of_interest(way.samples)[:-1]], scene.T_eoi), (seen, scene.T)]
             known = [part.sum(axis=1) / total for part, total in parts if total > 0]
-            mean = np.mean(known, axis=0) if known else np.ones(len(sees))
-            each.append(np.where(np.append(shut, np.zeros(len(self.kept), dtype=bool))[site], 0.0, mean))
+            quality = np.mean(known, axis=0) if known else np.ones(len(sees))
+            each.append(np.where(np.append(shut, np.zeros(len(self.kept), dtype=bool))[site], 0.0, quality))
         best = [np.max([each[way] for way in of_one], axis=0) for of_one in self.candidates]
         mean: Array = np.mean(best, axis=0) if best else np.zeros(len(self.options))
         return mean

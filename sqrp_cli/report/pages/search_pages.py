@@ -144,7 +144,11 @@ def write_placement(
         judged = [Ranked(one.found, 1, pareto=False) for one in found.candidates]
         about.append(("accuracy", accuracy(question.sampling, judged)))
     title = f"Where cameras go: {', '.join(document.tasks)} in {document.workspace}"
-    said = (placing.unmet_in_words(document, question.requirements.wish), document.proof, placing.moved_in_words(document))
+    said = (
+        placing.unmet_in_words(document, question.requirements.wish),
+        document.proof,
+        placing.moved_in_words(document),
+    )
     summary = " ".join(filter(None, said))
     scenes = [cell_scene(found.cell)]
     write_page(

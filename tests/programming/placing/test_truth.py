@@ -10,8 +10,7 @@ import pytest
 from sqrp_cli import open_cell
 from sqrp_cli.geometry import inverse
 from sqrp_cli.knowledge.camera.projection import Projection
-from sqrp_cli.programming.placing.problem import Demand
-from sqrp_cli.programming.placing.scenes import camera_of
+from sqrp_cli.programming.placing.problem import Requirements
 from sqrp_cli.programming.sensing.moved_camera import MovedCamera
 from tests.programming.placing.test_place import TABLETOP, placer
 from tests.programming.sensing.renderer import MujocoScene
@@ -31,9 +30,9 @@ lenses:
 @pytest.mark.slow
 def test_six_cameras_see_what_a_renderer_shows(tmp_path: Path) -> None:
     cell = open_cell(TABLETOP)
-    asked = placer(cell, tmp_path, SIX, Demand(most=2))
+    asked = placer(cell, tmp_path, SIX, Requirements(most=2))
     asked.place()
-    (way,), (sees,) = asked.survey.ways, asked.survey.sees
+    (way,), (sees,) = asked.table.ways, asked.table.sees
     scene, states = way.scene, way.states
     objects = cell.workspace.objects
     carried = scene.candidate.binding["object"]
@@ -45,9 +44,9 @@ def test_six_cameras_see_what_a_renderer_shows(tmp_path: Path) -> None:
     assert len(boxes) == len(scene.targets)
     agree: list[bool] = []
     shown = 0
-    for option, one in enumerate(asked.survey.options):
-        view, lens = asked.survey.views[one.view], asked.survey.lenses[one.lens]
-        camera = camera_of("here", asked.survey.spots[view.spot], view, lens)
+    for option in range(len(asked.table.options)):
+        there = asked.table.installation(option)
+        view, camera = there.view, there.camera("here")
         sample, target = way.items
         looks = MovedCamera(Projection.of(camera), boxes, cell.cell.observer.solids, states, box=target, state=sample)
         within = looks.within(view.X_FC[None])[0]
