@@ -328,7 +328,7 @@ class Request:
         if any(X.shape[1:] != (4, 4) or len(X) not in (1, states) for X in X_WF) or len(X_WF) < scene.frames:
             raise ValueError(f"poses of {scene.frames} frames are needed, found {sorted({X.shape for X in X_WF})}")
         self._scene, self._states = scene, states
-        self._X = [X if X.flags.c_contiguous and X.dtype == float else np.array(X, dtype=float) for X in X_WF]
+        self._X = [np.ascontiguousarray(X, dtype=float) for X in X_WF]
         self._count = np.array([len(X) for X in X_WF], dtype=np.int64)
         self._places = np.array([X.__array_interface__["data"][0] for X in self._X], dtype=np.uint64)
         at, counts = self._places.ctypes.data, self._count.ctypes.data

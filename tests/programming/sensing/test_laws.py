@@ -210,6 +210,21 @@ def test_a_cause_is_given_exactly_when_a_box_is_not_covered(seed: int) -> None:
 
 
 @few
+@given(seed=SEEDS)
+def test_how_poses_lie_in_memory_does_not_matter(seed: int) -> None:
+    """One that stands for all states is the same as a copy for each, or a view with its axes elsewhere."""
+    watch = random_watch(seed)
+    frames = {}
+    for number, (name, X) in enumerate(watch.states.X_WF.items()):
+        views = [np.broadcast_to(X, (STATES, 4, 4)), np.asfortranarray(X), np.repeat(X, STATES // len(X), axis=0)]
+        frames[name] = views[(seed + number) % 3]
+    other = replace(watch, states=SceneStates(STATES, frames))
+    for box, again in zip(watch.matrix, other.matrix, strict=True):
+        assert (box.cause == again.cause).all()
+        assert (box.by == again.by).all()
+
+
+@few
 @given(seed=SEEDS, order=st.permutations(range(5)))
 def test_the_order_of_the_cameras_does_not_matter(seed: int, order: list[int]) -> None:
     watch = random_watch(seed)
