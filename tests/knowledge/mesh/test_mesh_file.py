@@ -53,9 +53,8 @@ def test_a_mesh_that_contradicts_itself_is_refused_with_what_is_wrong(name: str,
 @pytest.mark.parametrize("name", SOUND)
 def test_every_way_of_writing_a_mesh_gives_its_triangles_to_collision_and_sight(name: str, tmp_path: Path) -> None:
     solid = load_solid(Part("cube", "cube", Mesh(write(tmp_path / name, SOUND[name])), pose()))
-    assert len(solid.triangles) == solid.geometry.num_tris == TRIANGLES.get(name, 12)
+    assert len(solid.triangles) == TRIANGLES.get(name, 12)
     assert np.ptp(solid.vertices, axis=0) == pytest.approx([0.1, 0.1, 0.1])
-    assert np.array(solid.geometry.vertices()) == pytest.approx(solid.vertices)
 
 
 def test_a_mesh_of_several_materials_is_all_of_it(tmp_path: Path) -> None:
@@ -65,10 +64,7 @@ def test_a_mesh_of_several_materials_is_all_of_it(tmp_path: Path) -> None:
     surfaces = []
     for name, content in {"one.obj": obj(), "two.obj": materials, "two.dae": parts}.items():
         solid = load_solid(Part("cube", "cube", Mesh(write(tmp_path / name, content)), pose()))
-        tree = solid.geometry
-        faces = [[tree.tri_indices(index)[corner] for corner in range(3)] for index in range(tree.num_tris)]
-        for corners in (solid.vertices[solid.triangles], np.array(tree.vertices())[faces]):
-            surfaces.append(sorted(map(sorted, corners.round(6).tolist())))  # noqa: PERF401
+        surfaces.append(sorted(map(sorted, solid.vertices[solid.triangles].round(6).tolist())))
     assert len(surfaces[0]) == 12
     assert all(surface == surfaces[0] for surface in surfaces)
 
