@@ -31,7 +31,7 @@ class ScoreRun:
     def open(
         cls, paths: Sequence[str], outputs: Sequence[Path], means: Means, progress: Progress
     ) -> Iterator[ScoreRun]:
-        """Start workers and read the workspaces; workers begin with the first while others are read.
+        """Read the workspaces.
 
         Raises InputError for unusable paths and folders, and if an output is a file of a workspace.
         """
@@ -42,7 +42,6 @@ class ScoreRun:
             with progress("Reading workspaces", len(files)) as advance:
                 for cell in read_cells(files):
                     check_not_read(outputs, _files(cell))
-                    computer.begin(wanted_of(cell))
                     cells.append(cell)
                     advance(1)
             keep_all_so_far()

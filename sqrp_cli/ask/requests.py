@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from sqrp_cli.ask import values
-from sqrp_cli.ask.request import Command, Request, Word, argument, option, options, value
+from sqrp_cli.ask.request import Command, Kind, Request, Word, argument, option, options, value
 from sqrp_cli.ask.values import FLAG, PATH, PATHS, PROGRESS, cores, silent
 
 if TYPE_CHECKING:
@@ -298,6 +298,13 @@ class Clustered(Request):
         values.text("an address or a file"),
         default=None,
         metavar="ADDRESS",
+    )
+    tls: tuple[Path, Path, Path] | None = option(
+        "--tls",
+        "With --cluster: encrypt, by the certificate of its authority, your own, and its key (PEM files).",
+        Kind(tuple[Path, Path, Path], lambda value, _: value),
+        default=None,
+        metavar="CA CERT KEY",
     )
 
 

@@ -1,4 +1,4 @@
-"""Worker processes on this machine; results do not depend on their number.
+"""The one pool of worker processes on this machine; results do not depend on their number.
 
 Each worker has its own pipe to this process and shares no queue and no lock: if one is killed, the others go on, its
 pipe closes at once, and nothing is left behind. Only this process handles Ctrl-C. All workers end with it, even if it
@@ -12,12 +12,13 @@ import os
 import signal
 import sys
 import threading
+import time
 import traceback
 from collections import deque
-from collections.abc import Callable, Collection, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from math import inf
 from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import ForkContext, ForkServerContext, SpawnContext
@@ -25,7 +26,7 @@ from types import ModuleType
 from typing import Any, Generic, TypeAlias, TypeVar
 from weakref import WeakSet
 
-from sqrp_cli.errors import InputError, Problem, bad_input
+from sqrp_cli.errors import InputError, Problem, SqrpError, bad_input
 
 Context: TypeAlias = ForkContext | ForkServerContext | SpawnContext
 Message = TypeVar("Message")
@@ -42,20 +43,22 @@ _pipes: WeakSet[Connection] = WeakSet()
 """Our ends of the pipes to all workers."""
 
 
-def in_processes(work: Callable[[Item], Result], items: Sequence[Item], processes: int) -> Iterator[Result]:
+def in_processes(
+    work: Callable[[Item], Result], items: Sequence[Item], processes: int, deadline: float = inf
+) -> Iterator[Result]:
     """The result of `work` for each item, in order, each as soon as it and those before it are done.
 
     Processes are forked: they share loaded data, and only results travel. With fewer than two processes, or where the
-    platform cannot fork, this process does all the work. Raises what `work` raises, and InputError as `Team.map`.
+    platform cannot fork, this process does all the work. Raises what `work` raises, and InputError as `Pool.map`.
     """
     if processes < 2 or not _CAN_FORK:
         yield from map(work, items)
         return
-    team: Team[int, Result] = Team(processes, forked(), lambda: lambda index: work(items[index]))
+    pool: Pool[int, Result] = Pool(processes, forked(), lambda: lambda index: work(items[index]), deadline=deadline)
     try:
-        yield from team.map(range(len(items)))
+        yield from pool.map(range(len(items)))
     finally:
-        team.kill()  # nobody needs the results that they may still compute
+        pool.kill()  # nobody needs the results that they may still compute
 
 
 def forked() -> Context:
@@ -100,8 +103,8 @@ def _without_main() -> Iterator[None]:
         sys.modules["__main__"] = main
 
 
-class WorkerDied(BrokenExecutor):
-    """A process ended before it answered: it was killed, or crashed."""
+class WorkerDied(SqrpError):  # noqa: N818 - what happened, not what is wrong
+    """A process ended before it answered, or took too long to answer."""
 
 
 @dataclass(frozen=True)
@@ -114,21 +117,22 @@ class _Raised:
 class Worker(Generic[Message, Answer]):
     """A process that answers messages one after the other."""
 
-    _starts_others = False
-    """Whether it may start processes itself."""
-
     def __init__(
-        self, context: Context, prepare: Callable[..., Callable[[Message], Answer]], *arguments: object
+        self,
+        context: Context,
+        prepare: Callable[..., Callable[[Message], Answer]],
+        *arguments: object,
+        starts_others: bool = False,
     ) -> None:
         """Start it and return at once; the process calls `prepare` with the arguments to get its answer function.
 
-        Raises InputError if the server that forks it has been killed.
+        starts_others: whether it may start processes itself, which end with it. Raises InputError if the server that
+        forks it has been killed.
         """
-        self._pipe, theirs = context.Pipe()
-        _pipes.add(self._pipe)
-        self._process = context.Process(
-            target=_serve, args=(theirs, prepare, arguments), daemon=not self._starts_others
-        )
+        self.pipe, theirs = context.Pipe()
+        """Ready to read when it has answered; to wait for it among other things."""
+        _pipes.add(self.pipe)
+        self._process = context.Process(target=_serve, args=(theirs, prepare, arguments), daemon=not starts_others)
         with _without_interrupts(), _without_main():
             try:
                 self._process.start()
@@ -137,32 +141,30 @@ class Worker(Generic[Message, Answer]):
                 raise bad_input("worker-died", message) from error
         theirs.close()
 
-    @property
-    def pipe(self) -> Connection:
-        """Ready to read when it has answered; to wait for it among other things."""
-        return self._pipe
-
     def send(self, message: Message) -> None:
         """Send a message to answer; if the process has died, `receive` raises it.
 
         Blocks while the process is busy if messages are larger than the pipe's buffer.
         """
         with suppress(OSError):
-            self._pipe.send(message)
+            self.pipe.send(message)
 
-    def answered(self, within: float = 0.0) -> bool:
-        """Whether there is something to receive within a time [s]."""
-        return self._pipe.poll(within)
+    def answered(self) -> bool:
+        """Whether there is something to receive."""
+        return self.pipe.poll()
 
-    def receive(self) -> Answer:
-        """The answer to the oldest unanswered message; waits for it.
+    def receive(self, deadline: float = inf) -> Answer:
+        """The answer to the oldest unanswered message; waits for it, at most for a time [s].
 
-        Raises the process's exception, and WorkerDied if the process has ended.
+        Raises the process's exception, and WorkerDied if the process has ended; after the deadline it is killed.
         """
+        if deadline < inf and not self.pipe.poll(deadline):
+            self.kill()
+            raise WorkerDied("does not answer")
         try:
-            answer = self._pipe.recv()
+            answer = self.pipe.recv()
         except (EOFError, OSError) as error:
-            raise WorkerDied("a process was killed, or crashed") from error
+            raise WorkerDied("has ended") from error
         if isinstance(answer, _Raised):
             raise answer.error
         received: Answer = answer
@@ -173,28 +175,12 @@ class Worker(Generic[Message, Answer]):
         self._process.kill()
         self._process.join()
 
-    def release(self) -> None:
-        """Let it end as soon as it is idle."""
-        self._pipe.close()
-
     def close(self) -> None:
-        """End it, and wait for the end."""
-        self.release()
+        """Let it end as soon as it is idle, and wait a little for that."""
+        self.pipe.close()
         self._process.join(PATIENCE)
         if self._process.exitcode is None:
             self.kill()
-
-    @staticmethod
-    def first_of(workers: Collection[Worker[Message, Answer]]) -> list[Worker[Message, Answer]]:
-        """The workers with an answer to receive; waits until there is one."""
-        ready = wait([worker._pipe for worker in workers])
-        return [worker for worker in workers if worker._pipe in ready]
-
-
-class Foreman(Worker[Message, Answer]):
-    """A worker with workers of its own, which end with it."""
-
-    _starts_others = True
 
 
 def _serve(pipe: Connection, prepare: Callable[..., Callable[[Any], Any]], arguments: tuple[Any, ...]) -> None:
@@ -225,96 +211,134 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-class Team(Generic[Message, Answer]):
+@dataclass(eq=False)
+class _Post(Generic[Message, Answer]):
+    """A worker of a pool, with the messages that it has and has not answered, by number."""
+
+    worker: Worker[Message, Answer]
+    own: deque[int]
+    since: float = 0.0
+    """When it began with the first of them [s]."""
+    kind: object = None
+    """Of the last message that it got."""
+
+
+class Pool(Generic[Message, Answer]):
     """Identical workers that share the messages; an answer does not depend on earlier messages."""
 
     def __init__(
-        self, count: int, context: Context, prepare: Callable[..., Callable[[Message], Answer]], *arguments: object
+        self,
+        count: int,
+        context: Context,
+        prepare: Callable[..., Callable[[Message], Answer]],
+        *arguments: object,
+        deadline: float = inf,
+        ahead: int = 1,
     ) -> None:
-        """Start the workers; see `Worker`."""
+        """Start the workers; see `Worker`. deadline: of each message; who takes longer is killed [s].
+
+        ahead: how many messages a worker gets in advance, while enough are left: none where they are large.
+        """
         self._new: Callable[[], Worker[Message, Answer]] = lambda: Worker(context, prepare, *arguments)
-        self._workers = [self._new() for _ in range(count)]
+        self._deadline, self._ahead = deadline, ahead
+        self._posts = [_Post(self._new(), deque[int]()) for _ in range(count)]
 
     def map(self, messages: Sequence[Message]) -> Iterator[Answer]:
         """The answer to each message, in order, each as soon as it and those before it are there.
 
-        If a worker dies, its message goes to a new one. Raises a worker's exception, and InputError if two workers die
-        of the same message.
+        Raises a worker's exception, and InputError if two workers die of the same message, or take too long.
         """
-        left, answers, lost = deque(range(len(messages))), dict[int, Answer](), set[int]()
-        begun = {worker: deque[int]() for worker in self._workers}
-        for wanted in range(len(messages)):
-            while wanted not in answers:
-                self._hand_out(messages, left, begun)
-                for worker in Worker.first_of([worker for worker, own in begun.items() if own]):
-                    index = begun[worker].popleft()
-                    try:
-                        answers[index] = worker.receive()
-                    except WorkerDied as error:
-                        if index in lost:
-                            raise InputError(died("what was asked for")) from error
-                        lost.add(index)
-                        left.extendleft((*reversed(begun.pop(worker)), index))
-                        begun[self._replaced(worker)] = deque()
-            yield answers.pop(wanted)
+        found: dict[int, Answer] = {}
+        wanted = 0
+        for index, answer in self.answers(messages):
+            if isinstance(answer, WorkerDied):
+                raise InputError(died("what was asked for"))
+            if isinstance(answer, Exception):
+                raise answer
+            found[index] = answer
+            while wanted in found:
+                yield found.pop(wanted)
+                wanted += 1
 
-    def _hand_out(
-        self, messages: Sequence[Message], left: deque[int], begun: dict[Worker[Message, Answer], deque[int]]
-    ) -> None:
-        """Give every worker a message, and a second one in advance while enough are left."""
-        while left:
-            worker = min(begun, key=lambda worker: len(begun[worker]))
-            if len(begun[worker]) > (len(left) > len(begun)):
+    def answers(
+        self,
+        messages: Sequence[Message],
+        kind: Callable[[Message], object] = lambda _: None,
+        enough: Callable[[], bool] = lambda: False,
+    ) -> Iterator[tuple[int, Answer | Exception]]:
+        """The number and the answer of each message, or its exception, as they come.
+
+        If a worker dies, or takes too long, its message goes to another one, after all others; the second time,
+        WorkerDied is the answer. kind: a worker gets messages of one kind, one after the other, as far as that delays
+        none. enough: asked after each answer; once it is true, only what is begun is still answered.
+        """
+        left: dict[object, deque[int]] = {}
+        for index, message in enumerate(messages):
+            left.setdefault(kind(message), deque()).append(index)
+        lost: set[int] = set()
+        while True:
+            if enough():
+                left = {}
+            self._hand_out(messages, left)
+            busy = [post for post in self._posts if post.own]
+            if not busy:
                 return
-            begun[worker].append(left.popleft())
-            worker.send(messages[begun[worker][-1]])
+            end = min(post.since for post in busy) + self._deadline
+            ready = wait([post.worker.pipe for post in busy], None if end == inf else max(0.0, end - time.monotonic()))
+            for post in busy:
+                late = time.monotonic() - post.since > self._deadline
+                if post.worker.pipe not in ready and not late:
+                    continue
+                index, answer = post.own.popleft(), self._received(post, late=late)
+                if isinstance(answer, WorkerDied):
+                    for other in reversed(post.own):  # it had not begun with these
+                        left.setdefault(post.kind, deque()).appendleft(other)
+                    post.own.clear()
+                    post.worker.close()
+                    post.worker = self._new()
+                    if index not in lost:
+                        lost.add(index)
+                        left.setdefault(post.kind, deque()).append(index)
+                        continue
+                post.since = time.monotonic()
+                yield index, answer
 
-    def _replaced(self, worker: Worker[Message, Answer]) -> Worker[Message, Answer]:
-        worker.close()
-        new = self._workers[self._workers.index(worker)] = self._new()
-        return new
+    @staticmethod
+    def _received(post: _Post[Message, Answer], *, late: bool) -> Answer | Exception:
+        try:
+            return post.worker.receive(0.0 if late else inf)
+        except Exception as error:
+            return error
+
+    def _hand_out(self, messages: Sequence[Message], left: dict[object, deque[int]]) -> None:
+        """Give every worker a message, and some in advance while enough are left."""
+        while waiting := sum(map(len, left.values())):
+            post = min(self._posts, key=lambda post: len(post.own))
+            if len(post.own) > (self._ahead if waiting > len(self._posts) else 0):
+                return
+            kinds = [kind for kind, some in left.items() if some]
+            taken = {other.kind for other in self._posts if other.own}
+            free = next((kind for kind in kinds if kind not in taken), None)
+            longest = max(kinds, key=lambda kind: len(left[kind])) if free is None else free
+            post.kind = post.kind if left.get(post.kind) else longest
+            if not post.own:
+                post.since = time.monotonic()
+            post.own.append(left[post.kind].popleft())
+            post.worker.send(messages[post.own[-1]])
 
     def kill(self) -> None:
         """End them at once."""
-        for worker in self._workers:
-            worker.kill()
+        for post in self._posts:
+            post.worker.kill()
 
     def close(self) -> None:
         """End them, and wait for the end."""
-        for worker in self._workers:
-            worker.release()
-        for worker in self._workers:
-            worker.close()
+        for post in self._posts:
+            post.worker.pipe.close()
+        for post in self._posts:
+            post.worker.close()
 
 
 def died(computed: str) -> Problem:
-    """The problem that two processes died computing the same item."""
+    """The problem that two processes died computing the same item, or took too long."""
     return Problem("worker-died", f"the process that computed {computed} died twice; is there enough memory?")
-
-
-class ProcessExecutor(Generic[Item, Result]):
-    """One process that does `work` with each item it is sent, in order; only results travel back.
-
-    If it dies, this item and all later ones fail with WorkerDied.
-    """
-
-    def __init__(self, work: Callable[[Item], Result]) -> None:
-        self._worker: Worker[Item, Result] = Worker(forked(), _same, work)
-        self._thread = ThreadPoolExecutor(1)  # waits for the process
-
-    def submit(self, item: Item) -> Future[Result]:
-        """Do the work for an item; its exception becomes the future's."""
-        return self._thread.submit(self._ask, item)
-
-    def _ask(self, item: Item) -> Result:
-        self._worker.send(item)
-        return self._worker.receive()
-
-    def close(self) -> None:
-        """End the process at once, whatever it is doing."""
-        self._worker.kill()
-        self._thread.shutdown(cancel_futures=True)
-
-
-def _same(work: Callable[[Item], Result]) -> Callable[[Item], Result]:
-    return work

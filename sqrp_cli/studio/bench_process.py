@@ -9,7 +9,7 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from sqrp_cli.platform.processes import Foreman, forked
+from sqrp_cli.platform.processes import Worker, forked
 from sqrp_cli.studio.requests import Question
 
 
@@ -20,7 +20,8 @@ class Bench:
         """path: of the workspace, as it was given."""
         self.pipe, theirs = multiprocessing.Pipe()
         """Answers are texts for browsers."""
-        self._process: Foreman[None, None] = Foreman(forked(), _serve, theirs, self.pipe, path, seed, jobs)
+        arguments = (theirs, self.pipe, path, seed, jobs)
+        self._process: Worker[None, None] = Worker(forked(), _serve, *arguments, starts_others=True)
         theirs.close()
         self._waiting: dict[object, Question] = {}
         self._some_wait = threading.Condition()

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.errors import InputError, Problem, bad_input
-from sqrp_cli.platform.processes import Foreman, forked
+from sqrp_cli.platform.processes import Worker, forked
 from sqrp_cli.studio.messages import findings, kind_of, message
 from sqrp_cli.studio.server import Live
 
@@ -108,7 +108,7 @@ class Running:
 
         self.job = job
         self.pipe, theirs = multiprocessing.Pipe()
-        self._process: Foreman[None, None] = Foreman(forked(), _work, theirs, self.pipe, job)
+        self._process: Worker[None, None] = Worker(forked(), _work, theirs, self.pipe, job, starts_others=True)
         theirs.close()
 
     def drop(self) -> bool:

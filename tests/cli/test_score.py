@@ -9,7 +9,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 from xml.etree import ElementTree
@@ -355,22 +354,6 @@ def test_a_run_that_is_killed_goes_on_where_it_was(sqrp, quick_cell, tmp_path):
     assert {p.name: p.read_bytes() for p in out.rglob("*.json")} == {
         p.name: p.read_bytes() for p in undisturbed.rglob("*.json")
     }
-
-
-def test_results_on_a_dask_cluster_are_the_same_without_the_files(sqrp, own_watch, tmp_path, monkeypatch):
-    distributed = pytest.importorskip("distributed")
-    mesh = Path(shutil.copy(ROOT / "tests" / "cases" / "cell" / "cube.stl", own_watch))
-    stray = "stray: {type: cube, size: [10 cm, 10 cm, 10 cm]"
-    edit(own_watch, stray, f"{stray}, parts: [{{mesh: cube.stl, scale: 0.01}}]")
-    edit(own_watch, "watch green", "watch cube")
-    here = sqrp("score", own_watch, "--out", tmp_path / "here", "--json")
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    options = {"dashboard_address": ":0", "protocol": "tcp", "local_directory": str(tmp_path)}
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=2, processes=False, **options) as cluster:
-        there = sqrp("score", own_watch, "--cluster", cluster.scheduler_address, "--out", tmp_path / "there", "--json")
-    assert (there.code, there.out, computed(there)) == (here.code, here.out, computed(here))
-    shipped = list(tmp_path.glob("sqrp-files-*/*"))
-    assert [file.read_bytes() for file in shipped] == [mesh.read_bytes()]
 
 
 def test_a_folder_that_cannot_be_written_is_refused(sqrp, own_watch, tmp_path):

@@ -10,14 +10,13 @@ import subprocess
 import sys
 import tempfile
 import time
-from concurrent.futures import BrokenExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.platform.processes import ProcessExecutor, in_processes
+from sqrp_cli.platform.processes import Pool, Worker, WorkerDied, forked, in_processes
 from sqrp_cli.runtime.image import NEEDED
 
 PATIENCE = 60.0
@@ -82,18 +81,57 @@ def test_a_process_whose_message_was_torn_off_by_ctrl_c_ends_silently(tmp_path: 
 
 
 def test_sending_much_to_a_process_that_was_killed_does_not_wait_for_ever() -> None:
-    executors = [ProcessExecutor(_call), ProcessExecutor(_call)]  # the second one inherits what is open when it begins
-    first, second = (executor.submit((os.getpid,)).result(PATIENCE) for executor in executors)
+    workers = [Worker(forked(), lambda: _call) for _ in range(2)]  # the second one inherits what is open when it begins
+    for worker in workers:
+        worker.send((os.getpid,))
+    first, second = (worker.receive(PATIENCE) for worker in workers)
     assert first != second
 
-    sent = [executors[0].submit((time.sleep, 2 * PATIENCE))]
-    sent += [executors[0].submit((len, bytes(1_000_000))) for _ in range(3)]  # more than a pipe holds
+    workers[0].send((time.sleep, 2 * PATIENCE))
     os.kill(first, signal.SIGKILL)
+    for _ in range(3):
+        workers[0].send((len, bytes(1_000_000)))  # more than a pipe holds
+    with pytest.raises(WorkerDied, match="has ended"):
+        workers[0].receive()
+    workers[1].send((len, b"more"))
+    assert workers[1].receive(PATIENCE) == 4
+    for worker in workers:
+        worker.close()
 
-    assert all(isinstance(future.exception(PATIENCE), BrokenExecutor) for future in sent)
-    assert executors[1].submit((len, b"more")).result(PATIENCE) == 4
-    for executor in executors:
-        executor.close()
+
+def test_a_worker_that_does_not_answer_in_time_is_killed_and_its_message_goes_to_another(tmp_path: Path) -> None:
+    def hangs_once(number: int) -> int:
+        if number == 3 and not (tmp_path / "hung").exists():
+            (tmp_path / "hung").touch()
+            time.sleep(PATIENCE)
+        return number
+
+    began = time.monotonic()
+    assert list(in_processes(hangs_once, range(8), 2, deadline=0.5)) == list(range(8))
+    assert time.monotonic() - began < 0.5 * PATIENCE
+    with pytest.raises(InputError, match="died twice"):
+        list(in_processes(time.sleep, [PATIENCE, 0.0, 0.0], 2, deadline=0.3))
+
+
+def test_messages_of_a_kind_stay_with_one_worker_and_all_workers_are_used() -> None:
+    pool: Pool[str, tuple[int, str]] = Pool(
+        2, forked(), lambda: lambda text: (time.sleep(0.02), (os.getpid(), text))[1]
+    )
+    found = dict(pool.answers(["a1", "b1", "a2", "b2", "a3", "a4", "a5", "a6"], kind=lambda text: text[0]))
+    pool.close()
+    assert sorted(found) == list(range(8))
+    by_kind = {kind: {one[0] for one in found.values() if one[1].startswith(kind)} for kind in "ab"}
+    assert len(by_kind["b"]) == 1
+    assert len(by_kind["a"]) == 2, "once there is nothing else, both do what is left"
+
+
+def test_once_it_is_enough_only_what_is_begun_is_answered() -> None:
+    pool: Pool[int, int] = Pool(2, forked(), lambda: lambda number: number, ahead=0)
+    found: list[int] = []
+    for index, _ in pool.answers(range(100), enough=lambda: len(found) > 2):
+        found.append(index)
+    assert 3 <= len(found) <= 5
+    pool.close()
 
 
 def test_what_goes_wrong_in_a_process_goes_wrong_here() -> None:
@@ -165,14 +203,14 @@ def _runs(process: int) -> bool:
 
 
 SCRIPT = """
-from sqrp_cli.platform.processes import Team, fresh
+from sqrp_cli.platform.processes import Pool, fresh
 from tests.platform.workers import doubling
 
 print("begins", flush=True)
 
-team = Team(2, fresh(["json"]), doubling)
-print(list(team.map([1, 2, 3])), flush=True)
-team.close()
+pool = Pool(2, fresh(["json"]), doubling)
+print(list(pool.map([1, 2, 3])), flush=True)
+pool.close()
 """
 
 
@@ -189,7 +227,7 @@ KILLED_SERVER = """
 import os, signal
 from multiprocessing import forkserver
 from sqrp_cli.errors import InputError
-from sqrp_cli.platform.processes import Team, fresh
+from sqrp_cli.platform.processes import Pool, fresh
 from tests.platform.workers import doubling
 
 context = fresh(["json"])
@@ -198,7 +236,7 @@ os.kill(server, signal.SIGSTOP)
 import threading
 threading.Timer(0.5, lambda: os.kill(server, signal.SIGKILL)).start()
 try:
-    Team(1, context, doubling)
+    Pool(1, context, doubling)
 except InputError as error:
     print(error.problems[0].code)
 """

@@ -32,7 +32,7 @@ def diff(_context: Any, ask: DiffCommand) -> ExitCode:  # noqa: ANN401 - Typer's
     """Compare, and print what differs."""
     from sqrp_cli.scoring.work.cluster import connected
 
-    with connected(ask.cluster, note_late) as workers:
+    with connected(ask.cluster, note_late, ask.tls) as workers:
         from sqrp_cli.api.scores import why_not_scored
         from sqrp_cli.programming.coverage.sampling import Adaptive
         from sqrp_cli.scoring.scorecard import Scorecard, difference, read_versions

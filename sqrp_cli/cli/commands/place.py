@@ -44,7 +44,7 @@ def place(context: Any, ask: PlaceCommand) -> ExitCode:  # noqa: ANN401 - Typer'
 
     patch = _only(ask.patch)
     cell = open_to_write(ask.workspace, ask.seed, [ask.mounts], report=ask.report, patch=patch, patches=PATCHES)
-    with connected(ask.cluster, note) as workers:
+    with connected(ask.cluster, note, ask.tls) as workers:
         means = Means(ask.sampling or Adaptive(), ask.jobs, workers, ask.out, ask.seed)
         found = find_placement(cell.cell, ask, means=means, progress=progress, watch=Bounds())
     if patch is not None and found.patch:

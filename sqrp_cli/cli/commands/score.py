@@ -110,7 +110,7 @@ def score(context: Any, ask: ScoreCommand) -> ExitCode:  # noqa: ANN401 - Typer'
         check_writable(path)
     if ask.report is not None:
         check_report(ask.report)
-    with connected(ask.cluster, note_late) as workers:
+    with connected(ask.cluster, note_late, ask.tls) as workers:
         from sqrp_cli.programming.coverage.sampling import Adaptive
         from sqrp_cli.scoring.work.compute import Means
 

@@ -19,7 +19,7 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.platform.interrupts import interrupts_later
-from sqrp_cli.platform.processes import Team, fresh
+from sqrp_cli.platform.processes import Pool, fresh
 from sqrp_cli.runtime.cell.interface import ArmReference, CellState
 from sqrp_cli.runtime.image import NEEDED, CameraImage
 
@@ -32,6 +32,10 @@ Memory: TypeAlias = "ctypes.Array[ctypes.c_uint8]"
 
 MOST_WORKERS = 8
 """More would cost more memory than they save time."""
+
+
+DRAWN_WITHIN = 120.0
+"""A process that takes longer for an image [s] is taken for dead."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +61,7 @@ class RenderPool:
         self._memory = context.RawArray(ctypes.c_uint8, max(1, self._offsets[-1]))
         count = min(len(os.sched_getaffinity(0)), len(cameras), MOST_WORKERS)
         arguments = (model, self._cameras, seed, self._memory, self._offsets)
-        self._team = Team[_Task, None](count, context, _drawing, *arguments)
+        self._pool = Pool[_Task, None](count, context, _drawing, *arguments, deadline=DRAWN_WITHIN)
 
     def images(self, cameras: Sequence[str], positions: Array, t: float) -> list[NDArray[np.uint8]]:
         """The images of some cameras at joint positions (MuJoCo's qpos) and time t [s], in the order of their names.
@@ -65,13 +69,13 @@ class RenderPool:
         Raises InputError if OpenGL cannot draw.
         """
         tasks = [_Task(self._index[name], positions, t) for name in cameras]
-        for _ in self._team.map(tasks):
+        for _ in self._pool.map(tasks):
             pass
         return [self._slot(task.camera).copy() for task in tasks]
 
     def close(self) -> None:
         """End the processes, which end by themselves at the latest when the interpreter does."""
-        self._team.close()
+        self._pool.close()
 
     def _slot(self, camera: int) -> NDArray[np.uint8]:
         return _slot(self._memory, self._offsets[camera], self._cameras[camera])

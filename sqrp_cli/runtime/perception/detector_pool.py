@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 from sqrp_cli.errors import SqrpError
-from sqrp_cli.platform.processes import Context, Worker, fresh
+from sqrp_cli.platform.processes import Context, Worker, WorkerDied, fresh
 from sqrp_cli.runtime.image import NEEDED, CameraImage
 from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, Detection, DetectionTargets
 from sqrp_cli.runtime.perception.plugin import PluginError
@@ -121,14 +121,13 @@ class _Worker:
         return waiting.popleft()
 
     def _take(self) -> None:
-        if not self._process.answered(ANSWER_WITHIN):
-            raise PerceptionError(self.cameras, "does not answer")
         try:
-            detection = self._process.receive()
+            detection = self._process.receive(ANSWER_WITHIN)
         except Exception as error:  # it died, or found what it cannot cope with
             self.kill()
-            why = f": {error}" if isinstance(error, PluginError) else ""
-            raise PerceptionError(self.cameras, f"has ended{why}") from error
+            why = str(error) if isinstance(error, WorkerDied) else "has ended"
+            why += f": {error}" if isinstance(error, PluginError) else ""
+            raise PerceptionError(self.cameras, why) from error
         self._unanswered -= 1
         if detection is not None:
             self._ready[detection.camera].append(detection)

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
 from sqrp_cli.errors import Problem
 from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.platform.interrupts import first_interrupt_noted
+from sqrp_cli.platform.processes import Pool, died, forked
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.task import Candidate
-from sqrp_cli.scoring.work.cluster import Cluster, DaskWorkers
-from sqrp_cli.scoring.work.dispatcher import Dispatcher, Done, LocalWorkers, Workers
+from sqrp_cli.scoring.work.cluster import Cluster
 from sqrp_cli.scoring.work.identity import candidate_key
-from sqrp_cli.scoring.work.job import Job, PackedWorkspace
+from sqrp_cli.scoring.work.job import Answer, Job, PackedWorkspace, run_job
 from sqrp_cli.scoring.work.results import Outcome, Results
+
+COMPUTED_WITHIN = 3600.0
+"""A process that takes longer for a candidate [s] is taken for dead."""
 
 
 @dataclass(frozen=True)
@@ -35,18 +39,9 @@ class Means:
 
 @contextmanager
 def open_computer(means: Means) -> Iterator[Computer]:
-    """A computer with these means; at Ctrl-C it first finishes and keeps what is under way.
-
-    Raises InputError for a folder that cannot be used.
-    """
-    workers = LocalWorkers(means.jobs) if means.cluster is None else DaskWorkers(means.cluster)
-    with closing(workers), closing(Results(means.out)) as results:
-        computer = Computer(workers, results, means.sampling, means.seed)
-        try:
-            yield computer
-        except KeyboardInterrupt:
-            computer.give_up()
-            raise
+    """A computer with these means. Raises InputError for a folder that cannot be used."""
+    with closing(Results(means.out)) as results, closing(Computer(means, results)) as computer:
+        yield computer
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,60 +55,76 @@ class Wanted:
 
 
 class Computer:
-    """Gets outcomes of candidates, from kept results or from workers.
+    """Gets outcomes of candidates: those that are kept, and others from processes, a cluster, or itself.
 
     computed, failed: how many were computed, and how many could not be.
     """
 
-    def __init__(self, workers: Workers, results: Results, sampling: Sampling, seed: int = 0) -> None:
-        self.sampling = sampling
+    def __init__(self, means: Means, results: Results) -> None:
+        self.sampling = means.sampling
         self.computed = self.failed = 0
-        self._seed = seed
-        self._results = results
-        self._dispatcher = Dispatcher(workers, self._keep)
-        self._awaited: set[str] = set()  # keys of what is begun
+        self._means, self._results = means, results
+        self._pool: Pool[Job, list[Answer]] | None = None
         self._problems: dict[str, tuple[Problem, ...]] = {}  # of what cannot be computed, by key
-        self._advance: Callable[[int], None] | None = None
-
-    def begin(self, wanted: Sequence[Wanted], *, coverage: bool = False) -> None:
-        """Let workers that are other processes begin with candidates of which there is no outcome; see `compute`."""
-        missing: dict[str, Wanted] = {}
-        for want in wanted:
-            key = self._key(want.content, want.candidate, coverage=coverage)
-            known = key in self._awaited or key in self._problems
-            if not known and self._outcome(key, want.candidate) is None:
-                missing[key] = want
-        self._awaited.update(missing)
-        by_workspace: dict[str, list[Wanted]] = {}
-        for want in missing.values():
-            by_workspace.setdefault(want.workspace.digest, []).append(want)
-        for members in by_workspace.values():
-            packed = PackedWorkspace.of(members[0].workspace)
-            self._dispatcher.add(
-                [Job(packed, one.content, (one.candidate,), self.sampling, self._seed, coverage) for one in members]
-            )
 
     def compute(self, wanted: Sequence[Wanted], advance: Callable[[int], None], *, coverage: bool = False) -> None:
         """Make every candidate available to `outcome`; `advance` is called with the number of finished ones.
 
-        coverage: with their coverage; each is then a way, which leaves nothing free. At Ctrl-C what is under way is
-        finished and kept, then KeyboardInterrupt is raised. Raises InputError if results cannot be kept.
+        coverage: with their coverage; each is then a way, which leaves nothing free. At Ctrl-C what other processes are
+        at is finished and kept, then KeyboardInterrupt is raised. Raises InputError if results cannot be kept.
         """
-        self.begin(wanted, coverage=coverage)
-        advance(len(wanted) - len(self._awaited))
-        self._advance = advance
-        try:
-            self._dispatcher.finish()
-        except KeyboardInterrupt:
-            self.give_up()
-            raise
-        finally:
-            self._advance = None
+        missing: dict[str, Wanted] = {}
+        for want in wanted:
+            key = self._key(want.content, want.candidate, coverage=coverage)
+            if key not in self._problems and self._outcome(key, want.candidate) is None:
+                missing[key] = want
+        packed: dict[str, PackedWorkspace] = {}
+        jobs = []
+        for want in missing.values():
+            workspace = packed.get(want.workspace.digest) or PackedWorkspace.of(want.workspace)
+            packed[want.workspace.digest] = workspace
+            candidates, seed = (want.candidate,), self._means.seed
+            jobs.append(Job(workspace, want.content, candidates, self.sampling, seed, coverage))
+        advance(len(wanted) - len(missing))
+        others = self._means.cluster is not None or self._means.jobs > 1
+        with first_interrupt_noted() if others else nullcontext(_never) as interrupted:
+            for index, answers in self._answered(jobs, interrupted):
+                for candidate, answer in zip(jobs[index].candidates, answers, strict=True):
+                    self._keep(self._key(jobs[index].content, candidate, coverage=coverage), candidate, answer)
+                    advance(1)
 
-    def give_up(self) -> None:
-        """Begin nothing more, and keep what is under way."""
-        self._dispatcher.give_up()
-        self._awaited.clear()
+    def _answered(self, jobs: Sequence[Job], interrupted: Callable[[], bool]) -> Iterator[tuple[int, Sequence[Answer]]]:
+        """The answers of jobs, by number, as they come; none of those that are not begun once it is interrupted."""
+        if self._means.cluster is not None:
+            yield from self._means.cluster.answers(jobs, interrupted)
+        elif self._means.jobs < 2:
+            for index, job in enumerate(jobs):
+                yield index, run_job(job)
+        elif jobs:
+            if self._pool is None:  # a job carries its workspace: a second one would wait in the pipe
+                self._pool = Pool(self._means.jobs, forked(), _runner, deadline=COMPUTED_WITHIN, ahead=0)
+            found = self._pool.answers(jobs, lambda job: job.workspace.digest, interrupted)
+            for index, answers in found:
+                yield index, [(died(jobs[index].told),)] if isinstance(answers, Exception) else answers
+
+    def _keep(self, key: str, candidate: Candidate, answer: Answer) -> None:
+        if isinstance(answer, str) and self._means.cluster is not None:
+            try:
+                Outcome.from_text(answer, candidate)
+            except ValueError:
+                message = f"a worker of the cluster answered for {candidate.name} with what is no result"
+                answer = (Problem("worker-died", message),)
+        if isinstance(answer, str):
+            self._results.keep(key, answer)
+            self.computed += 1
+        else:
+            self._problems[key] = answer
+            self.failed += 1
+
+    def close(self) -> None:
+        """End the processes."""
+        if self._pool is not None:
+            self._pool.kill()
 
     def outcome(self, wanted: Wanted, *, coverage: bool = False) -> Outcome | None:
         """The outcome of a candidate, if there is one."""
@@ -132,18 +143,13 @@ class Computer:
         except ValueError:  # a damaged file is as good as none
             return None
 
-    def _keep(self, done: Done) -> None:
-        job = done.job
-        keys = [self._key(job.content, candidate, coverage=job.coverage) for candidate in job.candidates]
-        for key, text in zip(keys, done.outcomes, strict=False):
-            self._results.keep(key, text)
-            self.computed += 1
-        if done.problems:
-            self.failed += len(keys)
-            self._problems.update(dict.fromkeys(keys, done.problems))
-        self._awaited.difference_update(keys)
-        if self._advance is not None:
-            self._advance(len(keys))
-
     def _key(self, content: str, candidate: Candidate, *, coverage: bool) -> str:
-        return candidate_key(content, candidate, self.sampling, self._seed, coverage=coverage)
+        return candidate_key(content, candidate, self.sampling, self._means.seed, coverage=coverage)
+
+
+def _never() -> bool:
+    return False
+
+
+def _runner() -> Callable[[Job], list[Answer]]:
+    return run_job

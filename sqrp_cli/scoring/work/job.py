@@ -1,4 +1,4 @@
-"""A job: a portion of the work, how it travels to a process or a machine, and how it is done there.
+"""A job: a portion of the work, how it travels to a process or a machine, and how it is done and answered there.
 
 Machines that do not share our disk get the content of a workspace's files, named by its digest.
 """
@@ -6,17 +6,21 @@ Machines that do not share our disk get the content of a workspace's files, name
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import pickle
 import tempfile
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import Literal
 
-from sqrp_cli.errors import Infeasible, InputError, Problem, bad_input
+from pydantic import BaseModel, ConfigDict, TypeAdapter
+
+from sqrp_cli.errors import Infeasible, InputError, Place, Problem
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.platform.memory import collect_seldom, keep_freed_memory
@@ -28,7 +32,7 @@ from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.whole_study import whole_study
 from sqrp_cli.scoring.work.identity import program_digest
-from sqrp_cli.scoring.work.results import Outcome
+from sqrp_cli.scoring.work.results import MAX_BYTES, Outcome
 
 CELLS_KEPT = 4
 """Cells that a worker keeps loaded; the jobs of one workspace mostly come one after the other."""
@@ -70,31 +74,40 @@ class Job:
     coverage: bool
     """Whether their coverage is wanted besides their figures."""
 
-    def done_in(self, cell: Cell) -> tuple[str, ...]:
-        """The outcome of each candidate, as text."""
-        return tuple(_outcome(cell, self, candidate).to_text() for candidate in self.candidates)
+    def done_for(self, cell: Cell, candidate: Candidate) -> str:
+        """The outcome of one of the candidates, as text."""
+        return _outcome(cell, self, candidate).to_text()
 
-    def goes_with(self, other: Job) -> bool:
-        """Whether another job of the same run can be done together with this one."""
-        return (self.content, self.coverage) == (other.content, other.coverage) and (
-            self.workspace.digest == other.workspace.digest
-        )
-
-
-def joined(jobs: Sequence[Job]) -> Job:
-    """Jobs that go with each other as one."""
-    if len(jobs) == 1:
-        return jobs[0]
-    return replace(jobs[0], candidates=tuple(candidate for job in jobs for candidate in job.candidates))
+    @property
+    def told(self) -> str:
+        """What it is about, for messages."""
+        return ", ".join(candidate.name for candidate in self.candidates)
 
 
-def run_job(job: Job, placed: Callable[[Workspace], Workspace] | None = None) -> tuple[str, ...]:
-    """The outcome of each candidate, as text; placed: maps the workspace's files to those on this machine.
+Answer = str | tuple[Problem, ...]
+"""The outcome of a candidate as text, or why there is none."""
 
-    Raises InputError for meshes or a sampling that cannot be used.
-    """
+
+def run_job(job: Job, placed: Callable[[Workspace], Workspace] | None = None) -> list[Answer]:
+    """The answer for each candidate. placed: maps the workspace's files to those on this machine."""
     with _one_at_a_time:  # a cell has working memory of its own, and a cluster may run threads
-        return job.done_in(_cell(job, placed))
+        try:
+            cell = _cell(job, placed)
+        except Exception as error:
+            return [_problems(error)] * len(job.candidates)
+        answers: list[Answer] = []
+        for candidate in job.candidates:
+            try:
+                answers.append(job.done_for(cell, candidate))
+            except Exception as error:
+                answers.append(_problems(error))
+        return answers
+
+
+def _problems(error: Exception) -> tuple[Problem, ...]:
+    if isinstance(error, InputError):
+        return error.problems
+    return (Problem("internal-error", " ".join(f"{type(error).__name__}: {error}".split())),)
 
 
 def _outcome(cell: Cell, job: Job, candidate: Candidate) -> Outcome:
@@ -124,22 +137,63 @@ def _cell(job: Job, placed: Callable[[Workspace], Workspace] | None) -> Cell:
     return cell
 
 
-def run_shipped(data: bytes, program: str, contents: Mapping[str, bytes]) -> tuple[str, ...]:
-    """Do a job that arrived as bytes, from a machine with another disk.
+def run_shipped(data: bytes, program: str, contents: Mapping[str, bytes]) -> str:
+    """Do a job that arrived as bytes, from a machine with another disk; the answers as JSON, see `read_answers`.
 
-    program: digest of the program that sent it. contents: of the workspace's files, by their digests. Raises
-    InputError like `run_job`, and if this machine runs another program or version.
+    program: digest of the program that sent it. contents: of the workspace's files, by their digests.
     """
     if program != program_digest():
         message = "a worker of the cluster has another version of sqrp, or of a library that it computes with"
-        raise bad_input("version-mismatch", message, mend="install the same versions on every worker")
+        return as_json([(Problem("version-mismatch", message, mend="install the same versions on every worker"),)])
     prepare()
-    job: Job = pickle.loads(data)  # noqa: S301 # of the same program
+    job: Job = pickle.loads(data)  # noqa: S301 # of the same program, from one whom the worker's owner trusts
     places = {path: _materialized(path, digest, contents[digest]) for path, digest in job.workspace.files.items()}
-    try:
-        return run_job(job, lambda workspace: workspace.relocated(lambda path: places[path]))
-    except InputError as error:
-        raise InputError(*(_translated(problem, places) for problem in error.problems)) from error
+    answers = run_job(job, lambda workspace: workspace.relocated(lambda path: places[path]))
+    return as_json(
+        one if isinstance(one, str) else tuple(_translated(problem, places) for problem in one) for one in answers
+    )
+
+
+def as_json(answers: Iterable[Answer]) -> str:
+    """Answers as JSON."""
+    return json.dumps([one if isinstance(one, str) else [_told(problem) for problem in one] for one in answers])
+
+
+def _told(problem: Problem) -> dict[str, object]:
+    place = problem.place and (str(problem.place.file), problem.place.line, problem.place.column)
+    return {**{name: getattr(problem, name) for name in ("code", "message", "severity", "mend")}, "place": place}
+
+
+class _ToldProblem(BaseModel):
+    model_config = ConfigDict(strict=True, extra="forbid")
+
+    code: str
+    message: str
+    severity: Literal["error", "warning"]
+    mend: str | None
+    place: tuple[str, int | None, int | None] | None
+
+    @property
+    def problem(self) -> Problem:
+        place = None if self.place is None else Place(Path(self.place[0]), *self.place[1:])
+        return Problem(self.code, self.message, place, severity=self.severity, mend=self.mend)
+
+
+_ANSWERS: TypeAdapter[list[str | list[_ToldProblem]]] = TypeAdapter(list[str | list[_ToldProblem]])
+
+
+def read_answers(text: object, count: int) -> list[Answer]:
+    """What `as_json` wrote, for so many candidates. Raises ValueError for anything else, from wherever it comes."""
+    if not isinstance(text, str) or len(text) > count * MAX_BYTES:
+        raise ValueError("no text, or far too much")
+    answers: list[Answer] = [
+        one if isinstance(one, str) else tuple(told.problem for told in one) for one in _ANSWERS.validate_json(text)
+    ]
+    if len(answers) == 1 and isinstance(answers[0], tuple):
+        return answers * count
+    if len(answers) != count:
+        raise ValueError(f"{len(answers)} answers, expected {count}")
+    return answers
 
 
 @cache

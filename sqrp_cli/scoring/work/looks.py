@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import closing, suppress
 from dataclasses import dataclass, fields
 
-from sqrp_cli.errors import Infeasible, InputError
+import numpy as np
+
+from sqrp_cli.errors import Infeasible, InputError, bad_input
 from sqrp_cli.geometry import Mask
 from sqrp_cli.knowledge.workspace.mounts import LensChoice, Spot
 from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.platform.interrupts import first_interrupt_noted
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import rehearsal
 from sqrp_cli.programming.coverage.stage import Samples
@@ -17,8 +19,7 @@ from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.placing.scenes import JudgedWay, View
 from sqrp_cli.programming.placing.tensor import Verdicts, ViewBatch, seen_by
 from sqrp_cli.programming.task import Candidate
-from sqrp_cli.scoring.work.cluster import Cluster, DaskWorkers
-from sqrp_cli.scoring.work.dispatcher import Dispatcher, Done
+from sqrp_cli.scoring.work.cluster import Cluster
 from sqrp_cli.scoring.work.identity import digest_of, program_digest
 from sqrp_cli.scoring.work.job import Job, PackedWorkspace
 from sqrp_cli.scoring.work.results import Results, as_line, from_line
@@ -34,19 +35,14 @@ class LookJob(Job):
     views: tuple[View, ...] = ()
     lenses: tuple[LensChoice, ...] = ()
 
-    def goes_with(self, other: Job) -> bool:  # noqa: ARG002 - each is large enough
-        """See `Job`."""
-        return False
-
-    def done_in(self, cell: Cell) -> tuple[str, ...]:
+    def done_for(self, cell: Cell, candidate: Candidate) -> str:
         """What the portion sees, as text."""
-        (way,), world = self.candidates, cell.initial_world
-        motion = feasible_motion(cell, way, world)
+        motion = feasible_motion(cell, candidate, cell.initial_world)
         if isinstance(motion, Infeasible) or self.samples is None:
-            raise ValueError(f"{way.name} was feasible a moment ago")
-        scene = rehearsal(cell, way, world, motion)
-        judged = JudgedWay(scene, self.samples, task=self.task, candidate=way)
-        return (as_line(seen_by(cell, judged, self.spots, self.views, self.lenses)),)
+            raise ValueError(f"{candidate.name} was feasible a moment ago")
+        scene = rehearsal(cell, candidate, cell.initial_world, motion)
+        judged = JudgedWay(scene, self.samples, task=self.task, candidate=candidate)
+        return as_line(seen_by(cell, judged, self.spots, self.views, self.lenses))
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,21 +57,15 @@ class ClusterVerdicts:
         """See `Verdicts`. Raises InputError if a portion cannot be computed, or no worker is left."""
         packed = PackedWorkspace.of(self.workspace)
         jobs = [self._job(packed, part) for part in parts]
-        number = {id(job): index for index, job in enumerate(jobs)}
-
-        def keep(finished: Done) -> None:
-            if finished.problems:
-                raise InputError(*finished.problems)
-            done(number[id(finished.job)], from_line(finished.outcomes[0]))
-
-        with closing(DaskWorkers(self.cluster)) as workers:
-            dispatcher = Dispatcher(workers, keep)
-            try:
-                dispatcher.add(jobs)
-                dispatcher.finish()
-            except KeyboardInterrupt:
-                dispatcher.give_up()
-                raise
+        with first_interrupt_noted() as interrupted:
+            for index, (answer,) in self.cluster.answers(jobs, interrupted):
+                if not isinstance(answer, str):
+                    raise InputError(*answer)
+                try:
+                    sees = _mask_in(answer, parts[index])
+                except ValueError as error:
+                    raise bad_input("worker-died", "a worker of the cluster answered with what is no result") from error
+                done(index, sees)
 
     def _job(self, packed: PackedWorkspace, part: ViewBatch) -> LookJob:
         from sqrp_cli.programming.coverage.sampling import Adaptive
@@ -109,11 +99,10 @@ class KeptVerdicts:
         keys = [self._key(part) for part in parts]
         missing = []
         for number, (key, part) in enumerate(zip(keys, parts, strict=True)):
-            sees = self._known(key)
-            if sees is None or sees.shape != (len(part.lenses), len(part.views), len(part.way.items.sample)):
+            try:
+                done(number, _mask_in(self.results.get(key) or "", part))
+            except ValueError:  # nothing is kept, or its file is damaged
                 missing.append(number)
-            else:
-                done(number, sees)
 
         def keep(index: int, sees: Mask) -> None:
             self.results.keep(keys[missing[index]], as_line(sees))
@@ -121,13 +110,6 @@ class KeptVerdicts:
 
         if missing:
             self.others.of([parts[number] for number in missing], keep)
-
-    def _known(self, key: str) -> Mask | None:
-        """What is kept under a key; None if nothing is, or its file is damaged."""
-        with suppress(ValueError):
-            sees: Mask = from_line(self.results.get(key) or "")
-            return sees
-        return None
 
     def _key(self, part: ViewBatch) -> str:
         """Digest of all that the verdicts depend on."""
@@ -146,6 +128,15 @@ class KeptVerdicts:
                 [_lens(lens) for lens in part.lenses],
             ]
         )
+
+
+def _mask_in(text: str, part: ViewBatch) -> Mask:
+    """What a portion sees, of a text. Raises ValueError for any other text."""
+    sees = from_line(text)
+    expected = (len(part.lenses), len(part.views), len(part.way.items.sample))
+    if not isinstance(sees, np.ndarray) or sees.dtype != bool or sees.shape != expected:
+        raise ValueError("no verdicts of these views")
+    return sees
 
 
 def _way(way: Candidate) -> list[object]:

@@ -12,9 +12,11 @@ import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import cache
 from math import isfinite
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Annotated, Any
+from types import UnionType
+from typing import IO, TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from pydantic import Field
@@ -122,7 +124,38 @@ def _read(value: Any, skills: Mapping[str, Skill]) -> Any:  # noqa: ANN401 # a v
             names = entries["of"].split(THEN)
             return skills[names[0]] if len(names) == 1 else whole_skill([skills[one] for one in names])
         case name:
-            return _RECORDS[name](**entries)
+            record = _RECORDS[name]
+            for field, hint in _hints(record).items():
+                if field in entries and not _fits(entries[field], hint):
+                    raise ValueError(f"{name}.{field} is no {hint}")
+            return record(**entries)
+
+
+@cache
+def _hints(record: type) -> Mapping[str, Any]:
+    return get_type_hints(record)
+
+
+def _fits(value: Any, hint: Any) -> bool:  # noqa: ANN401 # a value and a type of any kind
+    """Whether a value is of a type, as fields of records state them."""
+    of, kinds = get_origin(hint), get_args(hint)
+    if hint is Any or hint is None or hint is type(None):
+        return hint is Any or value is None
+    if of in (Union, UnionType):
+        return any(_fits(value, kind) for kind in kinds)
+    if of is Literal:
+        return value in kinds
+    if of is tuple and isinstance(value, tuple):
+        if kinds[1:] == (Ellipsis,):
+            return all(_fits(entry, kinds[0]) for entry in value)
+        return len(value) == len(kinds) and all(map(_fits, value, kinds))
+    if of is list:
+        return isinstance(value, list) and all(_fits(entry, kinds[0]) for entry in value)
+    if of is Mapping:
+        return isinstance(value, dict) and all(_fits(entry, kinds[1]) for entry in value.values())
+    if hint is float:
+        return isinstance(value, float | int) and not isinstance(value, bool)
+    return isinstance(value, of or hint) and (hint is bool or not isinstance(value, bool))
 
 
 def _mask(text: str, shape: tuple[int, ...]) -> Mask:
