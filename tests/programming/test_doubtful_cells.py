@@ -10,6 +10,7 @@ import pytest
 
 from sqrp_cli.api.cell import open_cell
 from sqrp_cli.checks.cell_warnings import cell_warnings, fastest_tool, swept_cameras
+from sqrp_cli.cli.main import run
 from sqrp_cli.errors import Problem
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.cell import Cell
@@ -157,3 +158,9 @@ def test_a_camera_in_the_way_of_the_arm_is_a_finding(position: str, hit: bool, t
     best = cell.rank("pickup g2 approach_yaw=0deg").ranked[0].assessment
     found = [one.message for one in swept_cameras(cell.cell, cell.cell.initial_world, [best.way])]
     assert [message.startswith("camera `more` stands where `") for message in found] == [True] * hit
+
+
+def test_rank_says_which_camera_is_in_the_way_of_the_best(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tabletop_with(tmp_path, "pose: {position: [0.48, 0.28, 0.15], look_at: [0, 0, 0]}")
+    assert run(["rank", str(folder), "pickup g2 approach_yaw=0deg", "--ways", "fastest"]) == 0
+    assert "camera `more` stands where `" in capsys.readouterr().err.replace("\n", " ")

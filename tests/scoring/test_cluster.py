@@ -69,7 +69,8 @@ def started(*more):
     while not Path(file).exists():
         time.sleep(0.05)
     work = [sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", file, "--no-dashboard"]
-    worker = subprocess.Popen([*work, "--no-nanny", "--nthreads", "1", "--local-directory", f"{folder}/..", *more], **quiet)
+    work += ["--no-nanny", "--nthreads", "1", "--local-directory", f"{folder}/.."]
+    worker = subprocess.Popen([*work, *more], **quiet)
     atexit.register(ended, (scheduler, worker))
     return scheduler, worker
 def ended(processes):

@@ -50,7 +50,7 @@ class RankCommand(
 def rank(context: Any, ask: RankCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
     """Assess, rank, write what is to be written, and print."""
     from sqrp_cli.api.session import Session, check_choice, world_before
-    from sqrp_cli.checks.cell_warnings import cell_warnings
+    from sqrp_cli.checks.cell_warnings import cell_warnings, swept_cameras
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.platform.files import check_distinct
     from sqrp_cli.programming.ranking import rank
@@ -70,6 +70,10 @@ def rank(context: Any, ask: RankCommand) -> ExitCode:  # noqa: ANN401 - Typer's 
         return ExitCode.INTERRUPTED
     print_problems(intervals_outside(assessments))
     ranked = rank(assessments, ask.by)
+    if ranked[0].rank is not None:
+        best = ranked[0].assessment
+        ways = (one.way for one in best.steps or (best,))
+        print_problems(swept_cameras(session.cell, session.assignment.world, ways))
     # Written before the output, because its reader may leave early.
     code, message = (
         (ExitCode.INTERRUPTED, "") if interrupted else _write_chosen(session, ranked, ask.choose, ask.program)
