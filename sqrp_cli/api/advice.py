@@ -13,7 +13,7 @@ import numpy as np
 
 from sqrp_cli.api.results import Answer
 from sqrp_cli.api.session import Session, assess, check_choice, choose_candidate
-from sqrp_cli.errors import InputError, bad_input, bad_option
+from sqrp_cli.errors import InputError, bad_option
 from sqrp_cli.geometry import inverse, read_only
 from sqrp_cli.knowledge.camera.camera import assumed_latency
 from sqrp_cli.knowledge.text.entries import completed
@@ -21,8 +21,7 @@ from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.yaml_edit import patch
 from sqrp_cli.knowledge.workspace.edits import stated_look_at, with_camera, with_further_camera, with_object, with_task
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask, Workspace
-from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
-from sqrp_cli.platform.files import write_atomically
+from sqrp_cli.knowledge.workspace.workspace_file import read_again, replace_workspace
 from sqrp_cli.programming.advice.advise import Adviser, Kept
 from sqrp_cli.programming.advice.aiming import Aim
 from sqrp_cli.programming.advice.change import KINDS, Advice, Kind, Miss, ProposedChange
@@ -162,12 +161,8 @@ class TaskAdvice(Answer[AdviceDocument]):
         file has changed meanwhile.
         """
         content = self.patched(number)
-        if content == self._file.content:
-            return
-        if read_workspace_document(self._file.path).content != self._file.content:
-            message = "the workspace has changed meanwhile"
-            raise bad_input("changed-meanwhile", message, mend="run the same command again")
-        write_atomically(self._file.path, content)
+        if content != self._file.content:
+            replace_workspace(self._file, content)
 
     def show(self, *, written: bool = False) -> None:
         """Print what `sqrp advise` prints; written: whether a change was written to a file."""
@@ -182,7 +177,8 @@ class TaskAdvice(Answer[AdviceDocument]):
 
     @cached_property
     def _file(self) -> SourceDocument:
-        return read_workspace_document(self.session.workspace.whole_file.file, self.content)
+        workspace = self.session.workspace
+        return read_again(workspace.whole_file.file, workspace.files["workspace"].digest, self.content)
 
     def _patch(self, change: ProposedChange) -> tuple[str, str | None]:
         try:

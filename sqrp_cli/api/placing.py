@@ -16,8 +16,7 @@ from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.yaml_edit import patch
 from sqrp_cli.knowledge.workspace.edits import NewCamera, with_cameras
 from sqrp_cli.knowledge.workspace.mounts import Mounts, place_file, read_mounts
-from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
-from sqrp_cli.platform.files import write_atomically
+from sqrp_cli.knowledge.workspace.workspace_file import read_again, replace_workspace
 from sqrp_cli.programming.advice.wish import Wish, read_wish
 from sqrp_cli.programming.candidate import split_steps
 from sqrp_cli.programming.placing.place import CameraPlacer, Solution
@@ -96,12 +95,16 @@ class CellPlacement(Answer[PlaceDocument]):
         )
 
     def apply(self) -> None:
-        """Write the cameras into the workspace file; comments outside of its cameras stay."""
-        write_atomically(self._file.path, self.patched)
+        """Write the cameras into the workspace file; comments outside of its cameras stay.
+
+        Raises InputError where it cannot be written, and where it has changed meanwhile.
+        """
+        replace_workspace(self._file, self.patched)
 
     @cached_property
     def _file(self) -> SourceDocument:
-        return read_workspace_document(self.found.question.cell.workspace.whole_file.file, self.content)
+        workspace = self.found.question.cell.workspace
+        return read_again(workspace.whole_file.file, workspace.files["workspace"].digest, self.content)
 
 
 def find_placement(

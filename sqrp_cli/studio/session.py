@@ -19,8 +19,7 @@ from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.yaml_edit import changed_values, from_here, patch, with_values
 from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES
 from sqrp_cli.knowledge.workspace.workspace import Workspace
-from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document, workspace_file
-from sqrp_cli.platform.files import write_atomically
+from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document, replace_workspace, workspace_file
 from sqrp_cli.studio import requests
 from sqrp_cli.studio.bench_process import Bench
 from sqrp_cli.studio.draft import Draft, DraftChange
@@ -252,7 +251,7 @@ class Studio:
         saved = read_workspace_document(self._draft.path, self._draft.saved)
         line = self._setting(changed_values(saved, self._draft.content))
         if self._draft.dirty:
-            write_atomically(self._draft.path, self._draft.content)
+            replace_workspace(saved, self._draft.content)
         self._draft = replace(self._draft, saved=self._draft.content)
         self._stamps = self._stamped()
         self._rankings.take_as_saved()

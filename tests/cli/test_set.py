@@ -6,6 +6,8 @@ import json
 
 import yaml
 
+from sqrp_cli.api.cell import OpenCell
+
 
 def test_a_value_is_written_and_comments_stay(sqrp, own_watch):
     file = own_watch / "workspace.yaml"
@@ -53,3 +55,18 @@ def test_an_item_of_a_list_is_replaced(sqrp, own_watch):
         {"task": "watch green", "min_q_avg": 0.5},
         *tasks[1:],
     ]
+
+
+def test_a_value_that_is_set_while_the_file_changes_loses_neither(sqrp, own_watch, monkeypatch):
+    file, read, texts = own_watch / "workspace.yaml", OpenCell.read, []
+
+    def slow(*arguments, **named):
+        texts.append(f"{file.read_text()}# changed by another one\n")
+        file.write_text(texts[-1])
+        return read(*arguments, **named)
+
+    monkeypatch.setattr(OpenCell, "read", slow)
+    found = sqrp("set", own_watch, "cameras.eye.rate=20")
+    assert found.code == 2
+    assert "the workspace has changed meanwhile" in found.err
+    assert file.read_text() == texts[0]

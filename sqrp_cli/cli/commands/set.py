@@ -28,8 +28,7 @@ class SetCommand(requests.CellCommand):
 def set_values(_context: Any, ask: SetCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
     """Write the values, if the result is a workspace."""
     from sqrp_cli.knowledge.text.yaml_edit import with_values
-    from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document, workspace_file
-    from sqrp_cli.platform.files import write_atomically
+    from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document, replace_workspace, workspace_file
     from sqrp_cli.programming.task import impossible_tasks
     from sqrp_cli.terminal.console import note, print_problems
 
@@ -48,7 +47,7 @@ def set_values(_context: Any, ask: SetCommand) -> ExitCode:  # noqa: ANN401 - Ty
     print_problems(one for one in findings if one.severity != "error")
     if errors := [one for one in findings if one.severity == "error"]:
         raise InputError(*errors)
-    write_atomically(file, content)
+    replace_workspace(document, content)
     note(f"{file} is written")
     return ExitCode.OK
 

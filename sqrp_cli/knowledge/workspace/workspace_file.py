@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from contextlib import suppress
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem, bad_input
-from sqrp_cli.knowledge.text.input_file import NOT_THERE, YAML_ENDINGS, nearest_entry
+from sqrp_cli.knowledge.text.input_file import NOT_THERE, YAML_ENDINGS, nearest_entry, read_input
 from sqrp_cli.knowledge.text.packages import from_folder
 from sqrp_cli.knowledge.text.source import SourceDocument
-from sqrp_cli.knowledge.text.yaml_file import parse_yaml, read_yaml
-from sqrp_cli.platform.files import real_path
+from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, parse_yaml, read_yaml
+from sqrp_cli.platform.files import alone, real_path, write_atomically
 from sqrp_cli.shown import shown_name
 
 WORKSPACE_FILE = "workspace.yaml"
@@ -29,6 +30,33 @@ def read_workspace_document(path: Path, content: bytes | None = None) -> SourceD
     if "primitives" in document.data and "robot" not in document.data:
         raise bad_input("no-workspace", "this is a skill; name the workspace that uses it", Place(path))
     return document
+
+
+def read_again(path: Path, digest: str, content: bytes | None = None) -> SourceDocument:
+    """A workspace file that was read before, for a change of it; content: its text where that was not on the disk.
+
+    digest: SHA-256 of what was read. Raises InputError where the file has changed meanwhile.
+    """
+    document = read_workspace_document(path, content)
+    if content is None and hashlib.sha256(document.content).hexdigest() != digest:
+        raise _changed(path)
+    return document
+
+
+def replace_workspace(document: SourceDocument, content: bytes) -> None:
+    """Write another text into a workspace file. Raises InputError where it is not what was read, or cannot be written.
+
+    So of two changes at once the second is refused, and none is lost.
+    """
+    with alone(document.path):
+        if read_input(document.path, MAX_BYTES) != document.content:
+            raise _changed(document.path)
+        write_atomically(document.path, content)
+
+
+def _changed(path: Path) -> InputError:
+    message = "the workspace has changed meanwhile"
+    return bad_input("changed-meanwhile", message, Place(path), mend="run the same command again")
 
 
 def _is_program(document: SourceDocument) -> Problem:

@@ -412,7 +412,7 @@ class CameraPlacer:
             options=len(table.options) - len(table.kept),
             seen=seen,
             shut=shut,
-            cell=self.question.cell,
+            cell=table.cell_with(()),
             too_slow=table.too_slow,
         )
 
