@@ -30,7 +30,7 @@ def read_robot_xml(path: Path, source: RobotSource | None = None) -> RobotXml:
         return RobotXml(root, None, content)
     from sqrp_cli.knowledge.robot.xacro_file import expand
 
-    expanded = expand(path, content, source)
+    expanded = expand(path, source)
     _refuse_old(expanded.root)
     return expanded
 

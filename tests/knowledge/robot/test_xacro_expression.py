@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
-import time
 
 import pytest
+import xacro
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sqrp_cli.knowledge.robot.xacro_expression import GLOBALS, Evaluator, RefusedExpressionError
+from sqrp_cli.knowledge.robot.xacro_expression import UNOFFERED, RefusedExpressionError, evaluate
 
 NAMES = {"width": 0.5, "side": "left", "ports": [1, 2, 3], "cfg": {"arm": {"mass": 3.7}, "flag": True}}
 
 
 def value(expression: str, **names: object) -> object:
-    return Evaluator().value(expression, {**GLOBALS, **NAMES, **names})
+    symbols = xacro.create_global_symbols()
+    for one in UNOFFERED:
+        symbols["python"].pop(one, None)
+    return evaluate(expression, {**symbols, **NAMES, **names})
 
 
 @pytest.mark.parametrize(
@@ -38,7 +41,7 @@ def value(expression: str, **names: object) -> object:
         ("max(*ports)", 3),
         ("sorted(ports, reverse=True)[0]", 3),
         ("side.startswith('le')", True),
-        ("len(range(4)) + sum(ports)", 10),
+        ("len(range(4)) + python.sum(ports)", 10),
         ("2**3 % 5 // 2", 1),
     ],
 )
@@ -73,7 +76,16 @@ def test_arithmetic_is_that_of_python(expression: str) -> None:
         "str.format('{0.__class__}', 1)",
         "__import__('os').system('true')",
         "open('/etc/passwd')",
-        "map(cfg.get, ports)",
+        "(p for p in ports).gi_frame",
+        "xacro.load_yaml.__globals__",
+        "load_yaml.__globals__",
+        "list(map('{0.real}'.format, ports))",
+        "list(map(str.format, ['{0.real}'], ports))",
+        "'{0[arm]}'.format(cfg)",
+        "'{:{0.real}}'.format(1)",
+        "dict.fromkeys(ports)",
+        "_",
+        "__builtins__",
         "cfg.update",
         "ports.append(1)",
         "(x := 1)",
@@ -86,31 +98,6 @@ def test_arithmetic_is_that_of_python(expression: str) -> None:
 def test_nothing_of_python_itself_can_be_reached(expression: str) -> None:
     with pytest.raises((RefusedExpressionError, KeyError, AttributeError)):
         value(expression)
-
-
-@pytest.mark.parametrize(
-    "expression",
-    [
-        "9**9**9",
-        "2**4000",
-        "'a' * 10**9",
-        "[0] * 10**9",
-        "range(10**9)",
-        "'{:>999999999}'.format(1)",
-        "'{:{}}'.format(1, 10**9)",
-        "'%*d' % (10**9, 1)",
-        "[[[x for x in range(1000)] for y in range(1000)] for z in range(1000)]",
-        "('a' * 9999).replace('a', 'b' * 9999)",
-        "('a' * 9999).join(['b'] * 9999)",
-        "-" * 9000 + "1",
-        "(" * 300 + "1" + ")" * 300,
-    ],
-)
-def test_no_expression_takes_more_than_its_share(expression: str) -> None:
-    began = time.process_time()
-    with pytest.raises((RefusedExpressionError, RecursionError)):
-        value(expression)
-    assert time.process_time() - began < 20  # instead of hours
 
 
 def test_a_name_that_is_not_defined_has_a_suggestion() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.knowledge.robot import xacro_file
 from sqrp_cli.knowledge.robot.read_urdf import read_urdf
 from sqrp_cli.knowledge.robot.robot_source import RobotSource
 from sqrp_cli.knowledge.robot.robot_xml import read_robot_xml
@@ -158,13 +160,13 @@ def test_its_content_is_what_it_stands_for(package: Path) -> None:
         (TOP_FILE, 'prefix="left_" ', "", "xacro", "Undefined parameters [prefix]"),
         (TOP_FILE, 'prefix="left_" ', 'prefx="left_" ', "xacro", 'Invalid parameter "prefx"'),
         (MACRO_FILE, "<xacro:stage n", "<xacro:none n", "xacro", "<xacro:none> is no known macro"),
-        (MACRO_FILE, "sizes['lengths']", "sizes['lenghts']", "xacro", "did you mean `lengths`"),
+        (MACRO_FILE, "sizes['lengths']", "sizes['lenghts']", "xacro", "has no key 'lenghts'"),
         ("urdf/inc/common.xacro", "<xacro:prop", "<xacro:include filename='common.xacro'/><xacro:prop", "xacro", ""),
         ("config/short/lengths.yaml", "]", "", "yaml-syntax", ""),
         (TOP_FILE, "$(find my_arm)/urdf/inc/arm_macro.xacro", "/etc/passwd", "outside-roots", "/etc/passwd"),
         (TOP_FILE, "$(find my_arm)/urdf/inc", "../../other", "outside-roots", "outside the folders"),
         (TOP_FILE, "$(arg name)", "$(env HOME)", "xacro-argument", "`HOME`, which is never read"),
-        (TOP_FILE, "$(arg name)", "$(run ls)", "xacro", "`$(run ls)`"),
+        (TOP_FILE, "$(arg name)", "$(run ls)", "xacro", "[run ls]"),
         (TOP_FILE, "$(arg name)", "$(eval __import__('os'))", "xacro", ""),
     ],
 )  # fmt: skip
@@ -265,3 +267,87 @@ def test_warnings_of_the_file_are_kept(package: Path) -> None:
     top(package).write_text(TOP.replace("<link", "${xacro.warning('old file')}<link", 1))
     (warning,) = read(package).warnings
     assert (warning.code, warning.severity) == ("xacro-warning", "warning")
+
+
+@pytest.mark.parametrize(
+    "expression",
+    ["9**9**9", "[[[x for x in range(1000)] for y in range(1000)] for z in range(1000)]", "max(range(10**12))"],
+)
+def test_an_expression_that_takes_long_ends_by_the_limit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, expression: str
+) -> None:
+    monkeypatch.setattr(xacro_file, "MAX_SECONDS", 1)
+    (tmp_path / "long.xacro").write_text(f'<robot name="r" {XMLNS}><link name="${{{expression}}}"/></robot>')
+    with pytest.raises(InputError, match="too much time or memory") as caught:
+        read_robot_xml(tmp_path / "long.xacro")
+    assert len(caught.value.problems) == 1
+
+
+@pytest.mark.parametrize(
+    "expression", ["'a' * 10**10", "[0] * 10**10", "'{:>9999999999}'.format(1)", "(" * 300 + "1" + ")" * 300]
+)
+def test_an_expression_that_takes_much_memory_is_refused(tmp_path: Path, expression: str) -> None:
+    (tmp_path / "large.xacro").write_text(f'<robot name="r" {XMLNS}><link name="${{{expression}}}"/></robot>')
+    with pytest.raises(InputError):
+        read_robot_xml(tmp_path / "large.xacro")
+
+
+def test_a_link_inside_a_package_is_not_followed_out_of_it(package: Path, tmp_path: Path) -> None:
+    secret = tmp_path / "secret.yaml"
+    secret.write_text("lengths: [1, 2]\n")
+    sizes = package / "config" / "short" / "lengths.yaml"
+    sizes.unlink()
+    sizes.symlink_to(secret)
+    with pytest.raises(InputError, match=f"outside the folders .* it is a link to `{secret}`"):
+        read(package)
+    model = read_urdf(top(package), RobotSource(roots=(tmp_path,)))
+    assert model.joints["left_joint_1"].X_PJ[0, 3] == 1.0
+
+
+@pytest.mark.parametrize("wrong", ["</robot", "${1/0}", "<xacro:none/>"])
+def test_what_is_wrong_in_an_included_file_names_that_file(package: Path, wrong: str) -> None:
+    common = package / "urdf" / "inc" / "common.xacro"
+    common.write_text(f'<robot {XMLNS}>\n<xacro:if value="true">{wrong}</xacro:if></robot>')
+    with pytest.raises(InputError) as caught:
+        read(package)
+    (problem,) = caught.value.problems
+    assert problem.place is not None
+    assert (problem.place.file, problem.place.line) == (common, 2)
+
+
+HARMS = """
+import json, os, socket, subprocess, sys
+from sqrp_cli.knowledge.robot import xacro_child
+harms = {
+    "read": lambda: open("/etc/passwd"), "write": lambda: open(sys.argv[1] + "/new", "w"),
+    "command": lambda: os.system("true"), "process": lambda: subprocess.run(["true"]), "network": socket.socket,
+    "removal": lambda: os.remove(sys.argv[1] + "/a.xacro"), "variable": lambda: os.putenv("A", "b"), "fork": os.fork,
+}
+def run(self):
+    done = []
+    for name, harm in harms.items():
+        try:
+            harm()
+            done.append(name)
+        except PermissionError:
+            pass
+    raise ValueError(f"done: {done}")
+xacro_child._Expansion.run = run
+xacro_child.main()
+"""
+
+
+def test_the_process_that_expands_can_do_nothing_else(tmp_path: Path) -> None:
+    (tmp_path / "a.xacro").write_text(f"<robot {XMLNS}/>")
+    asked = {
+        "path": str(tmp_path / "a.xacro"),
+        "arguments": {},
+        "roots": [],
+        "search": [],
+        "seconds": 5,
+        "memory": 2**30,
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", HARMS, tmp_path], input=json.dumps(asked), capture_output=True, text=True
+    )
+    assert json.loads(done.stdout)["problem"]["message"] == "done: []"
