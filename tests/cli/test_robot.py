@@ -28,7 +28,7 @@ TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
     ("words", "said"),
     [
         (["cell", TABLETOP], "--serve is missing; expected ros2"),
-        (["cell", TABLETOP, "--serve", "ros3"], "--serve is `ros3`; expected ros2"),
+        (["cell", TABLETOP, "--serve", "ros3"], "--serve is `ros3`; did you mean `ros2`?"),
         (["cell", TABLETOP, "--serve", "ros2", "--fault", "slip@a4"], "--fault needs --program"),
         (["run", "pick.yaml", "--sim", "--speed", "10%"], "--speed is about --robot, which is missing"),
         (["run", "pick.yaml", "--yes"], "--yes is about --robot, which is missing"),

@@ -156,7 +156,7 @@ def test_infeasible_candidates_are_shown_with_their_reasons(sqrp, watch, tableto
 
 def test_the_table_shows_the_figures_of_the_document(tabletop_written, ranked):
     lines = [line for line in tabletop_written.out.splitlines() if line.strip()]
-    rows = {line.split()[0 if line.split()[0] != "*" else 1]: line for line in lines}
+    rows = {line.split()[0]: line for line in reversed(lines)}  # sentences below the table may begin with a figure, too
     for candidate in ranked.document["candidates"]:
         if not candidate["feasible"]:
             continue

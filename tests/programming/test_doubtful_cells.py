@@ -70,7 +70,7 @@ def test_a_speed_that_the_joints_allow_nowhere_is_reported_where_it_stands(tmp_p
     shutil.copytree(TABLETOP.parents[1] / "skills", tmp_path / "skills")
     shutil.copytree(TABLETOP.parent, tmp_path / "workspaces")
     replace(
-        tmp_path / "skills/pickup/skill.yaml", "straight_move: grasp, speed: 5 cm/s", "straight_move: grasp, speed: 3"
+        tmp_path / "skills/pickup/skill.yaml", "straight_move: grasp, speed: 4 cm/s", "straight_move: grasp, speed: 3"
     )
     (problem,) = found(tmp_path / "workspaces" / "tabletop")
     assert problem.code == "unreachable-speed"
