@@ -68,6 +68,7 @@ def codes_in(path: Path) -> set[str]:
         call.args[0].value
         for call, name in calls(tree)
         if name in CALLS and call.args and isinstance(call.args[0], ast.Constant) and path not in OF_OTHERS
+        if isinstance(call.args[0].value, str)
     }
     made = {f"unknown-{what}" for what in UNKNOWN.get(path.name, ())}
     return {text for text in texts if CODE.fullmatch(text)} | {word for word in words if WORD.fullmatch(word)} | made

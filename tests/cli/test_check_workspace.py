@@ -118,7 +118,7 @@ def test_a_camera_inside_the_link_that_carries_it_is_a_warning_because_that_hide
 ) -> None:
     place = "frame: base\n    pose: {position: [0, 0, 0.05], look_at: [1, 0, 0.05]}"
     place += "\n    image: {width: 640, height: 480, fx: 100}"
-    cell = _new_cell(sqrp, tmp_path, "  cam1:", f"  inner:\n    {place}\n    rate: 10\n  cam1:")
+    cell = _new_cell(sqrp, tmp_path, "  cam1:", f"  inner:\n    {place}\n    rate: 10\n    latency: 0\n  cam1:")
     (problem,) = sqrp("check", cell, "--json").document["problems"]
     assert (problem["code"], problem["severity"]) == ("camera-inside-robot", "warning")
     assert "`inner` is inside link `base`" in problem["message"]

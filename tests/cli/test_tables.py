@@ -455,5 +455,5 @@ def test_a_fault_that_no_image_shows_is_named_in_words_and_one_candidate_has_its
     assert "Never noticed, as no image is sure to show it: moved in 100 % of cases." in shown
     assert "behind wall" in shown
     several = " ".join(sqrp("rank", watch, "watch cube").out.split())
-    assert "as no image shows it: moved of behind and 9 more in up to 100 % of cases." in several
+    assert "as no image is sure to show it: moved of behind and 9 more in up to 100 % of cases." in several
     assert "no image shows it" not in sqrp("rank", watch, "watch green").out
