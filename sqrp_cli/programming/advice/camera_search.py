@@ -138,9 +138,9 @@ class CameraSearch:
     @property
     def middle(self) -> Aim | None:
         """An aim at the middle of what this camera must see, if there is anything."""
-        if self._look.camera is None:
+        corners = self._look.corners
+        if not len(corners):
             return None
-        corners = self._look.camera.corners.reshape(-1, 3)
         point = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
         X_FW = inverse(self.base.scene.states.X_WF[self.camera.frame][0])
         return replace(self.aim, point=read_only(whole(transform(X_FW, point[None])[0])))

@@ -12,16 +12,14 @@ from functools import cached_property
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, Indices, Mask
+from sqrp_cli.geometry import Array, Indices, Mask, box_corners, transform
 from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study
 from sqrp_cli.programming.coverage.stage import Samples, states_of
 from sqrp_cli.programming.coverage.timeline import Timeline
 from sqrp_cli.programming.pieces import fault_intervals
-from sqrp_cli.programming.sensing.moved_camera import MovedCamera
 from sqrp_cli.programming.sensing.observer import sees_all
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.targets import Target
@@ -176,25 +174,20 @@ class CameraLook:
         wanted = scene.required & (count == scene.needed - 1)
         self._scene = scene
         self._hopeless: Mask = (scene.required & (count < scene.needed - 1)).any(axis=1)
-        row, column = np.nonzero(wanted & ~self._hopeless[:, None])
-        targets = scene.targets
-        boxes = [box for target in targets for box in target.boxes]
-        first = np.cumsum([0, *(len(target.boxes) for target in targets)])
-        pairs = [
-            (r, b) for r, c in zip(row.tolist(), column.tolist(), strict=True) for b in range(first[c], first[c + 1])
-        ]
-        self.row: Indices = np.array([r for r, _ in pairs], dtype=np.int64)
-        """The sample of each of the n boxes that the camera must see, shape (n,)."""
-        box = np.array([b for _, b in pairs], dtype=np.int64)
-        observer, states = scene.cell.observer, scene.states
-        lights = tuple(observer.lights.values())
-        self._order = np.array(_spread(len(pairs)), dtype=np.int64)
-        self._failures = np.zeros(len(pairs), dtype=np.int64)
-        self.camera = (
-            MovedCamera(Projection.of(camera), boxes, observer.solids, states, box=box, state=self.row, lights=lights)
-            if pairs
-            else None
-        )
+        self._camera = camera
+        self._row, self._target = np.nonzero(wanted & ~self._hopeless[:, None])
+        self._order = np.array(_spread(len(self._row)), dtype=np.int64)
+        self._failures = np.zeros(len(self._row), dtype=np.int64)
+
+    @property
+    def corners(self) -> Array:
+        """Corners in the world of all boxes that the camera must see, shape (n, 3); none if there are no boxes."""
+        found, states = [np.empty((0, 3))], self._scene.states
+        for row, target in zip(self._row.tolist(), self._target.tolist(), strict=True):
+            for box in self._scene.targets[target].boxes:
+                X_WB = states.box_poses(box)
+                found.append(transform(X_WB[row if len(X_WB) > 1 else 0], box_corners(box.size)))
+        return np.concatenate(found)
 
     @property
     def hopeful(self) -> bool:
@@ -203,14 +196,16 @@ class CameraLook:
 
     def passes(self, X_FC: Array) -> Mask:
         """Which of p poses of the camera, shape (p, 4, 4), may meet the wish."""
-        if self.camera is None:
-            return np.full(len(X_FC), self.hopeful)
-        sees = self.camera.within(X_FC)
+        sees = self._seen(X_FC, limits_only=True)
         open_ones = np.flatnonzero(self._scene.possible(self._covered(sees)))
         done, count = 0, _FIRST
         while len(open_ones) and done < len(self._order):
             chosen = self._order[done : done + count]
-            self._test(self.camera, X_FC, open_ones, chosen, sees)
+            asked = np.zeros((len(open_ones), len(self._row)), dtype=bool)
+            asked[:, chosen] = sees[np.ix_(open_ones, chosen)]
+            failed = asked & ~self._seen(X_FC[open_ones], asked)
+            sees[open_ones] &= ~failed
+            self._failures += failed.sum(axis=0)  # those that fail often come first from now on
             open_ones = open_ones[self._scene.possible(self._covered(sees[open_ones]))]
             done, count = done + count, _GROWTH * count
         self._order = self._order[np.argsort(-self._failures[self._order], kind="stable")]
@@ -220,26 +215,23 @@ class CameraLook:
 
     def quality(self, X_FC: Array) -> Array:
         """Share of the samples that are covered, for each of p poses (p, 4, 4), to compare poses that do not pass."""
-        if self.camera is None:
-            return np.full(len(X_FC), float(np.mean(~self._hopeless)))
-        sees = self.camera.within(X_FC)
-        self._test(self.camera, X_FC, np.arange(len(X_FC)), self._order, sees)
-        quality: Array = self._covered(sees).mean(axis=1)
+        quality: Array = self._covered(self._seen(X_FC)).mean(axis=1)
         return quality
 
-    def _test(self, camera: MovedCamera, X_FC: Array, poses: Indices, chosen: Indices, sees: Mask) -> None:
-        """Test some views of some poses for occlusion; those that fail often come first from now on."""
-        at, which = np.nonzero(sees[np.ix_(poses, chosen)])
-        pose, look = poses[at], chosen[which]
-        visible = camera.unhidden(X_FC[pose], look)
-        sees[pose[~visible], look[~visible]] = False
-        self._failures += np.bincount(look[~visible], minlength=len(self._failures))
+    def _seen(self, X_FC: Array, asked: Mask | None = None, *, limits_only: bool = False) -> Mask:
+        """Whether the camera sees, from each of p poses (p, 4, 4), each target that it must see in a sample, (p, n)."""
+        scene = self._scene
+        items = scene.targets, scene.states, self._row, self._target
+        (found,) = scene.cell.observer.seen_from([self._camera], X_FC, *items, asked=asked, limits_only=limits_only)
+        seen: Mask = found
+        return seen
 
     def _covered(self, sees: Mask) -> Mask:
         """Whether each sample is covered, shape (p, m)."""
         covered = np.tile(~self._hopeless, (len(sees), 1))
-        begins = np.flatnonzero(np.diff(self.row, prepend=-1))
-        covered[:, self.row[begins]] &= np.logical_and.reduceat(sees, begins, axis=1)
+        begins = np.flatnonzero(np.diff(self._row, prepend=-1))
+        if len(begins):
+            covered[:, self._row[begins]] &= np.logical_and.reduceat(sees, begins, axis=1)
         return covered
 
 

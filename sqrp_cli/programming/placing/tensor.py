@@ -9,14 +9,11 @@ from typing import Protocol
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, Indices, Mask
-from sqrp_cli.knowledge.camera.projection import Projection
+from sqrp_cli.geometry import Mask
 from sqrp_cli.knowledge.workspace.mounts import LensChoice, Spot
 from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.placing.scenes import Installation, JudgedWay, View
-from sqrp_cli.programming.sensing.moved_camera import MovedCamera
-from sqrp_cli.programming.sensing.observer import Observer
 
 TOGETHER = 24
 """Poses judged as one piece of work."""
@@ -85,70 +82,13 @@ def seen_by(
         return sees
     for _, group in groupby(range(len(views)), key=lambda index: spots[views[index].spot].frame):
         rows = list(group)
-        at = [spots[views[row].spot] for row in rows]
-        sees[:, rows] = _in_frame(cell.observer, way, at, [views[row] for row in rows], lenses)
-    return sees
-
-
-def _in_frame(
-    observer: Observer, way: JudgedWay, spots: Sequence[Spot], views: Sequence[View], lenses: Sequence[LensChoice]
-) -> Mask:
-    """The same for poses that one frame carries."""
-    boxes = [box for target in way.scene.targets for box in target.boxes]
-    state, box, item = _looks(way)
-    X_FC = np.stack([view.X_FC for view in views])
-    moved = [
-        MovedCamera(
-            Projection.of(Installation(spots[0], views[0], lens).camera(lens.name)),
-            boxes,
-            observer.solids,
-            way.states,
-            box=box,
-            state=state,
-            lights=tuple(observer.lights.values()),
-        )
-        for lens in lenses
-    ]
-    within = np.stack([one.within(X_FC) for one in moved])
+        first = views[rows[0]]
+        cameras = [Installation(spots[first.spot], first, lens).camera(lens.name) for lens in lenses]
+        X_FC = np.stack([views[row].X_FC for row in rows])
+        sees[:, rows] = cell.observer.seen_from(cameras, X_FC, way.scene.targets, way.states, *way.items)
     for number, lens in enumerate(lenses):
-        fits = np.array([any(one.name == lens.name for one in spot.lenses) for spot in spots], dtype=bool)
-        within[number] &= fits[:, None]
-    # What hides a box does not depend on the lens, what light shows of it on the gain alone. Where another box of its
-    # target is outside, it need not be tested.
-    begins = np.flatnonzero(np.diff(item, prepend=-1))
-    whole = np.asarray(np.logical_and.reduceat(within, begins, axis=2))
-    gains = np.array([lens.brightness if observer.lights else 1.0 for lens in lenses])
-    sees = np.zeros_like(whole)
-    for gain in np.unique(gains):
-        alike = np.flatnonzero(gains == gain)
-        asked: Mask = np.any(whole[alike], axis=0)[:, item]
-        unhidden = _unhidden(moved[alike[0]], X_FC, asked)
-        sees[alike] = whole[alike] & np.logical_and.reduceat(unhidden, begins, axis=1)
+        sees[number, [all(one.name != lens.name for one in spots[view.spot].lenses) for view in views]] = False
     return sees
-
-
-def _unhidden(camera: MovedCamera, X_FC: Array, asked: Mask) -> Mask:
-    """Which of the looks (v, n) that are asked for show enough of their boxes from poses (v, 4, 4), shape (v, n)."""
-    found = np.zeros(asked.shape, dtype=bool)
-    pose, look = np.nonzero(asked)
-    for start in range(0, len(pose), _LOOKS_TOGETHER):
-        chunk = slice(start, start + _LOOKS_TOGETHER)
-        found[pose[chunk], look[chunk]] = camera.unhidden(X_FC[pose[chunk]], look[chunk])
-    return found
-
-
-def _looks(way: JudgedWay) -> tuple[Indices, Indices, Indices]:
-    """The sample, the box and the item of every look: one for each box of each item, in the order of the items."""
-    sample, target = way.items
-    counts = np.array([len(one.boxes) for one in way.scene.targets], dtype=np.int64)
-    first = np.cumsum(counts) - counts
-    item = np.repeat(np.arange(len(sample)), counts[target])
-    within = np.arange(len(item)) - np.repeat(np.cumsum(counts[target]) - counts[target], counts[target])
-    return sample[item], first[target[item]] + within, item
-
-
-_LOOKS_TOGETHER = 20_000
-"""To bound the memory."""
 
 
 def joined_items(before: JudgedWay, sees: Mask, more: JudgedWay, added: Mask, after: JudgedWay) -> Mask:

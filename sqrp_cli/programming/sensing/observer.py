@@ -181,23 +181,27 @@ class Observer:
         X_FC: Array,
         targets: Sequence[Target],
         states: SceneStates,
-        rows: Sequence[Indices],
+        state: Indices,
+        target: Indices,
         *,
         asked: Mask | None = None,
         limits_only: bool = False,
     ) -> Mask:
-        """Which targets one camera, with each of l lenses, sees wholly from each of p poses, shape (l, p, n).
+        """Whether one camera with each of l lenses sees all boxes of targets in states from each of p poses, (l, p, n).
 
-        The last axis has all states `rows` of the first target, by index, then those of the next: n in all. lenses:
-        cameras of one frame; their own poses do not count. X_FC: poses of the optical frame in that frame, (p, 4, 4).
-        asked: which pairs of pose and item, shape (p, n), are of interest; the others come out unseen at no cost.
-        limits_only: whether what hides targets, is behind them or lights them does not count, ten times as fast.
+        state, target: the n items, by index, shape (n,) each. lenses: cameras of one frame; their own poses do not
+        count. X_FC: poses of the optical frame in that frame, (p, 4, 4). asked: which items are of interest from which
+        pose, shape (p, n); the others cost nothing and come out unseen. limits_only: whether what hides boxes, is
+        behind them or lights them does not count, which is some ten times as fast. Raises ValueError for lenses of
+        several frames.
         """
         if len({lens.frame for lens in lenses}) > 1:
             raise ValueError("the lenses of one camera must have one frame")
         boxes = [box for target in targets for box in target.boxes]
+        counts = np.array([len(one.boxes) for one in targets], dtype=np.int64)
+        first = np.cumsum(counts) - counts
         request = self._scene.request([Projection.of(lens) for lens in lenses], boxes, states)
-        return request.look_from(X_FC, items_of(targets, rows), asked, limits_only=limits_only)
+        return request.look_from(X_FC, Items(state, first[target], counts[target]), asked, limits_only=limits_only)
 
     def _look(
         self, targets: Sequence[Target], states: SceneStates, items: Items, needed: Indices, sights: Sights

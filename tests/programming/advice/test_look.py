@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from sqrp_cli.geometry import displacement
-from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.advice.change import ProposedChange
 from sqrp_cli.programming.advice.look import CameraLook, WishedSamples
 from sqrp_cli.programming.advice.question import seen_by
@@ -17,7 +16,6 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.coverage.stage import Samples
-from sqrp_cli.programming.sensing.moved_camera import MovedCamera
 from sqrp_cli.programming.sensing.observer import Observer, sees_all
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.programming.whole_study import WholeStudy, whole_study
@@ -92,14 +90,10 @@ def test_failures_of_the_exact_timeline_are_looked_at_next(cell, studied):
 def test_a_moved_camera_sees_what_the_observer_sees_from_there(cell, studied, camera):
     entry, rng = cell.workspace.cameras[camera], np.random.default_rng(3)
     scene = WishedSamples.of(cell, studied, read_wish("q_avg 100 %"))
-    boxes = [box for target in scene.targets for box in target.boxes]
-    box, state = (axis.reshape(-1) for axis in np.indices((len(boxes), scene.count)))
-    one = MovedCamera(Projection.of(entry), boxes, cell.observer.solids, scene.states, box=box, state=state)
+    target, state = (axis.reshape(-1) for axis in np.indices((len(scene.targets), scene.count)))
     poses = moved(entry, rng, 6)
-    sees = one.within(poses)
-    pose, look = np.nonzero(sees)
-    sees[pose, look] = one.unhidden(poses[pose], look)
+    sees = cell.observer.seen_from([entry], poses, scene.targets, scene.states, state, target)[0]
     observer = Observer(tuple(replace(entry, X_FC=X_FC) for X_FC in poses), cell.observer.solids)
     matrix = observer.verdicts(scene.targets, scene.states)
-    expected = np.concatenate([sees_all([verdicts]) for entry in matrix for verdicts in entry])
+    expected = np.concatenate([sees_all(boxes) for boxes in matrix])
     np.testing.assert_array_equal(sees, expected.T)

@@ -9,9 +9,7 @@ import pytest
 
 from sqrp_cli import open_cell
 from sqrp_cli.geometry import inverse
-from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.placing.problem import Requirements
-from sqrp_cli.programming.sensing.moved_camera import MovedCamera
 from tests.programming.placing.test_place import TABLETOP, placer
 from tests.programming.sensing.renderer import MujocoScene
 from tests.programming.sensing.test_truth import picture_of
@@ -48,8 +46,9 @@ def test_six_cameras_see_what_a_renderer_shows(tmp_path: Path) -> None:
         there = asked.table.installation(option)
         view, camera = there.view, there.camera("here")
         sample, target = way.items
-        looks = MovedCamera(Projection.of(camera), boxes, cell.cell.observer.solids, states, box=target, state=sample)
-        within = looks.within(view.X_FC[None])[0]
+        (within,) = cell.cell.observer.seen_from(
+            [camera], view.X_FC[None], scene.targets, states, sample, target, limits_only=True
+        )[0]
         assert not sees[option][~within].any()
         for item in np.flatnonzero(within).tolist():
             state, box = int(sample[item]), boxes[int(target[item])]
