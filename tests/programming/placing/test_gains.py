@@ -11,6 +11,7 @@ from sqrp_cli.knowledge.light import Light
 from sqrp_cli.knowledge.workspace.mounts import LensChoice, Spot
 from sqrp_cli.programming.placing.scenes import Items, View
 from sqrp_cli.programming.placing.tensor import seen_by
+from sqrp_cli.programming.sensing.observer import Observer
 from tests.programming.sensing.visibility.test_lighting import ABOVE, CUBE, GREEN, STATES
 
 IMAGE = ImageEntry(width=640, height=480, horizontal_fov=1.0)
@@ -30,7 +31,7 @@ def seen(lights: dict[str, Light], lenses: list[LensChoice] = LENSES) -> list[bo
     spot = Spot(
         mount="m", name="m", frame="world", position=ABOVE[:3, 3], entry=SimpleNamespace(), lenses=tuple(lenses)
     )
-    cell = SimpleNamespace(observer=SimpleNamespace(solids=(), lights=lights))
+    cell = SimpleNamespace(observer=Observer((), (), lights))
     return seen_by(cell, WAY, [spot], [View(0, ABOVE, None, np.zeros(3))], lenses)[:, 0, 0].tolist()
 
 
