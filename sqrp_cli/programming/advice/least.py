@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
+from math import inf
 from typing import TypeVar
 
 import numpy as np
@@ -29,8 +30,14 @@ COARSE = {2: 12, 3: 4}
 _TOGETHER = 512
 """Vectors to test at once."""
 
+_FEW = 8
+"""Vectors to test at once where the next ones may pass; twice as many each time that none does."""
+
 _DECIDED = 6
 """Vectors of one batch that pass the test and are decided, at most; failures sharpen the test."""
+
+_GIVEN_UP = 4
+"""Batches of a fine grid that are given up before all of it is: the test tells too little of what is decided."""
 
 _ROUNDS = 10
 """Of the descent."""
@@ -58,39 +65,44 @@ class LeastSearch:
 
     def anywhere(self) -> Array | None:
         """A vector (d,) that does, as short as a coarse search and a descent from what it finds can make it."""
-        return self._least(shells(self.dimension, self.step, self.reach))
+        return self._least(shells(self.dimension, self.step, self.reach), inf)
 
     def within(self, length: float) -> Array | None:
-        """A vector that does, where any point of the grid up to a length does, and at most as long as such points.
+        """A vector that does, from a fine grid up to a length; of many points that pass the test a few are decided.
 
         The grid is coarser than asked for beyond `FINE` of its steps.
         """
-        return self._least(_ball(self.dimension, self.step, length))
+        return self._least(_ball(self.dimension, self.step, length), _GIVEN_UP)
 
-    def _least(self, batches: Iterator[Array]) -> Array | None:
-        found = self._first(batches)
-        return None if found is None else self._descended(found)
-
-    def _first(self, batches: Iterator[Array]) -> Array | None:
-        """The first vector of the batches that does."""
+    def _least(self, batches: Iterator[Array], most: float) -> Array | None:
+        """The first vector of the batches that does, made shorter. most: batches that are given up before all are."""
+        given_up = 0
         for batch in batches:
             for start in range(0, len(batch), _TOGETHER):
-                found = self._first_of(batch[start : start + _TOGETHER])
+                found, decided = self._first_of(batch[start : start + _TOGETHER])
                 if found is not None:
-                    return found
+                    return self._descended(found)
+                given_up += decided == _DECIDED
+                if given_up >= most:
+                    return None
         return None
 
-    def _first_of(self, vectors: Array) -> Array | None:
-        left = vectors
-        for _ in range(_DECIDED):
-            left = left[self.test(left)]
-            if not len(left):
-                return None
-            if self.decide(left[0]):
-                first: Array = left[0]
-                return first
-            left = left[1:]
-        return None
+    def _first_of(self, vectors: Array) -> tuple[Array | None, int]:
+        """The first of some vectors that does, and how many were decided that do not: `_DECIDED` at most.
+
+        Those make the test of the next ones sharper, so few are tested at once as long as they pass.
+        """
+        begin, count, decided = 0, _FEW, 0
+        while begin < len(vectors):
+            left = vectors[begin : begin + count]
+            begin, count = begin + count, 2 * count
+            while len(left := left[self.test(left)]):
+                if self.decide(left[0]):
+                    return left[0], decided
+                decided, left, count = decided + 1, left[1:], _FEW
+                if decided == _DECIDED:
+                    return None, decided
+        return None, decided
 
     def _descended(self, found: Array) -> Array:
         """A local least vector that does, from one that does."""
@@ -103,7 +115,7 @@ class LeastSearch:
             lengths = length * _SHORTER
             tried = (lengths[:, None, None] * turned).reshape(-1, self.dimension)
             order = np.argsort(np.linalg.norm(tried, axis=1), kind="stable")
-            nearer = self._first_of(tried[order])
+            nearer, _ = self._first_of(tried[order])
             if nearer is not None:
                 found = nearer
             else:

@@ -202,7 +202,8 @@ class CameraPlacer:
         if self._is_ruled_out():
             return self._closest()
         found = self._search(wanted)
-        if any(table.others) and not self._stopped and self._may_be_better(found):
+        in_time = not self._stopped and monotonic() < self._until
+        if any(table.others) and in_time and self._may_be_better(found):
             table.add_ways()
             found = self._search(wanted, known=found.selection)
         if found.selection is None and wanted.wish is not None and not self._stopped:
