@@ -217,3 +217,30 @@ LINKAGES = {
     ),
 }
 """Arms with a parallel linkage: passive joints mimic those of the arm."""
+
+
+_TELESCOPE = '<limit lower="0" upper="0.13" velocity="1" effort="1"/>'
+
+_WRIST = (
+    joint("yaw", "a4", "l1", "revolute", "0.083 -0.03 0", "0 0 -1", '<limit lower="-1.75" upper="4" velocity="1"/>'),
+    joint(
+        "pitch", "l1", "l2", "revolute", "0.02 -0.02 -0.03", "1 0 0", '<limit lower="-1.57" upper="0.56" velocity="1"/>'
+    ),
+    joint("roll", "l2", "l3", "revolute", "0 -0.01 0", "0 1 0", '<limit lower="-3.14" upper="3.14" velocity="1"/>'),
+    joint("end", "l3", "tip", "fixed", "0 -0.23 0", "0 0 1"),
+)
+
+LIFTS = {
+    "each part of the arm by itself": (
+        joint("lift", "base", "a0", "prismatic", "0 0.13 0.17", "0 0 1", '<limit lower="0" upper="1.1" velocity="1"/>'),
+        joint("part1", "a0", "a1", "prismatic", "0 -0.25 0", "0 -1 0", _TELESCOPE),
+        *(joint(f"part{k}", f"a{k - 1}", f"a{k}", "prismatic", "0 -0.013 0", "0 -1 0", _TELESCOPE) for k in (2, 3, 4)),
+        *_WRIST,
+    ),
+    "the arm as one joint": (
+        joint("lift", "base", "a0", "prismatic", "0 0.13 0.17", "0 0 1", '<limit lower="0" upper="1.1" velocity="1"/>'),
+        joint("arm", "a0", "a4", "prismatic", "0 -0.289 0", "0 -1 0", _TELESCOPE.replace("0.13", "0.52")),
+        *_WRIST,
+    ),
+}
+"""Arms on a lift with a telescope and a wrist of yaw, pitch and roll, which points straight down but for -1.57."""

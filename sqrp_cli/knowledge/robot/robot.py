@@ -284,8 +284,8 @@ class RobotEntry(Entry):
     limits: LimitsEntry = Field(default=LimitsEntry(), description="Limits of velocity, acceleration and jerk.")
     angle_tolerance: Annotated[float, In(units.ANGLE, 0.0, MOST_TOLERANCE)] | None = Field(
         default=None,
-        description="By how much the tool may be turned away from a pose, by an arm of fewer than six axes. Default: "
-        "0.5 deg.",
+        description="By how much the tool may be turned away from a pose where joints or their limits do not allow it. "
+        "Default: 0.5 deg for an arm of fewer than six axes, else 0.",
     )
     geometry: Geometry = Field(default="collision", description="Which geometry of the links is solid and opaque.")
 

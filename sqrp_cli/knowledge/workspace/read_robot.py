@@ -72,6 +72,7 @@ class RobotReader(EntryReader):
         arm = self._arm()
         joints = [*self.urdf.movable_joints, *(self.tool.movable_joints if self.tool else ())]
         limits = self._limits(joints)
+        usual = robot.ANGLE_TOLERANCE if len(arm) < robot.AXES_OF_A_POSE else 0.0
         return robot.Robot(
             urdf=self.urdf,
             srdf=self.srdf_path if self.srdf is not None else None,
@@ -82,7 +83,7 @@ class RobotReader(EntryReader):
             home=self._home(arm),
             limits=limits,
             stop_limits=self._stop_limits(limits, joints),
-            angle_tolerance=self._angle_tolerance(arm),
+            angle_tolerance=usual if self.entry.angle_tolerance is None else self.entry.angle_tolerance,
             geometry=self.entry.geometry,
             parts=tuple(self._parts),
             disabled_pairs=self.srdf.disabled_pairs if self.srdf else frozenset(),
@@ -151,17 +152,6 @@ class RobotReader(EntryReader):
             message = f"{len(arm)} joints move `{self.tool_frame}`, expected at most {MAX_ARM_JOINTS} in an arm"
             raise bad_input("too-many-joints", message, arm[MAX_ARM_JOINTS].place)
         return arm
-
-    def _angle_tolerance(self, arm: Sequence[UrdfJoint]) -> float:
-        stated = self.entry.angle_tolerance
-        if len(arm) < robot.AXES_OF_A_POSE:
-            return robot.ANGLE_TOLERANCE if stated is None else stated
-        if stated:
-            message = (
-                f"an arm with {len(arm)} axes takes poses exactly; expected this for fewer than {robot.AXES_OF_A_POSE}"
-            )
-            self._report("wrong-value", ("robot", "angle_tolerance"), message)
-        return 0.0
 
     def _home(self, arm: Sequence[UrdfJoint]) -> dict[str, float]:
         path = ("robot", "home")

@@ -16,8 +16,17 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from sqrp_cli.geometry import Array, Mask, inverse, read_only
+from sqrp_cli.knowledge.robot.robot import AXES_OF_A_POSE
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.arm.pose_search import FOLLOWED, descend, halton, newton, pose_errors, spread_starts
+from sqrp_cli.programming.arm.pose_search import (
+    FOLLOWED,
+    HeldJoints,
+    descend,
+    halton,
+    newton,
+    pose_errors,
+    spread_starts,
+)
 from sqrp_cli.programming.arm.reach import Unreachable, beyond_reach, closest_turns, limit_excess, why_unreachable
 
 SOLVED = 1e-11
@@ -38,11 +47,20 @@ NEAR_SINGULAR = 1e-3
 SINGULAR = 1e-6
 """Smallest singular value of the Jacobian below which a solution may lie on a curve of solutions."""
 
-STARTS = 512
-"""Starting points of the search for branches of an arm with up to six joints; the results give more."""
+STARTS, STARTS_AT_ONCE = 512, 64
+"""Starting points of the search for branches of an arm with up to six joints; the results give more.
+
+They are taken some at a time, until none of these leads to a further branch.
+"""
 
 STARTS_PER_SAMPLE = 64
-"""Starting points for each redundancy sample of an arm with more joints."""
+"""Starting points for each redundancy sample of an arm with more joints, and no closed form."""
+
+GENERIC = (0.7, 0.4, 0.6, 0.5)
+"""Positions of held joints at which an arm is asked for its closed form: no special ones."""
+
+FIRST_STARTS = (16, 64, STARTS)
+"""Numbers of starting points of the search with all joints of such an arm, until there is a solution."""
 
 STEPS = 40
 """Steps in which a starting point must lead to a solution."""
@@ -71,8 +89,12 @@ REDUNDANCY_SAMPLES, MORE_REDUNDANCY_SAMPLES = 8, 32
 The second number is for motions that are infeasible with the first.
 """
 
-FIRST_HELD = 2
-"""The first of them: the third joint, the one that swings the elbow of common seven-axis arms."""
+FIRST_HELD = (2, 6, 0, 4, 5, 1)
+"""Which of the joints that turn is held: the first with which EAIK solves the arm, else the first of these.
+
+The third swings the elbow of common seven-axis arms; where the wrist has an offset, holding the last one leaves a
+closed form. The fourth is none of them: an elbow is bent by how far away the pose is.
+"""
 
 MOST_KEPT = 64
 """Most cached results of each robot."""
@@ -81,6 +103,9 @@ _Question = tuple[bytes, int, int]
 
 NOMINAL_ANGLE = 2e-2
 """Axes of a calibrated arm within this angle of an axis of its root count as parallel to it [rad]."""
+
+NEAR_SEED = 2e-2
+"""Largest pose error of a closed form's solution that is polished, in m and rad; calibrated arms need some."""
 
 NOMINAL_OFFSET = 2e-3
 """Offsets between the axes of a calibrated arm below this count as zero [m]."""
@@ -121,70 +146,119 @@ def all_solutions(
 
     Up to six joints: every isolated solution. Where the arm is singular and a curve of positions gives the same pose,
     its points nearest to home. At most `MOST_BRANCHES`.
-    More than six joints: the branches with the redundant joints, counted from the third on, held at
-    `redundancy_samples` positions: home, and positions spread over their limits that depend only on `seed`.
-    Fewer than six: the tool's origin is there exactly, and the tool turned as far as the arm can turn it, which must be
-    within the model's `angle_tolerance` of the pose; see `misses`.
+    More than six joints: the branches with the redundant ones (`held_joints`) held at `redundancy_samples` positions:
+    home, and positions spread over their limits that depend only on `seed`; where these give none, some solutions with
+    all joints free.
+    Fewer than six, or where limits are in the way: the tool's origin is there exactly, and the tool turned as far as
+    the arm can turn it, which must be within the model's `angle_tolerance` of the pose; see `misses`.
     """
     if beyond_reach(model, X_WT) > 0.0:
         return IkResult(np.empty((0, len(model.arm))), why_unreachable(model, X_WT))
-    held, samples = _redundancy(model, seed, redundancy_samples)
-    branches = _branches(model, X_WT, held, samples)
+    redundant = len(model.arm) > AXES_OF_A_POSE
+    branches = _held_branches(model, X_WT, seed, redundancy_samples) if redundant else _branches(model, X_WT)
     inside = _within_limits(model, branches)
-    if not len(inside) and held.any():
-        inside = _within_limits(model, _any_solutions(model, X_WT))
+    for starts in FIRST_STARTS if redundant or model.angle_tolerance else ():
+        if len(inside):
+            break
+        found = branches
+        if redundant:
+            every = np.concatenate([model.home[None], spread_starts(model, starts)])
+            found = np.concatenate([found, _solutions_from(model, X_WT, every, STEPS, limited=True)])
+            inside = _within_limits(model, _distinct(model, found))
+        if not len(inside) and model.angle_tolerance:
+            inside = _at_limits(model, X_WT, found)
+        if not redundant:
+            break
     if len(inside):
         # In lexicographic order, in which values that differ only by rounding count as equal.
         return IkResult(read_only(inside[np.lexsort(np.round(inside, 6).T[::-1])]), None)
     return IkResult(read_only(inside), why_unreachable(model, X_WT, branches))
 
 
-def _redundancy(model: RobotModel, seed: int, samples: int) -> tuple[Mask, Array]:
-    """The held joints, shape (n,), and joint positions (k, n) to hold them at; one row if none is held."""
-    n = len(model.arm)
-    held = np.zeros(n, dtype=bool)
-    held[FIRST_HELD : FIRST_HELD + n - 6] = n > 6
-    if not held.any():
-        return held, model.home[None]
+def _held_branches(model: RobotModel, X_WT: Array, seed: int, count: int) -> Array:
+    """All branches, limits ignored, with the redundant joints held at `count` positions each, shape (k, n).
+
+    The first is home, the others are spread over the limits, in strata drawn with `seed`.
+    """
+    joints, held = list(held_joints(model)), np.zeros(len(model.arm), dtype=bool)
+    held[joints] = True
     bounded = np.isfinite(model.lower) & np.isfinite(model.upper)
     lower, upper = (np.where(bounded, limit, model.home) for limit in (model.lower, model.upper))
     farthest = np.where(model.turns, np.pi, 1.0)
-    middle, reach = 0.5 * (lower + upper), np.where(bounded, np.minimum(0.5 * (upper - lower), farthest), farthest)
-    count = samples - 1
-    strata = np.random.default_rng(seed).permuted(np.tile(np.arange(count), (n, 1)), axis=1).T
-    share = (strata + np.random.default_rng(seed + 1).random((count, n))) / count
-    return held, np.concatenate([model.home[None], middle + reach * (2 * share - 1)])
+    reach = np.where(bounded, np.minimum(0.5 * (upper - lower), farthest), farthest)
+    n, strata = len(held), count - 1
+    first = np.random.default_rng(seed).permuted(np.tile(np.arange(strata), (n, 1)), axis=1).T
+    share = (first + np.random.default_rng(seed + 1).random((strata, n))) / strata
+    samples = np.concatenate([model.home[None], 0.5 * (lower + upper) + reach * (2 * share - 1)])
+    seeds = np.concatenate([approximate_solutions(model, X_WT, sample[joints]) for sample in samples])
+    if _solver(model, held_joints(model), GENERIC[: len(joints)]) is not None:
+        near = np.abs(pose_errors(model.tool_poses(seeds), X_WT)).max(axis=1, initial=0.0) < NEAR_SEED
+        solutions, solved = _polished(model, X_WT, seeds[near], ~held)
+        return _distinct(model, solutions[solved])[:MOST_BRANCHES]
+    starts = np.tile(spread_starts(model, STARTS_PER_SAMPLE), (len(samples), 1))
+    starts[:, held] = np.repeat(samples[:, held], STARTS_PER_SAMPLE, axis=0)
+    found = _distinct(model, _solutions_from(model, X_WT, starts, STEPS, ~held))
+    return _distinct(model, _settled(model, X_WT, found, ~held))[:MOST_BRANCHES]
 
 
-def _branches(model: RobotModel, X_WT: Array, held: Mask, samples: Array) -> Array:
-    """All branches, limits ignored, as principal values, shape (k, n).
+@lru_cache(maxsize=8)
+def held_joints(model: RobotModel) -> tuple[int, ...]:
+    """Indices of the joints that are held in the search for branches, as many as there are beyond six.
+
+    Those that slide, and one that turns, so that there is a closed form (see `FIRST_HELD`); else from the third on.
+    """
+    count, slides, turns = len(model.arm) - AXES_OF_A_POSE, *(np.flatnonzero(~model.turns), np.flatnonzero(model.turns))
+    if count <= 0:
+        return ()
+    for first in FIRST_HELD if count == len(slides) + 1 else ():
+        held = tuple(sorted([*slides.tolist(), int(turns[first])]))
+        if _solver(model, held, GENERIC[:count]) is not None:
+            return held
+    return tuple(slides.tolist()) if count == len(slides) else tuple(range(FIRST_HELD[0], FIRST_HELD[0] + count))
+
+
+def _at_limits(model: RobotModel, X_WT: Array, q: Array) -> Array:
+    """The solutions near positions (m, n) with the joints that exceed limits at these, shape (k, n).
+
+    The tool is where it is to be, and turned away within the model's `angle_tolerance`: a URDF that rounds a right
+    angle down keeps no arm from pointing straight down.
+    """
+    q = closest_turns(model, q)
+    solved, held = np.zeros(len(q), dtype=bool), np.zeros(q.shape, dtype=bool)
+    for _ in range(q.shape[1]):
+        held |= limit_excess(model, q) > 0.0
+        q = np.clip(q, model.lower, model.upper)
+        for mask in np.unique(held, axis=0):
+            rows = (held == mask).all(axis=1)
+            q[rows], errors = newton(HeldJoints(model, mask), X_WT, q[rows], POLISHED)
+            solved[rows] = errors < SOLVED
+        if not (limit_excess(model, q)[solved] > 0.0).any():
+            break
+    return _within_limits(model, _distinct(model, q[solved]))
+
+
+def _branches(model: RobotModel, X_WT: Array) -> Array:
+    """All branches of an arm without redundant joints, limits ignored, as principal values, shape (k, n).
 
     EAIK's solutions are used only if there are some and none is close to singular: only then do they surely equal those
     of the search.
     """
+    every = np.ones(len(model.arm), dtype=bool)
     seeds = approximate_solutions(model, X_WT)
     if len(seeds):
         found = _distinct(model, _solutions_near(model, X_WT, seeds))
-        if len(found) and _smallest_singular_values(model, found, ~held).min() > NEAR_SINGULAR:
+        if len(found) and _smallest_singular_values(model, found, every).min() > NEAR_SINGULAR:
             return found
-    per_sample = STARTS_PER_SAMPLE if held.any() else STARTS
-    starts = np.tile(spread_starts(model, per_sample), (len(samples), 1))
-    starts[:, held] = np.repeat(samples[:, held], per_sample, axis=0)
-    found = np.empty((0, len(model.arm)))
-    while len(starts):
-        more = _distinct(model, _solutions_from(model, X_WT, starts, STEPS, ~held))
-        known = len(found)
-        found = _distinct(model, np.concatenate([found, _settled(model, X_WT, more, ~held)]))[:MOST_BRANCHES]
-        if held.any():
+    spread, found = spread_starts(model, STARTS), np.empty((0, len(model.arm)))
+    for first in range(0, STARTS, STARTS_AT_ONCE):
+        before, starts = len(found), spread[first : first + STARTS_AT_ONCE]
+        while len(starts):
+            more, known = _distinct(model, _solutions_from(model, X_WT, starts, STEPS)), len(found)
+            found = _distinct(model, np.concatenate([found, _settled(model, X_WT, more, every)]))[:MOST_BRANCHES]
+            starts = _variations(model, found[known:])
+        if len(found) and len(found) == before:
             break
-        starts = _variations(model, found[known:])
     return found
-
-
-def _any_solutions(model: RobotModel, X_WT: Array) -> Array:
-    """Some solutions within the limits, with all joints free to move, shape (k, n)."""
-    starts = np.concatenate([model.home[None], spread_starts(model, STARTS)])
-    return _distinct(model, _solutions_from(model, X_WT, starts, STEPS, limited=True))
 
 
 def _solutions_near(model: RobotModel, X_WT: Array, seeds: Array) -> Array:
@@ -297,15 +371,21 @@ def _within_limits(model: RobotModel, q: Array) -> Array:
     return inside
 
 
-def approximate_solutions(model: RobotModel, X_WT: Array) -> Array:
+def approximate_solutions(model: RobotModel, X_WT: Array, positions: Array | None = None) -> Array:
     """Joint positions near the solutions for a tool pose X_WT (4, 4), shape (k, n); some are near none.
 
-    Empty if EAIK cannot decompose the arm: it needs six independent revolute joints.
+    positions: of the `held_joints`, shape (h,). Empty if EAIK cannot decompose the arm: it needs six independent joints
+    that turn, besides those.
     """
-    solver = _solver(model)
+    held, values = held_joints(model), () if positions is None else tuple(positions.tolist())
+    solver = _solver(model, held, values)
     if solver is None:
         return np.empty((0, len(model.arm)))
-    return np.array(solver.decomposition.IK(solver.X_BW @ X_WT @ solver.X_TE).Q).reshape(-1, len(model.arm))
+    found = np.array(solver.decomposition.IK(solver.X_BW @ X_WT @ solver.X_TE).Q).reshape(-1, int(model.turns.sum()))
+    q = np.empty((len(found), len(model.arm)))
+    q[:, model.turns] = found
+    q[:, held] = values
+    return q
 
 
 class _Solver:
@@ -315,17 +395,19 @@ class _Solver:
         self.decomposition, self.X_BW, self.X_TE = decomposition, X_BW, X_TE
 
 
-@lru_cache(maxsize=8)
-def _solver(model: RobotModel) -> _Solver | None:
-    """The decomposition of the arm, or else of the nominal arm that it was calibrated from."""
+@lru_cache(maxsize=64)
+def _solver(model: RobotModel, held: tuple[int, ...], values: tuple[float, ...]) -> _Solver | None:
+    """The decomposition of the arm with some joints held, or else of the nominal arm that it was calibrated from."""
     from eaik.IK_HP import HPRobot
 
-    zero = np.zeros(len(model.arm))
-    if len(zero) != 6 or not model.turns.all() or not model.joints_move_alone:
+    free = np.delete(np.arange(len(model.arm)), held)
+    if len(free) != AXES_OF_A_POSE or not model.turns[free].all() or not model.joints_move_alone:
         return None
+    zero = np.zeros(len(model.arm))
+    zero[list(held)] = np.where(model.turns[list(held)], 0.0, values)
     X_BW = inverse(model.link_poses(zero[None])[model.links[0]][0])
     X_BT = X_BW @ model.tool_pose(zero)
-    linear, directions = ((X_BW[:3, :3] @ rows).T for rows in np.split(model.jacobian(zero), 2))
+    linear, directions = ((X_BW[:3, :3] @ rows[:, model.turns]).T for rows in np.split(model.jacobian(zero), 2))
     points = X_BT[:3, 3] + np.cross(directions, linear)
     offsets = np.diff(np.concatenate([np.zeros((1, 3)), points, X_BT[None, :3, 3]]), axis=0)
     X_TE = np.eye(4)
@@ -333,8 +415,10 @@ def _solver(model: RobotModel) -> _Solver | None:
     along = np.abs(directions).max(axis=1, keepdims=True) > np.cos(NOMINAL_ANGLE)
     nominal_directions = np.where(along, np.round(directions), directions)
     nominal_offsets = np.where(np.abs(offsets) < NOMINAL_OFFSET, 0.0, offsets)
+    turning = np.cumsum(model.turns) - 1
+    fixed = [(int(turning[joint]), value) for joint, value in zip(held, values, strict=True) if model.turns[joint]]
     for axes in ((directions, offsets), (nominal_directions, nominal_offsets)):
-        decomposition = HPRobot(*axes)
+        decomposition = HPRobot(*axes, fixed)
         if decomposition.hasKnownDecomposition():
             return _Solver(decomposition, X_BW, X_TE)
     return None

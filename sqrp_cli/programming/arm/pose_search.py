@@ -6,6 +6,7 @@ Methods for non-linear least squares problems, 2004, section 3.2, with a fixed s
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple, Protocol
 
@@ -43,6 +44,28 @@ class Kinematics(Protocol):
 
     def tool_poses_and_jacobians(self, q: Array) -> ToolMotion:
         """The same with their Jacobians."""
+
+
+@dataclass(frozen=True, eq=False)
+class HeldJoints:
+    """An arm with some joints held still: held, shape (n,). The methods are those of `RobotModel`."""
+
+    model: RobotModel
+    held: Mask
+
+    @property
+    def angle_tolerance(self) -> float:
+        """As for the arm."""
+        return self.model.angle_tolerance
+
+    def tool_poses(self, q: Array) -> Array:
+        """As for the arm."""
+        return self.model.tool_poses(q)
+
+    def tool_poses_and_jacobians(self, q: Array) -> ToolMotion:
+        """As for the arm, but held joints do not move the tool."""
+        X_WT, J = self.model.tool_poses_and_jacobians(q)
+        return ToolMotion(X_WT, np.where(self.held, 0.0, J))
 
 
 class Approach(NamedTuple):

@@ -11,6 +11,7 @@ import numpy as np
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.knowledge.robot.robot import AXES_OF_A_POSE
 from sqrp_cli.knowledge.skill.settings import MotionValue
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.arm import inverse_kinematics
@@ -24,9 +25,6 @@ from sqrp_cli.programming.motion.paths.branch_search import Station, fastest_seq
 from sqrp_cli.programming.motion.paths.joint_moves import FoundMove, JointMoves
 from sqrp_cli.programming.motion.paths.position_limits import worst_past_limit
 from sqrp_cli.trajectory import JointPath, Trajectory
-
-MOST_AXES_WITHOUT_REDUNDANCY = 6
-"""Arms with more axes reach a pose in infinitely many ways; some of them are tried."""
 
 MEASURED = 1e-3
 """Largest measured excess over a limit at the start of a motion, which then starts at the limit [rad or m]."""
@@ -213,7 +211,7 @@ class _Planner:
 
     def needs_more_samples(self, found: Motion | Branches | Infeasible) -> bool:
         """Whether more positions of redundant joints may help; not where a waypoint is out of reach anyway."""
-        redundant = len(self._model.arm) > MOST_AXES_WITHOUT_REDUNDANCY
+        redundant = len(self._model.arm) > AXES_OF_A_POSE
         failed = isinstance(found, Infeasible) or (isinstance(found, Branches) and not found.feasible)
         return redundant and failed and not self._failures.out_of_reach
 
@@ -334,7 +332,7 @@ class _Planner:
         """The collected reasons, with the number of tries to find a way around."""
         reasons = self._failures.reasons(MAX_REASONS)
         if self._samples > inverse_kinematics.REDUNDANCY_SAMPLES:
-            joint = self._model.arm[inverse_kinematics.FIRST_HELD]
+            joint = self._model.arm[inverse_kinematics.held_joints(self._model)[0]]
             reasons = (f"{reasons[0]}, with {self._samples} positions of `{joint}` tried", *reasons[1:])
         if tries > 0:
             reasons = (f"{reasons[0]}, and no way around was found in {tries:,} tries", *reasons[1:])

@@ -14,7 +14,7 @@ from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.arm.reach import WrongWayRound
 from sqrp_cli.programming.motion.tool_curve import ToolLine
 from tests.programming.motion.straight import straight_line
-from tests.programming.robots import FEW_AXES, robot, rounded, written_urdf
+from tests.programming.robots import FEW_AXES, LIFTS, robot, rounded, written_urdf
 
 TOLERANCE = np.radians(0.5)
 BY = 0.0016
@@ -85,3 +85,29 @@ def test_what_is_beyond_the_tolerance_is_out_of_reach_and_the_reason_says_by_how
     assert not len(found.solutions)
     assert isinstance(found.reason, WrongWayRound)
     assert "0.80 deg at best" in str(found.reason)
+
+
+@pytest.mark.parametrize("name", LIFTS)
+@pytest.mark.parametrize("yaw", [0.0, 0.5 * np.pi, np.pi, 1.5 * np.pi])
+def test_a_wrist_whose_limit_is_rounded_points_down_within_the_tolerance(name: str, yaw: float, tmp_path: Path) -> None:
+    """Straight down the wrist is singular, and 0.8 mrad past its limit; lines go down and up again, too."""
+    urdf = written_urdf(tmp_path / "lift.urdf", *LIFTS[name])
+    limits = {"pitch": (-1.6, 0.56)}
+    beyond = RobotModel.load(robot(urdf, "tip", limits=limits))
+    model = RobotModel.load(robot(urdf, "tip", angle_tolerance=TOLERANCE))
+    extended = [0.05] * (len(model.arm) - 4) if len(model.arm) > 5 else [0.2]
+    X_WT = beyond.tool_pose(np.array([0.6, *extended, 0.7, -0.5 * np.pi, 0.3]))
+    X_WT[:3, :3] = axis_rotation(2, yaw) @ X_WT[:3, :3]
+    found = all_solutions(model, X_WT)
+    assert len(found.solutions)
+    line = ToolLine(X_WT, pose(position=(0.0, 0.0, -0.1)) @ X_WT)
+    for q in found.solutions:
+        assert (model.lower <= q).all()
+        assert (q <= model.upper).all()
+        np.testing.assert_allclose(model.tool_pose(q)[:3, 3], X_WT[:3, 3], atol=1e-9)
+        assert angle_between(model.tool_pose(q), X_WT) < TOLERANCE
+        if name == "the arm as one joint":
+            assert angle_between(model.tool_pose(q), X_WT) == pytest.approx(0.5 * np.pi - 1.57, abs=1e-6)
+    assert any(not isinstance(straight_line(model, q, line), Infeasible) for q in found.solutions)
+    exact = all_solutions(RobotModel.load(robot(urdf, "tip")), X_WT)
+    assert str(exact.reason) == "joint `pitch` 0.0456 deg past its limit"

@@ -19,7 +19,7 @@ from tests.programming.robots import REAL_ARMS, ROBOTS, joint, real_arm, robot, 
 @pytest.fixture
 def no_closed_form(monkeypatch):
     """Lets the arms be searched, as those that EAIK cannot decompose."""
-    monkeypatch.setattr(inverse_kinematics, "_solver", lambda _model: None)
+    monkeypatch.setattr(inverse_kinematics, "_solver", lambda *_: None)
 
 
 def angles_between(q: Array, other: Array) -> Array:
@@ -161,14 +161,15 @@ def test_nothing_depends_on_the_global_random_state():
 
 
 @pytest.mark.parametrize("name", ["panda", "xarm7"])
-def test_a_seven_axis_arm_is_solved_at_stated_positions_of_its_third_joint(name):
+def test_a_seven_axis_arm_is_solved_at_stated_positions_of_one_joint(name):
     model = real_arm(name)
+    (held,) = inverse_kinematics.held_joints(model)
     for _, X_WT in reachable_poses(model, 4, seed=6):
         solutions = all_solutions(model, X_WT).solutions
         assert len(solutions) > 0
         assert_true(model, X_WT, solutions)
-        thirds = np.unique(np.round(np.mod(solutions[:, 2] + np.pi, 2 * np.pi), 6))
-        assert len(thirds) <= inverse_kinematics.REDUNDANCY_SAMPLES
+        positions = np.unique(np.round(np.mod(solutions[:, held] + np.pi, 2 * np.pi), 6))
+        assert len(positions) <= inverse_kinematics.REDUNDANCY_SAMPLES
     other = all_solutions(model, X_WT, seed=1).solutions
     assert_true(model, X_WT, other)
     assert other.shape != solutions.shape or np.abs(other - solutions).max() > 1e-3
@@ -210,3 +211,17 @@ def test_joints_without_limits_are_solved_without_a_warning(tmp_path: Path, join
     too_far = all_solutions(model, pose(position=[9.0, 0, 0]), seed)
     assert isinstance(too_far.reason, OutOfReach)
     assert not len(too_far.solutions)
+
+
+@pytest.mark.parametrize("name", ["panda", "xarm7"])
+def test_closed_forms_of_a_seven_axis_arm_are_all_that_a_search_finds_at_the_same_positions(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = real_arm(name)
+    inverse_kinematics.held_joints(model)
+    poses = [X_WT for _, X_WT in reachable_poses(model, 4, seed=8)]
+    closed = [inverse_kinematics._held_branches(model, X_WT, 0, 4) for X_WT in poses]
+    monkeypatch.setattr(inverse_kinematics, "_solver", lambda *_: None)
+    for X_WT, solutions in zip(poses, closed, strict=True):
+        for q in inverse_kinematics._held_branches(model, X_WT, 0, 4):
+            assert angles_between(solutions, q).min() < 1e-6

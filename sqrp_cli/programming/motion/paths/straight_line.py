@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, Mask
-from sqrp_cli.programming.arm.kinematics import RobotModel, ToolMotion
-from sqrp_cli.programming.arm.pose_search import Kinematics, least_steps, misses, newton, pose_errors
+from sqrp_cli.knowledge.robot.robot import AXES_OF_A_POSE
+from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.arm.pose_search import HeldJoints, Kinematics, least_steps, misses, newton, pose_errors
 from sqrp_cli.programming.arm.reach import PastLimit
 from sqrp_cli.programming.motion.paths.position_limits import LIMIT_SLACK, past_limits
 from sqrp_cli.programming.motion.tool_curve import ToolCurve, progress
@@ -38,60 +38,35 @@ LARGEST_TURN = 1.0
 LIMIT_SAMPLES = 101
 """Points along a line at which joint limits are checked, ends included."""
 
-POSE_COORDINATES = 6
-"""Coordinates of a pose: an arm with more joints can hold some of its joints still on a line."""
-
 
 def follow_within_limits(model: RobotModel, q0: Array, line: ToolCurve, may_turn: Mask) -> list[JointPath | Infeasible]:
-    """As `follow`; a redundant arm holds the joints still that would leave their limits.
+    """As `follow`; a redundant arm, or one that may turn its tool away a little, holds joints that would leave limits.
 
     may_turn: joints that whole turns may bring within their limits, shape (n,). If holding joints still does not help,
     the path is the one that moves the joints least, limits ignored.
     """
     followed = follow(model, q0, line)
     held = np.zeros(q0.shape, dtype=bool)
+    at_limit = ((q0 <= model.lower + LIMIT_SLACK) | (q0 >= model.upper - LIMIT_SLACK)) & (model.angle_tolerance > 0.0)
+    most = len(model.arm) - (0 if model.angle_tolerance else AXES_OF_A_POSE)
     tried, going = list(followed), list(range(len(q0)))
-    for _ in range(len(model.arm) - POSE_COORDINATES + 1):
-        going = [row for row in going if _is_to_be_held(model, tried[row], held[row], may_turn)]
+    for _ in range(most + 1):
+        for row in list(going):
+            path = tried[row]
+            # Where a joint that begins at its limit would move past it at once, there may be no path to judge by.
+            more = past_limits(model, path, may_turn) > 0.0 if isinstance(path, JointPath) else at_limit[row]
+            if more.any() and not (more & held[row]).any() and (more | held[row]).sum() <= most:
+                held[row] |= more
+            else:
+                going.remove(row)
         for mask in np.unique(held[going], axis=0) if going else ():
             rows = [row for row in going if (held[row] == mask).all()]
-            paths = follow(HeldJoints(model, mask), q0[rows], line)
-            tried = [paths[rows.index(row)] if row in rows else path for row, path in enumerate(tried)]
+            for row, path in zip(rows, follow(HeldJoints(model, mask), q0[rows], line), strict=True):
+                tried[row] = path
     return [
         trial if isinstance(trial, JointPath) and not past_limits(model, trial, may_turn).any() else path
         for trial, path in zip(tried, followed, strict=True)
     ]
-
-
-def _is_to_be_held(model: RobotModel, path: JointPath | Infeasible, held: Mask, may_turn: Mask) -> bool:
-    """Whether a path leaves limits that holding further joints might keep; adds them to `held`, shape (n,)."""
-    outside = past_limits(model, path, may_turn) > 0.0 if isinstance(path, JointPath) else np.zeros_like(held)
-    if not outside.any() or (outside & held).any() or (outside | held).sum() > len(held) - POSE_COORDINATES:
-        return False
-    held |= outside
-    return True
-
-
-@dataclass(frozen=True, eq=False)
-class HeldJoints:
-    """An arm with some joints held still: held, shape (n,). The methods are those of `RobotModel`."""
-
-    model: RobotModel
-    held: Mask
-
-    @property
-    def angle_tolerance(self) -> float:
-        """As for the arm."""
-        return self.model.angle_tolerance
-
-    def tool_poses(self, q: Array) -> Array:
-        """As for the arm."""
-        return self.model.tool_poses(q)
-
-    def tool_poses_and_jacobians(self, q: Array) -> ToolMotion:
-        """As for the arm, but held joints do not move the tool."""
-        X_WT, J = self.model.tool_poses_and_jacobians(q)
-        return ToolMotion(X_WT, np.where(self.held, 0.0, J))
 
 
 def follow(model: Kinematics, q0: Array, line: ToolCurve) -> list[JointPath | Infeasible]:
