@@ -45,7 +45,7 @@ def outcome() -> Outcome:
 @pytest.fixture(scope="module")
 def compared() -> Scorecard:
     with open_computer(Means(Adaptive())) as computer:
-        return changed(narrow(24), narrow(20), computer, 1.0, lambda *_: nullcontext(lambda _: None))
+        return changed(narrow(24), narrow(16), computer, 1.0, lambda *_: nullcontext(lambda _: None))
 
 
 def test_the_time_in_which_every_literal_of_every_step_is_covered_is_q_avg(outcome: Outcome) -> None:
