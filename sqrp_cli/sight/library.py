@@ -72,7 +72,7 @@ def build(library: Path, target: str | None = None) -> None:
     if chosen and target is None:
         compiler = shlex.split(chosen)
     elif find_spec("ziglang"):
-        compiler = [sys.executable, "-m", "ziglang", "c++", "-nostdlib++", *cross]
+        compiler = [sys.executable, "-m", "ziglang", "c++", "-nostdlib++", "-s", *cross]
     elif target is None and (found := shutil.which("c++")):
         compiler = [found]
     else:
