@@ -168,7 +168,10 @@ def _why_implausible(camera: Camera) -> str | None:
         )
     if camera.distortion_model == "equidistant":
         return None
-    side = _radius_bent_to(projection, min(across, largest), widest)
+    side, high = 0.0, widest  # the radius in the plane z = 1 that is mapped to the middle of a side, by bisection
+    for _ in range(60):
+        middle = 0.5 * (side + high)
+        side, high = (middle, high) if _bent(projection, middle).out < min(across, largest) else (side, middle)
     if not largest < across and not 1 / MOST_BENT <= side / across <= MOST_BENT:
         with_it, without = (np.degrees(2 * np.arctan(half)) for half in (side, across))
         return (
@@ -182,15 +185,6 @@ def _why_implausible(camera: Camera) -> str | None:
             f"{focal * aside:.0f} pixels, which is {focal * across:.0f} pixels from the image's middle"
         )
     return None
-
-
-def _radius_bent_to(projection: Projection, out: float, widest: float) -> float:
-    """The radius in the plane z = 1, up to `widest`, that the lens maps to the radius `out`; by bisection."""
-    low, high = 0.0, widest
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if _bent(projection, middle).out < out else (low, middle)
-    return low
 
 
 class _Bent(NamedTuple):

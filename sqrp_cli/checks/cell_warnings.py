@@ -95,7 +95,23 @@ def parts_outside_size(workspace: Workspace) -> Iterator[Problem]:
             reached = np.array([_reach(part) for part in item.parts])
             outside = reached - 0.5 * np.asarray(item.size)
             if outside.max() > ALLOWED + 1e-9:
-                yield _outside(workspace, item, reached, outside)
+                index, axis = divmod(int(outside.argmax()), 3)
+                part = item.parts[index]
+                shape = type(part.shape).__name__.lower()
+                reached_outside = shown_length(float(outside[index, axis]))
+                message = (
+                    f"part `{part.name}` of `{item.name}`, a {shape}, reaches {reached_outside} outside the "
+                    f"object's `size` along {'xyz'[axis]}"
+                )
+                others = int((outside.max(axis=1) > ALLOWED + 1e-9).sum()) - 1
+                if others:
+                    message += f", and {others} other part{'s' * (others > 1)} outside it too"
+                needed = FINEST * np.ceil(2 * reached.max(axis=0) / FINEST - 1e-6)
+                size = ", ".join(f"{value:.5g}" for value in np.maximum(needed, item.size))
+                mend = f"`size: [{size}]` would hold all parts, centred as the box is"
+                mend += "; or correct the part's measures or `pose`"
+                place = workspace.places.get(f"objects.{item.name}.parts.{index}")
+                yield Problem("part-outside-size", message, place, severity="warning", mend=mend)
 
 
 def cameras_inside(workspace: Workspace, model: RobotModel, solids: Sequence[Solid]) -> Iterator[Problem]:
@@ -259,25 +275,6 @@ def _metres(size: float) -> str:
     return f"{size:.3g} m" if size >= 0.01 else f"{1e3 * size:.2g} mm"
 
 
-def _outside(workspace: Workspace, item: SceneObject, reached: Array, outside: Array) -> Problem:
-    index, axis = divmod(int(outside.argmax()), 3)
-    part = item.parts[index]
-    shape = type(part.shape).__name__.lower()
-    reached_outside = shown_length(float(outside[index, axis]))
-    message = (
-        f"part `{part.name}` of `{item.name}`, a {shape}, reaches {reached_outside} outside the "
-        f"object's `size` along {'xyz'[axis]}"
-    )
-    others = int((outside.max(axis=1) > ALLOWED + 1e-9).sum()) - 1
-    if others:
-        message += f", and {others} other part{'s' * (others > 1)} outside it too"
-    needed = FINEST * np.ceil(2 * reached.max(axis=0) / FINEST - 1e-6)
-    size = ", ".join(f"{value:.5g}" for value in np.maximum(needed, item.size))
-    mend = f"`size: [{size}]` would hold all parts, centred as the box is; or correct the part's measures or `pose`"
-    place = workspace.places.get(f"objects.{item.name}.parts.{index}")
-    return Problem("part-outside-size", message, place, severity="warning", mend=mend)
-
-
 def _reach(part: Part) -> Array:
     """The largest distance of a part from its object's centre along each of the object's axes [m], shape (3,).
 
@@ -317,21 +314,25 @@ class _Placed:
     solid: Solid
     X_WO: Array
     """Pose of the object in the world, shape (4, 4)."""
-    center: Array
-    """Centre of the sphere around the part, in the world [m], shape (3,)."""
 
     @property
     def shrunk(self) -> _Placed:
         """The part with `MIN_OVERLAP` taken off on every side."""
-        return replace(self, solid=load_solid(_shrunk(self.solid)))
+        part = self.solid.part
+        if not isinstance(part.shape, Mesh):
+            return replace(self, solid=load_solid(replace(part, shape=part.shape.shrunk(MIN_OVERLAP))))
+        vertices = transform(inverse(part.X_PG), self.solid.vertices)
+        low, high = vertices.min(axis=0), vertices.max(axis=0)
+        share = np.maximum(1 - 2 * MIN_OVERLAP / np.maximum(high - low, LEAST_SIZE), LEAST_SHARE)
+        x, y, z = (share * part.shape.scale).tolist()
+        X_PG = part.X_PG @ pose(position=(1 - share) * (low + high) / 2)
+        return replace(self, solid=load_solid(replace(part, shape=Mesh(part.shape.path, (x, y, z)), X_PG=X_PG)))
 
     def meets(self, other: _Placed) -> bool:
         """Whether both have a point in common; a mesh that is not closed has only its surface."""
-        return self._touches(other) or self._encloses(other) or other._encloses(self)
-
-    def _touches(self, other: _Placed) -> bool:
-        """As `meets`, but every mesh is only a surface."""
-        return distance(self.solid, self.X_WO, other.solid, other.X_WO, 0.0) is not None
+        if distance(self.solid, self.X_WO, other.solid, other.X_WO, 0.0) is not None:
+            return True
+        return self._encloses(other) or other._encloses(self)
 
     def _encloses(self, other: _Placed) -> bool:
         """Whether this is a closed mesh that goes around a corner of another part."""
@@ -342,59 +343,35 @@ class _Placed:
 def overlapping_shapes(workspace: Workspace) -> Iterator[Problem]:
     """Pairs of objects with parts more than 1 mm deep in each other.
 
-    Pairs of boxes and objects with a doubted measure are left out.
+    They still meet when either is shrunk; either, because a hollow mesh only gets narrower. Pairs of boxes and objects
+    with a doubted measure are left out.
     """
     doubted = doubted_objects(workspace)
     objects = [item for item in workspace.objects.values() if item.name not in doubted]
     if all(isinstance(part.shape, Box) for item in objects for part in item.parts):
         return  # the usual case, fast even for many objects
-    placed = [
-        _Placed(item.name, solid, item.X_WO, transform(item.X_WO, solid.center))
-        for item in objects
-        if item.X_WO is not None
-        for solid in map(load_solid, item.parts)
-    ]
+    posed = [(item, item.X_WO) for item in objects if item.X_WO is not None]
+    placed = [_Placed(item.name, solid, X_WO) for item, X_WO in posed for solid in map(load_solid, item.parts)]
+    centers = np.array([transform(one.X_WO, one.solid.center) for one in placed]).reshape(-1, 3)
+    radii = np.array([one.solid.radius for one in placed])
+    boxes = np.array([isinstance(one.solid.part.shape, Box) for one in placed], dtype=bool)
     reported: set[tuple[str, str]] = set()
-    for first, second in _close_pairs(placed):
-        pair = (first.object, second.object)
-        if pair not in reported and _are_in_each_other(first, second):
-            reported.add(pair)
-            one, other = (type(part.solid.part.shape).__name__.lower() for part in (first, second))
-            message = (
-                f"objects `{pair[0]}` and `{pair[1]}` are in one place: a {one} of the first and a {other} of the "
-                f"second are more than {1e3 * MIN_OVERLAP:g} mm deep in each other"
-            )
-            place = workspace.places.get(f"objects.{pair[1]}.pose")
-            mend = "move one of them, or correct the shapes of its `parts`"
-            yield Problem("overlapping-objects", message, place, severity="warning", mend=mend)
-
-
-def _close_pairs(placed: Sequence[_Placed]) -> Iterator[tuple[_Placed, _Placed]]:
-    """Parts of different objects, not both boxes, whose spheres meet; in order."""
-    centers = np.array([part.center for part in placed]).reshape(-1, 3)
-    radii = np.array([part.solid.radius for part in placed])
-    boxes = np.array([isinstance(part.solid.part.shape, Box) for part in placed], dtype=bool)
-    for index, part in enumerate(placed):
-        near = np.linalg.norm(centers - part.center, axis=1) < radii + part.solid.radius
+    for index, first in enumerate(placed):
+        near = np.linalg.norm(centers - centers[index], axis=1) < radii + radii[index]
         near[: index + 1] = False
         if boxes[index]:
             near &= ~boxes
-        others = (placed[other] for other in np.flatnonzero(near).tolist())
-        yield from ((part, other) for other in others if other.object != part.object)
-
-
-def _are_in_each_other(first: _Placed, second: _Placed) -> bool:
-    """Whether they still meet when either is shrunk; either, because a hollow mesh only gets narrower."""
-    return first.meets(second) and first.shrunk.meets(second) and first.meets(second.shrunk)
-
-
-def _shrunk(solid: Solid) -> Part:
-    part = solid.part
-    if not isinstance(part.shape, Mesh):
-        return replace(part, shape=part.shape.shrunk(MIN_OVERLAP))
-    vertices = transform(inverse(part.X_PG), solid.vertices)
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    share = np.maximum(1 - 2 * MIN_OVERLAP / np.maximum(high - low, LEAST_SIZE), LEAST_SHARE)
-    x, y, z = (share * part.shape.scale).tolist()
-    X_GS = pose(position=(1 - share) * (low + high) / 2)
-    return replace(part, shape=Mesh(part.shape.path, (x, y, z)), X_PG=part.X_PG @ X_GS)
+        for second in (placed[other] for other in np.flatnonzero(near).tolist()):
+            pair = (first.object, second.object)
+            if first.object == second.object or pair in reported or not first.meets(second):
+                continue
+            if first.shrunk.meets(second) and first.meets(second.shrunk):
+                reported.add(pair)
+                one, other = (type(part.solid.part.shape).__name__.lower() for part in (first, second))
+                message = (
+                    f"objects `{pair[0]}` and `{pair[1]}` are in one place: a {one} of the first and a {other} of the "
+                    f"second are more than {1e3 * MIN_OVERLAP:g} mm deep in each other"
+                )
+                place = workspace.places.get(f"objects.{pair[1]}.pose")
+                mend = "move one of them, or correct the shapes of its `parts`"
+                yield Problem("overlapping-objects", message, place, severity="warning", mend=mend)
