@@ -124,6 +124,7 @@ def slips(folder: Path, seed: int, count: int) -> tuple[dict[str, Study], list[S
             if number < len(done):
                 continue
             done.append(_slip(name, x, simulation.run_in(simulated, [slip_at(x)])))
+            print(f"{folder.name}: slip {number + 1} of {count}", file=sys.stderr, flush=True)
             with kept.open("a") as file:
                 file.write(json.dumps(done[-1]) + "\n")
     return ways, done

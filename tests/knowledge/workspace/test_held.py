@@ -105,7 +105,7 @@ def test_facts_against_what_is_held_are_refused_where_they_stand(damaged: Damage
     assert problem.code == "contradictory-facts"
     assert f"the state has `{fact}` and `hold(red)`, but `pickup`" in problem.message
     assert problem.place is not None
-    assert (problem.place.line, problem.place.column) == (52, 5)
+    assert (problem.place.line, problem.place.column) == (54, 5)
     assert problem.mend == f"remove `hold(red)` or `{fact}` from the state"
 
 
@@ -163,7 +163,7 @@ def test_how_an_object_is_held_is_asked_where_skills_hold_it_in_different_ways(d
     (problem,) = caught.value.problems
     assert problem.code == "ambiguous-hold"
     assert problem.place is not None
-    assert problem.place.line == 38
+    assert problem.place.line == 40
     assert facts.split()[-1] in problem.message
     assert "by its side +x" in problem.message
     assert "by its side +z" in problem.message

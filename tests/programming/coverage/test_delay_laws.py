@@ -21,7 +21,7 @@ from sqrp_cli.programming.whole_study import WholeStudy, whole_study
 from tests.cells import read_cell, shipped_cell, write_cell
 from tests.random_cell import Crowd, random_cell
 
-CELLS = (3, 5)
+CELLS = (3, 5, *(pytest.param(seed, marks=pytest.mark.trial) for seed in range(10, 30)))
 
 PHASES, INSTANTS = 40, 200
 
