@@ -23,6 +23,37 @@ RECORD_FIELDS = {
 LONG = 30
 """Lines of a function, without its docstring, that are many."""
 
+ROOMS = {
+    "foundations": ("errors geometry shapes trajectory shown version", 0),
+    "files": ("knowledge/text", 0),
+    "robot": ("knowledge/robot programming/arm", 0),
+    "camera": ("knowledge/camera knowledge/light knowledge/markers knowledge/paint", 0),
+    "cell": ("knowledge programming/cell programming/solids", 0),
+    "logic": ("logic", 0),
+    "skill, program": ("knowledge/skill program", 0),
+    "task": ("programming", 0),
+    "motion": ("programming/motion", 0),
+    "sight": ("sight programming/sensing", 0),
+    "study": (
+        "programming/coverage programming/seen programming/pieces programming/pipeline programming/ranking "
+        "programming/whole_study",
+        0,
+    ),
+    "search": ("programming/advice programming/placing", 0),
+    "checks": ("checks", 0),
+    "run": ("runtime", 0),
+    "field": ("ros runtime/audit runtime/serve calibrating", 0),
+    "score": ("scoring", 0),
+    "show": ("terminal report", 0),
+    "ask": ("ask api cli __init__ __main__", 0),
+    "studio": ("studio", 0),
+    "starter, platform": ("starter platform", 0),
+}
+"""The rooms of the package: what is in each, the longest beginning of a path counts, and how many lines it may have.
+
+A budget is lowered when its room shrinks, and raised only with a sentence why in the change that does so.
+"""
+
 Figure = tuple[int | str, list[str]]
 """How many, and which."""
 Function = ast.FunctionDef | ast.AsyncFunctionDef
@@ -59,6 +90,8 @@ class SourceTree:
             "files": (len(lines), []),
             "lines": (sum(lines.values()), []),
             "longest file": (lines[longest], [longest]),
+            "functions per 1,000 lines": (self._per_1000(ast.FunctionDef, ast.AsyncFunctionDef), []),
+            "classes per 1,000 lines": (self._per_1000(ast.ClassDef), []),
             "files under 60 lines": counted(name for name, count in lines.items() if 1 < count < 60),
             "modules with one importer": counted(self.with_one_importer()),
             "dict[str, Any]": counted(hits),
@@ -70,6 +103,20 @@ class SourceTree:
         found[f"functions over {LONG} lines"] = counted(self.long_functions())
         found["public functions that return bare tuples"] = counted(self.bare_tuples())
         found["broken import contracts"] = (self.broken_contracts(), [])
+        return found
+
+    def _per_1000(self, *kinds: type[ast.AST]) -> int:
+        return round(1000 * sum(1 for _ in self.nodes(*kinds)) / sum(text.count("\n") for text in self.texts.values()))
+
+    def rooms(self) -> dict[str, int]:
+        """Lines of Python by room."""
+        begins = {begin: room for room, (begins, _) in ROOMS.items() for begin in begins.split()}
+        found = dict.fromkeys(ROOMS, 0)
+        for path, text in self.texts.items():
+            place = path.relative_to(self.root / PACKAGE).with_suffix("").as_posix()
+            own = [begin for begin in begins if place == begin or place.startswith(f"{begin}/")]
+            if own:
+                found[begins[max(own, key=len)]] += text.count("\n")
         return found
 
     def records_with(self, field: str) -> list[str]:
@@ -140,16 +187,22 @@ def counted(names: Iterable[str]) -> Figure:
 
 
 def main(arguments: list[str]) -> None:
-    """Print the table."""
-    after = SourceTree(ROOT).figures()
-    others = [Path(argument).resolve() for argument in arguments if argument != "--names"]
-    before = [SourceTree(other).figures() for other in others]
+    """Print the figures and the rooms."""
+    now = SourceTree(ROOT)
+    after = now.figures()
+    others = [SourceTree(Path(argument).resolve()) for argument in arguments if argument != "--names"]
+    before = [other.figures() for other in others]
     print(f"{'':42}" + "".join(f"{'before':>9}" for _ in before) + f"{'now':>9}")
     for title, (value, names) in after.items():
         columns = [*(figures[title][0] for figures in before), value]
         print(f"{title:42}" + "".join(f"{column:>9}" for column in columns))
         if "--names" in arguments:
             print("".join(f"    {name}\n" for name in names), end="")
+    print(f"\n{'room':42}" + "".join(f"{'before':>9}" for _ in before) + f"{'now':>9}{'budget':>9}{'left':>9}")
+    columns = [*(other.rooms() for other in others), now.rooms()]
+    for room, (_, budget) in ROOMS.items():
+        lines = [column[room] for column in columns]
+        print(f"{room:42}" + "".join(f"{count:>9}" for count in (*lines, budget, budget - lines[-1])))
 
 
 if __name__ == "__main__":

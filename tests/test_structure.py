@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests import structure
-from tests.structure import RECORD_FIELDS, ROOT, SourceTree, main
+from tests.structure import RECORD_FIELDS, ROOMS, ROOT, SourceTree, main
 
 SOURCE = """
 class Box:
@@ -53,6 +53,12 @@ def test_a_new_field_touches_at_most_three_files(field: str, package: SourceTree
     assert 1 <= len(package.modules_that_write(field)) <= 3
 
 
+def test_every_room_keeps_its_budget(package: SourceTree) -> None:
+    rooms = package.rooms()
+    assert {room: lines - ROOMS[room][1] for room, lines in rooms.items() if lines > ROOMS[room][1]} == {}
+    assert sum(rooms.values()) == package.figures()["lines"][0]  # no module has no room
+
+
 CONTRACTS = """
 [tool.importlinter]
 root_package = "sqrp_cli"
@@ -82,7 +88,9 @@ def test_the_table_has_a_column_for_each_checkout(
     (now / "pyproject.toml").write_text(CONTRACTS)
     monkeypatch.setattr(structure, "ROOT", now)
     main([str(package.parent)])
-    heading, files, *_, broken = capsys.readouterr().out.splitlines()
+    figures, rooms = capsys.readouterr().out.split("\n\n")
+    heading, files, *_, broken = figures.splitlines()
+    assert rooms.splitlines()[0].split() == ["room", "before", "now", "budget", "left"]
     assert heading.split() == ["before", "now"]
     assert files.split() == ["files", "1", "3"]
     assert broken.split()[-2:] == ["-", "1"]
