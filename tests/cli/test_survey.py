@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 import pytest
 
-from sqrp_cli.api.cell import silent
 from sqrp_cli.api.program import OpenProgram, open_program
 from sqrp_cli.api.run_results import Audit
+from sqrp_cli.ask.values import silent
 from sqrp_cli.geometry import inverse, pose
 from sqrp_cli.knowledge.text.yaml_file import parse_yaml
 from sqrp_cli.ros.bag import Bag

@@ -20,8 +20,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from sqrp_cli.api.cell import silent
 from sqrp_cli.api.program import OpenProgram, open_program
+from sqrp_cli.ask.values import silent
 from sqrp_cli.cli.main import run
 from sqrp_cli.geometry import inverse
 from sqrp_cli.runtime.audit.bag_footage import BagFootage

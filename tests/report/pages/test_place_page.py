@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli import open_cell
-from sqrp_cli.api.cell import silent
+from sqrp_cli.ask.values import silent
 from sqrp_cli.geometry import look_at
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.text.entries import completed
