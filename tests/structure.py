@@ -23,6 +23,7 @@ RECORD_FIELDS = {
 LONG = 30
 """Lines of a function, without its docstring, that are many."""
 
+_STUDY = ("programming/pieces", "programming/pipeline", "programming/ranking", "programming/whole_study")
 ROOMS = {
     "foundations": ("errors geometry shapes trajectory shown version", 0),
     "files": ("knowledge/text", 0),
@@ -34,11 +35,7 @@ ROOMS = {
     "task": ("programming", 0),
     "motion": ("programming/motion", 0),
     "sight": ("sight programming/sensing", 0),
-    "study": (
-        "programming/coverage programming/seen programming/pieces programming/pipeline programming/ranking "
-        "programming/whole_study",
-        0,
-    ),
+    "study": ("programming/coverage programming/seen " + " ".join(_STUDY), 0),
     "search": ("programming/advice programming/placing", 0),
     "checks": ("checks", 0),
     "run": ("runtime", 0),
