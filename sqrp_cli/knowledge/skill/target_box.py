@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
-from dataclasses import dataclass
-from typing import Annotated
+from collections.abc import Container, Iterable
+from dataclasses import dataclass, replace
+from typing import Annotated, Self
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
@@ -111,6 +111,10 @@ class TargetBox(Stored):
     """Unit vector in the box's axes, away from the surface, if it has one."""
     encloses: tuple[str, ...]
     """Names of links, objects or parts that do not hide the box, in order."""
+
+    def seen_through(self, parts: Iterable[str]) -> Self:
+        """The same box, from which some more parts hide nothing."""
+        return replace(self, encloses=(*self.encloses, *dict.fromkeys(parts)))
 
     @classmethod
     def on_object(

@@ -352,7 +352,7 @@ def _looks(observer: Observer, stage: Stage, boxes: Sequence[SoughtBox], t: Arra
     if not boxes or not observer.cameras:
         return _Looks(t, {box: np.zeros((len(t), len(observer.cameras)), dtype=bool) for box in boxes})
     others = [one.part.name for one in observer.solids if robot_alone and one.color is not None]
-    asked = [replace(box, limits=box.limits.judging, encloses=(*box.encloses, *dict.fromkeys(others))) for box in boxes]
+    asked = [replace(box, limits=box.limits.judging).seen_through(others) for box in boxes]
     states, found = stage.states(stage.samples_at(t)), {}
     verdicts = observer.verdicts([Target(Atom(box.name), 1, (box,)) for box in asked], states)
     for box, sought, (seen,) in zip(boxes, asked, verdicts, strict=True):

@@ -198,10 +198,7 @@ class CandidateStudy(CandidateFigures):
                 for timed, stated in zip(study.motion.primitives, study.candidate.skill.primitives, strict=True)
             ],
             formulas=[requirements.Formula.of(formula) for formula in study.formulas],
-            cameras={
-                camera.name: completed(requirements.CameraTiming, camera, latency=camera.lag)
-                for camera in cell.observer.cameras
-            },
+            cameras={camera.name: requirements.CameraTiming.of(camera) for camera in cell.observer.cameras},
             without_camera=without_each_camera(cell, study),
             recovery=requirements.RecoveryTimes(t=study.recovery.t.tolist(), duration=study.recovery.duration.tolist()),
             sights={fault: requirements.FaultSight.of(study, fault) for fault in study.windows},

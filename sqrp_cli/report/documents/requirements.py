@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.programming.coverage.assessment import Study
 from sqrp_cli.programming.pieces import GroundFormula
@@ -57,6 +58,11 @@ class CameraTiming(Record):
     """Images per second [Hz]."""
     latency: float
     """From exposure to the image being available [s]."""
+
+    @classmethod
+    def of(cls, camera: Camera) -> CameraTiming:
+        """When a camera has images; a latency that is not stated is the one that is assumed."""
+        return cls(rate=camera.rate, latency=camera.lag)
 
 
 @dataclass(frozen=True, kw_only=True)
