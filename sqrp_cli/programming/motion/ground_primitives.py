@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
@@ -139,38 +138,26 @@ def ground_primitives(use: SkillUse, scene: CollisionScene) -> GroundSkill | Inf
             X_WO=world.X_WO,
             X_TO=X_TO,
         )
-        step = _step(primitive, X_WT, replace(use, world=world), waypoints, scene)
-        if isinstance(step, Infeasible):
-            return step
-        grounded.append(step.primitive)
-        X_WT, world = step.primitive.X_end, step.after
+        named, begun = _waypoints_of(primitive), replace(use, world=world)
+        if (missing := next(filter(None, map(waypoints.missing, named)), None)) is not None:
+            return Infeasible((missing,))
+        curves, guard = _curves(primitive, X_WT, waypoints), None
+        if isinstance(primitive, StraightMove) and primitive.until_contact is not None:
+            # Its first part ends where contact is expected; the rest is where it goes on without.
+            line, other = ToolLine(X_WT, curves[0].X_end), use.binding[primitive.until_contact]
+            expected = other in world.X_WO and other != world.held
+            share = _contact_share(scene, world, line, other) if expected else None
+            first = line if share is None else line.until(share)
+            guard = GuardedLine(setting_number(primitive.force, use.values), ToolLine(first.X_end, line.X_end))
+            curves = (first,)
+        X_end = curves[-1].X_end if curves else waypoints.pose(named[-1]) if named else X_WT
+        after = _after(primitive, begun, X_end, scene)
+        if isinstance(after, Infeasible):
+            return after
+        ground = _ground(primitive, named[-1] if named else None, X_WT, X_end, begun)
+        grounded.append(_with_fingers(replace(ground, curves=curves, guard=guard), model, after))
+        X_WT, world = X_end, after
     return GroundSkill(_with_allowed_contacts(grounded, world, scene), world)
-
-
-class _Step(NamedTuple):
-    """A primitive with the world that it leaves."""
-
-    primitive: GroundPrimitive
-    after: World
-
-
-def _step(
-    primitive: PrimitiveAction, X_start: Array, use: SkillUse, waypoints: WaypointGrounder, scene: CollisionScene
-) -> _Step | Infeasible:
-    """A primitive that begins in the world of a use, with the tool at X_start."""
-    named = _waypoints_of(primitive)
-    if (missing := next(filter(None, map(waypoints.missing, named)), None)) is not None:
-        return Infeasible((missing,))
-    curves, guard = _curves(primitive, X_start, waypoints), None
-    if isinstance(primitive, StraightMove) and primitive.until_contact is not None:
-        line, guard = _guarded(primitive, ToolLine(X_start, curves[0].X_end), use, scene)
-        curves = (line,)
-    X_end = curves[-1].X_end if curves else waypoints.pose(named[-1]) if named else X_start
-    after = _after(primitive, use, X_end, scene)
-    if isinstance(after, Infeasible):
-        return after
-    ground = replace(_ground(primitive, named[-1] if named else None, X_start, X_end, use), curves=curves, guard=guard)
-    return _Step(_with_fingers(ground, scene.model, after), after)
 
 
 def _waypoints_of(primitive: PrimitiveAction) -> tuple[str, ...]:
@@ -199,14 +186,6 @@ def _curves(primitive: PrimitiveAction, X_start: Array, waypoints: WaypointGroun
             angle, along = (setting_number(setting, waypoints.values) for setting in (turn, advance))
             return (helix_about(waypoints.pose(axis), X_start, angle, along, keep_orientation=keep),)
     return ()
-
-
-def _guarded(move: StraightMove, line: ToolLine, use: SkillUse, scene: CollisionScene) -> tuple[ToolLine, GuardedLine]:
-    """The part of a guarded move up to where contact is expected, and the rest of it."""
-    other, world = use.binding[move.until_contact or ""], use.world
-    share = _contact_share(scene, world, line, other) if other in world.X_WO and other != world.held else None
-    first = line if share is None else line.until(share)
-    return first, GuardedLine(setting_number(move.force, use.values), ToolLine(first.X_end, line.X_end))
 
 
 def _ground(primitive: PrimitiveAction, to: str | None, X_start: Array, X_end: Array, use: SkillUse) -> GroundPrimitive:

@@ -362,8 +362,11 @@ class _Planner:
         resting: dict[int, Mapping[str, Array]] = {}  # by world, which several primitives share
         for primitive, move in zip(self._skill.primitives, moves, strict=True):
             world, end = primitive.world, start + move.trajectory.duration
-            resting_fingers = self._model.finger_positions(world.joints)
+            resting_fingers, guard = self._model.finger_positions(world.joints), None
             moving = with_fingers(self._model, move.trajectory, primitive.fingers, resting_fingers)
+            if primitive.guard is not None:
+                whole = with_fingers(self._model, guarded[primitive.name], None, resting_fingers)
+                guard = Guard(primitive.guard.force, whole)
             if id(world) not in resting:
                 resting[id(world)] = {name: X_WO for name, X_WO in world.X_WO.items() if name != world.held}
             primitives.append(
@@ -376,12 +379,17 @@ class _Planner:
                     X_TO=world.X_TO,
                     X_WO=resting[id(world)],
                     around=move.around,
-                    guard=self._guard(primitive, guarded, resting_fingers),
+                    guard=guard,
                     too_slow=self._too_slow(primitive, move.trajectory),
                 )
             )
             start = end
-        return Motion(self._model.joints, tuple(primitives), self._final(q_end))
+        final = self._skill.final
+        X_WO, arm = dict(final.X_WO), dict(zip(self._model.arm, q_end.tolist(), strict=True))
+        if final.held is not None and final.X_TO is not None:
+            X_WO[final.held] = self._model.tool_pose(q_end) @ final.X_TO
+        final = replace(final, X_WO=X_WO, joints={**final.joints, **arm})
+        return Motion(self._model.joints, tuple(primitives), final)
 
     def _too_slow(self, primitive: GroundPrimitive, arm: Trajectory) -> str | None:
         """Its highest speed on curves of a stated one, where its phases meet, if that is not reached."""
@@ -392,19 +400,6 @@ class _Planner:
         reached = float(np.linalg.norm((J @ velocity[:, :, None])[..., 0], axis=1).max())
         slow = reached < REACHED * primitive.speed
         return f"reaches {100 * reached:.2g} of {100 * primitive.speed:.3g} cm/s" if slow else None
-
-    def _guard(self, primitive: GroundPrimitive, guarded: Mapping[str, Trajectory], fingers: Array) -> Guard | None:
-        if primitive.guard is None:
-            return None
-        moving = with_fingers(self._model, guarded[primitive.name], None, fingers)
-        return Guard(primitive.guard.force, moving)
-
-    def _final(self, q: Array) -> World:
-        world = self._skill.final
-        X_WO = dict(world.X_WO)
-        if world.held is not None and world.X_TO is not None:
-            X_WO[world.held] = self._model.tool_pose(q) @ world.X_TO
-        return replace(world, X_WO=X_WO, joints={**world.joints, **dict(zip(self._model.arm, q.tolist(), strict=True))})
 
 
 def no_such_branch(branch: Mapping[str, MotionValue]) -> Infeasible:
