@@ -3,7 +3,8 @@
 By default 20 slips in each of ten cells, half of them with a suction cup and half with fingers. The best way of each
 candidate suffers its share of slips at times drawn from the fault's interval, unless no image is predicted to show
 any; a run ends as soon as the fault is seen. Asked: at least 99 % of the measured delays within the longest that is
-predicted for their time, and their mean within 5 % of the predicted one. Its standard error says what so many slips
+predicted for their time, and their mean at most 5 % above the predicted one, which counts on promised images alone:
+images that show more than was promised make it shorter. Its standard error says what so many slips
 can tell: each is seen by the next image, so that delays differ by up to a frame period. What is done is kept in
 build/slips, so that an interrupted trial goes on.
 """
@@ -43,7 +44,7 @@ FOLDER = Path("build/slips")
 FAULT = "slip"
 
 WITHIN, MEAN = 0.99, 0.05
-"""Asked: share of delays within the prediction, and relative error of their mean."""
+"""Asked: share of delays within the prediction, and by how much their mean may exceed the predicted one."""
 
 ROUNDED = 2e-3
 """Time step of the simulation, and of the check when a fault has come true [s]."""
@@ -182,8 +183,8 @@ def main(words: Sequence[str]) -> int:
     every = Tally(tuple(chain.from_iterable(of_tools.values())))
     for name, tally in [*((tool, Tally(tuple(found))) for tool, found in of_tools.items()), ("all", every)]:
         print(f"{name}: {tally}")
-    print(f"asked: within the predicted worst in {100 * WITHIN:.0f} %, mean within {100 * MEAN:.0f} %")
-    return int(every.within < WITHIN * len(every.slips) or abs(every.ratio - 1.0) > MEAN)
+    print(f"asked: within the predicted worst in {100 * WITHIN:.0f} %, mean at most {100 * MEAN:.0f} % above")
+    return int(every.within < WITHIN * len(every.slips) or every.ratio - 1.0 > MEAN)
 
 
 if __name__ == "__main__":
