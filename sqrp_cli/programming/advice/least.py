@@ -30,7 +30,7 @@ COARSE = {2: 12, 3: 4}
 _TOGETHER = 512
 """Vectors to test at once."""
 
-_FEW = 8
+_FEW = 32
 """Vectors to test at once where the next ones may pass; twice as many each time that none does."""
 
 _DECIDED = 6
