@@ -99,6 +99,52 @@ class Sight(NamedTuple):
     """Their focal lengths, shape (c,) [pixels]."""
 
 
+class Beside(NamedTuple):
+    """How far a part is from where it is expected, as c cameras see it at s * f times; shape (c, s, f) [m] each."""
+
+    across: Array
+    """Across the line of sight."""
+    distance: Array
+    """From the camera to where it is expected."""
+    nearer: Array
+    """By how much it is nearer than that."""
+    length: Array
+    """How long the silhouette of its box is along the direction in which it is seen beside."""
+    focal: Array
+    """Of the cameras, shape (c, 1, 1) [pixels]."""
+    spread: float
+    """Square root of the mean area of the silhouette of its box."""
+
+    @classmethod
+    def of(cls, expected: Array, free: Array, sight: Sight, R_WB: Array, size: Array) -> Beside:
+        """expected, free: where its centre would be and is, (s, f, 3) [m]. R_WB, size: of the box expected there."""
+        ray, gap = expected - sight.eyes, free - expected
+        distance, nearer = _norm(ray), -_dot(ray, gap)
+        nearer /= distance
+        across = gap + (nearer / distance)[..., None] * ray
+        return cls(
+            across=_norm(across),
+            distance=distance,
+            nearer=nearer,
+            length=_length(across, ray, R_WB, size),
+            focal=sight.focal[:, None, None],
+            spread=_spread(size),
+        )
+
+    def apart(self, rule: DropRule) -> Array:
+        """By how much it is further from where it is expected than it must be."""
+        return self.across - (rule.pixels * self.distance / self.focal + rule.share * self.spread)
+
+    def clear(self, rule: DropRule) -> Array:
+        """By how much it is seen beside that, covering too little of it."""
+        scale = self.distance / np.maximum(self.distance - self.nearer, 1e-6)
+        return self.across * scale - 0.5 * (1.0 + scale) * (1.0 - rule.covered) * self.length
+
+    def fills(self, rule: DropRule) -> Array:
+        """By how much it is nearer to that than it must be to fill it."""
+        return rule.inside * self.length - self.across
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Drop:
     """A part that is lost at s instants of an interval, each followed for f times `_FALL`."""
@@ -114,28 +160,13 @@ class Drop:
     size: Array
     """Full extents of that box, shape (3,) [m]."""
 
-    def apart(self, sight: Sight, rule: DropRule) -> Array:
-        """By how much it is further from where the tool would show it than it must be, shape (c, s, f) [m]."""
-        across, distance, _ = _beside(self.held, self.free, sight.eyes)
-        least = rule.pixels * distance / sight.focal[:, None, None] + rule.share * _spread(self.size)
-        margin: Array = np.linalg.norm(across, axis=3) - least
-        return margin
+    def beside_held(self, sight: Sight) -> Beside:
+        """Where it is seen beside where the tool would show it."""
+        return Beside.of(self.held, self.free, sight, self.R_WB[:, None], self.size)
 
-    def clear(self, sight: Sight, rule: DropRule) -> Array:
-        """By how much it is seen beside where the tool would show it, covering too little of that, (c, s, f) [m]."""
-        across, distance, nearer = _beside(self.held, self.free, sight.eyes)
-        length = _length(across, self.held - sight.eyes, self.R_WB[:, None], self.size)
-        scale = distance / np.maximum(distance - nearer, 1e-6)
-        margin: Array = np.linalg.norm(across, axis=3) * scale - 0.5 * (1.0 + scale) * (1.0 - rule.covered) * length
-        return margin
-
-    def at_place(self, X_WB: Array, sight: Sight, rule: DropRule) -> Array:
-        """By how much it is nearer to where a place would show it than it must be to fill it, shape (c, s, f) [m]."""
-        place = np.broadcast_to(X_WB[:3, 3], self.free.shape)
-        across, *_ = _beside(place, self.free, sight.eyes)
-        length = _length(across, place - sight.eyes, X_WB[:3, :3], self.size)
-        margin: Array = rule.inside * length - np.linalg.norm(across, axis=3)
-        return margin
+    def beside_place(self, X_WB: Array, sight: Sight) -> Beside:
+        """Where it is seen beside where a place would show it."""
+        return Beside.of(np.broadcast_to(X_WB[:3, 3], self.free.shape), self.free, sight, X_WB[:3, :3], self.size)
 
     def in_place(self, X_WB: Array, size: Array, sight: Sight) -> Array:
         """By how much the line of sight through it meets the middle plane of a box inside it, shape (c, s, f) [m]."""
@@ -227,14 +258,18 @@ def _shown(
     judged = _looks(observer, stage, [*left, *reached], some, robot_alone=True)
     seen = _looks(observer, stage.once_lost(), places, some, robot_alone=False)
 
+    held = drop.beside_held(sight)
+    at_places = [
+        (seen.always(box, t[:, None] + _FALL), drop.beside_place(_at_rest(stage, box), sight)) for box in places
+    ]
+
     def gone(rule: DropRule) -> tuple[Array, Array]:
         """When each camera ceases to show the part held, and when it shows it not held, (c, s) each [s]."""
-        apart = drop.apart(sight, rule)
+        apart = held.apart(rule)
         there = np.full(apart.shape, -np.inf)
-        for box in places:
-            at_place = drop.at_place(_at_rest(stage, box), sight, rule)
-            there = np.maximum(there, np.where(seen.always(box, t[:, None] + _FALL), at_place, -np.inf))
-        enough = np.maximum(drop.clear(sight, rule), np.minimum(apart, there)) if by_color else apart
+        for looked_at, place in at_places:
+            there = np.maximum(there, np.where(looked_at, place.fills(rule), -np.inf))
+        enough = np.maximum(held.clear(rule), np.minimum(apart, there)) if by_color else apart
         return t + _first(apart, period), t + _first(enough, period)
 
     x, late, judge = t, gone(SURE)[1], np.any([judged.ever(box, t) for box in left], axis=0)
@@ -386,33 +421,34 @@ def _spread(size: Array) -> float:
     return float(np.sqrt(0.5 * (size * np.roll(size, 1)).sum()))
 
 
-def _beside(expected: Array, free: Array, eyes: Array) -> tuple[Array, Array, Array]:
-    """How far a part is from where it is expected, as cameras see it.
-
-    Returns it across the line of sight, shape (c, s, f, 3) [m], the distance of where it is expected, and by how much
-    it is nearer than that, both of shape (c, s, f) [m].
-    """
-    ray = expected - eyes
-    distance = np.linalg.norm(ray, axis=3)
-    gap = free - expected
-    nearer = -(ray * gap).sum(axis=3) / distance
-    across: Array = gap + (nearer / distance)[..., None] * ray
-    return across, distance, nearer
-
-
 def _length(across: Array, ray: Array, R_WB: Array, size: Array) -> Array:
     """How long the silhouette of a box is along a direction, through its middle and seen along a ray, (c, s, f) [m].
 
     The most r for which r * direction + k * ray is in the box for some k; at a corner of these bounds two faces meet.
     """
-    gone = np.linalg.norm(across, axis=3, keepdims=True)
+    gone = _norm(across)[..., None]
     way = np.where(gone > 1e-9, across / np.maximum(gone, 1e-9), 0.0)[..., None, :] @ R_WB
     u, v = way[..., 0, :], (ray[..., None, :] @ R_WB)[..., 0, :]
-    v = v / np.linalg.norm(v, axis=3, keepdims=True)
-    other_u, other_v, other_size = (np.roll(part, 1, axis=-1) for part in (u, v, size))
-    turn = np.abs(u * other_v - v * other_u)
-    longest: Array = ((size * np.abs(other_v) + other_size * np.abs(v)) / np.maximum(turn, 1e-9)).min(axis=3)
+    v = v / _norm(v)[..., None]
+    longest = np.full(u.shape[:-1], np.inf)
+    for i, j in ((0, 2), (1, 0), (2, 1)):
+        turn = np.abs(u[..., i] * v[..., j] - v[..., i] * u[..., j])
+        reach = size[i] * np.abs(v[..., j]) + size[j] * np.abs(v[..., i])
+        np.minimum(longest, reach / np.maximum(turn, 1e-9), out=longest)
     return np.minimum(longest, np.linalg.norm(size))
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """Inner products of vectors (..., 3); NumPy's sums over so short an axis take several times as long."""
+    found: Array = a[..., 0] * b[..., 0]
+    found += a[..., 1] * b[..., 1]
+    found += a[..., 2] * b[..., 2]
+    return found
+
+
+def _norm(vectors: Array) -> Array:
+    """Lengths of vectors (..., 3)."""
+    return np.sqrt(_dot(vectors, vectors))
 
 
 def _first(margin: Array, least: float = 0.0) -> Array:

@@ -110,8 +110,9 @@ def test_from_when_on_a_part_counts_as_seen_lost_the_detector_says_so(eye: Any, 
         held = np.broadcast_to(HELD, (1, STEPS, 3))
         drop = Drop(t=np.zeros(1), held=held, free=free[None], R_WB=X_WH[None, :3, :3], size=np.array(size))
         sight = Sight(eye.X_FC[:3, 3].reshape(1, 1, 1, 3), np.array([(eye.matrix[0, 0] * eye.matrix[1, 1]) ** 0.5]))
-        clear, apart = drop.clear(sight, SURE)[0, 0] >= 0, drop.apart(sight, SURE)[0, 0] >= 0
-        there = drop.at_place(rest.X_FB, sight, SURE)[0, 0] >= 0
+        held = drop.beside_held(sight)
+        clear, apart = held.clear(SURE)[0, 0] >= 0, held.apart(SURE)[0, 0] >= 0
+        there = drop.beside_place(rest.X_FB, sight).fills(SURE)[0, 0] >= 0
         poses = [turned(at) for at in free]
         alone = np.array([painted.shows_not_held([tool], X) for X in poses])
         beside = np.array([painted.shows_not_held([tool, rest], X) for X in poses])
