@@ -448,7 +448,8 @@ def _dot(a: Array, b: Array) -> Array:
 
 def _norm(vectors: Array) -> Array:
     """Lengths of vectors (..., 3)."""
-    return np.sqrt(_dot(vectors, vectors))
+    found: Array = np.sqrt(_dot(vectors, vectors))
+    return found
 
 
 def _first(margin: Array, least: float = 0.0) -> Array:
