@@ -430,12 +430,12 @@ def _length(across: Array, ray: Array, R_WB: Array, size: Array) -> Array:
     way = np.where(gone > 1e-9, across / np.maximum(gone, 1e-9), 0.0)[..., None, :] @ R_WB
     u, v = way[..., 0, :], (ray[..., None, :] @ R_WB)[..., 0, :]
     v = v / _norm(v)[..., None]
-    longest = np.full(u.shape[:-1], np.inf)
+    longest: Array = np.full(u.shape[:-1], np.linalg.norm(size))
     for i, j in ((0, 2), (1, 0), (2, 1)):
         turn = np.abs(u[..., i] * v[..., j] - v[..., i] * u[..., j])
         reach = size[i] * np.abs(v[..., j]) + size[j] * np.abs(v[..., i])
         np.minimum(longest, reach / np.maximum(turn, 1e-9), out=longest)
-    return np.minimum(longest, np.linalg.norm(size))
+    return longest
 
 
 def _dot(a: Array, b: Array) -> Array:
@@ -448,8 +448,7 @@ def _dot(a: Array, b: Array) -> Array:
 
 def _norm(vectors: Array) -> Array:
     """Lengths of vectors (..., 3)."""
-    found: Array = np.sqrt(_dot(vectors, vectors))
-    return found
+    return np.sqrt(_dot(vectors, vectors))
 
 
 def _first(margin: Array, least: float = 0.0) -> Array:
