@@ -116,12 +116,17 @@ def _arm_groups(config: MoveitConfig, srdf: SrdfModel | None, urdf: UrdfModel) -
 
 
 def _solvers(config: MoveitConfig) -> Mapping[str, Any]:
-    """What `kinematics.yaml` says of each group; nothing if it cannot be read: it is only a hint."""
+    """What `kinematics.yaml` says of each group; nothing if it is only damaged: it is a hint.
+
+    Raises InputError for a file that says something else.
+    """
     if config.kinematics is None:
         return {}
     try:
         data: Any = read_yaml(config.kinematics).data
-    except InputError:
+    except InputError as error:
+        if error.problems[0].code == "not-a-mapping":
+            raise
         return {}
     for key in ("/**", "ros__parameters", "robot_description_kinematics"):
         data = data[key] if isinstance(data.get(key), dict) else data
@@ -156,12 +161,20 @@ def _is_of(config: MoveitConfig, urdf: UrdfModel) -> bool:
 
 
 def _noted(folder: Path) -> Mapping[str, Any]:
-    """What `.setup_assistant` says, with keys in lower case; nothing if it cannot be read."""
+    """What `.setup_assistant` says, with keys in lower case; nothing if it is missing or damaged.
+
+    Raises InputError, with the line, for a file that says something else.
+    """
+    key = "moveit_setup_assistant_config"
     try:
-        data: Any = read_yaml(folder / ASSISTANT).data
-    except InputError:
+        document = read_yaml(folder / ASSISTANT)
+    except InputError as error:
+        if error.problems[0].code == "not-a-mapping":
+            raise
         return {}
-    data = data.get("moveit_setup_assistant_config") or {}
+    data: Any = document.data.get(key) or {}
+    if not isinstance(data, dict):
+        raise document.error("not-a-mapping", (key,), f"found `{str(data)[:60]}`, expected URDF, SRDF and CONFIG")
     return {key.lower(): value for key, value in data.items() if isinstance(value, dict)}
 
 

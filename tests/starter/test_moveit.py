@@ -186,3 +186,19 @@ def test_a_urdf_that_is_not_there_is_asked_for(src: Path, tmp_path: Path) -> Non
     roots = (src / "Vendor_Arm_ROS2",)
     robot = OwnRobot(package_roots=roots, moveit=tmp_path / "alone" / "my_arm_moveit_config")
     assert describe_robot(robot, tmp_path).urdf.name == ARM.name
+
+
+@pytest.mark.parametrize(
+    ("file", "text"), [(".setup_assistant", "moveit_setup_assistant_config: 5\n"), ("config/kinematics.yaml", "5\n")]
+)
+def test_a_configuration_that_says_something_else_is_refused_with_its_file(
+    src: Path, tmp_path: Path, file: str, text: str
+) -> None:
+    shutil.copytree(src, tmp_path / "src")
+    folder = tmp_path / "src" / "my_arm_moveit_config"
+    (folder / file).write_text(text)
+    with pytest.raises(InputError) as caught:
+        describe_robot(OwnRobot(moveit=folder), tmp_path)
+    (problem,) = caught.value.problems
+    assert problem.place is not None
+    assert (problem.place.file, problem.place.line) == (folder / file, 1)

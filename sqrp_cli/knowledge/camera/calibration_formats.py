@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
 from pydantic import AliasChoices, BeforeValidator, Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from sqrp_cli.errors import expected_names
 from sqrp_cli.knowledge.camera.camera import PixelCount, PixelSize, check_pixels
@@ -87,19 +88,49 @@ class StatedCamera(ForeignEntry):
         raise NotImplementedError
 
 
+class _Region(ForeignEntry):
+    """The part of the sensor that is read out [pixels]; all of it where width and height are 0."""
+
+    x_offset: Annotated[int, Field(ge=0)] = 0
+    y_offset: Annotated[int, Field(ge=0)] = 0
+    width: Annotated[int, Field(ge=0)] = 0
+    height: Annotated[int, Field(ge=0)] = 0
+
+
 class CameraInfo(StatedCamera):
-    """ROS `sensor_msgs/CameraInfo`, or matrices in OpenCV's FileStorage."""
+    """ROS `sensor_msgs/CameraInfo`, or matrices in OpenCV's FileStorage.
+
+    Matrix and size of a message are those of the full sensor. The images are cut to `roi` and then binned, as
+    `image_geometry` has it.
+    """
 
     camera_matrix: _MatrixOrNumbers = Field(validation_alias=AliasChoices(*K_KEYS))
     distortion_model: str | None = None
     distortion_coefficients: _MatrixOrNumbers = Field(validation_alias=AliasChoices(*_D_KEYS))
     fisheye_model: Any = None
     """Written by OpenCV's calibration sample."""
+    binning_x: Annotated[int, Field(ge=0)] = 0
+    binning_y: Annotated[int, Field(ge=0)] = 0
+    roi: _Region = _Region()
+
+    @property
+    def size(self) -> PixelSize | None:
+        """That of its image."""
+        full = super().size
+        if full is None:
+            return None
+        width, height = self.roi.width or full.width, self.roi.height or full.height
+        if self.roi.x_offset + width > full.width or self.roi.y_offset + height > full.height:
+            raise PydanticCustomError("wrong-value", f"its `roi` reaches out of the image of {full.short}")
+        return PixelSize(max(width // max(self.binning_x, 1), 1), max(height // max(self.binning_y, 1), 1))
 
     def lens(self, document: SourceDocument) -> StatedLens:
         """Its lens. Raises InputError, with the line, for lists of a wrong length."""
         K_at, K = _numbers(document, K_KEYS, self.camera_matrix, 9)
         D_at, D = _numbers(document, _D_KEYS, self.distortion_coefficients, None)
+        x, y = max(self.binning_x, 1), max(self.binning_y, 1)
+        cx, cy = K[2] - self.roi.x_offset, K[5] - self.roi.y_offset
+        K = [K[0] / x, K[1] / x, cx / x, K[3] / y, K[4] / y, cy / y, *K[6:]]
         model = self.distortion_model
         if model is None and self.fisheye_model is not None and len(D) == 4:
             model = "fisheye" if self.fisheye_model else "radtan"

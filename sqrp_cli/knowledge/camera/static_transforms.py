@@ -25,7 +25,7 @@ from sqrp_cli.knowledge.text.entries import ForeignEntry, Length, Number, Text
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.units import as_number
 from sqrp_cli.knowledge.text.validation import validate
-from sqrp_cli.knowledge.text.xml_file import parse_xml
+from sqrp_cli.knowledge.text.xml_file import Element, parse_xml
 from sqrp_cli.knowledge.text.yaml_file import parse_yaml
 
 PUBLISHER = "static_transform_publisher"
@@ -184,17 +184,42 @@ def _of_stamped(document: SourceDocument, stamped: _Stamped, at: tuple[str | int
 def read_launch(path: Path, content: bytes, text: str) -> list[StaticTransform] | None:
     """Transforms that a launch file or script publishes; None for a file that has none.
 
-    Raises InputError, with the line, for arguments that only a launch could know.
+    Nodes whose conditions are false with the defaults of the launch arguments are left out. Raises InputError, with the
+    line, for arguments and conditions that only a launch could know.
     """
     if PUBLISHER not in text:
         return None
     if text.lstrip().startswith("<"):
-        nodes = parse_xml(path, content, "launch").inside()
-        published = (one for one in nodes if PUBLISHER in (one.attributes.get("type"), one.attributes.get("exec")))
-        return [_of_words(one.text("args").split(), one.place) for one in published]
+        root = parse_xml(path, content, "launch")
+        stated = [one for one in root.inside() if one.tag == "arg"]
+        defaults = {one.attributes.get("name", ""): one.attributes.get("value", one.attributes.get("default"))
+                    for one in stated}  # fmt: skip
+        return [_of_words(one.text("args").split(), one.place) for one in _of_xml(root, defaults)]
     if re.search(r"^[ \t]*(from|import)\s", text, re.MULTILINE):
         return list(_of_python(path, text))
     return list(_of_commands(path, text))
+
+
+def _of_xml(holder: Element, defaults: Mapping[str, str | None]) -> Iterator[Element]:
+    """The nodes that publish, in groups too, whose conditions hold."""
+    for one in holder.children:
+        publishes = PUBLISHER in (one.attributes.get("type"), one.attributes.get("exec"))
+        if not publishes and all(PUBLISHER not in inner.attributes.values() for inner in one.inside()):
+            continue
+        if all(_holds(one.attributes[word], word == "if", defaults, one.place)
+               for word in ("if", "unless") if word in one.attributes):  # fmt: skip
+            yield from (one,) if publishes else _of_xml(one, defaults)
+
+
+def _holds(text: str, wanted: bool, defaults: Mapping[str, str | None], place: Place) -> bool:
+    """Whether a condition, such as `$(arg sim)`, is as wanted with the defaults of the arguments."""
+    found = re.fullmatch(r"\$\((?:arg|var)\s+([^\s()]+)\)", text.strip())
+    value = defaults.get(found[1]) if found else text
+    if value is None or value.strip().lower() not in ("true", "false", "1", "0"):
+        message = f"whether this transform is published depends on `{text[:60]}`, which is not known before a launch"
+        mend = "give the argument a default, or write the transform that holds into a file of its own"
+        raise bad_input("ambiguous-entry", message, place, mend=mend)
+    return (value.strip().lower() in ("true", "1")) == wanted
 
 
 def _of_commands(path: Path, text: str) -> Iterator[StaticTransform]:
@@ -215,13 +240,41 @@ def _of_python(path: Path, text: str) -> Iterator[StaticTransform]:
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         line = getattr(error, "lineno", None)
         raise bad_input("python-syntax", "this is no Python that can be parsed", Place(path, line)) from None
-    for call in ast.walk(tree):
-        if isinstance(call, ast.Call):
-            given = {keyword.arg: keyword.value for keyword in call.keywords}
-            executable = given.get("executable", given.get("node_executable"))
-            if isinstance(executable, ast.Constant) and executable.value == PUBLISHER:
-                place = Place(path, call.lineno, call.col_offset + 1)
+    calls = [call for call in ast.walk(tree) if isinstance(call, ast.Call)]
+    assigned = {target.id: ast.unparse(one.value) for one in ast.walk(tree) if isinstance(one, ast.Assign)
+                for target in one.targets if isinstance(target, ast.Name)}  # fmt: skip
+    defaults: dict[str, str | None] = {}
+    around: dict[ast.Call, list[ast.expr]] = {}
+    for call in calls:  # the outer ones first
+        given = {keyword.arg: keyword.value for keyword in call.keywords}
+        name, default = next(iter(call.args), given.get("name")), given.get("default_value")
+        if isinstance(name, ast.Constant) and isinstance(default, ast.Constant):
+            defaults[str(name.value)] = str(default.value)
+        if "condition" in given:
+            for inner in ast.walk(call):
+                if isinstance(inner, ast.Call):
+                    around.setdefault(inner, []).append(given["condition"])
+    for call in calls:
+        given = {keyword.arg: keyword.value for keyword in call.keywords}
+        executable = given.get("executable", given.get("node_executable"))
+        if isinstance(executable, ast.Constant) and executable.value == PUBLISHER:
+            place = Place(path, call.lineno, call.col_offset + 1)
+            if all(_python_holds(condition, assigned, defaults, place) for condition in around.get(call, ())):
                 yield _of_words([_word(path, item) for item in _items(given.get("arguments"), place)], place)
+
+
+def _python_holds(
+    condition: ast.expr, assigned: Mapping[str, str], defaults: Mapping[str, str | None], place: Place
+) -> bool:
+    """Whether `IfCondition(LaunchConfiguration(...))`, or the opposite, holds with the defaults of the arguments."""
+    text = ast.unparse(condition)
+    for _ in range(2):  # both may be variables
+        text = re.sub(r"(^|\()(\w+)(?=\)|$)", lambda word: word[1] + assigned.get(word[2], word[2]), text)
+    found = re.fullmatch(r"[\w.]*?(If|Unless)Condition\((?:[\w.]*LaunchConfiguration\()?'([^']*)'\)+", text)
+    if found is None:
+        return _holds(text, True, defaults, place)
+    asked = f"$(var {found[2]})" if "LaunchConfiguration" in text else found[2]
+    return _holds(asked, found[1] == "If", defaults, place)
 
 
 def _items(value: ast.expr | None, place: Place) -> Sequence[ast.expr]:

@@ -162,3 +162,34 @@ def test_body_axes_are_forward_left_up(cell: Path) -> None:
     assert np.allclose(forward, [0, -1, 0])
     assert np.allclose(right, [-1, 0, 0])
     assert np.allclose(down, [0, 0, -1])
+
+
+INFO = """width: 1280
+height: 720
+distortion_model: plumb_bob
+d: [0.0, 0.0, 0.0, 0.0, 0.0]
+k: [910.0, 0.0, 640.0, 0.0, 910.0, 360.0, 0.0, 0.0, 1.0]
+binning_x: {x}
+binning_y: {y}
+roi: {{x_offset: {left}, y_offset: {top}, width: {width}, height: {height}, do_rectify: false}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "left", "top", "width", "height", "size", "pinhole"),
+    [
+        (0, 0, 0, 0, 0, 0, (1280, 720), (910, 910, 640, 360)),
+        (0, 0, 320, 180, 640, 360, (640, 360), (910, 910, 320, 180)),  # 39 deg wide
+        (2, 2, 0, 0, 0, 0, (640, 360), (455, 455, 320, 180)),
+        (2, 4, 320, 180, 640, 360, (320, 90), (455, 227.5, 160, 45)),
+    ],
+)
+def test_images_are_cut_and_binned_as_image_geometry_has_it(tmp_path, x, y, left, top, width, height, size, pinhole):
+    camera = read(INFO.format(x=x, y=y, left=left, top=top, width=width, height=height), tmp_path)
+    assert (camera.width, camera.height) == size
+    assert tuple(camera.matrix[(0, 1, 0, 1), (0, 1, 2, 2)]) == pinhole
+
+
+def test_a_region_out_of_the_image_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="`roi` reaches out of the image of 1280x720"):
+        read(INFO.format(x=0, y=0, left=700, top=0, width=640, height=360), tmp_path)

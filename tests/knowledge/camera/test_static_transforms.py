@@ -237,3 +237,35 @@ def test_a_workspace_takes_the_pose_from_a_recording_in_a_folder(cell: Path, fra
     assert (camera.frame, camera.pose_file) == ("wrist", "/tf_static of a recording")
     np.testing.assert_allclose(camera.X_FC, expected, atol=1e-9)
     np.testing.assert_allclose(inverse(camera.X_FC) @ expected, np.eye(4), atol=1e-9)
+
+
+CONDITIONAL = {
+    "xml": """<launch><arg name="sim" default="false"/>
+<node pkg="tf2_ros" exec="static_transform_publisher" args="{sim}" if="$(var sim)"/>
+<group unless="$(var sim)"><node pkg="tf2_ros" exec="static_transform_publisher" args="{real}"/></group></launch>""",
+    "py": """from launch import LaunchDescription
+def generate_launch_description():
+    sim = LaunchConfiguration("sim")
+    return LaunchDescription([DeclareLaunchArgument("sim", default_value="false"),
+        Node(package="tf2_ros", executable="static_transform_publisher", arguments={sim_words},
+             condition=conditions.IfCondition(sim)),
+        GroupAction(condition=UnlessCondition(LaunchConfiguration("sim")), actions=[
+            Node(package="tf2_ros", executable="static_transform_publisher", arguments={real_words})])])
+""",
+}
+
+
+@pytest.mark.parametrize("kind", CONDITIONAL)
+def test_a_transform_whose_condition_is_false_by_default_is_not_that_of_the_real_cell(
+    kind: str, tmp_path: Path
+) -> None:
+    sim, real = (("wrist", "camera", position, (0.0, 0.0, 0.0, 1.0)) for position in ((9.0, 9.0, 9.0), (0.1, 0.2, 0.3)))
+    text = CONDITIONAL[kind].format(
+        sim=positional(sim), real=positional(real), sim_words=options(sim), real_words=options(real)
+    )
+    path = tmp_path / f"camera.launch.{kind}"
+    path.write_text(text, encoding="utf-8")
+    assert read_hand_eye(path, carriers=LINKS).X_FC[:3, 3] == pytest.approx([0.1, 0.2, 0.3])
+    path.write_text(path.read_text().replace('default="false"', "").replace('default_value="false"', ""))
+    with pytest.raises(InputError, match=r"depends on .*sim.*, which is not known before a launch"):
+        read_hand_eye(path, carriers=LINKS)
