@@ -25,7 +25,16 @@ NS = 1_000_000_000
 START = 1_700_000_000 * NS
 K = np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]])
 CAMERA = SimpleNamespace(
-    name="cam", width=8, height=6, rate=10.0, latency=0.05, matrix=K, distortion=(), frame="world", X_FC=np.eye(4)
+    name="cam",
+    width=8,
+    height=6,
+    rate=10.0,
+    latency=0.05,
+    lag=0.05,
+    matrix=K,
+    distortion=(),
+    frame="world",
+    X_FC=np.eye(4),
 )
 WORKSPACE = SimpleNamespace(cameras={"cam": CAMERA}, robot=SimpleNamespace(fingers=None))
 FILE = {
