@@ -109,7 +109,6 @@ def uses(file: str) -> Iterator[FieldUse]:
 WAITING = {
     ("CameraPose", "quaternion"),  # the same field as any other pose's
     ("CameraPose", "rpy"),
-    ("TrajectoryEntry", "action"),  # a robot takes trajectories by topic or action
     ("ToolEntry", "boxes"),  # a workspace has one tool, of a URDF or of boxes
     ("ToolEntry", "frame"),
     ("ToolBoxEntry", "size"),

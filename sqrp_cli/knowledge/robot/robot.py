@@ -157,6 +157,12 @@ class ToolEntry(Entry):
     )
     link: Text = Field(description="The link of the robot that carries the tool's root link.")
     pose: Pose = Field(default=Pose(), description="Pose of the tool's root link in that link.")
+    prefix: str = Field(
+        default="",
+        max_length=100,
+        description="Put before the names of the tool's links and joints, for a robot that has links or joints of the "
+        "same names. The workspace calls them by the longer names.",
+    )
 
     @model_validator(mode="after")
     def _urdf_or_boxes(self) -> ToolEntry:

@@ -151,6 +151,41 @@ class UrdfModel:
     """The URDF as text if the file is a xacro; None for a plain one."""
     packages: tuple[str, ...] = ()
     """The packages that the xacro names."""
+    prefix: str = ""
+    """Before the names of all links, joints and pieces, but not in the content."""
+
+    def prefixed(self, prefix: str) -> UrdfModel:
+        """The same description with a prefix before the name of every link, joint and piece of geometry."""
+
+        def named(piece: LinkGeometry) -> LinkGeometry:
+            return replace(piece, name=piece.name and prefix + piece.name)
+
+        links = [
+            replace(
+                link,
+                name=prefix + link.name,
+                collision=tuple(map(named, link.collision)),
+                visual=tuple(map(named, link.visual)),
+            )
+            for link in self.links.values()
+        ]
+        joints = [
+            replace(
+                joint,
+                name=prefix + joint.name,
+                parent=prefix + joint.parent,
+                child=prefix + joint.child,
+                mimic=joint.mimic and replace(joint.mimic, joint=prefix + joint.mimic.joint),
+            )
+            for joint in self.joints.values()
+        ]
+        return replace(
+            self,
+            links={link.name: link for link in links},
+            joints={joint.name: joint for joint in joints},
+            root=prefix + self.root,
+            prefix=prefix + self.prefix,
+        )
 
     @property
     def movable_joints(self) -> tuple[UrdfJoint, ...]:

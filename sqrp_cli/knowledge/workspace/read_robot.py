@@ -59,7 +59,8 @@ class RobotReader(EntryReader):
         if self.entry.tool_frame is None and (self.entry.tool is None or self.entry.tool.frame is None):
             message = "`robot`: the key `tool_frame` is missing: the link that grasps"
             raise bad_input("missing-key", message, self.document.key_place(("robot",)))
-        self.tool_frame = link_called(self.entry.tool_frame or TOOL_TIP, self.links)
+        tip = TOOL_TIP if self.entry.tool is None else self.entry.tool.prefix + TOOL_TIP
+        self.tool_frame = link_called(self.entry.tool_frame or tip, self.links)
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -97,8 +98,8 @@ class RobotReader(EntryReader):
         self.digest.add("robot.limits.moveit", file, limits.document.content)
         return limits
 
-    def _read_urdf(self, entry: XacroEntry | str, path: KeyPath) -> UrdfModel:
-        urdf = read_urdf(*self._described(entry, path))
+    def _read_urdf(self, entry: XacroEntry | str, path: KeyPath, prefix: str = "") -> UrdfModel:
+        urdf = read_urdf(*self._described(entry, path)).prefixed(prefix)
         self.warnings += urdf.warnings
         self.digest.add(dotted(path), urdf.path, urdf.content)
         parts = urdf.parts(self.entry.geometry, partial(packages.resolve_mesh, self.roots))
@@ -111,10 +112,11 @@ class RobotReader(EntryReader):
 
     def _read_tool(self, entry: robot.ToolEntry) -> UrdfModel:
         if entry.urdf is not None:
-            return self._read_urdf(entry.urdf, ("robot", "tool", "urdf"))
+            return self._read_urdf(entry.urdf, ("robot", "tool", "urdf"), entry.prefix)
         place = self.document.key_place(("robot", "tool", "boxes"))
         boxes = [(box.size, box.pose.matrix()) for box in entry.boxes or ()]
         tool = tool_of_boxes(boxes, (entry.frame or Pose()).matrix(), self.document.path.absolute(), place)
+        tool = tool.prefixed(entry.prefix)
         self._parts += tool.parts(self.entry.geometry, partial(packages.resolve_mesh, self.roots))
         return tool
 
@@ -124,11 +126,14 @@ class RobotReader(EntryReader):
         link = link_called(self.entry.tool.link, self.urdf.links)
         if link not in self.urdf.links:
             self._report("unknown-link", ("robot", "tool", "link"), no_such(link, "link", self.urdf.links))
-        for name in self.tool.links:
-            if name in self.urdf.links:
-                message = f"robot and tool both have a link `{name}`"
-                path = ("robot", "tool", "urdf" if self.entry.tool.urdf else "boxes")
-                self._report("ambiguous-name", path, message, "rename one of them")
+        path = ("robot", "tool", "urdf" if self.entry.tool.urdf else "boxes")
+        moving = [{joint.name for joint in model.movable_joints} for model in (self.urdf, self.tool)]
+        shared = [f"link `{name}`" for name in self.tool.links if name in self.urdf.links]
+        shared += [f"joint `{name}`" for name in sorted(moving[0] & moving[1])]
+        if shared:
+            others = f", and {len(shared) - 1} more names in common" if len(shared) > 1 else ""
+            mend = "tell the tool's apart by a prefix: `prefix: tool_` in `robot.tool`"
+            self._report("ambiguous-name", path, f"robot and tool both have a {shared[0]}{others}", mend)
         file = None if self.entry.tool.urdf is None else self.tool.path
         return robot.Tool(self.tool, link, read_only(self.entry.tool.pose.matrix()), file)
 

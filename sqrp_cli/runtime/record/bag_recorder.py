@@ -288,6 +288,10 @@ def _drawn(shape: Shape) -> tuple[int, tuple[float, float, float], str]:
             return _MESH, scale, path.resolve().as_uri()
 
 
+_NAMING = {"link": ("name",), "parent": ("link",), "child": ("link",), "joint": ("name",), "mimic": ("joint",)}
+"""Attributes of a description that name links and joints, by element."""
+
+
 def robot_description(robot: Robot) -> str:
     """The URDF of a robot, its tool fixed to it. Meshes beside a file get their full path, packages stay named."""
     root = _described(robot.urdf)
@@ -308,9 +312,10 @@ def _described(urdf: UrdfModel) -> Xml.Element:
             mesh.set("filename", (urdf.path.parent / name).resolve().as_uri())
     # A link of the name `world` is not where the cell's frame of that name is.
     for element in root.iter():
-        for key in ("name", "link"):
-            if element.tag in ("link", "parent", "child") and element.get(key) == WORLD:
-                element.set(key, WORLD_LINK)
+        for key in _NAMING.get(element.tag, ()):
+            if (called := element.get(key)) is not None:
+                of_link = element.tag in ("link", "parent", "child")
+                element.set(key, urdf.prefix + (WORLD_LINK if of_link and called == WORLD else called))
     return root
 
 

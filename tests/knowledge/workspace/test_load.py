@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as Xml
 
 import numpy as np
 import pytest
@@ -17,6 +18,8 @@ from sqrp_cli.knowledge.skill.settings import Reference
 from sqrp_cli.knowledge.skill.skill import JointMove, RetryEntry, StraightMove
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.logic.literal import Atom
+from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.runtime.record.bag_recorder import robot_description
 from sqrp_cli.shapes import Box
 from tests.cells import ROOT
 
@@ -138,6 +141,42 @@ def test_a_tool_whose_root_is_called_like_the_robots_is_refused(damaged: Damage)
     renamed = {'<link name="cup">': '<link name="base">', '<parent link="cup"/>': '<parent link="base"/>'}
     with pytest.raises(InputError, match="robot and tool both have a link `base`"):
         load_workspace(damaged({"file": "cup.urdf", "replace": renamed}))
+
+
+def _of_one_vendor(cell: Path) -> None:
+    """Give the tool's links the names of the robot's, and a finger that moves by a joint of the name of one of it."""
+    renamed = (cell / "cup.urdf").read_text().replace('"cup"', '"base"').replace('"cup_tip"', '"elbow"')
+    finger = (
+        '<joint name="slide" type="prismatic"><parent link="base"/><child link="wrist"/><axis xyz="1 0 0"/>'
+        '<limit lower="0" upper="0.01" velocity="0.1" effort="1"/></joint><link name="wrist"/></robot>'
+    )
+    (cell / "cup.urdf").write_text(renamed.replace("</robot>", finger))
+
+
+def test_robot_and_tool_with_links_and_joints_of_the_same_names_are_joined_by_a_prefix(cell: Path) -> None:
+    _of_one_vendor(cell)
+    with pytest.raises(InputError, match="both have a link `base`, and 2 more names in common") as caught:
+        load_workspace(cell)
+    assert "`prefix: tool_`" in (caught.value.problems[0].mend or "")
+
+    file = cell / "workspace.yaml"
+    text = file.read_text().replace("link: wrist, pose", "prefix: tool_, link: wrist, pose", 1)
+    file.write_text(text.replace("tool_frame: tip", "tool_frame: tool_tip"))
+    robot = load_workspace(cell).robot
+    assert robot.tool is not None
+    assert robot.tool.urdf.root == "tool_base"
+    assert robot.tool_frame == "tool_tip"
+    assert [part.parent for part in robot.parts] == ["base", "upper", "lower", "tool_base"]
+    assert robot.limits.keys() == {"shoulder", "elbow", "slide", "tool_slide"}
+
+    described = Xml.fromstring(robot_description(robot))  # noqa: S314 - our own
+    links = [link.get("name") for link in described.iter("link")]
+    joints = {joint.get("name"): joint.find("child").get("link") for joint in described.iter("joint")}  # type: ignore[union-attr]
+    assert sorted(links) == sorted(["base", "upper", "lower", "wrist", "tool_base", "tool_tip", "tool_wrist"])
+    assert sorted({"base", *joints.values()}) == sorted(links)
+    assert joints["tool_slide"] == "tool_wrist"
+
+    assert RobotModel.load(robot).tree.mounts.keys() >= {"wrist", "tool_wrist"}
 
 
 def test_home_may_be_a_named_state_of_the_srdf(damaged: Damage) -> None:
