@@ -215,5 +215,8 @@ def _keep(request: PlaceRequest, workspace: Workspace) -> tuple[str, ...]:
     for name in request.keep:
         if name not in workspace.cameras:
             message = f"there is no camera `{name}` to keep; {expected_names('', workspace.cameras)}"
-            raise bad_input("unknown-camera", message)
+            several = [part.strip() for part in name.split(",")]
+            listed = len(several) > 1 and all(part in workspace.cameras for part in several)
+            mend = " ".join(f"--keep {part}" for part in several) if listed else None
+            raise bad_input("unknown-camera", message, mend=mend)
     return tuple(dict.fromkeys(request.keep))

@@ -306,6 +306,19 @@ def test_a_number_that_no_change_has_is_refused_and_nothing_is_written(sqrp, own
     assert (own / "workspace.yaml").read_bytes() == before
 
 
+def test_where_the_wish_is_met_a_note_says_that_nothing_is_written(sqrp, own, tmp_path):
+    before, file = (own / "workspace.yaml").read_bytes(), tmp_path / "advice.patch"
+    command = ("advise", own, "pickup g3", "--want", "q_avg 0 %")
+    for options, what in ((("--patch", file), file), (("--apply", 1), own)):
+        outcome = sqrp(*command, *options)
+        assert (outcome.code, outcome.out) == (0, sqrp(*command).out)
+        assert f"the wish is met already, so {what} is not written" in " ".join(outcome.err.split())
+    beyond = sqrp(*command, "--apply", 9)
+    assert beyond.code == 2
+    assert "there is no advice 9" in beyond.err
+    assert (not file.exists(), (own / "workspace.yaml").read_bytes()) == (True, before)
+
+
 def test_the_number_of_processes_changes_nothing(sqrp, small, aims):
     command = ("advise", small, TASK, "--ways", "fastest", "--kinds", "aim", "--jobs", 2, "--json")
     assert sqrp("advise", small, TASK, *aims, "--json").out == sqrp(*command).out

@@ -77,8 +77,10 @@ def advise(context: Any, ask: AdviseCommand) -> ExitCode:  # noqa: ANN401 - Type
 
 def _write(found: TaskAdvice, number: int | None, patch: Path | None) -> str:
     """Write a change as it was asked for; returns what was done."""
-    if not found.advice or (number is None and patch is None):
+    if (number is None and patch is None) or not (found.advice or found.met):
         return ""
+    if found.met and number in (None, 1):
+        return f"the wish is met already, so {found.path if patch is None else patch} is not written"
     chosen = found.first_with_patch if number is None else number
     if found.is_there(chosen):  # refuses a number that none has
         return f"change {chosen} is in {found.path} already; nothing was written"

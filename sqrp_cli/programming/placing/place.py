@@ -19,7 +19,7 @@ from sqrp_cli.programming.coverage.assessment import Assessment, Study, Watched
 from sqrp_cli.programming.coverage.timeline import Rehearsal
 from sqrp_cli.programming.placing.problem import Late, Problem, Requirements, Selection, obstacle
 from sqrp_cli.programming.placing.program import Limits, PlacementProgram, Watch
-from sqrp_cli.programming.placing.refine import refined
+from sqrp_cli.programming.placing.refine import Pair, refined
 from sqrp_cli.programming.placing.scenes import Installation, View, blocked, price_of
 from sqrp_cli.programming.placing.table import PlaceQuestion, Progress, UnseenTarget, VisibilityTable
 from sqrp_cli.programming.task import Candidate
@@ -372,7 +372,7 @@ class CameraPlacer:
         studies = self._studies(cameras, stay, selection)
         if checked.value < 1.0 - ROUNDED and not wanted.failure_tolerance:
             cameras, studies = self._unless_stopped(
-                lambda: self._refined(problem, selection, cameras, stay, studies), (cameras, studies)
+                lambda: self._refined(checked, selection, cameras, stay, studies), (cameras, studies)
             )
         cell = table.cell_with([*stay, *(placed.camera for placed in cameras)])
         candidates = tuple(
@@ -449,18 +449,25 @@ class CameraPlacer:
 
     def _refined(
         self,
-        problem: Problem,
+        checked: Checked,
         selection: Selection,
         cameras: tuple[PlacedCamera, ...],
         stay: Sequence[Camera],
         studies: Sequence[Study],
     ) -> tuple[tuple[PlacedCamera, ...], Sequence[Study]]:
-        """The cameras moved and turned between their sites, with the exact studies, if they are better then."""
+        """The cameras moved and turned between their sites, with the exact studies, if they are better then.
+
+        They are where the quality that counts first is greater, and each candidate that met the wish meets it still.
+        """
         table = self.table
-        ways = [table.ways[number] for number in selection.ways]
-        others = [table.sees[number][sorted(problem.kept)].sum(axis=0) for number in selection.ways]
+        wanted, weights, wish = self.question.requirements, self._weights, checked.requirements.wish
+        average = replace(wanted, objective="mean")
+
+        def value(pairs: Sequence[Pair]) -> tuple[float, float]:
+            return wanted.value(pairs, weights), average.value(pairs, weights)
+
         places = [Installation(placed.spot, placed.view, placed.lens) for placed in cameras]
-        found = refined(table, places, ways, others)
+        found = refined(table, places, selection.ways, value)
         moved = tuple(
             replace(
                 placed,
@@ -472,11 +479,11 @@ class CameraPlacer:
         )
         better = self._studies(moved, stay, selection)
 
-        def least(some: Sequence[Study]) -> float:
-            figures = [study.without_delays for study in some]
-            return min((q for one in figures for q in (one.q_eoi, one.q_avg) if q is not None), default=1.0)
-
-        return (moved, better) if least(better) > least(studies) + 2 * ROUNDED else (cameras, studies)
+        before, after = ([study.assessment("") for study in some] for some in (studies, better))
+        first, now = (value([(one.q_eoi, one.q_avg) for one in some])[0] for some in (before, after))
+        pairs = zip(before, after, strict=True)
+        kept = wish is None or all(wish.met(new) or not wish.met(old) for old, new in pairs)
+        return (moved, better) if kept and now > first + 2 * ROUNDED else (cameras, studies)
 
     def _of_study(self, number: int, found: Study) -> JudgedCandidate:
         way = self.table.ways[number]

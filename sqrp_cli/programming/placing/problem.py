@@ -7,7 +7,7 @@ between two samples only. What all options see alike is one *row*: which of them
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
@@ -208,6 +208,8 @@ class Problem:
     """Choices in which one camera hides something from another one; none of them counts."""
     late: frozenset[Late] = frozenset()
     """Choices that are known to miss the wished delay."""
+    beside: Mapping[int, str] = field(default_factory=dict)
+    """Sites where a camera would touch one that stays, with its name."""
 
     @property
     def free(self) -> list[int]:
@@ -336,7 +338,9 @@ def obstacle(problem: Problem, requirements: Requirements, *, blind: bool) -> st
     usable: Indices = free[~np.isin(problem.site[free], sorted(problem.shut))]
     if not len(usable):
         mounts = "the only mount is" if places == 1 else f"all {places} mounts are"
-        return f"{mounts} in the way: a camera there would touch something"
+        stays = set(problem.beside.values()) if problem.shut <= set(problem.beside) else set()
+        touched = f"`{stays.pop()}`, which stays" if len(stays) == 1 else "something"
+        return f"{mounts} in the way: a camera there would touch {touched}"
     needed = max(requirements.at_least(len(problem.kept)), 1)
     sites = problem.site[usable]
     prices = np.sort([problem.price[usable][sites == site].min() for site in np.unique(sites)])

@@ -345,8 +345,8 @@ class PlacementProgram:
         for hiding in sorted(problem.hiding):
             seeing = {self._x[option]: 1.0 for option in hiding.options if option in self._x}
             both = {**at.get(hiding.site, {}), **seeing, **dict.fromkeys(self._of_way(hiding.way), 1.0)}
-            most = bool(seeing) + (hiding.way in self._taken)  # what a camera that stays sees must not be hidden
-            program.row(both, most=float(most))
+            free = (hiding.site in at) + bool(seeing)  # a camera that stays is always there, to hide and to see
+            program.row(both, most=float(free - 1 + (hiding.way in self._taken)))
         for late in sorted(problem.late):
             exactly = {x: 1.0 if option in late.options else -1.0 for option, x in self._x.items()}
             exactly |= dict.fromkeys(self._of_way(late.way), 1.0)

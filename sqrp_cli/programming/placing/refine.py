@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from sqrp_cli.geometry import Array, Mask, read_only
 from sqrp_cli.programming.advice.aiming import looking_at
 from sqrp_cli.programming.placing.scenes import Installation, JudgedWay, View, blocked, hidden_by, pairs_apart
 from sqrp_cli.programming.placing.table import VisibilityTable
+
+Pair = tuple[float | None, float | None]
+"""Q_eoi and Q_avg of a way, in 0..1; None where undefined."""
 
 _FINEST = 0.005
 """Moves are not tried in smaller steps than this [m]; aims not in less than a degree."""
@@ -20,24 +24,29 @@ _HALVINGS = 4
 
 
 def refined(
-    table: VisibilityTable, places: Sequence[Installation], ways: Sequence[JudgedWay], others: Sequence[Array]
+    table: VisibilityTable,
+    places: Sequence[Installation],
+    numbers: Sequence[int],
+    value: Callable[[Sequence[Pair]], tuple[float, float]],
 ) -> tuple[Installation, ...]:
-    """The cameras, each moved and turned as long as that improves the least quality at the samples, else their mean.
+    """The cameras, each moved and turned as long as what they see at the samples is worth more.
 
-    others: how many cameras that stay see each item of each way.
+    numbers: of the ways. value: what Q_eoi and Q_avg of each way are worth, what counts first before the rest. Cameras
+    that stay see with them; none touches or hides another one, and none of those.
     """
-    best, seen = list(places), [table.seen_from([place], ways) for place in places]
+    ways = [table.ways[number] for number in numbers]
+    best = [*places, *map(table.installation, table.kept)]
+    seen = [table.seen_from([place], ways) for place in places]
+    seen += [[table.sees[number][[option]] for number in numbers] for option in table.kept]
 
     def worth(each: Sequence[Sequence[Mask]]) -> tuple[float, float]:
-        found: list[float] = []
-        for number, (way, count) in enumerate(zip(ways, others, strict=True)):
-            total = count + sum(of_camera[number][0].astype(np.int64) for of_camera in each)
-            found += qualities(way, total >= way.needed)
-        return round(min(found, default=1.0), 6), round(float(np.mean(found)) if found else 1.0, 6)
+        counts = (sum(of_camera[number][0].astype(np.int64) for of_camera in each) for number in range(len(ways)))
+        first, rest = value([_qualities(way, count >= way.needed) for way, count in zip(ways, counts, strict=True)])
+        return round(first, 6), round(rest, 6)
 
     present = worth(seen)
     for halving in range(1, _HALVINGS + 1):
-        for number, place in enumerate(best):
+        for number, place in enumerate(best[: len(places)]):
             rest = best[:number] + best[number + 1 :]
             tried = [one for one in _around(place, 0.5**halving) if _is_clear(table, one, rest, ways)]
             if present >= (1.0, 1.0) or not tried:
@@ -48,12 +57,12 @@ def refined(
             first = max(range(len(tried)), key=gains.__getitem__)
             if gains[first] > present:
                 best[number], seen[number], present = tried[first], each[first], gains[first]
-    pairs = [(one, other) for one in range(len(best)) for other in range(len(best)) if one != other]
-    for one, other in pairs:
+    for one, other in permutations(range(len(best)), 2):
         for way, sees in zip(ways, seen[other], strict=True):
-            if (hidden_by(way, best[one].spot, best[other].spot) & sees[0]).any():
+            moved = min(one, other) < len(places)
+            if moved and (hidden_by(way, best[one].spot, best[other].spot) & sees[0]).any():
                 return tuple(places)
-    return tuple(best)
+    return tuple(best[: len(places)])
 
 
 def _is_clear(
@@ -64,15 +73,15 @@ def _is_clear(
     return apart and not any(blocked(table.question.cell, way, [place.spot])[0] for way in ways)
 
 
-def qualities(way: JudgedWay, covered: Mask) -> list[float]:
-    """Q_eoi and Q_avg of a way at its samples, those that are defined, if these items are covered, shape (items,)."""
+def _qualities(way: JudgedWay, covered: Mask) -> Pair:
+    """Q_eoi and Q_avg of a way at its samples, None where undefined, if these items are covered, shape (items,)."""
     sample, samples, scene = way.items.sample, way.samples, way.scene
     state: Mask = np.any(way.required, axis=1)
     state[sample[~covered]] = False
     steps = np.where(state[1:] & state[:-1], samples.steps, 0.0)
     interesting = scene.stage.of_interest(samples)[:-1]
-    found = [float(steps[interesting].sum() / scene.T_eoi)] if scene.T_eoi > 0 else []
-    return [*found, float(steps.sum() / scene.T)] if scene.T > 0 else found
+    q_eoi = float(steps[interesting].sum() / scene.T_eoi) if scene.T_eoi > 0 else None
+    return q_eoi, float(steps.sum() / scene.T) if scene.T > 0 else None
 
 
 def _around(place: Installation, share: float) -> Iterator[Installation]:

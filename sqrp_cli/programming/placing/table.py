@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
+from itertools import permutations
 
 import numpy as np
 
@@ -108,6 +109,8 @@ class VisibilityTable:
         """Whether no camera helps, because a candidate takes longer than is wished for."""
         self.sees: list[Mask] = []
         """Of each way, which options see which items, shape (options, items)."""
+        self.beside: dict[int, str] = {}
+        """Sites where a camera would touch one that stays, with its name."""
         self.late = set[Late]()
         """Choices that are known to miss the wished delay."""
         self._aimed_at: list[JudgedWay] = []
@@ -147,7 +150,7 @@ class VisibilityTable:
             camera = workspace.cameras[name]
             lens = completed(LensChoice, camera, image=image_of(camera), price=0.0)
             position = camera.X_FC[:3, 3]
-            entry = MountEntry(points=[tuple(position.tolist())], body=1e-3)
+            entry = MountEntry(points=[tuple(position.tolist())])
             self.kept.append(len(self.options))
             self.options.append(Option(len(self.views), len(self.lenses)))
             self.views.append(View(len(self.spots), camera.X_FC, None, np.array([0.0, 0.0, 1.0])))
@@ -155,12 +158,17 @@ class VisibilityTable:
                 Spot(mount=name, name=name, frame=camera.frame, position=position, entry=entry, lenses=(lens,))
             )
             self.lenses.append(lens)
+        mounted = len(question.mounts.spots)
+        self.beside = {one: self.spots[other].name for one, other in pairs_apart(self.spots) if one < mounted <= other}
 
     def judge(self) -> None:
         """Find out what is seen of the ways that nobody has looked at, and which sites are in their way."""
         ways = self.ways[len(self.sees) :]
         self.sees += self._verdicts(ways)
-        self._shut += [blocked(self.question.cell, way, self.question.mounts.spots) for way in ways]
+        for way in ways:
+            shut = blocked(self.question.cell, way, self.question.mounts.spots)
+            shut[list(self.beside)] = True
+            self._shut.append(shut)
         self._least_delays += map(self._delays_at_least, ways)
 
     def add_ways(self) -> None:
@@ -207,6 +215,7 @@ class VisibilityTable:
             least_delays=np.array(self._least_delays).reshape(len(self.ways), len(self.options)),
             hiding=frozenset(self._hiding),
             late=frozenset(self.late),
+            beside=self.beside,
         )
 
     @property
@@ -289,16 +298,15 @@ class VisibilityTable:
     def _found_hiding(self, selection: Selection) -> Iterator[Hiding]:
         site = np.array([self.views[option.view].spot for option in self.options], dtype=np.int64)
         for number in selection.ways:
-            for option in selection.options:
-                for other in (*selection.options, *self.kept):
-                    place, at = int(site[option]), int(site[other])
-                    if place == at:
-                        continue
-                    hidden = hidden_by(self.ways[number], self.spots[place], self.spots[at])
-                    if (hidden & self.sees[number][other]).any():
-                        there = np.flatnonzero(site == at)
-                        seeing = there[(self.sees[number][there] & hidden).any(axis=1)]
-                        yield Hiding(place, tuple(seeing.tolist()), number)
+            for option, other in permutations((*selection.options, *self.kept), 2):
+                place, at = int(site[option]), int(site[other])
+                if {option, other} <= set(self.kept):
+                    continue
+                hidden = hidden_by(self.ways[number], self.spots[place], self.spots[at])
+                if (hidden & self.sees[number][other]).any():
+                    there = np.flatnonzero(site == at)
+                    seeing = there[(self.sees[number][there] & hidden).any(axis=1)]
+                    yield Hiding(place, tuple(seeing.tolist()), number)
 
     def unseen(self, failure_tolerance: int, shut: frozenset[int]) -> Iterator[UnseenTarget]:
         """What no choice covers: of each candidate, the first instant of each literal in the first way.

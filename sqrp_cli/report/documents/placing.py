@@ -233,9 +233,11 @@ def _best(found: place.Solution, mounts: str) -> str:
     number, places = in_words(len(found.cameras)), len(found.question.mounts.spots)
     which = f"{found.question.requirements.objective} Q"
     quality, about = _percent(found.objective), _scope(found)
+    decided = found.question.requirements.objective == "least" and found.objective == 0.0 and not found.interrupted
+    mean = ", so that the mean decided" if decided and found.cameras else ""
     if found.gap > 0.0:
         return (
-            f"The {which} is {quality}; no choice of {mounts} has more than {_percent(found.bound)} in {about}. "
+            f"The {which} is {quality}{mean}; no choice of {mounts} has more than {_percent(found.bound)} in {about}. "
             "Whether there is a better one is not proven."
         )
     if not found.cameras:
@@ -244,7 +246,7 @@ def _best(found: place.Solution, mounts: str) -> str:
         return f"A camera on the only mount gives a {which} of {quality} in {about} (gap 0)."
     best = f"None of {mounts} does" if number == "one" else f"No {number} of {mounts} do"
     rest = "" if found.proven else " Whether others that see as much are quicker or cheaper is not proven."
-    return f"{best} better than a {which} of {quality} in {about} (gap 0).{rest}"
+    return f"{best} better than a {which} of {quality} in {about} (gap 0){mean}.{rest}"
 
 
 def _scope(found: place.Solution) -> str:

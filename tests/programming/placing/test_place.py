@@ -14,9 +14,11 @@ from sqrp_cli.knowledge.workspace.mounts import read_mounts
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.coverage.assessment import observed
 from sqrp_cli.programming.coverage.sampling import Adaptive, FixedStep, first_samples
+from sqrp_cli.programming.placing import place
 from sqrp_cli.programming.placing.place import CameraPlacer, Solution
 from sqrp_cli.programming.placing.problem import Requirements
 from sqrp_cli.programming.placing.program import PlacementProgram
+from sqrp_cli.programming.placing.scenes import Installation
 from sqrp_cli.programming.placing.table import PlaceQuestion
 from sqrp_cli.programming.sensing.observer import Observer, sees_all
 from sqrp_cli.programming.task import read_task
@@ -172,6 +174,18 @@ def test_ctrl_c_after_the_choice_does_not_lose_it(cell, tmp_path, pair, monkeypa
     assert found.proven
     assert found.objective == pytest.approx(pair[1].objective)
     assert found.cameras
+
+
+def test_cameras_are_not_moved_to_where_the_mean_that_was_asked_for_is_less(cell, tmp_path, monkeypatch):
+    """What has the best least, as if the cameras had been moved there."""
+    narrow = FORTY.replace("6 deg", "5 deg")
+    least = placer(cell, tmp_path, narrow, Requirements(most=1)).place()
+    there = tuple(Installation(one.spot, one.view, one.lens) for one in least.cameras)
+    monkeypatch.setattr(place, "refined", lambda *_arguments: there)
+    mean = placer(cell, tmp_path, narrow, Requirements(most=1, objective="mean")).place()
+    (of_least,), (of_mean,) = least.candidates, mean.candidates
+    assert min(of_least.found.q_eoi, of_least.found.q_avg) > min(of_mean.found.q_eoi, of_mean.found.q_avg) + 0.01
+    assert of_mean.found.q_eoi + of_mean.found.q_avg > of_least.found.q_eoi + of_least.found.q_avg + 0.01
 
 
 def test_a_camera_in_the_sight_of_another_one_is_not_chosen(cell, tmp_path):
