@@ -66,7 +66,8 @@ def _labelled(ask: CalibrateRequest) -> tuple[OpenCell, list[LabelledImages]]:
         cell = open_cell(workspace)
         return cell, list(of_labels(cell.workspace, folder))
     if workspace is not None:
-        raise bad_option(f"--workspace goes with frames that have a {LABELS}, and there is none", Place(folder))
+        message = f"{ask.called('workspace')} goes with frames that have a {LABELS}, and there is none"
+        raise bad_option(message, Place(folder))
     file = Path(program or folder / PROGRAM)
     if not file.is_file() and program is None:
         none = f"there is neither a {LABELS} in this folder nor a {PROGRAM}, so it is not known what the frames show"

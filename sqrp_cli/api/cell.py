@@ -63,13 +63,13 @@ def explained(cell: OpenCell, ask: ExplainRequest) -> Explanation:
     check_choice(session.task, "best" if choose is None else choose)
     whole = bool(session.task.candidates[0].steps)
     if ask.step is not None and not whole:
-        raise bad_option(f"--step is {ask.step}, but `{task}` is a task of one step")
+        raise bad_option(f"{ask.called('step')} is {ask.step}, but `{task}` is a task of one step")
     if choose is None:
         check_one_step(session)
     ranking = rank(list(assess(session, ask.jobs, ask.progress)), "q_eoi")
     place = None
     if whole and choose is not None:
-        session, one, place = at_step(session, choose_candidate(ranking, choose), ask.step)
+        session, one, place = at_step(session, choose_candidate(ranking, choose), ask.step, ask.called("step"))
         ranking, task, choose = (one,), session.task.text, "best"
     chosen = list(ranking) if choose is None else [choose_candidate(ranking, choose)]
     found = []

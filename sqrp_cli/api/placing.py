@@ -163,8 +163,9 @@ def _floor(request: PlaceRequest, workspace: Workspace, kept: int) -> FewestPoss
         return None
     reason = f"`{name}` needs {in_words(cameras)} at once"
     if request.cameras is not None and request.cameras < cameras - kept:
-        mend = f"--cameras {cameras - kept}, or leave the skill out of the workspace's `skills`"
-        message = f"{reason}, and `sqrp check` refuses a cell with fewer; --cameras is {request.cameras}"
+        mend = f"{request.given('cameras', cameras - kept)}, or leave the skill out of the workspace's `skills`"
+        message = f"{reason}, and `sqrp check` refuses a cell with fewer; "
+        message += f"{request.called('cameras')} is {request.cameras}"
         raise bad_option(message + (f", and {kept} stay" if kept else ""), mend=mend)
     return FewestPossible(cameras=cameras - kept, reason=reason)
 
@@ -175,7 +176,8 @@ def _check_budget(request: PlaceRequest, mounts: Mounts, count: int) -> None:
     least = sum(sorted(spot.entry.price + lens for spot in mounts.spots)[:count])
     if request.budget is not None and least > request.budget + 1e-9:
         cameras = "the cheapest camera costs" if count == 1 else f"the cheapest {in_words(count)} cameras cost"
-        raise bad_option(f"{cameras} {least:g}, --budget is {request.budget:g}", mend=f"--budget {least:.15g}")
+        message = f"{cameras} {least:g}, {request.called('budget')} is {request.budget:g}"
+        raise bad_option(message, mend=request.given("budget", f"{least:.15g}"))
 
 
 def _requirements(request: PlaceRequest, floor: FewestPossible | None, kept: int) -> Requirements:
@@ -184,8 +186,8 @@ def _requirements(request: PlaceRequest, floor: FewestPossible | None, kept: int
         expected = expected_names(request.objective, OBJECTIVES)
         raise bad_option(f"the objective is `{request.objective}`; {expected}")
     if request.cameras is not None and request.cameras + kept <= request.survive:
-        message = "of a single camera nothing is left if it fails, so that --survive 1 needs two"
-        raise bad_option(message, mend="--cameras 2")
+        message = f"of a single camera nothing is left if it fails, so that {request.given('survive', 1)} needs two"
+        raise bad_option(message, mend=request.given("cameras", 2))
     wish = None if request.want is None else read_wish(request.want)
     if wish is None and request.cameras is None:
         wish = Wish(q_eoi=1.0)

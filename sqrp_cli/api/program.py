@@ -176,8 +176,11 @@ class OpenProgram:
         rng, steps, cameras = np.random.default_rng(self.seed), self.program.steps, self.workspace.cameras
         return [parse_fault(text, steps, cameras, rng, option, served=served) for text in faults]
 
-    def explain(self, step: int | None = None) -> Explanation:
-        """Explain a step, from 1; by default the one that is seen worst. See `OpenCell.explain`."""
+    def explain(self, step: int | None = None, *, option: str = "step") -> Explanation:
+        """Explain a step, from 1; by default the one that is seen worst. See `OpenCell.explain`.
+
+        option: what gives the step, for messages. Raises InputError if there is no such step.
+        """
         from sqrp_cli.api.session import Session
         from sqrp_cli.programming.candidate import Task
         from sqrp_cli.programming.cell import Cell
@@ -189,9 +192,9 @@ class OpenProgram:
         steps = self.program.steps
         if step is None:
             step = 1 + worst_seen(steps)
-        if not 1 <= step <= len(steps):
+        if values.count(1).read(step, option) > len(steps):
             upto = f"{len(steps)} steps; expected 1 to {len(steps)}" if len(steps) > 1 else "1 step; expected 1"
-            raise bad_option(f"--step is {step}, but {self.path} has {upto}")
+            raise bad_option(f"{option} is {step}, but {self.path} has {upto}")
         cell, chosen = Cell.load(self.workspace, self.seed), steps[step - 1]
         assignment = Assignment(cell=cell, world=chosen.before)
         candidate = candidate_of(chosen, cell)

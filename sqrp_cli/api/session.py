@@ -160,16 +160,18 @@ class StepInWorld(NamedTuple):
     place: StepShown
 
 
-def at_step(session: Session, chosen: Ranked, number: int | None) -> StepInWorld:
+def at_step(session: Session, chosen: Ranked, number: int | None, option: str) -> StepInWorld:
     """A step of a candidate of several as a task of its own, in the world that the steps before it leave.
 
-    number: from 1; None for the step that is seen worst. Raises InputError if there is no such step.
+    number: from 1; None for the step that is seen worst. option: what gives it, for messages. Raises InputError if
+    there is no such step.
     """
     done = _done(session, chosen.assessment)
     if number is None:
         number = 1 + worst_seen([one.assessment for one in done])
     if not 1 <= number <= len(done):
-        raise bad_option(f"--step is {number}, expected a step of {chosen.assessment.candidate.name}: 1 to {len(done)}")
+        name = chosen.assessment.candidate.name
+        raise bad_option(f"{option} is {number}, expected a step of {name}: 1 to {len(done)}")
     step = done[number - 1]
     candidate = step.assessment.candidate
     task = Task(candidate.task, candidate.skill, (candidate,))

@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import FrozenInstanceError
 from typing import Any, ClassVar, Concatenate, NamedTuple, ParamSpec, Self, TypeVar, dataclass_transform
 
+from sqrp_cli.errors import expected_names
+
 Cell = TypeVar("Cell")
 Asked = TypeVar("Asked", bound="Request")
 Answered = TypeVar("Answered")
@@ -19,6 +21,10 @@ Given = ParamSpec("Given")
 
 NEEDED: Any = inspect.Parameter.empty
 """In place of a default: the field has none."""
+
+
+class Words(dict[str, Any]):
+    """Several words of a command line, by their names: a mapping that Python gives is none."""
 
 
 class Kind(NamedTuple):
@@ -117,22 +123,37 @@ class Request:
 
     fields: ClassVar[Mapping[str, Field]] = {}
     """By name, those of the last base first."""
+    asked_by: ClassVar[str] = ""
+    """The function or method of Python that takes the fields: that of the record's name unless it says another."""
 
     def __init_subclass__(cls) -> None:
         found: dict[str, Field] = {}
         for base in reversed(cls.__mro__):
             found.update({name: one for name, one in vars(base).items() if isinstance(one, Field)})
         cls.fields = found
+        if "asked_by" not in vars(cls):
+            cls.asked_by = cls.__name__.removesuffix("Request").lower()
         cls.__doc__ = cls.__doc__ or next(filter(None, (base.__doc__ for base in cls.__mro__)))
 
     def __init__(self, *given: Any, **named: Any) -> None:
         by_place = [name for name, one in self.fields.items() if not one.kw_only]
-        named.update(zip(by_place, given, strict=False))
         unknown = [name for name in named if name not in self.fields]
+        twice = [name for name in by_place[: len(given)] if name in named]
+        named.update(zip(by_place, given, strict=False))
         missing = [name for name, one in self.fields.items() if one.default is NEEDED and name not in named]
-        if unknown or missing or len(given) > len(by_place):
-            wrong = f"has no `{unknown[0]}`" if unknown else f"lacks {missing}" if missing else f"takes {by_place}"
-            raise TypeError(f"{type(self).__name__} {wrong}")
+        wrong = None
+        if unknown:
+            wrong = f"has no argument `{unknown[0]}`; {expected_names(unknown[0], self.fields)}"
+        elif len(given) > len(by_place):
+            example = next(name for name in self._own_first() if name not in by_place)
+            places = " and ".join(by_place) or "nothing"
+            wrong = f"takes {places} by place; give the rest by name, such as {example}=..."
+        elif twice:
+            wrong = f"takes `{twice[0]}` once, by place or by name"
+        elif missing:
+            wrong = f"lacks {' and '.join(f'`{name}`' for name in missing)}"
+        if wrong is not None:
+            raise TypeError(f"{self.asked_by}() {wrong}")
         for name, one in self.fields.items():
             found = named.get(name, one.default)
             vars(self)[name] = found if found is one.default else one.kind.read(found, self.called(name))
@@ -156,14 +177,23 @@ class Request:
     def said(cls) -> Iterator[tuple[Word, Field]]:
         """The words that it is read from, each with its field: arguments, and options, the record's own first."""
         arguments = [one for one in cls.fields.values() if any(word.is_argument for word in one.words)]
-        names = dict.fromkeys(name for base in cls.__mro__ for name in vars(base) if name in cls.fields)
-        options = [cls.fields[name] for name in names if cls.fields[name] not in arguments]
+        options = [cls.fields[name] for name in cls._own_first() if cls.fields[name] not in arguments]
         return ((word, one) for one in (*arguments, *options) for word in one.words)
+
+    @classmethod
+    def _own_first(cls) -> dict[str, None]:
+        """The names of its fields, the record's own first."""
+        return dict.fromkeys(name for base in cls.__mro__ for name in vars(base) if name in cls.fields)
 
     @classmethod
     def called(cls, name: str) -> str:
         """What messages call a field: by its option in a command, by its own name in Python."""
         return name
+
+    @classmethod
+    def given(cls, name: str, value: object) -> str:
+        """How messages say that a field be given a value."""
+        return f"{cls.called(name)}={value}"
 
     @classmethod
     def of_words(cls, words: Mapping[str, Any]) -> Self:
@@ -172,7 +202,7 @@ class Request:
         for name, one in cls.fields.items():
             said = {word.name: words[word.name] for word in one.words if words[word.name] not in (None, [])}
             if said and (one.uses or len(one.words) > 1):
-                found[name] = said | {used: words[used] for used in one.uses}
+                found[name] = Words(said | {used: words[used] for used in one.uses})
             elif said:
                 found[name] = next(iter(said.values()))
             elif one.absent is not None:
@@ -188,6 +218,11 @@ class Command(Request):
         """As `Request` says."""
         words = cls.fields[name].words
         return words[0].flags.split("/")[0] if words else name
+
+    @classmethod
+    def given(cls, name: str, value: object) -> str:
+        """As `Request` says."""
+        return f"{cls.called(name)} {value}"
 
 
 def question(

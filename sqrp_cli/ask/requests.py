@@ -479,6 +479,8 @@ class InitRequest(Request):
     up nothing anywhere, or the first run stops.
     """
 
+    asked_by = "new_cell"
+
     folder: AnyPath = argument("DIR", "The new folder; it must not exist or be empty.", PATH, kw_only=False)
     arguments: Mapping[str, str] | None = argument(
         "NAME:=VALUE", "Arguments of a xacro, such as ur_type:=ur5e.", values.XACRO, default=None, kw_only=True

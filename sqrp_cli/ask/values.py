@@ -11,7 +11,7 @@ from pathlib import Path
 from reprlib import repr as short
 from typing import TYPE_CHECKING, Any
 
-from sqrp_cli.ask.request import Kind
+from sqrp_cli.ask.request import Kind, Words
 from sqrp_cli.errors import InputError, bad_option, expected_names
 
 if TYPE_CHECKING:
@@ -48,11 +48,13 @@ def cores() -> int:
 
 
 def text(expected: str) -> Kind:
-    """Text."""
+    """Text that is not empty."""
 
     def read(value: object, name: str) -> str:
         if not isinstance(value, str):
             raise refused(name, value, expected)
+        if not value.strip():
+            raise bad_option(f"{name} is empty, expected {expected}")
         return value
 
     return Kind(str, read)
@@ -172,15 +174,16 @@ def _time_limit(value: object, name: str) -> TimeLimit:
 TIME_LIMIT = Kind(str, _time_limit)
 
 
-def _sampling(value: Sampling | Mapping[str, Any], name: str) -> Sampling:
+def _sampling(value: Sampling | Words, name: str) -> Sampling:
     """A sampling, as a value or by its words: `samples`, `dt` or `tolerance`."""
     from sqrp_cli.knowledge.text.units import TIME, expected_quantity, read_quantity
     from sqrp_cli.programming.coverage.sampling import Adaptive, FixedCount, FixedStep
 
-    if isinstance(value, Mapping) and len(value) > 1:
-        first, second, *_ = value
+    said = value if isinstance(value, Words) else {}
+    if len(said) > 1:
+        first, second, *_ = said
         raise bad_option(f"--{first} and --{second} exclude each other; give one of them")
-    match value:
+    match said:
         case {"samples": int() as samples}:
             if not 2 <= samples <= MOST_SAMPLES:
                 raise bad_option(f"--samples is {samples}, expected 2 to {MOST_SAMPLES:,} per primitive action")
@@ -196,6 +199,7 @@ def _sampling(value: Sampling | Mapping[str, Any], name: str) -> Sampling:
             if not (math.isfinite(points) and 100 * LEAST_TOLERANCE <= points <= 100):
                 raise bad_option(f"--tolerance is {points:g}, expected {100 * LEAST_TOLERANCE:g} to 100 points")
             return Adaptive(points / 100)
+    match value:
         case FixedCount(int() as samples) if 2 <= samples <= MOST_SAMPLES:
             return value
         case FixedStep(float() | int() as step) if LEAST_STEP <= step < math.inf:
@@ -212,12 +216,12 @@ def _sampling(value: Sampling | Mapping[str, Any], name: str) -> Sampling:
 SAMPLING = Kind(None, _sampling)
 
 
-def _calibration(value: Calibration | Mapping[str, Any], name: str) -> Calibration:
+def _calibration(value: Calibration | Words, name: str) -> Calibration:
     """Standard deviations of camera poses, as a value or in words such as `5 mm, 0.5 deg` with a seed."""
     from sqrp_cli.programming.coverage.robustness import Calibration
 
     match value:
-        case {"calibration": str() as said, "seed": seed}:
+        case {"calibration": str() as said, "seed": seed} if isinstance(value, Words):
             return Calibration(*_pose_errors(said, name), seed)
         case Calibration(float() | int() as position, float() | int() as rotation, int() as seed) if (
             0 <= position <= 1 and 0 <= rotation <= 1 and seed >= 0
@@ -290,8 +294,11 @@ def _kinds(value: object, name: str) -> Any:  # noqa: ANN401 - kinds of changes
     """Kinds of changes, in a list or parted by commas."""
     from sqrp_cli.programming.advice.change import read_kinds
 
-    said = value.split(",") if isinstance(value, str) else value
-    return read_kinds([one.strip() for one in texts("kinds of changes").read(said, name)])
+    said = value.split(",") if isinstance(value, str) else texts("kinds of changes").read(value, name)
+    kinds = [one.strip() for one in said]
+    if not any(kinds):
+        raise bad_option(f"{name} is empty, expected kinds of changes such as `way,object`")
+    return read_kinds(kinds)
 
 
 KINDS = Kind(str, _kinds)

@@ -105,14 +105,17 @@ def find_workspaces(patterns: Sequence[str]) -> tuple[Path, ...]:
     """
     found: dict[Path, Path] = {}
     for pattern in patterns:
+        if not pattern:
+            message = f"PATH is empty; expected a workspace, which is a folder with a {WORKSPACE_FILE}"
+            raise bad_input("no-workspace", message)
         if Path(pattern).exists() or not glob.has_magic(pattern):
-            matches = [Path(pattern)] if pattern else []
+            matches = [Path(pattern)]
         else:
             matches = [Path(match) for match in sorted(glob.glob(pattern, recursive=True))]  # noqa: PTH207
         files = [file for match in matches for file in _files(match)]
         if not files:
             # A single path that does not exist is explained by whoever reads workspaces.
-            files = [] if glob.has_magic(pattern) or not pattern else [workspace_file(Path(pattern))]
+            files = [] if glob.has_magic(pattern) else [workspace_file(Path(pattern))]
         if not files:
             message = f"no workspace fits `{pattern}`; a workspace is a folder with a {WORKSPACE_FILE}"
             raise bad_input("no-workspace", message, Place(Path(pattern)))

@@ -110,7 +110,16 @@ def test_a_workspace_with_errors_is_not_opened(tmp_path):
         (lambda cell: cell.rank("pickup g2", jobs=0), "jobs is 0, expected a whole number from 1 on"),
         (lambda cell: cell.explain("pickup g2", 2), "choose is 2, expected the name of a candidate"),
         (lambda cell: cell.explain("pickup g2", jobs=1.5), "jobs is 1.5"),
-        (lambda cell: cell.explain("pickup g2", choose=""), "there is no candidate ``; expected one of `g2`"),
+        (lambda cell: cell.explain("pickup g2", choose=""), "choose is empty, expected the name of a candidate"),
+        (lambda cell: cell.explain("pickup g2", step=2), "step is 2, but `pickup g2` is a task of one step"),
+        (lambda cell: cell.place(budget=10), ", budget is 10"),
+        (lambda cell: cell.place(cameras=1), "a cell with fewer; cameras is 1"),
+        (lambda cell: cell.rank("pickup g2", sampling={"dt": "x"}), "sampling is {'dt': 'x'}, expected Adaptive("),
+        (
+            lambda cell: cell.rank("pickup g2", calibration={"calibration": "5 mm", "seed": -1}),
+            "calibration is {'calibration': '5 mm', 'seed': -1}, expected Calibration(",
+        ),
+        (lambda cell: cell.advise("pickup g2", kinds=[]), "kinds is empty, expected kinds of changes"),
         (lambda cell: cell.rank("pickup g2", by=3), "by is 3, expected one of q_eoi, q_avg"),
         (lambda cell: cell.rank("pickup g2", progress=3), "progress is 3, expected a function"),
         (lambda cell: cell.rank("pickup g2").write("program.yaml", 3), "choose is 3, expected the name of a candidate"),
@@ -132,6 +141,31 @@ def test_an_argument_that_cannot_be_used_is_refused_with_what_was_expected(cell,
     with pytest.raises(InputError) as refused:
         question(cell)
     assert said in str(refused.value)
+    assert "--" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("question", "said"),
+    [
+        (
+            lambda cell: cell.rank("pickup g2", "time"),
+            "rank() takes task by place; give the rest by name, such as by=...",
+        ),
+        (lambda cell: cell.score("x"), "score() takes nothing by place; give the rest by name, such as sampling=..."),
+        (lambda cell: cell.advise("pickup g2", cluster=1), "advise() has no argument `cluster`; expected one of `"),
+        (lambda cell: cell.place(camera=2), "place() has no argument `camera`; did you mean `cameras`?"),
+        (lambda cell: cell.rank(), "rank() lacks `task`"),
+        (lambda cell: cell.rank("pickup g2", task="pickup g3"), "rank() takes `task` once, by place or by name"),
+        (
+            lambda _: new_cell("folder", tpi="x"),
+            "new_cell() has no argument `tpi`; expected one of `arguments`, `folder`",
+        ),
+    ],
+)
+def test_a_call_that_does_not_fit_is_refused_as_python_does(cell, question, said):
+    with pytest.raises(TypeError) as refused:
+        question(cell)
+    assert str(refused.value).startswith(said)
 
 
 def test_a_prompt_shows_an_answer_as_one_short_line(cell, scores):

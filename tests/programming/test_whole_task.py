@@ -91,7 +91,7 @@ def test_a_program_of_the_whole_has_its_steps_and_each_can_be_explained(
     assert figures.q_avg == pytest.approx(program.program.steps[1].q_avg)
     second.show()
     assert capsys.readouterr().out.startswith("Step 2 of 2, insert peg1 socket\ntime ")
-    with pytest.raises(InputError, match=r"--step is 3, but .* has 2 steps; expected 1 to 2"):
+    with pytest.raises(InputError, match=r"^step is 3, but .* has 2 steps; expected 1 to 2"):
         program.explain(3)
 
 

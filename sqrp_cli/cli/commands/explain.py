@@ -113,7 +113,7 @@ def _explain_program(ask: ExplainCommand) -> ExitCode:
         message = f"{file} is no program, so a task is missing"
         mend = shlex.join(["sqrp", "explain", str(file), example_task(file) or "TASK"])
         raise InputError(Problem("no-program", message, mend=mend))
-    answer(open_program(file, seed=ask.seed).explain(ask.step), as_json=ask.json)
+    answer(open_program(file, seed=ask.seed).explain(ask.step, option=ask.called("step")), as_json=ask.json)
     return ExitCode.OK
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import yaml
 
-from sqrp_cli.errors import InputError, Place, bad_input, expected_names
+from sqrp_cli.errors import InputError, Place, bad_input, expected_names, nearest
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.text.yaml_file import parse_yaml
 
@@ -65,7 +65,10 @@ def _with_value(document: SourceDocument, path: str, text: str) -> bytes:
         return _checked(document, whole[: node.start_mark.index] + text + whole[_end(node) :], keys)
     parent, _, key = path.rpartition(".")
     if not key or parent not in known or not isinstance(document.at(known[parent]), dict):
-        message = f"the file has no value `{path}`; {expected_names(path, known)}"
+        # All paths of a file are hundreds: those of its top, and the nearest, are enough to go on from.
+        close = nearest(path, known)
+        names = {name for name, keys in known.items() if len(keys) == 1 or (keys and name == close)}
+        message = f"the file has no value `{path}`; {expected_names(path, names)}"
         raise bad_input("unknown-value", message, Place(document.path))
     return appended(document, known[parent], f"{key}: {text}")
 
