@@ -29,7 +29,7 @@ def with_one_camera(degrees: float) -> OpenCell:
     before, after = CELL.read_text(encoding="utf-8").split("\n  front:")
     left = after.split("\n  left:")[1].replace("0.4, 0, 0.1]}", "0.3, 0.1, 0.1]}")
     text = f"{before}\n  left:{left}".replace("36 deg", f"{degrees} deg")
-    return OpenCell(CELL, load_workspace(CELL, text.encode()))
+    return OpenCell(CELL, load_workspace(CELL, text.encode()), content=text.encode())
 
 
 @pytest.fixture(scope="module")

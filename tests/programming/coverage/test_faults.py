@@ -40,7 +40,7 @@ PERIOD = 0.06
 LATENCY = 0.04
 """[s]."""
 
-CAMERA: Any = SimpleNamespace(rate=1 / PERIOD, latency=LATENCY)
+CAMERA: Any = SimpleNamespace(rate=1 / PERIOD, latency=LATENCY, lag=LATENCY)
 
 PHASES, INSTANTS = 40, 400
 """Phases of the cameras, and instants x at which the delay is evaluated."""
@@ -259,7 +259,7 @@ def test_what_makes_the_longest_delay_long(windows: list[Window], onset: Onset, 
 @given(seed=st.integers(0, 10**6))
 def test_each_kind_of_cameras_has_its_windows_and_together_they_show_what_none_shows_alone(seed: int) -> None:
     story = make_story([4.0], (eventually(1.0, 3.0, *map(Literal, ATOMS), fault="slip"),), [9], seed, seen=1.0)
-    cameras: list[Any] = [SimpleNamespace(rate=10, latency=0.05), SimpleNamespace(rate=4, latency=0.02)]
+    cameras: list[Any] = [SimpleNamespace(rate=10, lag=0.05), SimpleNamespace(rate=4, lag=0.02)]
     rng, t = np.random.default_rng(seed), story.timeline.samples.t
     sees = rng.random((len(ATOMS), len(t), 2)) < 0.7
     empty = np.zeros(sees.shape[1:])

@@ -36,7 +36,7 @@ class Looker:
 
 def eyes(*names: str) -> ImageStreams:
     return ImageStreams(
-        {name: SimpleNamespace(name=name, rate=RATE, latency=LATENCY) for name in names or ("cam",)}, Looker()
+        {name: SimpleNamespace(name=name, rate=RATE, latency=LATENCY, lag=LATENCY) for name in names or ("cam",)}, Looker()
     )
 
 
@@ -64,7 +64,7 @@ def test_a_process_that_crashes_between_two_steps_is_a_lost_monitor_of_the_next(
         def watch(self, _sought: object) -> None:
             raise PerceptionError(["cam"], "has ended")
 
-    streams = ImageStreams({"cam": SimpleNamespace(name="cam", rate=RATE, latency=LATENCY)}, Crashed())
+    streams = ImageStreams({"cam": SimpleNamespace(name="cam", rate=RATE, latency=LATENCY, lag=LATENCY)}, Crashed())
     with pytest.raises(MonitoringLost) as caught:
         streams.watch(None)
     assert (caught.value.fault, list(caught.value.cameras)) == ("perception-crash", ["cam"])

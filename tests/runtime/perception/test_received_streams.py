@@ -51,7 +51,7 @@ class Cameras:
     ) -> None:
         self.step = step
         self.lookers = Lookers(takes)
-        known = {name: SimpleNamespace(name=name, rate=RATE, latency=LATENCY) for name in ("cam1", "cam2")}
+        known = {name: SimpleNamespace(name=name, rate=RATE, latency=LATENCY, lag=LATENCY) for name in ("cam1", "cam2")}
         self.streams = ReceivedStreams(known, self.lookers, lambda: self.lookers.now, mend)
         self.late, self.lost, self.seen, self.settled = late or {}, lost, [], []
         self.due = sorted(
