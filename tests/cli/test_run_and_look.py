@@ -35,7 +35,7 @@ def moved_on(sqrp: Callable[..., Any], folder: Path) -> Any:
     cell["cameras"] = {name: {**cell["cameras"][name], "rate": "4 Hz"} for name in ("cam3", "cam4")}
     for camera in cell["cameras"].values():
         camera["image"] |= {"width": 1024, "height": 768}
-    for limit, value in (("velocity", "60 deg/s"), ("acceleration", "300 deg/s^2"), ("jerk", "2000 deg/s^3")):
+    for limit, value in (("velocity", "45 deg/s"), ("acceleration", "300 deg/s^2"), ("jerk", "2000 deg/s^3")):
         cell["robot"]["limits"][limit] |= dict.fromkeys(ARM, value)
     return run_in(cell, folder, sqrp, "pickup_two_finger red2", "slip@a4+1.7")
 

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from sqrp_cli.api.program import OpenProgram, open_program
+from sqrp_cli.api.program import open_program
 from sqrp_cli.api.run_results import Audit
 from sqrp_cli.ask.values import silent
 from sqrp_cli.geometry import inverse, pose
@@ -125,7 +125,7 @@ def test_of_a_camera_that_was_not_found_it_is_not_said_that_it_has_not_moved(
     audit: Audit, sqrp: Callable[..., Any], quick_cell: Cell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lost = replace(audit, cameras={"cam3": replace(audit.cameras["cam3"], fit=None)})
-    monkeypatch.setattr(OpenProgram, "audit", lambda *_args, **_options: lost)
+    monkeypatch.setattr("sqrp_cli.cli.commands.audit.audited", lambda *_: lost)
     found = sqrp("audit", quick_cell.program, "run.mcap", "--patch", quick_cell.folder / "no.patch", columns=200)
     little = "Images of cam3 show too little of the cell to tell where it is"
     assert f"{little}, or it has moved by more than can be found out.\n" in found.out
@@ -135,7 +135,7 @@ def test_of_a_camera_that_was_not_found_it_is_not_said_that_it_has_not_moved(
 def test_how_a_patch_is_written_is_said_until_it_is(
     audit: Audit, sqrp: Callable[..., Any], quick_cell: Cell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(OpenProgram, "audit", lambda *_args, **_options: audit)
+    monkeypatch.setattr("sqrp_cli.cli.commands.audit.audited", lambda *_: audit)
     patch = quick_cell.folder / "moved.patch"
     for option, said in [((), True), (("--patch", patch), False)]:
         found = sqrp("audit", quick_cell.program, "run.mcap", *option, columns=200)

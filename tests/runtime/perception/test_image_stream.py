@@ -36,7 +36,8 @@ class Looker:
 
 def eyes(*names: str) -> ImageStreams:
     return ImageStreams(
-        {name: SimpleNamespace(name=name, rate=RATE, latency=LATENCY, lag=LATENCY) for name in names or ("cam",)}, Looker()
+        {name: SimpleNamespace(name=name, rate=RATE, latency=LATENCY, lag=LATENCY) for name in names or ("cam",)},
+        Looker(),
     )
 
 

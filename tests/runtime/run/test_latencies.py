@@ -66,7 +66,7 @@ class Still(FixedNominalStep):
 
 def watched(cameras, vote: Vote, needed: int = 1, formulas=(SLIP,), seen=None, events=None) -> Iterator[tuple]:
     """The alarms of a step, each with its time [s]; cameras: rate [Hz] and latency [s] of each."""
-    known = {name: SimpleNamespace(name=name, rate=rate, latency=late, lag=late) for name, (rate, late) in cameras.items()}
+    known = {name: SimpleNamespace(name=name, rate=rate, lag=late) for name, (rate, late) in cameras.items()}
     entry = step(list(formulas), {"held": seen or {}}, TOTAL)
     target = entry.targets["held"].model_copy(update={"cameras": needed})
     nominal = Still(entry.model_copy(update={"targets": {"held": target}}), {"held": [(0, True)]})
