@@ -99,7 +99,7 @@ def test_version_is_printed_alone(sqrp):
         (["rank", "{watch}", "watch seen", "--choose", "nobody"], "nobody"),
         (["explain", "{watch}", "watch seen", "--choose", "nobody"], "nobody"),
         (["explain", "{watch}", "watch cube", "--choose", "seem"], "seen"),
-        (["rank", "{watch}", ""], "task"),
+        (["rank", "{watch}", ""], "TASK"),
         (["rank", "{watch}", "wach seen"], "watch"),
         (["rank", "{watch}", "watch purple"], "purple"),
         (["rank", "{watch}", "watch sean"], "seen"),
