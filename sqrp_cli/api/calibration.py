@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.api.cell import OpenCell, open_cell
 from sqrp_cli.api.program import PROGRAM, open_program
-from sqrp_cli.api.results import Answer, how_many
+from sqrp_cli.api.results import Answer
 from sqrp_cli.ask.requests import CalibrateRequest
+from sqrp_cli.document import how_many
 from sqrp_cli.errors import InputError, Place, bad_input, bad_option
 
 if TYPE_CHECKING:

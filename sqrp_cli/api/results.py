@@ -5,19 +5,20 @@ Each is a typed document that shows itself as the terminal does.
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
-from collections.abc import Sequence, Sized
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from sqrp_cli.ask import values
-from sqrp_cli.errors import Problem, bad_option
-from sqrp_cli.report.documents.document import Document, as_text
+from sqrp_cli.document import Document, as_text, how_many
+from sqrp_cli.errors import Place, Problem, bad_input, bad_option
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from sqrp_cli.api.session import Session
     from sqrp_cli.programming.cell import Cell
     from sqrp_cli.programming.coverage.assessment import Assessment
@@ -31,6 +32,74 @@ if TYPE_CHECKING:
     from sqrp_cli.report.documents.scene import ShowDocument
     from sqrp_cli.report.documents.scores import ScoreDocument, TaskResult
     from sqrp_cli.scoring.scorecard import Scorecard
+
+
+KINDS: Mapping[str, str] = {
+    "rank": "candidates:RankDocument",
+    "explain": "explanation:ExplainDocument",
+    "explain --all": "explanation:ExplainAllDocument",
+    "advise": "advice:AdviceDocument",
+    "place": "placing:PlaceDocument",
+    "check": "checks:CheckDocument",
+    "rules": "checks:RulesDocument",
+    "program": "programs:ProgramDocument",
+    "run": "runs:RunDocument",
+    "run --sweep": "runs:SweepDocument",
+    "audit": "runs:AuditDocument",
+    "calibrate": "runs:CalibrateDocument",
+    "score": "scores:ScoreDocument",
+    "diff": "scores:ScoreDocument",
+    "score --vary": "scores:VaryDocument",
+    "show": "scene:ShowDocument",
+    "init": "scene:InitDocument",
+}
+"""Of each `document` its record, a class in `sqrp_cli.report.documents`."""
+
+LARGEST = 1 << 30
+"""Most bytes of a file with a result."""
+
+
+def is_result(path: Path) -> bool:
+    """Whether a file begins as a result of `--json` does, sound or not."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return re.match(rb'\s*\{\s*"schema"\s*:', file.read(1000)) is not None
+
+
+def read_result(path: str | Path) -> Document:
+    """A result that a command wrote with `--json`: its record, which `show` prints as the command did.
+
+    Raises InputError for a file that is none, or of which no version of this program can make a record.
+    """
+    from pydantic import ValidationError
+
+    from sqrp_cli.knowledge.text.input_file import read_text
+    from sqrp_cli.knowledge.text.json_file import json_name, parse_json
+
+    file = values.PATH.read(path, "path")
+    text = read_text(file, LARGEST)
+    data = parse_json(file, text)
+    kind = data.get("document") if isinstance(data, dict) else None
+    again = "run its command again, with --json"
+    if not isinstance(kind, str) or kind not in KINDS:
+        told = "does not say which command wrote it" if kind is None else f"is of `{kind}`"
+        message = f"this {told}, so no table can be drawn from it; expected the JSON of {', '.join(KINDS)}"
+        raise bad_input("no-result", message, Place(file), mend=again)
+    module, name = KINDS[kind].split(":")
+    record: type[Document] = getattr(import_module(f"sqrp_cli.report.documents.{module}"), name)
+    try:
+        found = record.read(text)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = json_name(tuple(part for part in first["loc"] if isinstance(part, int) or part.isidentifier()))
+        message = f"this is no result of `sqrp {kind}` of this version: {where}: {first['msg'].lower()}"
+        raise bad_input("no-result", message, Place(file), mend=again) from None
+    if not record.VIEW:
+        raise bad_input(
+            "no-result", f"no table of `sqrp {kind}` can be drawn from its JSON alone", Place(file), mend=again
+        )
+    return found
 
 
 AnyDocument = TypeVar("AnyDocument", bound="Document", covariant=True)
@@ -69,11 +138,6 @@ class Answer(ABC, Generic[AnyDocument]):
         from sqrp_cli.terminal.console import as_html
 
         return as_html(self.show)
-
-
-def how_many(several: Sized, noun: str) -> str:
-    """How many there are, such as `1 candidate` or `6 candidates`."""
-    return f"{len(several)} {noun}{'' if len(several) == 1 else 's'}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -8,8 +8,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sqrp_cli.api.results import Answer, how_many
+from sqrp_cli.api.results import Answer
 from sqrp_cli.ask import values
+from sqrp_cli.document import how_many
 from sqrp_cli.errors import InputError, bad_option
 
 if TYPE_CHECKING:

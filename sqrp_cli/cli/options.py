@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from sqrp_cli.api.results import Answer, AnyDocument
+    from sqrp_cli.document import Document
 
 
 class Patches(NamedTuple):
@@ -123,7 +124,7 @@ def check_report(path: Path) -> None:
     check_libraries()
 
 
-def answer(result: Answer[AnyDocument], *, as_json: bool) -> None:
+def answer(result: Answer[AnyDocument] | Document, *, as_json: bool) -> None:
     """Print a result, for people or as a document."""
     from sqrp_cli.cli.watch import is_shown_again
     from sqrp_cli.terminal.console import say_raw

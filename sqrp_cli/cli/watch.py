@@ -17,6 +17,7 @@ from sqrp_cli.errors import ExitCode, bad_option
 
 if TYPE_CHECKING:
     from sqrp_cli.api.results import Answer, AnyDocument
+    from sqrp_cli.document import Document
     from sqrp_cli.programming.coverage.quality import Figures
     from sqrp_cli.report.documents.candidates import CandidateFigures
     from sqrp_cli.report.documents.explanation import CandidateStudy, Sample
@@ -52,7 +53,7 @@ class _Watcher:
 
     before: AnswerView | None = None
 
-    def show(self, answer: Answer[AnyDocument]) -> None:
+    def show(self, answer: Answer[AnyDocument] | Document) -> None:
         """Show an answer."""
         now = view_of(answer)
         if self.before is None:
@@ -65,7 +66,7 @@ class _Watcher:
 _watcher: ContextVar[_Watcher | None] = ContextVar("watcher", default=None)
 
 
-def is_shown_again(answer: Answer[AnyDocument]) -> bool:
+def is_shown_again(answer: Answer[AnyDocument] | Document) -> bool:
     """Whether a command runs again and again, and has shown this answer."""
     watcher = _watcher.get()
     if watcher is not None:
@@ -176,7 +177,7 @@ def _against(old: str, new: str) -> str:
     return new if old == new else f"{old}{_ARROW}{new}"
 
 
-def view_of(answer: Answer[AnyDocument]) -> AnswerView:
+def view_of(answer: Answer[AnyDocument] | Document) -> AnswerView:
     """What of an answer is compared."""
     match answer:
         case Ranking():

@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from sqrp_cli.document import Record
 from sqrp_cli.geometry import Mask
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.blind_spans import by_name
@@ -21,7 +22,6 @@ from sqrp_cli.programming.coverage.timeline import Rehearsal, SampledScene, Time
 from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer
 from sqrp_cli.programming.whole_study import mean_quality
-from sqrp_cli.report.documents.document import Record
 from sqrp_cli.report.documents.explanation import Verdict
 
 Scalar = TypeVar("Scalar", bound=np.generic)

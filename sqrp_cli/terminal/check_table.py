@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from itertools import groupby
 
 from rich.text import Text
@@ -11,6 +11,7 @@ from rich.text import Text
 from sqrp_cli.checks.registry import RuleEntry
 from sqrp_cli.errors import Problem
 from sqrp_cli.programming.suggestion import Feasibility, SuggestedStep
+from sqrp_cli.report.documents.checks import RulesDocument
 from sqrp_cli.terminal.console import SEVERITY_STYLES, Column, Share, plain, print_table, say, say_command, say_line
 from sqrp_cli.terminal.rank_table import MOST_ROWS, print_infeasible
 
@@ -69,19 +70,18 @@ def print_suggested(suggested: Sequence[SuggestedStep]) -> None:
     print_table([*columns, Column("time [s]", right=True)], rows)
 
 
-def print_rules(rules: Iterable[RuleEntry]) -> None:
-    """A row for each finding, a table for each subject."""
-    for number, (subject, group) in enumerate(groupby(rules, key=lambda rule: rule.subject)):
-        if number:
-            say()
-        rows = [(rule.code, _severity(rule), rule.meaning) for rule in group]
-        print_table([Column(subject), Column("severity"), Column("looks for", shrink=True)], rows)
-    say("\nOne of them in full, with examples: sqrp rules CODE")
-
-
-def print_rule(rule: RuleEntry) -> None:
-    """One finding in full."""
-    say_line(f"{rule.code} ({rule.severities}): {rule.subject}", "bold")
+def print_rules(found: RulesDocument) -> None:
+    """A row for each finding, a table for each subject; of a single one all that is known."""
+    if len(found.rules) > 1:
+        for number, (subject, group) in enumerate(groupby(found.rules, key=lambda rule: rule.subject)):
+            if number:
+                say()
+            rows = [(rule.code, _severity(rule), rule.meaning) for rule in group]
+            print_table([Column(subject), Column("severity"), Column("looks for", shrink=True)], rows)
+        say("\nOne of them in full, with examples: sqrp rules CODE")
+        return
+    (rule,) = found.rules
+    say_line(f"{rule.code} ({' or '.join(rule.severity)}): {rule.subject}", "bold")
     say(rule.meaning)
     say(rule.why)
     of = f" in {rule.file}" if rule.file else ""

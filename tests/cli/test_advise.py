@@ -80,7 +80,7 @@ def aims(kept) -> tuple[object, ...]:
 
 
 def test_the_document_says_what_was_asked_and_what_meets_it(advised, sqrp, small):
-    assert list(advised)[:7] == ["schema", "workspace", "task", "want", "candidate", "way", "met"]
+    assert list(advised)[:8] == ["schema", "document", "workspace", "task", "want", "candidate", "way", "met"]
     assert (advised["workspace"], advised["task"]) == ("tabletop", TASK)
     assert advised["want"] == {"q_eoi": 1.0, "q_avg": None, "time": None, "delay": None}
     ranked = sqrp("rank", small, TASK, "--ways", "fastest", "--json").document["candidates"][0]

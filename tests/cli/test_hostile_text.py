@@ -20,10 +20,10 @@ from hypothesis import strategies as st
 from markdown_it import MarkdownIt
 from rich.console import Console
 
+from sqrp_cli.document import as_text
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.file import load_program, save_program
-from sqrp_cli.report.documents.document import as_text
 from sqrp_cli.runtime.record.events import VERSION, EvidenceSeen, FaultHappened, PrimitiveBegan, RunBegan, ShownAtom
 from sqrp_cli.runtime.record.log import LogWriter, read_log
 from sqrp_cli.scoring.ci_files import _text as in_markdown

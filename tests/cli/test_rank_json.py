@@ -62,7 +62,7 @@ def watch_ranked(sqrp, watch):
 def test_the_document_has_the_fields_of_the_contract(ranked, tabletop):
     assert (ranked.code, ranked.err) == (0, "")
     document = ranked.document
-    assert set(document) == {"schema", "workspace", "task", "by", "sampling", "candidates"}
+    assert set(document) == {"schema", "document", "workspace", "task", "by", "sampling", "candidates"}
     assert document["schema"] == 1
     assert (document["workspace"], document["task"], document["by"]) == (tabletop.name, "pickup green", "q_eoi")
     assert document["sampling"]

@@ -14,8 +14,8 @@ from sqrp_cli.cli.command import command_of
 from sqrp_cli.cli.options import answer, check_needed
 from sqrp_cli.cli.start import Start
 from sqrp_cli.cli.watch import watched
+from sqrp_cli.document import as_text
 from sqrp_cli.errors import ExitCode, InputError
-from sqrp_cli.report.documents.document import as_text
 
 if TYPE_CHECKING:
     from sqrp_cli.api.results import Check

@@ -12,8 +12,8 @@ from sqrp_cli.ask.request import Command, argument, option
 from sqrp_cli.ask.values import FLAG, PATH
 from sqrp_cli.cli.command import command_of
 from sqrp_cli.cli.options import check_excluded, check_needed, check_own
+from sqrp_cli.document import as_text
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem, bad_option, nearest
-from sqrp_cli.report.documents.document import as_text
 
 if TYPE_CHECKING:
     from sqrp_cli.knowledge.workspace.workspace import Workspace

@@ -7,8 +7,8 @@ from typing import Any
 from sqrp_cli.ask import requests, values
 from sqrp_cli.ask.request import Command, argument
 from sqrp_cli.cli.command import command_of
+from sqrp_cli.cli.options import answer
 from sqrp_cli.errors import ExitCode
-from sqrp_cli.report.documents.document import as_text
 
 NAME = "rules"
 
@@ -31,20 +31,10 @@ class RulesCommand(requests.Printed, Command):
 def show_rules(_context: Any, ask: RulesCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
     """Print findings."""
     from sqrp_cli.checks.registry import rule_of, rules
+    from sqrp_cli.report.documents.checks import RulesDocument
 
     chosen = list(rules().values()) if ask.code is None else [rule_of(ask.code)]
-    if ask.json:
-        from sqrp_cli.report.documents.checks import RulesDocument
-        from sqrp_cli.terminal.console import say_raw
-
-        say_raw(as_text(RulesDocument(rules=chosen)))
-        return ExitCode.OK
-    from sqrp_cli.terminal.check_table import print_rule, print_rules
-
-    if ask.code is None:
-        print_rules(chosen)
-    else:
-        print_rule(chosen[0])
+    answer(RulesDocument(rules=chosen), as_json=ask.json)
     return ExitCode.OK
 
 

@@ -14,9 +14,9 @@ from sqrp_cli.ask.values import FLAG, PATH
 from sqrp_cli.cli.command import command_of
 from sqrp_cli.cli.options import Patches, answer, check_needed, check_report, note_late
 from sqrp_cli.cli.watch import watched
+from sqrp_cli.document import as_text
 from sqrp_cli.errors import ExitCode, InputError, bad_option
 from sqrp_cli.platform.files import check_distinct, check_not_read, check_writable
-from sqrp_cli.report.documents.document import as_text
 
 if TYPE_CHECKING:
     from sqrp_cli.api.scores import ScoreRun

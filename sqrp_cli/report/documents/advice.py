@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
+from sqrp_cli.document import LEFT_OUT, Record, TaskDocument
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.programming.advice.change import MOTION, Advice, EffectOnTask, Kind, Miss, ProposedChange
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.coverage.assessment import Assessment
-from sqrp_cli.report.documents.document import LEFT_OUT, Record, TaskDocument
 from sqrp_cli.report.sentences import change_in_words
 
 
@@ -248,10 +249,11 @@ def nearest_in_words(nearest: NearestChange) -> str:
     return f"To {nearest.words} comes nearest: {'; '.join(nearest.missing)}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class AdviceDocument(TaskDocument):
     """What `sqrp advise` finds."""
 
+    document: Literal["advise"] = "advise"
     want: WishedFigures
     """What is to be met."""
     candidate: str

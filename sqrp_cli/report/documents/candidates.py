@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from sqrp_cli.document import LEFT_OUT, Record, TaskDocument
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.programming.coverage.assessment import Assessment, WaysFound
 from sqrp_cli.programming.coverage.quality import Figures
@@ -15,7 +16,6 @@ from sqrp_cli.programming.coverage.robustness import DRAWS
 from sqrp_cli.programming.coverage.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.ranking import Criterion, Ranked, winners
-from sqrp_cli.report.documents.document import LEFT_OUT, Record, TaskDocument
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,10 +186,11 @@ def percentiles(values: Sequence[float | None]) -> list[float] | None:
     return [float(value) for value in np.percentile(known, [5, 95])]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class RankDocument(TaskDocument):
     """What `sqrp rank` finds."""
 
+    document: Literal["rank"] = "rank"
     by: Criterion
     """What counts first."""
     sampling: SamplingDone

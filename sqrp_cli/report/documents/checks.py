@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from sqrp_cli.checks.registry import RuleEntry
+from sqrp_cli.document import Document, Record, WorkspaceDocument
 from sqrp_cli.knowledge.text.entries import completed
-from sqrp_cli.report.documents.document import Document, Record, WorkspaceDocument
 
 if TYPE_CHECKING:
     from sqrp_cli.errors import Problem
@@ -104,10 +104,11 @@ class CheckedCandidate(Record):
         )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class CheckDocument(WorkspaceDocument):
     """What `sqrp check` finds."""
 
+    document: Literal["check"] = "check"
     task: str | None
     """As it was asked for; null if only the workspace was checked."""
     candidates: list[CheckedCandidate]
@@ -128,9 +129,12 @@ class CheckDocument(WorkspaceDocument):
         )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class RulesDocument(Document):
     """What can be found, or one finding of it."""
 
+    VIEW = "sqrp_cli.terminal.check_table:print_rules"
+
+    document: Literal["rules"] = "rules"
     rules: list[RuleEntry]
     """All, subject by subject, or the requested one."""

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
+from sqrp_cli.document import LEFT_OUT, Pose, Record, TaskDocument
 from sqrp_cli.geometry import Array, box_corners, transform
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.programming.cell import Cell
@@ -30,7 +31,6 @@ from sqrp_cli.programming.sensing.observer import BoxVerdicts, Occluder
 from sqrp_cli.programming.targets import Target
 from sqrp_cli.report.documents import requirements
 from sqrp_cli.report.documents.candidates import CandidateFigures, SamplingDone
-from sqrp_cli.report.documents.document import LEFT_OUT, Pose, Record, TaskDocument
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -232,21 +232,23 @@ class CandidateStudy(CandidateFigures):
         )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class ExplainDocument(CandidateStudy, TaskDocument):
     """What `sqrp explain` finds about one candidate.
 
     Of a task of several steps it is about one step; `rank` and `pareto` are those of all steps together.
     """
 
+    document: Literal["explain"] = "explain"
     step: int | None = field(default=None, metadata=LEFT_OUT)
     """Which step, from 1: of a task of several, or of a program."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class ExplainAllDocument(TaskDocument):
     """What `sqrp explain --all` finds."""
 
+    document: Literal["explain --all"] = "explain --all"
     candidates: list[CandidateStudy]
     """The requested candidates, best first, infeasible ones last."""
 

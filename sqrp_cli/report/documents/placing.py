@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf
+from typing import Literal
 
+from sqrp_cli.document import LEFT_OUT, Pose, Record, WorkspaceDocument
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.placing import place
 from sqrp_cli.programming.placing.problem import FewestPossible, Objective
 from sqrp_cli.programming.placing.table import UnseenTarget
 from sqrp_cli.report.documents.advice import AdvisedFigures, WishedFigures
-from sqrp_cli.report.documents.document import LEFT_OUT, Pose, Record, WorkspaceDocument
 
 _COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
 
@@ -106,10 +107,11 @@ class Compared(Record):
     """Whether they are one way of each candidate: the fastest of all, or that with `--ways fastest`."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class PlaceDocument(WorkspaceDocument):
     """What `sqrp place` finds."""
 
+    document: Literal["place"] = "place"
     tasks: Sequence[str]
     """As they were asked for."""
     mounts: int

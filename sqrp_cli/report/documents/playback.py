@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from itertools import accumulate
 from typing import Literal
 
+from sqrp_cli.document import Pose, Record
 from sqrp_cli.programming.coverage.quality import falls_short
 from sqrp_cli.programming.whole_study import mean_qualities, worst_seen
 from sqrp_cli.report.documents.candidates import CandidateFigures
-from sqrp_cli.report.documents.document import Pose, Record
 from sqrp_cli.report.documents.explanation import CandidateStudy, Sample
 from sqrp_cli.report.documents.requirements import Formula, Span
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
+from sqrp_cli.document import Document, Record
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.knowledge.workspace.workspace_file import workspace_name
 from sqrp_cli.program.file import workspace_path
 from sqrp_cli.program.joint_trajectory import ToolCommand, action_name, tool_commands
 from sqrp_cli.program.record import FaultMetrics, Program, Step, Totals
-from sqrp_cli.report.documents.document import Document, Record
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,10 +101,11 @@ class ProgramTotal(Record):
     """Number of its step, from 1."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class ProgramDocument(Document):
     """What `sqrp program` lists."""
 
+    document: Literal["program"] = "program"
     program: str
     """Path of the program file, as it was given."""
     workspace: str

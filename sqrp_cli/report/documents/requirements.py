@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from sqrp_cli.document import LEFT_OUT, Pose, Record
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.programming.coverage.assessment import Study
 from sqrp_cli.programming.pieces import GroundFormula
 from sqrp_cli.programming.targets import SoughtBox
-from sqrp_cli.report.documents.document import LEFT_OUT, Pose, Record
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from sqrp_cli.calibrating.fit import Judged
+from sqrp_cli.document import LEFT_OUT, Record, WorkspaceDocument
 from sqrp_cli.knowledge.camera.curve import Curve
 from sqrp_cli.knowledge.text.entries import completed
-from sqrp_cli.report.documents.document import LEFT_OUT, Record, WorkspaceDocument
 from sqrp_cli.runtime.record.report import Confusion, Disagreement, Outcome, RunReport, StepRecord
 
 if TYPE_CHECKING:
@@ -60,10 +60,11 @@ class StopTimes(Record):
     """When it stood still after that [s]; null if it never was commanded to stop."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class RunDocument(WorkspaceDocument):
     """How a run went."""
 
+    document: Literal["run"] = "run"
     outcome: Outcome
     """Whether all steps were done, the robot stopped before, or a fault happened that was never noticed (`missed`)."""
     reason: str | None
@@ -119,10 +120,11 @@ class SweptRun(Fault, _SweptBefore):
     """A run of a sweep."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class SweepDocument(WorkspaceDocument):
     """What `sqrp run --sweep` finds."""
 
+    document: Literal["run --sweep"] = "run --sweep"
     sweep: str
     """What was swept, such as `slip@a4`."""
     step: int
@@ -231,10 +233,11 @@ class AuditedCamera(Record):
         return cls(images=survey.images, clock=clock, pose=pose)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class AuditDocument(WorkspaceDocument):
     """What a recording says about predictions."""
 
+    document: Literal["audit"] = "audit"
     images: int
     """Images that were compared with predictions."""
     skipped: int
@@ -316,10 +319,13 @@ class CalibratedDetector(Record):
     """Why there is no curve."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class CalibrateDocument(WorkspaceDocument):
     """What `sqrp calibrate` finds."""
 
+    VIEW = "sqrp_cli.terminal.audit_view:print_calibration"
+
+    document: Literal["calibrate"] = "calibrate"
     images: int
     """How many were looked at."""
     detectors: Mapping[str, CalibratedDetector]

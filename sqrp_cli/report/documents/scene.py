@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from sqrp_cli.document import LEFT_OUT, Document, Pose, Record, WorkspaceDocument
 from sqrp_cli.knowledge.camera import camera, detector
 from sqrp_cli.knowledge.camera.camera import DistortionModel
 from sqrp_cli.knowledge.camera.curve import Curve
@@ -21,7 +22,6 @@ from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.grounding import on_robot
-from sqrp_cli.report.documents.document import LEFT_OUT, Document, Pose, Record, WorkspaceDocument
 from sqrp_cli.runtime.record.report import Outcome
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
 
@@ -268,10 +268,11 @@ class OpaquePart(Record):
         return cls(name=part.name, parent=parent, **_shape(part.shape), pose=X_PG.tolist())
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class ShowDocument(WorkspaceDocument):
     """What `sqrp show` prints."""
 
+    document: Literal["show"] = "show"
     digest: str
     """Of what was understood of the workspace: the same whatever its comments, layout and folder."""
     robot: RobotScene
@@ -328,10 +329,11 @@ class FirstRun(Record):
     """Those of them that did."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class InitDocument(Document):
     """What `sqrp init` has made."""
 
+    document: Literal["init"] = "init"
     workspace: str
     """Its folder."""
     tool_link: str

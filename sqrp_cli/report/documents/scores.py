@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
+from sqrp_cli.document import LEFT_OUT, Document, Record, WorkspaceDocument
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.report.documents.candidates import CandidateFigures
-from sqrp_cli.report.documents.document import LEFT_OUT, Document, Record, WorkspaceDocument
 from sqrp_cli.scoring.baselines.baseline import VanishedTask
 from sqrp_cli.scoring.baselines.changes import Change
 from sqrp_cli.scoring.baselines.comparison import Comparison, Shift, Verdict, WayChange
@@ -112,10 +113,11 @@ class TaskResult(Record):
         )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class ScoreDocument(Document):
     """What `sqrp score` and `sqrp diff` find; the same bytes wherever it is computed."""
 
+    document: Literal["score", "diff"] = "score"
     results: list[TaskResult]
     """One for each task, and for each workspace that cannot be used."""
     changes: Mapping[str, list[Change]]
@@ -171,10 +173,11 @@ class VariantResult(Record):
     """One for each task."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class VaryDocument(WorkspaceDocument):
     """What `sqrp score --vary` finds."""
 
+    document: Literal["score --vary"] = "score --vary"
     variants: list[VariantResult]
     """The best first."""
     best: Mapping[str, str]

@@ -20,8 +20,8 @@ from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
+from sqrp_cli.document import plain
 from sqrp_cli.errors import bad_input
-from sqrp_cli.report.documents.document import plain
 from sqrp_cli.shapes import Triangles
 
 MOST_TRIANGLES = 3000

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
+from sqrp_cli.document import Pose, Record
 from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.pipeline import Assignment, Explained
@@ -17,7 +18,6 @@ from sqrp_cli.programming.ranking import Criterion, Ranked
 from sqrp_cli.programming.task import in_words
 from sqrp_cli.report import sentences
 from sqrp_cli.report.documents.candidates import CandidateFigures
-from sqrp_cli.report.documents.document import Pose, Record
 from sqrp_cli.report.documents.explanation import CandidateStudy
 from sqrp_cli.report.documents.playback import PlayedCandidate
 from sqrp_cli.report.documents.scene import ShowDocument

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from sqrp_cli.document import Record, plain
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.report.documents.candidates import CandidateFigures
-from sqrp_cli.report.documents.document import Record, plain
 from sqrp_cli.report.documents.placing import CameraPlaced
 from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.assembly import assembled, asset, packed

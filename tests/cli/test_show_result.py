@@ -1,0 +1,43 @@
+"""`sqrp show FILE`: the table of a saved result, as its command printed it."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from sqrp_cli import read_result
+from sqrp_cli.api.results import KINDS
+from sqrp_cli.report.documents.schemas import DOCUMENTS
+
+
+@pytest.mark.parametrize("command", [("rules",), ("rules", "wrong-unit")], ids=" ".join)
+def test_a_saved_result_is_shown_as_its_command_showed_it(sqrp, tmp_path, command):
+    file = tmp_path / "result.json"
+    file.write_text(sqrp(*command, "--json").out, encoding="utf-8")
+    assert sqrp("show", file).out == sqrp(*command).out
+    assert sqrp("show", file, "--json").out == file.read_text(encoding="utf-8")
+    assert str(read_result(file)) in sqrp(*command).out
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('{"schema": 1, "workspace": "cell"}', "does not say which command wrote it"),
+        ('{"schema": 1, "document": "paint"}', "is of `paint`"),
+        ('{"schema": 1, "document": "rules", "rules": [{"code": 3}]}', "rules[0].code"),
+        ('{"schema": 1, "document": "rules"', "no JSON"),
+    ],
+)
+def test_a_file_without_a_result_of_this_version_is_refused_with_its_place(sqrp, tmp_path, text, said):
+    file = tmp_path / "result.json"
+    file.write_text(text, encoding="utf-8")
+    outcome = sqrp("show", file)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert str(file) in outcome.err
+    assert said in outcome.err
+
+
+def test_every_document_says_which_command_wrote_it(sqrp):
+    assert {kind.split()[0] for kind in KINDS} == set(DOCUMENTS)
+    assert json.loads(sqrp("rules", "--json").out)["document"] == "rules"
