@@ -111,7 +111,14 @@ class _Overlap(NamedTuple):
 
 def _overlaps(workspace: Workspace) -> Iterator[_Overlap]:
     objects = [item for item in workspace.objects.values() if item.X_WO is not None]
-    boxes = {item.name: _solid_boxes(item) for item in objects}
+    boxes = {
+        item.name: [
+            PlacedBox(item.X_WO @ part.X_PG, np.asarray(part.shape.size))
+            for part in item.parts
+            if isinstance(part.shape, Box) and item.X_WO is not None
+        ]
+        for item in objects
+    }
     centers = np.array([item.X_WO[:3, 3] for item in objects if item.X_WO is not None]).reshape(-1, 3)
     reaches = np.array([max((_reach(item, box) for box in boxes[item.name]), default=-np.inf) for item in objects])
     distances = np.linalg.norm(centers[:, None] - centers[None], axis=-1)
@@ -155,15 +162,6 @@ def floating_objects(workspace: Workspace) -> Iterator[Problem]:
         mend = f"lower it by {shown_length(gap)}" if bottom - top > gap - 1e-6 else f"move it onto `{support.name}`"
         message = f"`{item.name}` has `on: {support.name}`, but between them is a gap of {shown_length(gap)}"
         yield Problem("floating-object", message, place, severity="warning", mend=f"{mend}, or correct `on`")
-
-
-def _solid_boxes(item: SceneObject) -> list[PlacedBox]:
-    """The box parts of an object; other shapes are left out."""
-    return [
-        PlacedBox(item.X_WO @ part.X_PG, np.asarray(part.shape.size))
-        for part in item.parts
-        if isinstance(part.shape, Box) and item.X_WO is not None
-    ]
 
 
 def _stand_on(boxes: Sequence[PlacedBox], others: Sequence[PlacedBox]) -> bool:

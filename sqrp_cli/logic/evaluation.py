@@ -100,7 +100,10 @@ class Monitor:
 def _signal(formula: Formula, parts: list[Signal], trace: Trace) -> Signal:
     match formula:
         case Predicate():
-            return _atom_signal(formula.atom, trace)
+            steps = [
+                (nanoseconds(sample.time), sample.values.get(formula.atom, Truth.UNKNOWN)) for sample in trace.samples
+            ]
+            return step_signal(steps, nanoseconds(trace.end), nanoseconds(trace.total))
         case Not():
             return negated(parts[0])
         case And():
@@ -113,11 +116,6 @@ def _signal(formula: Formula, parts: list[Signal], trace: Trace) -> Signal:
             return always(parts[0], *_bounds(interval))
         case Eventually(interval):
             return negated(always(negated(parts[0]), *_bounds(interval)))
-
-
-def _atom_signal(atom: Atom, trace: Trace) -> Signal:
-    steps = [(nanoseconds(sample.time), sample.values.get(atom, Truth.UNKNOWN)) for sample in trace.samples]
-    return step_signal(steps, nanoseconds(trace.end), nanoseconds(trace.total))
 
 
 def _bounds(interval: Interval) -> tuple[int, int]:

@@ -38,7 +38,22 @@ def check_formula(
     primitives: names of the skill's primitive actions, in order of execution.
     """
     if isinstance(formula, mtl.Predicate):
-        yield from _check_predicate(formula, domain, action)
+        lists = argument_lists(action)
+        if formula.name not in lists:
+            message = f"action `{action.name}` does not use a predicate `{formula.name}`; {expected_names(formula.name, lists)}"
+            yield _problem(formula.origin, "mtl-unknown-predicate", message)
+        elif formula.arguments is None:
+            known = lists[formula.name]
+            if len(known) > 1 or any(name.startswith("?") for name in known[0]):
+                uses = ", ".join(f"{formula.name}({', '.join(names)})" for names in known)
+                message = (
+                    f"the arguments of `{formula.name}` must be given, because action `{action.name}` uses it as {uses}"
+                )
+                yield _problem(formula.origin, "mtl-missing-arguments", message)
+        elif mismatch := domain.predicates[formula.name].mismatch(formula.arguments):
+            yield _problem(formula.origin, "mtl-arity", mismatch)
+        else:
+            yield from _check_arguments(formula, formula.arguments, domain, action)
     if isinstance(formula, mtl.Temporal):
         yield from _check_interval(formula.interval, primitives)
     for part in mtl.children(formula):
@@ -64,23 +79,6 @@ def bind(formula: mtl.Formula, binding: Mapping[str, str], lists: ArgumentLists)
 
 def _problem(origin: TextOrigin | None, code: str, message: str) -> Problem:
     return origin.problem(code, message) if origin else Problem(code, message)
-
-
-def _check_predicate(use: mtl.Predicate, domain: pddl.Domain, action: pddl.Action) -> Iterator[Problem]:
-    lists = argument_lists(action)
-    if use.name not in lists:
-        message = f"action `{action.name}` does not use a predicate `{use.name}`; {expected_names(use.name, lists)}"
-        yield _problem(use.origin, "mtl-unknown-predicate", message)
-    elif use.arguments is None:
-        known = lists[use.name]
-        if len(known) > 1 or any(name.startswith("?") for name in known[0]):
-            uses = ", ".join(f"{use.name}({', '.join(names)})" for names in known)
-            message = f"the arguments of `{use.name}` must be given, because action `{action.name}` uses it as {uses}"
-            yield _problem(use.origin, "mtl-missing-arguments", message)
-    elif mismatch := domain.predicates[use.name].mismatch(use.arguments):
-        yield _problem(use.origin, "mtl-arity", mismatch)
-    else:
-        yield from _check_arguments(use, use.arguments, domain, action)
 
 
 def _check_arguments(

@@ -105,7 +105,11 @@ def delays(windows: Sequence[Window], onset: Onset, cost: Callable[[Array], Arra
 
 def _delays(windows: Sequence[Window], onset: Onset, cost: Callable[[Array], Array], bends: Array) -> Delays:
     """As `delays`, of an onset whose images always show it at one time."""
-    windows = _useful(windows, onset)
+    # What of windows can matter: up to a period after an image is known that surely shows what happens last.
+    first, last = onset.shown[0], onset.shown[-1]
+    sure = [(max(one.start, last) + one.period, one) for one in windows]
+    horizon = min((t + one.lag + one.period for t, one in sure if t <= one.end), default=np.inf)
+    windows = within(windows, first, horizon)
     if not windows:
         return Delays(mean=None, worst=None, noticed=0.0, unseen=1.0, cost=None)
     phases, weight = _phases(windows, onset, bends)
@@ -121,14 +125,6 @@ def _delays(windows: Sequence[Window], onset: Onset, cost: Callable[[Array], Arr
         unseen=max(_NARROW, 1.0 - seen) if never else 0.0,
         cost=None if never else float(weight @ (share * cost(known.ravel()).reshape(known.shape)).sum(axis=1)),
     )
-
-
-def _useful(windows: Sequence[Window], onset: Onset) -> list[Window]:
-    """What of windows can matter: up to a period after an image is known that surely shows what happens last."""
-    first, last = onset.shown[0], onset.shown[-1]
-    sure = [(max(one.start, last) + one.period, one) for one in windows]
-    horizon = min((t + one.lag + one.period for t, one in sure if t <= one.end), default=np.inf)
-    return within(windows, first, horizon)
 
 
 def _phases(windows: Sequence[Window], onset: Onset, bends: Array) -> tuple[Array, Array]:

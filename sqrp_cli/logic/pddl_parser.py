@@ -190,20 +190,8 @@ class _Reader:
         name = self.name(section.items[1], "an action's name")
         if name.text in self.actions:
             self.report("pddl-duplicate", f"action `{name.text}` is defined twice", name)
-        parts = self._parts_of_action(name, section.items[2:])
-        scope: Scope = {}
-        parameters = self.parameters(parts[":parameters"].items, scope)
-        precondition: pddl.Condition = pddl.Conjunction()
-        if ":precondition" in parts and parts[":precondition"].items:
-            precondition = self.condition(parts[":precondition"], scope)
-        effect = self.effect(parts[":effect"], scope)
-        place = self.source.place_at(name.offset)
-        self.actions[name.text] = pddl.Action(
-            name=name.text, parameters=parameters, precondition=precondition, effect=effect, place=place
-        )
-
-    def _parts_of_action(self, name: Word, nodes: Sequence[Node]) -> dict[str, WordList]:
-        """The lists of an action by their keys, those that it must have among them."""
+        # The lists of an action by their keys, those that it must have among them.
+        nodes = section.items[2:]
         parts: dict[str, WordList] = {}
         for key_node, value in zip(nodes[::2], [*nodes[1::2], None], strict=False):
             key = self.word(key_node, expected_names("", _ACTION_KEYS))
@@ -218,7 +206,16 @@ class _Reader:
         for required in (":parameters", ":effect"):
             if required not in parts:
                 raise self.failure(f"action `{name.text}` has no `{required}`", name)
-        return parts
+        scope: Scope = {}
+        parameters = self.parameters(parts[":parameters"].items, scope)
+        precondition: pddl.Condition = pddl.Conjunction()
+        if ":precondition" in parts and parts[":precondition"].items:
+            precondition = self.condition(parts[":precondition"], scope)
+        effect = self.effect(parts[":effect"], scope)
+        place = self.source.place_at(name.offset)
+        self.actions[name.text] = pddl.Action(
+            name=name.text, parameters=parameters, precondition=precondition, effect=effect, place=place
+        )
 
     def parameters(self, nodes: Sequence[Node], scope: Scope) -> tuple[pddl.Parameter, ...]:
         """Reads a typed list of variables and adds them to the scope."""

@@ -319,12 +319,16 @@ def _chosen_bits(need: Need, layers: list[int]) -> int:
     bits = need.bits
     for choice in need.choices:
         possible = [alternative for alternative in choice if alternative.holds(layers[-1])]
-        bits |= _chosen_bits(min(possible, key=lambda alternative: _first_layer(alternative, layers)), layers)
+        bits |= _chosen_bits(
+            min(
+                possible,
+                key=lambda alternative: next(
+                    level for level, literals in enumerate(layers) if alternative.holds(literals)
+                ),
+            ),
+            layers,
+        )
     return bits
-
-
-def _first_layer(need: Need, layers: list[int]) -> int:
-    return next(level for level, literals in enumerate(layers) if need.holds(literals))
 
 
 def _difficulty(need: Need, layers: list[int]) -> int:

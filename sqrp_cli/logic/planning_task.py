@@ -145,7 +145,13 @@ def _ground_actions(
         precondition = numbering.need(condition, keep=False)
         if precondition is not None:
             found += 1
-            yield _ground_action(action, bound, precondition, numbering)
+            adds = numbering.bits(Literal(conditions.ground_atom(change, bound)) for change in action.effect.adds)
+            deletes = (
+                numbering.bits(Literal(conditions.ground_atom(change, bound)) for change in action.effect.deletes)
+                & ~adds
+            )
+            step = PlanStep(action.name, tuple(bound[parameter.name] for parameter in action.parameters))
+            yield GroundAction(step, precondition, adds | deletes << 1, adds << 1 | deletes)
 
 
 def _bound_actions(
@@ -172,15 +178,6 @@ def _condition_sizes(domain: Domain, objects: conditions.Objects, goal: Conditio
     if largest > conditions.MAX_LITERALS:
         raise TaskTooLargeError(f"{conditions.MAX_LITERALS:,} literals", f"a single condition stands for {largest:,}")
     return sizes
-
-
-def _ground_action(
-    action: Action, bound: conditions.Binding, precondition: Need, numbering: _Numbering
-) -> GroundAction:
-    adds = numbering.bits(Literal(conditions.ground_atom(change, bound)) for change in action.effect.adds)
-    deletes = numbering.bits(Literal(conditions.ground_atom(change, bound)) for change in action.effect.deletes) & ~adds
-    step = PlanStep(action.name, tuple(bound[parameter.name] for parameter in action.parameters))
-    return GroundAction(step, precondition, adds | deletes << 1, adds << 1 | deletes)
 
 
 @dataclass

@@ -27,8 +27,15 @@ def engine_planner(name: str) -> Planner:
 
     Raises InputError if the library is not installed or knows no such engine.
     """
-    environment = _environment()
-    engines = [engine for engine in environment.factory.engines if _plans(environment, engine)]
+    with needed("other planners need the extra `planners`", "pip install unified-planning up-fast-downward"):
+        from unified_planning.environment import get_environment
+    environment = get_environment()
+    environment.credits_stream = None
+    engines = [
+        engine
+        for engine in environment.factory.engines
+        if ("[" not in engine and bool(environment.factory.engine(engine).is_oneshot_planner()))
+    ]
     if name not in engines:
         mend = None if engines else "pip install up-fast-downward, which brings `fast-downward`"
         message = f"there is no planner `{name}`; {expected_names(name, engines) if engines else 'none is installed'}"
@@ -46,18 +53,6 @@ def engine_planner(name: str) -> Planner:
     return plan
 
 
-def _environment() -> Any:  # noqa: ANN401 - the library has no types
-    with needed("other planners need the extra `planners`", "pip install unified-planning up-fast-downward"):
-        from unified_planning.environment import get_environment
-    environment = get_environment()
-    environment.credits_stream = None
-    return environment
-
-
-def _plans(environment: Any, engine: str) -> bool:  # noqa: ANN401
-    return "[" not in engine and bool(environment.factory.engine(engine).is_oneshot_planner())
-
-
 def _solved(environment: Any, name: str, task: PlanningTask) -> PlanningResult:  # noqa: ANN401
     from unified_planning.engines import PlanGenerationResultStatus as Status
 
@@ -71,7 +66,17 @@ def _solved(environment: Any, name: str, task: PlanningTask) -> PlanningResult: 
             result = planner.solve(problem, timeout=TIME_LIMIT)
     if result.plan is not None:
         numbers = (int(instance.action.name.removeprefix("a")) for instance in result.plan.actions)
-        return _checked(name, [task.actions[number] for number in numbers], task)
+        # The plan of these steps. Raises InputError for one that is wrong.
+        steps = [task.actions[number] for number in numbers]
+        state = task.initial
+        for step in steps:
+            if not step.need.holds(state):
+                raise bad_input("wrong-plan", f"`{name}` returned a plan whose step {step.step} is impossible")
+            state = step.after(state)
+        if not task.goal.holds(state):
+            message = f"the planner `{name}` returned a plan that is wrong: it does not reach the goal"
+            raise bad_input("wrong-plan", message, mend="leave --planner out")
+        return Plan(tuple(step.step for step in steps))
     match result.status:
         case Status.UNSOLVABLE_PROVEN:
             return ProvenImpossible(())
@@ -81,19 +86,6 @@ def _solved(environment: Any, name: str, task: PlanningTask) -> PlanningResult: 
             return GaveUp(f"{TIME_LIMIT:g} s by `{name}`")
     message = f"the planner `{name}` failed: {result.status.name.lower().replace('_', ' ')}"
     raise bad_input("planner-failed", message, mend="leave --planner out")
-
-
-def _checked(name: str, steps: Sequence[GroundAction], task: PlanningTask) -> Plan:
-    """The plan of these steps. Raises InputError for one that is wrong."""
-    state = task.initial
-    for step in steps:
-        if not step.need.holds(state):
-            raise bad_input("wrong-plan", f"`{name}` returned a plan whose step {step.step} is impossible")
-        state = step.after(state)
-    if not task.goal.holds(state):
-        message = f"the planner `{name}` returned a plan that is wrong: it does not reach the goal"
-        raise bad_input("wrong-plan", message, mend="leave --planner out")
-    return Plan(tuple(step.step for step in steps))
 
 
 def _problem(environment: Any, task: PlanningTask) -> Any:  # noqa: ANN401

@@ -52,7 +52,19 @@ class StepReplanner:
             candidate = way_with_seen_paths(self.cell, candidate, world)
         found = study(self.cell, candidate, world, Adaptive(), full=True)
         if isinstance(found, Infeasible):
-            found = study(self.cell, _with_any_branch(candidate), world, Adaptive(), full=True)
+            # A way with the words that its skill leaves free.
+            free = {
+                name
+                for name, value in candidate.skill.defaults.items()
+                if value == ANY and isinstance(candidate.values[name], str)
+            }
+            found = study(
+                self.cell,
+                replace(candidate, values={**candidate.values, **dict.fromkeys(free, ANY)}, branch={}, vias={}),
+                world,
+                Adaptive(),
+                full=True,
+            )
         if isinstance(found, Infeasible):
             return None
         cameras = tuple(camera.name for camera in self.cell.observer.cameras)
@@ -68,12 +80,6 @@ def candidate_of(step: record.Step, cell: Cell) -> Candidate:
     branch = {name: said.pop(name) for name in [*said] if name not in skill.defaults}
     values = {**skill.defaults, **said}
     return Candidate(skill, binding, values, " ".join(binding.values()) or skill.name, branch=branch)
-
-
-def _with_any_branch(way: Candidate) -> Candidate:
-    """A way with the words that its skill leaves free."""
-    free = {name for name, value in way.skill.defaults.items() if value == ANY and isinstance(way.values[name], str)}
-    return replace(way, values={**way.values, **dict.fromkeys(free, ANY)}, branch={}, vias={})
 
 
 def make_step(task: str, study: Study, assessment: Assessment, cameras: tuple[str, ...]) -> record.Step:

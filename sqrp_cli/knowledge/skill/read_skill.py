@@ -85,7 +85,10 @@ def read_skill(folder: Path, place: Place, digest: ContentDigest) -> Skill:
             message = f"the skill folder {folder} has no `{required}`" + (f"; did you mean `{close}`?" if close else "")
             raise bad_input("missing-file", message, place)
     document = read_yaml(folder / SKILL_FILE, keys=("primitives", "waypoints", "targets", "formulas"))
-    domain = _read_domain(folder / f"{name}.pddl", digest)
+    path = folder / f"{name}.pddl"
+    content = read_input(path, MAX_BYTES)
+    digest.add(f"skills.{path.stem}.pddl", path, content)
+    domain = parse_domain(decoded(path, content), path)
     digest.add(f"skills.{name}.yaml", document.path, document.content)
     if name not in domain.actions:
         message = f"no action `{name}`, named like its folder; {expected_names(name, domain.actions)}"
@@ -93,12 +96,6 @@ def read_skill(folder: Path, place: Place, digest: ContentDigest) -> Skill:
         there = Place(domain.path) if meant is None else domain.actions[meant].place
         raise bad_input("missing-action", message, there, mend="rename the action, or the folder and its file")
     return _SkillReader(document, validate(document, SkillFile), domain, domain.actions[name]).read(folder)
-
-
-def _read_domain(path: Path, digest: ContentDigest) -> Domain:
-    content = read_input(path, MAX_BYTES)
-    digest.add(f"skills.{path.stem}.pddl", path, content)
-    return parse_domain(decoded(path, content), path)
 
 
 class _SkillReader:
@@ -192,17 +189,14 @@ class _SkillReader:
         if isinstance(value, settings.Reference):
             if value.parameter == PATH and PATH not in self.file.motion and kind is settings.PATHS:
                 return
-            if self._is_parameter(value.parameter, path):
+            if value.parameter not in self.file.motion:
+                message = f"found `${value.parameter}`, which is no parameter under `motion`; {expected_names(value.parameter, self.file.motion)}"
+                self._report("unknown-parameter", path, message)
+            if value.parameter in self.file.motion:
                 self.kinds[value.parameter].append(kind)
                 self._check_values(value.parameter, kind, path)
         elif isinstance(value, Quantity | str) and (complaint := kind.complaint(value)) is not None:
             self._report(complaint.code, path, complaint.message)
-
-    def _is_parameter(self, name: str, path: KeyPath) -> bool:
-        if name not in self.file.motion:
-            message = f"found `${name}`, which is no parameter under `motion`; {expected_names(name, self.file.motion)}"
-            self._report("unknown-parameter", path, message)
-        return name in self.file.motion
 
     def _check_values(self, parameter: str, kind: settings.Kind, path: KeyPath) -> None:
         """Report the first value of a parameter that does not fit the setting at `path`."""
@@ -225,21 +219,20 @@ class _SkillReader:
     def _motion_values(self, name: str) -> tuple[Quantity | str, ...]:
         entry = self.file.motion[name]
         if isinstance(entry, settings.ValueRange):
-            return self._spread(name, entry)
+            start, end = entry.start, entry.to
+            if not isinstance(start, Quantity) or not isinstance(end, Quantity):
+                word = end if isinstance(start, Quantity) else start
+                message = f"found {describe(word)}, expected a number at both ends of a range"
+                self._report("wrong-unit", ("motion", name), message)
+                return (Quantity(0.0, None),)
+            dimension = start.dimension or end.dimension
+            if dimension is not end.dimension and end.dimension is not None:
+                message = f"the range goes from {dimension.name if dimension else 'a number'} to {end.dimension.name}"
+                self._report("wrong-unit", ("motion", name), message)
+            return tuple(
+                Quantity(float(value), dimension) for value in np.linspace(start.value, end.value, entry.count)
+            )
         return tuple(entry.values) if isinstance(entry, settings.ListedValues) else (entry,)
-
-    def _spread(self, name: str, entry: settings.ValueRange) -> tuple[Quantity | str, ...]:
-        start, end = entry.start, entry.to
-        if not isinstance(start, Quantity) or not isinstance(end, Quantity):
-            word = end if isinstance(start, Quantity) else start
-            message = f"found {describe(word)}, expected a number at both ends of a range"
-            self._report("wrong-unit", ("motion", name), message)
-            return (Quantity(0.0, None),)
-        dimension = start.dimension or end.dimension
-        if dimension is not end.dimension and end.dimension is not None:
-            message = f"the range goes from {dimension.name if dimension else 'a number'} to {end.dimension.name}"
-            self._report("wrong-unit", ("motion", name), message)
-        return tuple(Quantity(float(value), dimension) for value in np.linspace(start.value, end.value, entry.count))
 
     def _check_origins(self) -> None:
         """Check that no waypoint leads back to itself, and that `home` is not redefined."""

@@ -239,19 +239,16 @@ def with_branch(cell: Cell, scene: Rehearsal) -> Candidate:
     way = scene.candidate
     branches = plan_branches(skill_use(cell, way, scene.world), cell.collision, cell.seed)
     for found in () if isinstance(branches, Infeasible) or way.branch else branches.feasible:
-        if _same(found.motion, scene.motion):
+        # Whether two motions of a skill lead through the same joint positions in the same time.
+        pairs = list(zip(found.motion.primitives, scene.motion.primitives, strict=True))
+        in_time = all(abs(a.end - b.end) < 1e-9 for a, b in pairs)
+        ends = (
+            (found.motion.positions(n, np.array([a.end])), scene.motion.positions(n, np.array([b.end])))
+            for n, (a, b) in enumerate(pairs)
+        )
+        if in_time and all(np.allclose(a, b, atol=1e-9) for a, b in ends):
             return replace(way, branch=found.branch)
     return way
-
-
-def _same(one: Motion, other: Motion) -> bool:
-    """Whether two motions of a skill lead through the same joint positions in the same time."""
-    pairs = list(zip(one.primitives, other.primitives, strict=True))
-    in_time = all(abs(a.end - b.end) < 1e-9 for a, b in pairs)
-    ends = (
-        (one.positions(n, np.array([a.end])), other.positions(n, np.array([b.end]))) for n, (a, b) in enumerate(pairs)
-    )
-    return in_time and all(np.allclose(a, b, atol=1e-9) for a, b in ends)
 
 
 def some_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | Infeasible:
