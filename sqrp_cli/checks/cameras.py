@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import atan, degrees, hypot, tan
-from typing import NamedTuple
+from math import atan, degrees, hypot, inf, tan
 
 import numpy as np
 
@@ -49,9 +48,7 @@ def doubtful_images(workspace: Workspace) -> Iterator[Problem]:
 def implausible_lenses(workspace: Workspace) -> Iterator[Problem]:
     """Cameras with a distortion that folds back inside the image, or bends or shifts its sides far too much."""
     for camera in workspace.cameras.values():
-        if camera.distortion_model == "none":
-            continue
-        message = _why_implausible(camera)
+        message = _why_implausible(camera) if camera.distortion_model != "none" else None
         if message is not None:
             place = workspace.places.get(f"cameras.{camera.name}")
             mend = "compare the coefficients and their order with the calibration"
@@ -71,10 +68,19 @@ def blind_cameras(workspace: Workspace) -> Iterator[Problem]:
         if camera.frame != WORLD or not objects:
             continue
         place = workspace.places.get(f"cameras.{camera.name}")
-        around = next((item for item in objects if _is_inside(item, camera.X_FC[:3, 3])), None)
+        around = next(
+            (
+                item.name
+                for item in objects
+                for part in item.parts
+                if item.X_WO is not None and not isinstance(part.shape, Mesh)
+                if part.shape.contains(transform(inverse(item.X_WO @ part.X_PG), camera.X_FC[None, :3, 3])[0])
+            ),
+            None,
+        )
         if around is not None:
-            message = f"camera `{camera.name}` is inside `{around.name}`, which hides everything from it"
-            mend = f"move one of them; if `{around.name}` is the camera's own housing, leave it out of the workspace"
+            message = f"camera `{camera.name}` is inside `{around}`, which hides everything from it"
+            mend = f"move one of them; if `{around}` is the camera's own housing, leave it out of the workspace"
             yield Problem("camera-inside-object", message, place, severity="warning", mend=mend)
         elif shown and not sees_any(camera, camera.X_FC, shown):
             why, mend = _why_blind(workspace, camera, shown)
@@ -93,7 +99,11 @@ def detectors_out_of_range(workspace: Workspace) -> Iterator[Problem]:
     """Detectors with a range that overlaps no camera's range."""
     if not workspace.cameras:
         return
-    farthest = max(_farthest(camera) for camera in workspace.cameras.values())
+    farthest = 0.0  # of a corner of an image at the depth `far`, lens distortion ignored; fisheyes see sideways
+    for camera in workspace.cameras.values():
+        (fx, _, cx), (_, fy, cy), _ = camera.matrix.tolist()
+        corner = hypot(1.0, max(cx, camera.width - cx) / fx, max(cy, camera.height - cy) / fy)
+        farthest = max(farthest, inf if camera.distortion_model == "equidistant" else camera.far * corner)
     nearest = min(camera.near for camera in workspace.cameras.values())
     for name, detector in workspace.detectors.items():
         near, far = detector.distance
@@ -156,11 +166,26 @@ def _image_doubts(camera: Camera, view_is_stated: bool) -> Iterator[tuple[str, s
 
 
 def _why_implausible(camera: Camera) -> str | None:
+    """What is implausible in a lens, in the plane z = 1, where points at a radius move out and aside.
+
+    Tangential terms grow with the square of the radius and move opposite points in the same direction: far outside the
+    image they dominate, and fold points on one side back through the middle.
+    """
     focal, across = camera.matrix[0, 0], 0.5 * camera.width / camera.matrix[0, 0]
     nearest = min(across, 0.5 * camera.height / camera.matrix[1, 1])
     projection = Projection.of(camera)
+
+    def bent(radius: float) -> Array:
+        """Where the four points on the axes at a radius go: right, left, bottom, top, shape (4, 2)."""
+        return projection.bent(radius * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]))[0]
+
+    def moved_out(radius: float) -> float:
+        """How far from the middle points at a radius go, without the tangential terms."""
+        right, left, _, _ = bent(radius)
+        return 0.5 * float(right[0] - left[0])
+
     widest = min(projection.radius * (1 - 1e-9), _WIDEST)
-    largest = _bent(projection, widest).out
+    largest = moved_out(widest)
     if largest < nearest:
         return (
             f"with its distortion, camera `{camera.name}` shows nothing further than {focal * largest:.0f} pixels from "
@@ -168,44 +193,24 @@ def _why_implausible(camera: Camera) -> str | None:
         )
     if camera.distortion_model == "equidistant":
         return None
-    side, high = 0.0, widest  # the radius in the plane z = 1 that is mapped to the middle of a side, by bisection
+    side, high = 0.0, widest  # the radius that is mapped to the middle of a side, by bisection
     for _ in range(60):
         middle = 0.5 * (side + high)
-        side, high = (middle, high) if _bent(projection, middle).out < min(across, largest) else (side, middle)
+        side, high = (middle, high) if moved_out(middle) < min(across, largest) else (side, middle)
     if not largest < across and not 1 / MOST_BENT <= side / across <= MOST_BENT:
         with_it, without = (np.degrees(2 * np.arctan(half)) for half in (side, across))
         return (
             f"with its distortion, camera `{camera.name}` sees {with_it:.1f} deg from left to right, "
             f"without it {without:.1f} deg"
         )
-    aside = _bent(projection, side).aside
+    right, left, bottom, top = bent(side)
+    aside = 0.5 * max(float(np.linalg.norm(right + left)), float(np.linalg.norm(bottom + top)))
     if aside > MOST_ASIDE * across:
         return (
             f"the tangential distortion of camera `{camera.name}` moves the middle of a side of its image by "
             f"{focal * aside:.0f} pixels, which is {focal * across:.0f} pixels from the image's middle"
         )
     return None
-
-
-class _Bent(NamedTuple):
-    """Where the lens moves points at a radius in the plane z = 1."""
-
-    out: float
-    """How far from the middle, without the tangential terms."""
-    aside: float
-    """How far the tangential terms move points on the axes.
-
-    They grow with the square of the radius and move opposite points in the same direction: far outside the image they
-    dominate, and fold points on one side back through the middle.
-    """
-
-
-def _bent(projection: Projection, radius: float) -> _Bent:
-    (right, left, bottom, top), _ = projection.bent(
-        radius * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-    )
-    aside = max(np.linalg.norm(right + left), np.linalg.norm(bottom + top))
-    return _Bent(0.5 * float(right[0] - left[0]), 0.5 * float(aside))
 
 
 def _why_blind(workspace: Workspace, camera: Camera, objects: Sequence[SceneObject]) -> tuple[str, str]:
@@ -259,20 +264,3 @@ def _points(item: SceneObject) -> Array:
     """Centre and corners of an object's box in the world, shape (9, 3)."""
     assert item.X_WO is not None  # noqa: S101 - callers choose objects of known pose
     return transform(item.X_WO, np.concatenate([np.zeros((1, 3)), box_corners(item.size)]))
-
-
-def _is_inside(item: SceneObject, point: Array) -> bool:
-    """Whether a point in the world (3,) is inside a solid part of an object; meshes are left out."""
-    return item.X_WO is not None and any(
-        not isinstance(part.shape, Mesh)
-        and part.shape.contains(transform(inverse(item.X_WO @ part.X_PG), point[None])[0])
-        for part in item.parts
-    )
-
-
-def _farthest(camera: Camera) -> float:
-    """Distance to the corner of the image at the depth `far` [m], lens distortion ignored; fisheyes see sideways."""
-    if camera.distortion_model == "equidistant":
-        return float("inf")
-    (fx, _, cx), (_, fy, cy), _ = camera.matrix.tolist()
-    return camera.far * hypot(1.0, max(cx, camera.width - cx) / fx, max(cy, camera.height - cy) / fy)

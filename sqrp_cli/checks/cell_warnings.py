@@ -16,7 +16,7 @@ from sqrp_cli.knowledge.frames import WORLD, frame_poses
 from sqrp_cli.knowledge.mesh import mesh_unit
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.settings import Reference
-from sqrp_cli.knowledge.skill.skill import Skill, ToolMove
+from sqrp_cli.knowledge.skill.skill import ToolMove
 from sqrp_cli.knowledge.text.units import shown_length
 from sqrp_cli.knowledge.workspace.read_cell import camera_axes_as_body
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
@@ -67,21 +67,31 @@ def cell_warnings(cell: Cell) -> tuple[Problem, ...]:
 def doubtful_meshes(workspace: Workspace, model: RobotModel) -> Iterator[Problem]:
     """Warnings about meshes of the robot, measured against its length, and of objects, against their `size`."""
     length = float(_lengths(model).sum())
-    for part in model.parts:
-        if isinstance(part.shape, Mesh):
-            size = load_solid(part).diagonal
-            if size > LARGEST * length or size < SMALLEST * length:
-                measured = f"the mesh of link `{part.parent}` measures {_metres(size)}, the arm {_metres(length)}"
-                yield _doubt(measured, Place(part.shape.path), part.shape, size > length, "the <mesh> of the URDF")
+    # Each with its size, that of the whole, its place and the object that it is of.
+    found: list[tuple[Part, float, float, Place | None, str]] = [
+        (part, size, length, Place(part.shape.path), "")
+        for part in model.parts
+        if isinstance(part.shape, Mesh)
+        if not SMALLEST * length <= (size := load_solid(part).diagonal) <= LARGEST * length
+    ]
     for item in workspace.objects.values():
         for index, part in enumerate(item.parts):
-            if isinstance(part.shape, Mesh):
-                solid = load_solid(part)
-                if _scale_is_doubtful(solid, item):
-                    size, stated = solid.diagonal, float(np.linalg.norm(item.size))
-                    place = workspace.places.get(f"objects.{item.name}.parts.{index}.mesh")
-                    measured = f"the mesh of `{item.name}` measures {_metres(size)}, its `size` {_metres(stated)}"
-                    yield _doubt(measured, place, part.shape, size > stated, "this part")
+            if isinstance(part.shape, Mesh) and _scale_is_doubtful(solid := load_solid(part), item):
+                place = workspace.places.get(f"objects.{item.name}.parts.{index}.mesh")
+                found.append((part, solid.diagonal, float(np.linalg.norm(item.size)), place, item.name))
+    for part, size, whole, place, item_name in found:
+        assert isinstance(part.shape, Mesh)  # noqa: S101 - chosen above
+        shown, of_whole = (f"{m:.3g} m" if m >= 0.01 else f"{1e3 * m:.2g} mm" for m in (size, whole))
+        measured = f"the mesh of link `{part.parent}` measures {shown}, the arm {of_whole}"
+        where, unit = "the <mesh> of the URDF", mesh_unit(part.shape.path)
+        if item_name:
+            measured, where = f"the mesh of `{item_name}` measures {shown}, its `size` {of_whole}", "this part"
+        mend = f"it counts already that the file gives its unit as {unit:g} m: see the `scale` of {where}"
+        if unit == 1.0:
+            factor = "0.001" if size > whole else "1000"
+            mend = f"if its unit is not the metre, give {where} a `scale` of {factor}"
+        message = f"{measured}; its scale may be off by 1000"
+        yield Problem("doubtful-mesh-size", message, place, severity="warning", mend=mend)
 
 
 def parts_outside_size(workspace: Workspace) -> Iterator[Problem]:
@@ -226,7 +236,9 @@ def unreachable_speeds(workspace: Workspace, model: RobotModel) -> Iterator[Prob
         for index, primitive in enumerate(skill.primitives):
             if not isinstance(primitive, ToolMove):
                 continue
-            speed = max(_values(skill, primitive.speed), default=0.0)
+            setting, named = primitive.speed, {one.name: one.values for one in skill.motion_parameters}
+            values = named.get(setting.parameter, ()) if isinstance(setting, Reference) else (setting,)
+            speed = max((value for value in values if isinstance(value, float)), default=0.0)
             if speed > fastest:
                 message = (
                     f"skill `{skill.name}`: `{primitive.name}` asks for a speed of {speed:g} m/s, but the velocity "
@@ -261,20 +273,6 @@ def _scale_is_doubtful(solid: Solid, item: SceneObject) -> bool:
     return not 1 / OBJECT_FACTOR <= ratio <= OBJECT_FACTOR
 
 
-def _doubt(measured: str, place: Place | None, mesh: Mesh, too_large: bool, where: str) -> Problem:
-    factor, unit = "0.001" if too_large else "1000", mesh_unit(mesh.path)
-    if unit == 1.0:
-        mend = f"if its unit is not the metre, give {where} a `scale` of {factor}"
-    else:
-        mend = f"it counts already that the file gives its unit as {unit:g} m: see the `scale` of {where}"
-    message = f"{measured}; its scale may be off by 1000"
-    return Problem("doubtful-mesh-size", message, place, severity="warning", mend=mend)
-
-
-def _metres(size: float) -> str:
-    return f"{size:.3g} m" if size >= 0.01 else f"{1e3 * size:.2g} mm"
-
-
 def _reach(part: Part) -> Array:
     """The largest distance of a part from its object's centre along each of the object's axes [m], shape (3,).
 
@@ -285,14 +283,6 @@ def _reach(part: Part) -> Array:
         return reach
     outermost: Array = np.abs(part.X_PG[:3, 3]) + part.shape.half_extents(part.X_PG[:3, :3])
     return outermost
-
-
-def _values(skill: Skill, setting: object) -> list[float]:
-    """The numbers that a setting can take."""
-    if not isinstance(setting, Reference):
-        return [setting] if isinstance(setting, float) else []
-    named = [parameter.values for parameter in skill.motion_parameters if parameter.name == setting.parameter]
-    return [value for values in named for value in values if isinstance(value, float)]
 
 
 def _lengths(model: RobotModel) -> Array:

@@ -51,15 +51,23 @@ def contradictions(skill: Skill) -> Iterator[Problem]:
     """
     claims = [(requirement, claim) for requirement in skill.requirements for claim in _demands(skill, requirement)]
     names = [primitive.name for primitive in skill.primitives]
-    for requirement, (interval, positive, negative) in claims:
-        both = positive & negative
-        if both and _before(interval.start, interval.end, names):
-            yield _contradiction(skill, requirement, requirement, min(both))
-    for (first, (one, yes, no)), (second, (other, also_yes, also_no)) in combinations(claims, 2):
-        both = (yes & also_no) | (no & also_yes)
-        starts, ends = (one.start, other.start), (one.end, other.end)
-        if both and all(_before(start, end, names) for start in starts for end in ends):
-            yield _contradiction(skill, second, first, min(both))
+    found: list[tuple[Requirement, Requirement, set[Claim]]] = []
+    for requirement, (interval, true, false) in claims:
+        if _before(interval.start, interval.end, names):
+            found.append((requirement, requirement, true & false))
+    for (first, (one, yes, no)), (second, (two, also_yes, also_no)) in combinations(claims, 2):
+        if all(_before(start, end, names) for start in (one.start, two.start) for end in (one.end, two.end)):
+            found.append((second, first, (yes & also_no) | (no & also_yes)))
+    for requirement, other, both in found:
+        if both:
+            literal = min(both)[0]
+            formulas, when = f"`{requirement.formula}` demands", "at the same time"
+            if other is not requirement:
+                formulas = f"`{requirement.formula}` and `{other.formula}` (line {other.place.line}) demand"
+                when = "over a common stretch"
+            message = f"skill `{skill.name}`: {formulas} `{literal}` and `not {literal}` {when}"
+            mend = "let one interval end where the other starts, or correct the literal"
+            yield Problem("contradictory-formulas", message, requirement.place, mend=mend)
 
 
 def faults_of_the_plan(skill: Skill) -> Iterator[Problem]:
@@ -144,9 +152,30 @@ def intervals_outside(found: Iterable[Timed]) -> tuple[Problem, ...]:
     for one in found:
         if one.time is not None:
             feasible.setdefault(one.candidate.skill.name, []).append((one, one.time))
-    return tuple(
-        warning for members in feasible.values() for warning in _outside(members[0][0].candidate.skill, members)
-    )
+    warnings: list[Problem] = []
+    for members in feasible.values():
+        skill = members[0][0].candidate.skill
+        mend = (
+            "give times in seconds, or from the start or end of a primitive, "
+            f"such as `[{skill.primitives[0].name}.start, {skill.primitives[-1].name}.end]`"
+        )
+        for index, requirement in enumerate(skill.requirements):
+            fault = f"fault `{requirement.name}`, " if requirement.name is not None else ""
+            for number, operator in enumerate(operators(requirement.formula)):
+                times = [time for one, time in members if (index, number) in one.outside]
+                if not times:
+                    continue
+                of = f" of {len(times)} of {len(members)} candidates" if len(times) < len(members) else ""
+                lasts = " to ".join(dict.fromkeys((f"{min(times):.2f}", f"{max(times):.2f}")))
+                message = (
+                    f"skill `{skill.name}`: nothing of the interval {operator.interval} of {fault}"
+                    f"`{requirement.formula}` lies in the motion, so it is never looked at: the motion{of} lasts "
+                    f"{lasts} s"
+                )
+                code, origin = "interval-outside-the-motion", operator.interval.start.origin
+                problem = origin.problem(code, message) if origin else Problem(code, message, requirement.place)
+                warnings.append(replace(problem, severity="warning", mend=mend))
+    return tuple(warnings)
 
 
 def predicates_of(formula: Formula) -> tuple[str, ...]:
@@ -156,26 +185,13 @@ def predicates_of(formula: Formula) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for part in children(formula) for name in predicates_of(part)))
 
 
-def _contradiction(skill: Skill, requirement: Requirement, other: Requirement, claim: Claim) -> Problem:
-    message = (
-        f"skill `{skill.name}`: `{requirement.formula}` demands `{claim[0]}` and `not {claim[0]}` at the same time"
-    )
-    if other is not requirement:
-        message = (
-            f"skill `{skill.name}`: `{requirement.formula}` and `{other.formula}` (line {other.place.line}) demand "
-            f"`{claim[0]}` and `not {claim[0]}` over a common stretch"
-        )
-    mend = "let one interval end where the other starts, or correct the literal"
-    return Problem("contradictory-formulas", message, requirement.place, mend=mend)
-
-
 def _is_within(inner: Interval, outer: Interval, primitives: list[str]) -> bool:
     """Whether an interval surely lies within another, however long the primitive actions take."""
-    return _is_not_after(outer.start, inner.start, primitives) and _is_not_after(inner.end, outer.end, primitives)
 
+    def is_not_after(first: Instant, second: Instant) -> bool:
+        return _boundary(first, primitives) <= _boundary(second, primitives) and first.offset <= second.offset
 
-def _is_not_after(first: Instant, second: Instant, primitives: list[str]) -> bool:
-    return _boundary(first, primitives) <= _boundary(second, primitives) and first.offset <= second.offset
+    return is_not_after(outer.start, inner.start) and is_not_after(inner.end, outer.end)
 
 
 def _truth(formula: Formula, yes: set[Claim], no: set[Claim], lists: ArgumentLists) -> Truth:
@@ -201,19 +217,14 @@ def _demands(skill: Skill, requirement: Requirement) -> Iterator[_Demand]:
     if requirement.name is not None:
         return
     lists = argument_lists(skill.action)
-    for operator in _always(requirement.formula):
+    required = [requirement.formula]
+    for operator in required:
+        required += operator.operands if isinstance(operator, And) else ()
+        if not isinstance(operator, Always):
+            continue
         literals = [(_claim(atom, lists), truth) for atom, truth in _demanded(operator.operand, truth=True)]
         true, false = ({claim for claim, truth in literals if truth == value} for value in (True, False))
         yield _Demand(operator.interval, true, false)
-
-
-def _always(formula: Formula) -> Iterator[Always]:
-    """The `always` operators that must hold for a formula to hold."""
-    if isinstance(formula, Always):
-        yield formula
-    elif isinstance(formula, And):
-        for operand in formula.operands:
-            yield from _always(operand)
 
 
 def _demanded(formula: Formula, *, truth: bool) -> Iterator[tuple[Predicate, bool]]:
@@ -272,33 +283,3 @@ def _claimed(use: Holds) -> Claim:
 def _text(claim: Claim) -> str:
     predicate, arguments = claim
     return f"{predicate}({', '.join(arguments)})" if arguments else predicate
-
-
-def _outside(skill: Skill, members: list[tuple[Timed, float]]) -> Iterator[Problem]:
-    for index, requirement in enumerate(skill.requirements):
-        for number, operator in enumerate(operators(requirement.formula)):
-            times = [time for one, time in members if (index, number) in one.outside]
-            if not times:
-                continue
-            of = f" of {len(times)} of {len(members)} candidates" if len(times) < len(members) else ""
-            message = (
-                f"skill `{skill.name}`: nothing of the interval {operator.interval} of {_what(requirement)} lies in "
-                f"the motion, so it is never looked at: the motion{of} lasts {_span(times)} s"
-            )
-            first, last = skill.primitives[0].name, skill.primitives[-1].name
-            mend = (
-                f"give times in seconds, or from the start or end of a primitive, such as `[{first}.start, {last}.end]`"
-            )
-            code, origin = "interval-outside-the-motion", operator.interval.start.origin
-            problem = origin.problem(code, message) if origin else Problem(code, message, requirement.place)
-            yield replace(problem, severity="warning", mend=mend)
-
-
-def _what(requirement: Requirement) -> str:
-    fault = f"fault `{requirement.name}`, " if requirement.name is not None else ""
-    return f"{fault}`{requirement.formula}`"
-
-
-def _span(times: list[float]) -> str:
-    shortest, longest = f"{min(times):.2f}", f"{max(times):.2f}"
-    return shortest if shortest == longest else f"{shortest} to {longest}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from itertools import product
 from typing import NamedTuple
 
@@ -85,7 +85,24 @@ def overlapping_objects(workspace: Workspace) -> Iterator[Problem]:
     """
     doubted = doubted_objects(workspace)
     involved: set[str] = set()
-    for one, other, depth in _overlaps(workspace):
+    objects = [(item.name, item.X_WO, item.parts) for item in workspace.objects.values() if item.X_WO is not None]
+    boxes = [
+        [PlacedBox(X_WO @ p.X_PG, np.asarray(p.shape.size)) for p in parts if isinstance(p.shape, Box)]
+        for _, X_WO, parts in objects
+    ]
+    centers = np.array([X_WO[:3, 3] for _, X_WO, _ in objects]).reshape(-1, 3)
+    reaches = np.array(  # to the farthest corner, at most
+        [
+            max((np.linalg.norm(b.X_WB[:3, 3] - center) + 0.5 * np.linalg.norm(b.size) for b in own), default=-np.inf)
+            for center, own in zip(centers, boxes, strict=True)
+        ]
+    )
+    distances = np.linalg.norm(centers[:, None] - centers[None], axis=-1)
+    for first, second in np.argwhere(np.triu(distances <= reaches[:, None] + reaches[None], k=1)):
+        one, other = objects[first][0], objects[second][0]
+        depth = max(a.penetration(b) for a in boxes[first] for b in boxes[second])
+        if depth <= MIN_OVERLAP:
+            continue
         if one in doubted or other in doubted:
             involved |= {one, other} & doubted.keys()
         else:
@@ -98,36 +115,6 @@ def overlapping_objects(workspace: Workspace) -> Iterator[Problem]:
         message = f"in one place with other objects, by measures whose unit is doubted: {quoted}"
         mend = "write the sizes and positions that the warnings name with their unit"
         yield Problem("overlapping-objects", message, doubted[names[0]].place, mend=mend)
-
-
-class _Overlap(NamedTuple):
-    """Two objects in one place."""
-
-    one: str
-    other: str
-    depth: float
-    """How far they must be moved apart at least [m]."""
-
-
-def _overlaps(workspace: Workspace) -> Iterator[_Overlap]:
-    objects = [item for item in workspace.objects.values() if item.X_WO is not None]
-    boxes = {
-        item.name: [
-            PlacedBox(item.X_WO @ part.X_PG, np.asarray(part.shape.size))
-            for part in item.parts
-            if isinstance(part.shape, Box) and item.X_WO is not None
-        ]
-        for item in objects
-    }
-    centers = np.array([item.X_WO[:3, 3] for item in objects if item.X_WO is not None]).reshape(-1, 3)
-    reaches = np.array([max((_reach(item, box) for box in boxes[item.name]), default=-np.inf) for item in objects])
-    distances = np.linalg.norm(centers[:, None] - centers[None], axis=-1)
-    close = np.triu(distances <= reaches[:, None] + reaches[None], k=1)
-    for first, second in np.argwhere(close):
-        one, other = objects[first].name, objects[second].name
-        depth = max(a.penetration(b) for a in boxes[one] for b in boxes[other])
-        if depth > MIN_OVERLAP:
-            yield _Overlap(one, other, depth)
 
 
 def floating_objects(workspace: Workspace) -> Iterator[Problem]:
@@ -148,7 +135,13 @@ def floating_objects(workspace: Workspace) -> Iterator[Problem]:
         if gap < LEAST_GAP - 1e-9:
             continue
         place = workspace.places.get(f"objects.{item.name}.pose")
-        under = next((name for name, boxes in around.items() if name != item.name and _stand_on(above, boxes)), None)
+        lowered = [PlacedBox(pose(position=(0.0, 0.0, -LEAST_GAP)) @ box.X_WB, box.size) for box in above]
+        stands_on = (
+            name
+            for name, boxes in around.items()
+            if name != item.name and any(one.penetration(other) > 1e-9 for one, other in product(lowered, boxes))
+        )
+        under = next(stands_on, None)
         if under is not None:
             aside = min(one.gap_from_above(other) for one, other in product(above, below))
             if aside >= LEAST_GAP - 1e-9:
@@ -164,12 +157,6 @@ def floating_objects(workspace: Workspace) -> Iterator[Problem]:
         yield Problem("floating-object", message, place, severity="warning", mend=f"{mend}, or correct `on`")
 
 
-def _stand_on(boxes: Sequence[PlacedBox], others: Sequence[PlacedBox]) -> bool:
-    """Whether the boxes, lowered by `LEAST_GAP`, overlap one of the others."""
-    lowered = [PlacedBox(pose(position=(0.0, 0.0, -LEAST_GAP)) @ box.X_WB, box.size) for box in boxes]
-    return any(one.penetration(other) > 1e-9 for one, other in product(lowered, others))
-
-
 def _boxes_around(item: SceneObject) -> Iterator[PlacedBox]:
     """A box around each part of an object of known pose."""
     assert item.X_WO is not None  # noqa: S101 - callers choose objects of known pose
@@ -178,12 +165,6 @@ def _boxes_around(item: SceneObject) -> Iterator[PlacedBox]:
             yield PlacedBox(item.X_WO, np.asarray(item.size))
         else:
             yield PlacedBox(item.X_WO @ part.X_PG, 2 * part.shape.half_extents(np.eye(3)))
-
-
-def _reach(item: SceneObject, box: PlacedBox) -> float:
-    """Distance from the object's centre to the farthest corner of one of its boxes, at most [m]."""
-    assert item.X_WO is not None  # noqa: S101 - callers choose objects of known pose
-    return float(np.linalg.norm(box.X_WB[:3, 3] - item.X_WO[:3, 3]) + 0.5 * np.linalg.norm(box.size))
 
 
 def _unit(vectors: Array) -> Array:

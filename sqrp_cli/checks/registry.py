@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from sqrp_cli.errors import bad_input, expected_names
 
@@ -50,13 +50,12 @@ def rules() -> Mapping[str, RuleEntry]:
 
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     groups = yaml.load(FINDINGS.read_text(encoding="utf-8"), Loader=loader)  # noqa: S506 # a safe one
-    return {code: _rule(group["subject"], code, entry) for group in groups for code, entry in group["findings"].items()}
-
-
-def _rule(subject: str, code: str, entry: Mapping[str, Any]) -> RuleEntry:
-    texts = {key: entry[key] for key in ("meaning", "why", "passes", "fails")}
-    severity = entry.get("severity", "error").split(" or ")
-    return RuleEntry(code=code, subject=subject, severity=severity, file=entry.get("in"), **texts)
+    found = dict[str, RuleEntry]()
+    for subject, code, entry in ((group["subject"], *item) for group in groups for item in group["findings"].items()):
+        texts = {key: entry[key] for key in ("meaning", "why", "passes", "fails")}
+        severity = entry.get("severity", "error").split(" or ")
+        found[code] = RuleEntry(code=code, subject=subject, severity=severity, file=entry.get("in"), **texts)
+    return found
 
 
 def rule_of(code: str) -> RuleEntry:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from math import prod
@@ -41,14 +41,6 @@ def failing_literals(
 
     facts: the atoms that hold; every other atom is false.
     """
-    return tuple(dict.fromkeys(failures(action.precondition, binding, facts, objects, domain)))
-
-
-def failures(
-    condition: pddl.Condition, binding: Binding, facts: frozenset[Atom], objects: Objects, domain: pddl.Domain
-) -> Iterator[UnmetPart]:
-    """The parts of a condition that do not hold, from left to right; none if the condition holds."""
-    ground = ground_condition(condition, binding, objects, domain)
 
     def failing(part: GroundCondition) -> Iterator[UnmetPart]:
         match part:
@@ -62,7 +54,7 @@ def failures(
                 if all(next(failing(alternative), None) for alternative in alternatives):
                     yield UnmetCondition(text)
 
-    return failing(ground)
+    return tuple(dict.fromkeys(failing(ground_condition(action.precondition, binding, objects, domain))))
 
 
 def apply_effect(action: pddl.Action, binding: Binding, facts: frozenset[Atom]) -> frozenset[Atom]:
@@ -124,7 +116,9 @@ def ground_condition(
                 return combine((ground(inner, bound, positive) for inner in parts), every)
             case pddl.Quantified(variables, body):
                 every = isinstance(part, pddl.ForAll) == positive
-                bindings = _extensions(bound, variables, objects, domain)
+                names = [variable.name for variable in variables]
+                choices = product(*(fitting_objects(variable, objects, domain) for variable in variables))
+                bindings = ({**bound, **dict(zip(names, chosen, strict=True))} for chosen in choices)
                 return combine((ground(body, inner, positive) for inner in bindings), every)
 
     return ground(condition, binding, True)
@@ -170,14 +164,6 @@ def largest_quantifier(
     return max(quantifiers, key=lambda q: prod(domain_sizes(q.variables, objects, domain)), default=None)
 
 
-def _extensions(
-    binding: Binding, variables: tuple[pddl.Parameter, ...], objects: Objects, domain: pddl.Domain
-) -> Iterator[Binding]:
-    names = [variable.name for variable in variables]
-    for chosen in product(*(fitting_objects(variable, objects, domain) for variable in variables)):
-        yield {**binding, **dict(zip(names, chosen, strict=True))}
-
-
 def _object(term: pddl.Term, binding: Binding) -> str:
     return term.name if isinstance(term, pddl.Constant) else binding[term.name]
 
@@ -185,22 +171,20 @@ def _object(term: pddl.Term, binding: Binding) -> str:
 def _text(condition: pddl.Condition, binding: Binding, positive: bool) -> str:
     """The condition in words, with objects in place of the variables that are bound."""
 
-    def replace(term: pddl.Term) -> pddl.Term:
+    def bound(part: pddl.Condition) -> pddl.Condition:
+        match part:
+            case pddl.Holds(predicate, terms):
+                return pddl.Holds(predicate, tuple(map(named, terms)))
+            case pddl.Equal(left, right):
+                return pddl.Equal(named(left), named(right))
+            case pddl.Negation(inner):
+                return pddl.Negation(bound(inner))
+            case pddl.Combination(parts):
+                return type(part)(tuple(map(bound, parts)))
+            case pddl.Quantified(variables, body):
+                return type(part)(variables, bound(body))
+
+    def named(term: pddl.Term) -> pddl.Term:
         return pddl.Constant(binding[term.name]) if isinstance(term, pddl.Variable) and term.name in binding else term
 
-    bound = _substitute(condition, replace)
-    return str(bound if positive else pddl.Negation(bound))
-
-
-def _substitute(condition: pddl.Condition, replace: Callable[[pddl.Term], pddl.Term]) -> pddl.Condition:
-    match condition:
-        case pddl.Holds(predicate, terms):
-            return pddl.Holds(predicate, tuple(map(replace, terms)))
-        case pddl.Equal(left, right):
-            return pddl.Equal(replace(left), replace(right))
-        case pddl.Negation(part):
-            return pddl.Negation(_substitute(part, replace))
-        case pddl.Combination(parts):
-            return type(condition)(tuple(_substitute(part, replace) for part in parts))
-        case pddl.Quantified(variables, body):
-            return type(condition)(variables, _substitute(body, replace))
+    return str(bound(condition) if positive else pddl.Negation(bound(condition)))

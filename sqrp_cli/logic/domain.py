@@ -226,12 +226,10 @@ def merge_domains(domains: Sequence[Domain]) -> Domain:
         name="-".join(domain.name for domain in domains),
         path=domains[0].path,
         requirements=frozenset(requirement for domain in domains for requirement in domain.requirements),
-        types=_merge("type", [(domain, domain.types) for domain in domains], lambda parent: parent),
-        constants=_merge("constant", [(domain, domain.constants) for domain in domains], lambda type_name: type_name),
-        predicates=_merge(
-            "predicate", [(domain, domain.predicates) for domain in domains], lambda signature: signature.types
-        ),
-        actions=_merge("action", [(domain, domain.actions) for domain in domains], lambda _: None),
+        types=_merge("type", domains, lambda domain: domain.types, lambda parent: parent),
+        constants=_merge("constant", domains, lambda domain: domain.constants, lambda type_name: type_name),
+        predicates=_merge("predicate", domains, lambda domain: domain.predicates, lambda signature: signature.types),
+        actions=_merge("action", domains, lambda domain: domain.actions, lambda _: None),
     )
 
 
@@ -239,13 +237,16 @@ _Entry = TypeVar("_Entry")
 
 
 def _merge(
-    kind: str, parts: Sequence[tuple[Domain, Mapping[str, _Entry]]], meaning: Callable[[_Entry], object]
+    kind: str,
+    domains: Sequence[Domain],
+    part: Callable[[Domain], Mapping[str, _Entry]],
+    meaning: Callable[[_Entry], object],
 ) -> Mapping[str, _Entry]:
     """Joins the entries; entries of the same name must have the same meaning, and None differs from everything."""
     merged: dict[str, _Entry] = {}
     owners: dict[str, Domain] = {}
-    for domain, entries in parts:
-        for name, entry in entries.items():
+    for domain in domains:
+        for name, entry in part(domain).items():
             if name in merged and (meaning(entry) is None or meaning(entry) != meaning(merged[name])):
                 message = f"{kind} `{name}` is also defined in {owners[name].path}"
                 if meaning(entry) is not None:

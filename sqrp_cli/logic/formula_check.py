@@ -38,22 +38,8 @@ def check_formula(
     primitives: names of the skill's primitive actions, in order of execution.
     """
     if isinstance(formula, mtl.Predicate):
-        lists = argument_lists(action)
-        if formula.name not in lists:
-            message = f"action `{action.name}` does not use a predicate `{formula.name}`; {expected_names(formula.name, lists)}"
-            yield _problem(formula.origin, "mtl-unknown-predicate", message)
-        elif formula.arguments is None:
-            known = lists[formula.name]
-            if len(known) > 1 or any(name.startswith("?") for name in known[0]):
-                uses = ", ".join(f"{formula.name}({', '.join(names)})" for names in known)
-                message = (
-                    f"the arguments of `{formula.name}` must be given, because action `{action.name}` uses it as {uses}"
-                )
-                yield _problem(formula.origin, "mtl-missing-arguments", message)
-        elif mismatch := domain.predicates[formula.name].mismatch(formula.arguments):
-            yield _problem(formula.origin, "mtl-arity", mismatch)
-        else:
-            yield from _check_arguments(formula, formula.arguments, domain, action)
+        for code, message in _check_predicate(formula, domain, action):
+            yield _problem(formula.origin, code, message)
     if isinstance(formula, mtl.Temporal):
         yield from _check_interval(formula.interval, primitives)
     for part in mtl.children(formula):
@@ -81,37 +67,40 @@ def _problem(origin: TextOrigin | None, code: str, message: str) -> Problem:
     return origin.problem(code, message) if origin else Problem(code, message)
 
 
-def _check_arguments(
-    use: mtl.Predicate, arguments: Sequence[str], domain: pddl.Domain, action: pddl.Action
-) -> Iterator[Problem]:
-    types = dict(domain.constants) | {parameter.name: parameter.type for parameter in action.parameters}
-    for name, expected in zip(arguments, domain.predicates[use.name].parameters, strict=True):
-        if name not in types:
-            message = f"`{name}` is no parameter of `{action.name}` and no constant; {expected_names(name, types)}"
-            yield _problem(use.origin, "mtl-unknown-argument", message)
-        elif not domain.fits([types[name]], expected.type):
-            message = f"`{name}` is of type `{types[name]}`, but `{use.name}` expects `{expected.type}`"
-            yield _problem(use.origin, "mtl-type", message)
+def _check_predicate(use: mtl.Predicate, domain: pddl.Domain, action: pddl.Action) -> Iterator[tuple[str, str]]:
+    """Codes and messages of what is wrong with a predicate's name and arguments."""
+    lists = argument_lists(action)
+    if use.name not in lists:
+        known = expected_names(use.name, lists)
+        yield "mtl-unknown-predicate", f"action `{action.name}` does not use a predicate `{use.name}`; {known}"
+    elif use.arguments is None:
+        if len(lists[use.name]) > 1 or any(name.startswith("?") for name in lists[use.name][0]):
+            uses = ", ".join(f"{use.name}({', '.join(names)})" for names in lists[use.name])
+            reason = f"because action `{action.name}` uses it as {uses}"
+            yield "mtl-missing-arguments", f"the arguments of `{use.name}` must be given, {reason}"
+    elif mismatch := domain.predicates[use.name].mismatch(use.arguments):
+        yield "mtl-arity", mismatch
+    else:
+        types = dict(domain.constants) | {parameter.name: parameter.type for parameter in action.parameters}
+        for name, expected in zip(use.arguments, domain.predicates[use.name].parameters, strict=True):
+            if name not in types:
+                known = expected_names(name, types)
+                yield "mtl-unknown-argument", f"`{name}` is no parameter of `{action.name}` and no constant; {known}"
+            elif not domain.fits([types[name]], expected.type):
+                yield "mtl-type", f"`{name}` is of type `{types[name]}`, but `{use.name}` expects `{expected.type}`"
 
 
 def _check_interval(interval: mtl.Interval, primitives: Sequence[str]) -> Iterator[Problem]:
-    bounds = (interval.start, interval.end)
-    unknown = [bound for bound in bounds if bound.primitive is not None and bound.primitive not in primitives]
+    """Unknown primitives, and an interval that ends before it starts whatever the durations of the primitives."""
+    start, end = interval.start, interval.end
+    unknown = [bound for bound in (start, end) if bound.primitive is not None and bound.primitive not in primitives]
     for bound in unknown:
         known = expected_names(str(bound.primitive), primitives)
         yield _problem(
             bound.origin, "mtl-unknown-primitive", f"there is no primitive action `{bound.primitive}`; {known}"
         )
-    if not unknown and _surely_empty(interval, primitives):
-        yield _problem(interval.start.origin, "mtl-empty-interval", f"the interval {interval} ends before it starts")
-
-
-def _surely_empty(interval: mtl.Interval, primitives: Sequence[str]) -> bool:
-    """Whether the interval ends before it starts, whatever the durations of the primitive actions."""
-    start, end = interval.start, interval.end
-    if start.primitive is None or end.primitive is None:
-        return start.primitive is end.primitive and start.offset > end.offset
-    start_position, end_position = (primitives.index(str(b.primitive)) + (b.edge == "end") for b in (start, end))
-    if start_position == end_position:
-        return start.offset > end.offset
-    return start_position > end_position and start.offset >= end.offset
+    if unknown or (start.primitive is None) != (end.primitive is None):
+        return
+    begun, ended = (primitives.index(b.primitive) + (b.edge == "end") if b.primitive else 0 for b in (start, end))
+    if (begun == ended and start.offset > end.offset) or (begun > ended and start.offset >= end.offset):
+        yield _problem(start.origin, "mtl-empty-interval", f"the interval {interval} ends before it starts")

@@ -81,7 +81,9 @@ def ground_operators(
     count at t = 0: they make an entry of their own, before the others, `always` from 0 to 0, whose text is the formula.
     Raises InputError for an interval that ends before it starts.
     """
-    entries = [
+    literals = tuple(dict.fromkeys(_own_literals(formula, positive=True)))
+    at_start = GroundOperator(text=str(formula), operator="always", start=0.0, end=0.0, literals=literals)
+    inside = (
         GroundOperator(
             text=str(operator),
             operator="always" if isinstance(operator, mtl.Always) else "eventually",
@@ -89,13 +91,10 @@ def ground_operators(
             end=min(max(when.end, 0.0), total),
             literals=tuple(dict.fromkeys(_own_literals(operator.operand, positive=True))),
         )
-        for operator, when in _timed_operators(formula, spans, Stretch(0.0, 0.0))
-        if not _is_outside(when, total)
-    ]
-    literals = tuple(dict.fromkeys(_own_literals(formula, positive=True)))
-    if literals:
-        entries.insert(0, GroundOperator(text=str(formula), operator="always", start=0.0, end=0.0, literals=literals))
-    return tuple(entries)
+        for operator, when, outside in _timed_operators(formula, spans, total)
+        if not outside
+    )
+    return (at_start, *inside) if literals else tuple(inside)
 
 
 def operators_outside(formula: mtl.Formula, spans: Mapping[str, tuple[float, float]], total: float) -> tuple[int, ...]:
@@ -103,8 +102,8 @@ def operators_outside(formula: mtl.Formula, spans: Mapping[str, tuple[float, flo
 
     They are never looked at. Each by its place in `operators`. Arguments and errors are those of `ground_operators`.
     """
-    timed = _timed_operators(formula, spans, Stretch(0.0, 0.0))
-    return tuple(index for index, (_, when) in enumerate(timed) if _is_outside(when, total))
+    timed = _timed_operators(formula, spans, total)
+    return tuple(index for index, (_, _, outside) in enumerate(timed) if outside)
 
 
 def operators(formula: mtl.Formula) -> tuple[mtl.Temporal, ...]:
@@ -134,24 +133,23 @@ def events_of_interest(operators: Iterable[GroundOperator]) -> tuple[Stretch, ..
     return merge(operator.stretch for operator in operators if operator.operator == "eventually")
 
 
-def _is_outside(when: Stretch, total: float) -> bool:
-    """Whether nothing of an interval that is not clipped lies in [0, total]."""
-    return when.end <= -SAME_INSTANT or when.start >= total + SAME_INSTANT
-
-
 def _timed_operators(
-    formula: mtl.Formula, spans: Mapping[str, tuple[float, float]], evaluated: Stretch
-) -> Iterator[tuple[mtl.Temporal, Stretch]]:
-    """The operators in a formula that is evaluated at all instants of a stretch, each with its interval, not clipped.
+    formula: mtl.Formula,
+    spans: Mapping[str, tuple[float, float]],
+    total: float,
+    evaluated: Stretch = Stretch(0.0, 0.0),
+) -> Iterator[tuple[mtl.Temporal, Stretch, bool]]:
+    """The operators in a formula that is evaluated at all instants of a stretch, in the order of `operators`.
 
-    In the order of `operators`.
+    Each with its interval, not clipped, and whether nothing of that lies in [0, total].
     """
     if isinstance(formula, mtl.Temporal):
         interval = _with_times(formula.interval, spans)
         evaluated = Stretch(evaluated.start + interval.start.offset, evaluated.end + interval.end.offset)
-        yield formula, evaluated
+        outside = evaluated.end <= -SAME_INSTANT or evaluated.start >= total + SAME_INSTANT
+        yield formula, evaluated, outside
     for part in mtl.children(formula):
-        yield from _timed_operators(part, spans, evaluated)
+        yield from _timed_operators(part, spans, total, evaluated)
 
 
 def _own_literals(formula: mtl.Formula, positive: bool) -> Iterator[Literal]:
@@ -172,7 +170,11 @@ def _own_literals(formula: mtl.Formula, positive: bool) -> Iterator[Literal]:
 
 
 def _with_times(interval: mtl.Interval, spans: Mapping[str, tuple[float, float]]) -> mtl.Interval:
-    start, end = _seconds(interval.start, spans), _seconds(interval.end, spans)
+    bounds = (interval.start, interval.end)
+    start, end = (
+        (spans[bound.primitive][bound.edge == "end"] if bound.primitive is not None else 0.0) + bound.offset
+        for bound in bounds
+    )
     if end < start - SAME_INSTANT:
         code, message = "mtl-empty-interval", f"the interval {interval} is empty: from {start:g} s to {end:g} s"
         origin = interval.start.origin
@@ -181,10 +183,3 @@ def _with_times(interval: mtl.Interval, spans: Mapping[str, tuple[float, float]]
         mtl.Instant(offset=start, origin=interval.start.origin),
         mtl.Instant(offset=max(start, end), origin=interval.end.origin),
     )
-
-
-def _seconds(instant: mtl.Instant, spans: Mapping[str, tuple[float, float]]) -> float:
-    if instant.primitive is None:
-        return instant.offset
-    start, end = spans[instant.primitive]
-    return (start if instant.edge == "start" else end) + instant.offset

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, nearest
 from sqrp_cli.logic import formula as mtl
-from sqrp_cli.logic.source_text import SourceText, TextOrigin, character_name, depth, is_token
+from sqrp_cli.logic.source_text import SourceText, TextOrigin, character_name, is_token
 
 if TYPE_CHECKING:
     from lark import Lark, Token, Tree
@@ -59,15 +59,7 @@ def parse_formula(text: str, place: Place, indent: int = 0) -> mtl.Formula:
         tree = _tree(text)
     except UnexpectedInput as error:
         raise InputError(_syntax_problem(source, error)) from None
-    if depth(tree) > MAX_DEPTH:
-        raise InputError(source.problem("mtl-too-deep", f"the formula is nested deeper than {MAX_DEPTH} levels", 0))
-    return _formula(tree, source)
-
-
-@lru_cache(maxsize=256)
-def _tree(text: str) -> Tree[Token]:
-    """The syntax tree of a text, cached: cells often share the texts of skills."""
-    return _parser().parse(text)
+    return _formula(tree, source, 1)
 
 
 @cache
@@ -78,7 +70,15 @@ def _parser() -> Lark:
     return Lark(grammar, parser="lalr", maybe_placeholders=False)
 
 
-def _formula(tree: Tree[Token], source: SourceText) -> mtl.Formula:
+@lru_cache(maxsize=256)
+def _tree(text: str) -> Tree[Token]:
+    """The syntax tree of a text, cached: cells often share the texts of skills."""
+    return _parser().parse(text)
+
+
+def _formula(tree: Tree[Token], source: SourceText, level: int) -> mtl.Formula:
+    if level > MAX_DEPTH:
+        raise InputError(source.problem("mtl-too-deep", f"the formula is nested deeper than {MAX_DEPTH} levels", 0))
     trees = [part for part in tree.children if not is_token(part)]
     tokens = [part for part in tree.children if is_token(part)]
     match tree.data:
@@ -89,16 +89,11 @@ def _formula(tree: Tree[Token], source: SourceText) -> mtl.Formula:
         case "always" | "eventually" as kind:
             start, end = (_instant(bound, source) for bound in trees[0].children if not is_token(bound))
             operator = mtl.Always if kind == "always" else mtl.Eventually
-            return operator(mtl.Interval(start, end), _formula(trees[1], source), _origin(tokens[0], source))
-    parts = tuple(_formula(part, source) for part in trees)
-    match tree.data:
-        case "not_":
-            return mtl.Not(*parts)
-        case "and_":
-            return mtl.And(parts)
-        case "or_":
-            return mtl.Or(parts)
-    return mtl.Implies(*parts)
+            return operator(mtl.Interval(start, end), _formula(trees[1], source, level + 1), _origin(tokens[0], source))
+    parts = tuple(_formula(part, source, level + 1) for part in trees)
+    if tree.data in ("and_", "or_"):
+        return mtl.And(parts) if tree.data == "and_" else mtl.Or(parts)
+    return mtl.Not(*parts) if tree.data == "not_" else mtl.Implies(*parts)
 
 
 def _instant(node: Tree[Token], source: SourceText) -> mtl.Instant:

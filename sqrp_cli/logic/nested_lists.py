@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
-from sqrp_cli.errors import InputError, Problem, bad_input
+from sqrp_cli.errors import InputError, bad_input
 from sqrp_cli.logic.source_text import SourceText, character_name, is_unseen
 
 MAX_DEPTH = 50
@@ -69,73 +68,51 @@ def read_list(source: SourceText) -> WordList:
             raise InputError(
                 source.problem("pddl-character", message, found.start(), "remove it, or put a blank or an end of line")
             )
-    nested = _nested(source.text)
-    if nested is None:
-        raise InputError(_syntax_problem(source))
-    if nested.depth > MAX_DEPTH:
+    read = _read(source.text)
+    if isinstance(read, Word):
+        raise InputError(source.problem("pddl-syntax", read.text, read.offset))
+    whole, depth = read
+    if depth > MAX_DEPTH:
         raise InputError(source.problem("pddl-too-deep", f"lists are nested deeper than {MAX_DEPTH} levels", 0))
-    return nested.whole
-
-
-class _Nested(NamedTuple):
-    """A list with the levels of lists in it."""
-
-    whole: WordList
-    depth: int
+    return whole
 
 
 @lru_cache(maxsize=64)
-def _nested(text: str) -> _Nested | None:
-    """The list that a text is, None if it is anything else; cached: cells often share the texts of skills.
+def _read(text: str) -> tuple[WordList, int] | Word:
+    """The list that a text is with its levels of lists, or what is wrong with its parentheses and where.
 
-    Without recursion, so that no input exhausts the stack.
+    Cached: cells often share the texts of skills. Without recursion, so that no input exhausts the stack.
     """
     open_lists: list[tuple[list[Node], int]] = []
-    whole, depth = None, 0
-    for part, offset in _parts(text):
-        if whole is not None or (part != "(" and not open_lists):
-            return None
+    whole, depth, before, suspect = None, 0, "", None
+    for found in _PART.finditer(text):
+        part, offset = found[0], found.start()
+        if part.startswith(";"):
+            continue
+        if whole is not None:
+            message = f"`{part}` follows after the end of the domain; is there a `)` too many before it?"
+            return suspect or Word(message, offset)
         if part == "(":
             open_lists.append(([], offset))
             depth = max(depth, len(open_lists))
-        elif part != ")":
-            open_lists[-1][0].append(Word(part.lower(), offset))
-        else:
+        elif not open_lists:
+            return suspect or Word(f"expected `(define (domain ...`, found `{part}`", offset)
+        elif part == ")":
             items, start = open_lists.pop()
             ended = WordList(tuple(items), start)
             if open_lists:
                 open_lists[-1][0].append(ended)
             else:
                 whole = ended
-    return _Nested(whole, depth) if whole is not None else None
-
-
-def _parts(text: str) -> Iterator[tuple[str, int]]:
-    """Parentheses and words, each with the offset of its first character."""
-    return ((found[0], found.start()) for found in _PART.finditer(text) if not found[0].startswith(";"))
-
-
-def _syntax_problem(source: SourceText) -> Problem:
-    """The problem with the parentheses of a text that is not one list."""
-    open_lists: list[int] = []  # offsets of their parentheses
-    before = ""
-    ended = False
-    for part, offset in _parts(source.text):
-        if ended:
-            message = f"`{part}` follows after the end of the domain; is there a `)` too many before it?"
-            return source.problem("pddl-syntax", message, offset)
-        if part == "(":
-            open_lists.append(offset)
-        elif part == ")" and open_lists:
-            open_lists.pop()
-            ended = not open_lists
-        elif not open_lists:
-            return source.problem("pddl-syntax", f"expected `(define (domain ...`, found `{part}`", offset)
-        elif before == "(" and part.startswith(":") and len(open_lists) > 2:
-            line = source.place_at(open_lists[-2]).line
-            message = f"`{part}` begins inside the list that line {line} opens; is a `)` missing before it?"
-            return source.problem("pddl-syntax", message, open_lists[-1])
+        else:
+            if suspect is None and before == "(" and part.startswith(":") and len(open_lists) > 2:
+                line = text.count("\n", 0, open_lists[-2][1]) + 1
+                message = f"`{part}` begins inside the list that line {line} opens; is a `)` missing before it?"
+                suspect = Word(message, open_lists[-1][1])
+            open_lists[-1][0].append(Word(part.lower(), offset))
         before = part
+    if whole is not None:
+        return whole, depth
     if not open_lists:
-        return source.problem("pddl-syntax", "the file is empty; expected `(define (domain ...`", 0)
-    return source.problem("pddl-syntax", "this parenthesis is never closed", open_lists[-1])
+        return Word("the file is empty; expected `(define (domain ...`", 0)
+    return suspect or Word("this parenthesis is never closed", open_lists[-1][1])

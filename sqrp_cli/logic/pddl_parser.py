@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -25,6 +25,7 @@ _DEFINE = re.compile(r"\(\s*define\b", re.IGNORECASE)
 _WORD = re.compile(r"^[^;\w\n]*\w", re.MULTILINE)
 """Matches a line with a word outside comments."""
 _NAME = re.compile(r"[a-z][a-z0-9_-]*")
+VARIABLE = "a variable such as `?object`"
 _CONNECTIVES = ("and", "or", "not", "imply", "forall", "exists", "=", "when")
 _NUMERIC = ("increase", "decrease", "assign", "scale-up", "scale-down", "<", ">", "<=", ">=")
 
@@ -36,9 +37,8 @@ def parse_domain(text: str, path: Path) -> pddl.Domain:
     domain must declare those that it uses among its requirements. Raises InputError with all problems in order of
     place, each with line, column and an excerpt of the text.
     """
-    if _WORD.search(text) and not _DEFINE.search(
-        text
-    ):  # it may be a secret file, named to see its content: do not quote it
+    # Any other file may be secret and named to see its content: do not quote it.
+    if _WORD.search(text) and not _DEFINE.search(text):
         raise bad_input("pddl-syntax", "this is no PDDL: expected `(define (domain ...`", Place(path, 1, 1))
     reader = _Reader(SourceText(text, Place(path, 1, 1)))
     domain = reader.read(read_list(reader.source))
@@ -87,13 +87,6 @@ class _Reader:
         if self.problems:
             raise InputError(*sorted(self.problems, key=lambda problem: problem.position))
 
-    def attempt(self, read: Callable[[WordList], None], section: WordList) -> None:
-        """Reads a section; records a failure in it."""
-        try:
-            read(section)
-        except InputError as error:
-            self.problems += error.problems
-
     def read(self, top: WordList) -> pddl.Domain:
         name_list = top.items[1] if len(top.items) > 1 else None
         if top.head != "define" or not isinstance(name_list, WordList) or name_list.head not in ("domain", "problem"):
@@ -104,15 +97,18 @@ class _Reader:
             raise self.failure("expected `(domain NAME)`", name_list)
         name = self.name(name_list.items[1], "a domain name")
         sections = self.sections(top.items[2:])
-        readers = (self.read_requirements, self.read_types, self.read_constants, self.read_predicates)
-        for head, read in zip(_SECTIONS, readers, strict=False):
-            for section in sections[head][:1]:
-                self.attempt(read, section)
-            for section in sections[head][1:]:
-                self.report("pddl-duplicate", f"a second `{head}` section; expected at most one", section)
-        self.stop_at_problems()
-        for section in sections[":action"]:
-            self.attempt(self.read_action, section)
+        readers = (self.read_requirements, self.read_types, self.read_constants, self.read_predicates, self.read_action)
+        for head, read in zip(_SECTIONS, readers, strict=True):
+            if head == ":action":
+                self.stop_at_problems()
+            for number, section in enumerate(sections[head]):
+                if number and head != ":action":
+                    self.report("pddl-duplicate", f"a second `{head}` section; expected at most one", section)
+                    continue
+                try:
+                    read(section)
+                except InputError as error:
+                    self.problems += error.problems
         if not sections[":action"] and not self.problems:
             raise self.failure("the domain has no action; expected `(:action NAME ...)`", top)
         return pddl.Domain(
@@ -220,7 +216,7 @@ class _Reader:
     def parameters(self, nodes: Sequence[Node], scope: Scope) -> tuple[pddl.Parameter, ...]:
         """Reads a typed list of variables and adds them to the scope."""
         found = []
-        for word, type_word in self.typed_list(nodes, "a variable such as `?object`"):
+        for word, type_word in self.typed_list(nodes, VARIABLE):
             name = word.text.removeprefix("?")
             if name in scope:
                 self.report("pddl-duplicate", f"variable `{word.text}` is declared twice", word)
@@ -235,7 +231,7 @@ class _Reader:
         remaining = iter(nodes)
         for node in remaining:
             if not (isinstance(node, Word) and node.text == "-"):
-                untyped.append(self.variable(node) if what.startswith("a variable") else self.name(node, what))
+                untyped.append(self.name(node, what))
                 continue
             type_node = next(remaining, node)
             if isinstance(type_node, WordList) and type_node.head == "either":
@@ -376,16 +372,12 @@ class _Reader:
         return node
 
     def name(self, node: Node, what: str) -> Word:
+        """A name; with a question mark before it if `what` is a variable."""
         word = self.word(node, what)
-        if not _NAME.fullmatch(word.text):
+        mark = "?" if what == VARIABLE else ""
+        if not (word.text.startswith(mark) and _NAME.fullmatch(word.text[len(mark) :])):
             missing = f"; is a `)` missing before `({word.text}`?" if word.text in _SECTIONS else ""
             raise self.failure(f"expected {what}, found `{word.text}`{missing}", word)
-        return word
-
-    def variable(self, node: Node) -> Word:
-        word = self.word(node, "a variable such as `?object`")
-        if not (word.text.startswith("?") and _NAME.fullmatch(word.text[1:])):
-            raise self.failure(f"expected a variable such as `?object`, found `{word.text}`", word)
         return word
 
     def unknown(self, kind: str, name: str, valid: Iterable[str]) -> str:

@@ -7,7 +7,7 @@ Intelligence Research 14, 2001. Negative preconditions are treated as facts of t
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from typing import NamedTuple, TypeAlias
@@ -47,6 +47,11 @@ class ProvenImpossible:
 
     Empty if each can be made true, but not all together, or if the budget did not suffice to tell them apart.
     """
+
+    @classmethod
+    def of(cls, parts: Iterable[Literal | Some]) -> ProvenImpossible:
+        """With these parts of the ground goal, each once."""
+        return cls(tuple(dict.fromkeys(p if isinstance(p, Literal) else UnmetCondition(p.text) for p in parts)))
 
 
 @dataclass(frozen=True)
@@ -104,20 +109,14 @@ def find_plan(
     except _OutOfBudgetError as error:
         return GaveUp(str(error))
     if not task.goal.holds(reachable):
-        never = (_failure(part) for part, need in task.goal_parts if not need.holds(reachable))
-        return ProvenImpossible(tuple(dict.fromkeys(never)))
+        return ProvenImpossible.of(part for part, need in task.goal_parts if not need.holds(reachable))
     actions = tuple(action for action in task.actions if action.need.holds(reachable))
     result = _Search(task.initial, task.goal, actions, meter).run()
     if not isinstance(result, ProvenImpossible):
         return result
     meter = _Meter(budget, task)
     alone = [(part, _Search(task.initial, need, actions, meter).run()) for part, need in task.goal_parts]
-    never = (_failure(part) for part, outcome in alone if isinstance(outcome, ProvenImpossible))
-    return ProvenImpossible(tuple(dict.fromkeys(never)))
-
-
-def _failure(part: Literal | Some) -> UnmetPart:
-    return part if isinstance(part, Literal) else UnmetCondition(part.text)
+    return ProvenImpossible.of(part for part, outcome in alone if isinstance(outcome, ProvenImpossible))
 
 
 class _OutOfBudgetError(Exception):
@@ -176,14 +175,14 @@ class _Reached(NamedTuple):
     """From there on."""
 
 
+@dataclass(frozen=True, eq=False)
 class _Search:
     """One search for a plan."""
 
-    def __init__(self, initial: int, goal: Need, actions: tuple[GroundAction, ...], meter: _Meter) -> None:
-        self.initial = initial
-        self.goal = goal
-        self.actions = actions
-        self.meter = meter
+    initial: int
+    goal: Need
+    actions: tuple[GroundAction, ...]
+    meter: _Meter
 
     def run(self) -> PlanningResult:
         try:
@@ -197,37 +196,29 @@ class _Search:
         return Plan(tuple(action.step for action in _without_detours(self.initial, self.goal, found)))
 
     def climb(self) -> tuple[GroundAction, ...] | None:
-        """Enforced hill climbing along helpful actions; None at a dead end."""
-        state = self.initial
-        path: tuple[GroundAction, ...] = ()
-        best = self.estimate(state)
-        while best is not None and best.steps > 0:
-            better = self.improve(state, best)
+        """Enforced hill climbing along helpful actions, always to the nearest better state; None at a dead end."""
+        estimate = self.estimate(self.initial)
+        if estimate is None:
+            return None
+        best = _Reached(self.initial, (), estimate)
+        while best.estimate.steps > 0:
+            seen, queue, last = {best.state}, deque([best]), self.meter.states + _PLATEAU
+            better: _Reached | None = None
+            while queue and better is None and self.meter.states <= last:
+                state, steps, estimate = queue.popleft()
+                for action in estimate.helpful:
+                    following = action.after(state)
+                    found = self.estimate(following) if following not in seen else None
+                    seen.add(following)
+                    if found is not None:
+                        queue.append(_Reached(following, (*steps, action), found))
+                        if found.steps < best.estimate.steps:
+                            better = queue[-1]
+                            break
             if better is None:
                 return None
-            state, steps, best = better
-            path = (*path, *steps)
-        return path
-
-    def improve(self, state: int, start: _Estimate) -> _Reached | None:
-        """The nearest state, breadth first, with a better estimate than `start`."""
-        seen = {state}
-        queue = deque([_Reached(state, (), start)])
-        last = self.meter.states + _PLATEAU
-        while queue and self.meter.states <= last:
-            current, steps, estimate = queue.popleft()
-            for action in estimate.helpful:
-                following = action.after(current)
-                if following in seen:
-                    continue
-                seen.add(following)
-                found = self.estimate(following)
-                if found is not None:
-                    reached = _Reached(following, (*steps, action), found)
-                    if found.steps < start.steps:
-                        return reached
-                    queue.append(reached)
-        return None
+            best = better
+        return best.steps
 
     def best_first(self) -> tuple[GroundAction, ...] | None:
         """Greedy best-first search over all actions, helpful ones first among equals.
@@ -243,7 +234,11 @@ class _Search:
         while queue:
             steps, _, _, state, helpful = heappop(queue)
             if steps == 0:
-                return _path(came_from, state)
+                path: list[GroundAction] = []
+                while (link := came_from[state]) is not None:
+                    state, action = link
+                    path.append(action)
+                return tuple(reversed(path))
             self.meter.try_actions(len(self.actions))
             for action in self.actions:
                 if not action.need.holds(state):
@@ -335,14 +330,6 @@ def _difficulty(need: Need, layers: list[int]) -> int:
     """Sum over the needed literals of the layers in which they first appear."""
     bits = _chosen_bits(need, layers)
     return sum((bits & ~literals).bit_count() for literals in layers)
-
-
-def _path(came_from: dict[int, tuple[int, GroundAction] | None], state: int) -> tuple[GroundAction, ...]:
-    actions: list[GroundAction] = []
-    while (link := came_from[state]) is not None:
-        state, action = link
-        actions.append(action)
-    return tuple(reversed(actions))
 
 
 def _without_detours(initial: int, goal: Need, plan: tuple[GroundAction, ...]) -> tuple[GroundAction, ...]:

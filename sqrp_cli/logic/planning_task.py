@@ -6,7 +6,7 @@ atom; a relaxed state, in which nothing becomes false, may have both.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from math import prod
 
@@ -121,63 +121,43 @@ def planning_task(
         for action in domain.actions.values()
         for change in (*action.effect.adds, *action.effect.deletes)
     )
+    sizes = {
+        name: max(1, conditions.literal_count(action.precondition, objects, domain))
+        for name, action in domain.actions.items()
+    }
+    largest = max([conditions.literal_count(goal, objects, domain), *sizes.values()])
+    if largest > conditions.MAX_LITERALS:
+        raise TaskTooLargeError(f"{conditions.MAX_LITERALS:,} literals", f"a single condition stands for {largest:,}")
     choices = _Choices(objects=objects, facts=facts, changeable=changeable, domain=domain, limit=limits.tried)
-    sizes = _condition_sizes(domain, objects, goal)
+    # All actions with all choices of objects are counted before one is grounded, which takes longer.
+    bound_actions, literals = list[tuple[Action, conditions.Binding]](), 0
+    for action in domain.actions.values():
+        for bound in choices.of(action):
+            bound_actions.append((action, bound))
+            literals += sizes[action.name]
+            if len(bound_actions) > limits.actions:
+                raise TaskTooLargeError(f"{limits.actions:,} ground actions", choices.why(action))
+            if literals > limits.literals:
+                raise TaskTooLargeError(f"{limits.literals:,} literals of ground actions", choices.why(action))
     numbering = _Numbering(facts, changeable)
     parts = [
         (part, numbering.need(part, keep=True) or NEVER)
         for part in _ground_conjuncts(conditions.ground_condition(goal, binding, objects, domain))
     ]
-    actions = tuple(_ground_actions(choices, numbering, sizes, limits))
-    initial = sum(1 << (2 * number + (atom not in facts)) for atom, number in numbering.numbers.items())
-    return PlanningTask(initial, joined(need for _, need in parts), tuple(parts), actions)
-
-
-def _ground_actions(
-    choices: _Choices, numbering: _Numbering, sizes: Mapping[str, int], limits: TaskLimits
-) -> Iterator[GroundAction]:
-    """Every action for every choice of objects with which its precondition may hold."""
-    found = 0
-    for action, bound in _bound_actions(choices, sizes, limits):
-        if 2 * len(numbering.numbers) * found > limits.bits:
+    actions = list[GroundAction]()
+    for action, bound in bound_actions:
+        if 2 * len(numbering.numbers) * len(actions) > limits.bits:
             raise TaskTooLargeError(f"{limits.bits:,} bits of ground actions", choices.why(action))
-        condition = conditions.ground_condition(action.precondition, bound, choices.objects, choices.domain)
+        condition = conditions.ground_condition(action.precondition, bound, objects, domain)
         precondition = numbering.need(condition, keep=False)
         if precondition is not None:
-            found += 1
             adds = numbering.bits(Literal(conditions.ground_atom(change, bound)) for change in action.effect.adds)
-            deletes = (
-                numbering.bits(Literal(conditions.ground_atom(change, bound)) for change in action.effect.deletes)
-                & ~adds
-            )
+            deleted = (Literal(conditions.ground_atom(change, bound)) for change in action.effect.deletes)
+            deletes = numbering.bits(deleted) & ~adds
             step = PlanStep(action.name, tuple(bound[parameter.name] for parameter in action.parameters))
-            yield GroundAction(step, precondition, adds | deletes << 1, adds << 1 | deletes)
-
-
-def _bound_actions(
-    choices: _Choices, sizes: Mapping[str, int], limits: TaskLimits
-) -> list[tuple[Action, conditions.Binding]]:
-    """Every action with every choice of objects: all are counted before one is grounded, which takes longer."""
-    found, literals = list[tuple[Action, conditions.Binding]](), 0
-    for action in choices.domain.actions.values():
-        for bound in choices.of(action):
-            found.append((action, bound))
-            literals += sizes[action.name]
-            if len(found) > limits.actions:
-                raise TaskTooLargeError(f"{limits.actions:,} ground actions", choices.why(action))
-            if literals > limits.literals:
-                raise TaskTooLargeError(f"{limits.literals:,} literals of ground actions", choices.why(action))
-    return found
-
-
-def _condition_sizes(domain: Domain, objects: conditions.Objects, goal: Condition) -> dict[str, int]:
-    """Literals in the expanded precondition of each action, at least 1. Raises TaskTooLargeError for too many."""
-    actions = domain.actions.items()
-    sizes = {name: max(1, conditions.literal_count(action.precondition, objects, domain)) for name, action in actions}
-    largest = max([conditions.literal_count(goal, objects, domain), *sizes.values()])
-    if largest > conditions.MAX_LITERALS:
-        raise TaskTooLargeError(f"{conditions.MAX_LITERALS:,} literals", f"a single condition stands for {largest:,}")
-    return sizes
+            actions.append(GroundAction(step, precondition, adds | deletes << 1, adds << 1 | deletes))
+    initial = sum(1 << (2 * number + (atom not in facts)) for atom, number in numbering.numbers.items())
+    return PlanningTask(initial, joined(need for _, need in parts), tuple(parts), tuple(actions))
 
 
 @dataclass
@@ -210,8 +190,7 @@ class _Numbering:
                 possible = [need for need in needs if need is not None]
                 return joined(possible) if len(possible) == len(needs) else None
             case conditions.Some(alternatives):
-                needs = [self.need(part, keep) for part in alternatives]
-                possible = [need for need in needs if need is not None]
+                possible = [need for part in alternatives if (need := self.need(part, keep)) is not None]
                 if any(need == Need(0) for need in possible):
                     return Need(0)
                 if len(possible) <= 1:
@@ -232,26 +211,39 @@ class _Choices:
 
     def of(self, action: Action) -> Iterator[conditions.Binding]:
         """Those of one action, without those in which an unchangeable fact contradicts the precondition."""
-        checks = [part for part in _conjuncts(action.precondition) if _is_unchangeable(part, self.changeable)]
+        names = [parameter.name for parameter in action.parameters]
         fitting = [conditions.fitting_objects(parameter, self.objects, self.domain) for parameter in action.parameters]
-        ready: list[list[Condition]] = []
-        known: set[str] = set()
-        for parameter in action.parameters:
-            known.add(parameter.name)
-            ready.append([part for part in checks if _variables(part) <= known and parameter.name in _variables(part)])
+        # Of each parameter, the conjuncts that it decides and no action changes, and whether they are positive.
+        ready: list[list[tuple[Holds | Equal, bool]]] = [[] for _ in names]
+        for part in _conjuncts(action.precondition):
+            positive = True
+            while isinstance(part, Negation):
+                part, positive = part.part, not positive
+            if isinstance(part, Equal) or (isinstance(part, Holds) and part.predicate not in self.changeable):
+                terms = part.terms if isinstance(part, Holds) else (part.left, part.right)
+                if last := [names.index(term.name) for term in terms if isinstance(term, Variable)]:
+                    ready[max(last)].append((part, positive))
+
+        def holds(part: Holds | Equal, bound: dict[str, str]) -> bool:
+            if isinstance(part, Holds):
+                return conditions.ground_atom(part, bound) in self.facts
+            left, right = (
+                term.name if isinstance(term, Constant) else bound[term.name] for term in (part.left, part.right)
+            )
+            return left == right
 
         def extend(bound: dict[str, str], index: int) -> Iterator[conditions.Binding]:
-            if index == len(action.parameters):
+            if index == len(names):
                 yield dict(bound)
                 return
             for name in fitting[index]:
                 self.tried += 1
                 if self.tried > self.limit:
                     raise TaskTooLargeError(f"{self.limit:,} choices of objects", self.why(action))
-                bound[action.parameters[index].name] = name
-                if all(_decided(part, bound, self.facts) for part in ready[index]):
+                bound[names[index]] = name
+                if all(holds(part, bound) == positive for part, positive in ready[index]):
                     yield from extend(bound, index + 1)
-            bound.pop(action.parameters[index].name, None)
+            bound.pop(names[index], None)
 
         return extend({}, 0)
 
@@ -278,36 +270,3 @@ def _conjuncts(condition: Condition) -> Iterator[Condition]:
             yield from _conjuncts(part)
     else:
         yield condition
-
-
-def _is_unchangeable(condition: Condition, changeable: frozenset[str]) -> bool:
-    match condition:
-        case Negation(part):
-            return _is_unchangeable(part, changeable)
-        case Holds(predicate):
-            return predicate not in changeable
-    return isinstance(condition, Equal)
-
-
-def _variables(condition: Condition) -> frozenset[str]:
-    match condition:
-        case Negation(part):
-            return _variables(part)
-        case Holds(_, terms):
-            return frozenset(term.name for term in terms if isinstance(term, Variable))
-        case Equal(left, right):
-            return frozenset(term.name for term in (left, right) if isinstance(term, Variable))
-    return frozenset()
-
-
-def _decided(condition: Condition, bound: conditions.Binding, facts: frozenset[Atom]) -> bool:
-    """The truth of an equality, of a predicate that no action changes, or of the negation of one of these."""
-    match condition:
-        case Negation(part):
-            return not _decided(part, bound, facts)
-        case Equal(left, right):
-            first, second = (term.name if isinstance(term, Constant) else bound[term.name] for term in (left, right))
-            return first == second
-        case Holds():
-            return conditions.ground_atom(condition, bound) in facts
-    raise TypeError(f"{condition} is not decided by the facts alone")

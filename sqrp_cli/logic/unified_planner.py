@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import tempfile
-from collections.abc import Sequence
 from typing import Any
 
 from sqrp_cli.errors import bad_input, expected_names, needed
@@ -16,7 +15,7 @@ from sqrp_cli.logic.conditions import Binding, Objects
 from sqrp_cli.logic.domain import Condition, Domain
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.planner import AlreadySatisfied, GaveUp, Plan, Planner, PlanningResult, ProvenImpossible
-from sqrp_cli.logic.planning_task import GroundAction, Need, PlanningTask, TaskTooLargeError, planning_task
+from sqrp_cli.logic.planning_task import Need, PlanningTask, TaskTooLargeError, planning_task
 
 TIME_LIMIT = 60.0
 """Time limit of an engine [s]."""
