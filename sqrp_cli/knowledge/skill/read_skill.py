@@ -26,7 +26,6 @@ from sqrp_cli.knowledge.skill.skill import (
     marked,
     origins,
 )
-from sqrp_cli.knowledge.skill.target_box import BoxSpec
 from sqrp_cli.knowledge.text.entries import Entry
 from sqrp_cli.knowledge.text.input_file import ContentDigest, decoded, read_input
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, describe, dotted
@@ -149,10 +148,10 @@ class _SkillReader:
         self.problems.append(self.document.problem(code, path, message))
 
     def _known(self, name: str, valid: Collection[str], what: str, path: KeyPath) -> bool:
-        if name in valid:
-            return True
-        self._report(f"unknown-{what.replace(' ', '-')}", path, no_such(name, what, valid))
-        return False
+        """Whether a name is among the valid ones; reports it otherwise."""
+        if name not in valid:
+            self._report(f"unknown-{what.replace(' ', '-')}", path, no_such(name, what, valid))
+        return name in valid
 
     def _check_fields(self, entry: Entry, path: KeyPath) -> None:
         """Check the names and settings of a waypoint or primitive action, by the marks of its fields."""
@@ -169,8 +168,10 @@ class _SkillReader:
         """A waypoint or primitive action in which every setting that is free names a parameter, such as `a1.elbow`."""
         freed: dict[str, settings.Reference] = {}
         for (field, *_), value, kind in marked(entry):
-            if isinstance(kind, settings.Kind) and self._is_free(entry, value):
-                at_default = value == settings.Reference(PATH)
+            at_default = value == settings.Reference(PATH)
+            # A setting is free if it is `any` (but for the branch of a move home), or a path that is not stated.
+            is_any = value == settings.ANY and not (isinstance(entry, JointMove) and entry.to == HOME)
+            if isinstance(kind, settings.Kind) and (is_any or (at_default and PATH not in self.file.motion)):
                 parameter = PATH if at_default and PATH not in self.objects else f"{name}.{field}"
                 self.implicit[parameter] = settings.MotionParameter(
                     parameter, (settings.DIRECT if at_default else settings.ANY,), (kind,), implicit=True
@@ -178,33 +179,25 @@ class _SkillReader:
                 freed[str(field)] = settings.Reference(parameter)
         return entry.model_copy(update=freed)
 
-    def _is_free(self, entry: Entry, value: object) -> bool:
-        """Whether a setting is `any`, or a path that is not stated; the branch of a move home is not free."""
-        if value == settings.ANY:
-            return not (isinstance(entry, JointMove) and entry.to == HOME)
-        return value == settings.Reference(PATH) and PATH not in self.file.motion
-
     def _check_setting(self, value: object, kind: settings.Kind, path: KeyPath) -> None:
         """Check that the setting at `path`, or every value of its parameter, is of `kind`."""
         if isinstance(value, settings.Reference):
-            if value.parameter == PATH and PATH not in self.file.motion and kind is settings.PATHS:
-                return
-            if value.parameter not in self.file.motion:
-                message = f"found `${value.parameter}`, which is no parameter under `motion`; {expected_names(value.parameter, self.file.motion)}"
-                self._report("unknown-parameter", path, message)
-            if value.parameter in self.file.motion:
-                self.kinds[value.parameter].append(kind)
-                self._check_values(value.parameter, kind, path)
+            name = value.parameter
+            if name in self.file.motion:
+                self.kinds[name].append(kind)
+                complaints = (kind.complaint(stated) for stated in self.values[name])
+                if (complaint := next(filter(None, complaints), None)) is not None:
+                    if name not in self._refused:  # once, however many settings use it
+                        message = f"{complaint.message} (`{dotted(path)}` uses it)"
+                        self._report(complaint.code, ("motion", name), message)
+                    self._refused.add(name)
+            elif name != PATH or kind is not settings.PATHS:
+                known = expected_names(name, self.file.motion)
+                self._report(
+                    "unknown-parameter", path, f"found `${name}`, which is no parameter under `motion`; {known}"
+                )
         elif isinstance(value, Quantity | str) and (complaint := kind.complaint(value)) is not None:
             self._report(complaint.code, path, complaint.message)
-
-    def _check_values(self, parameter: str, kind: settings.Kind, path: KeyPath) -> None:
-        """Report the first value of a parameter that does not fit the setting at `path`."""
-        complaints = (kind.complaint(value) for value in self.values[parameter])
-        if (complaint := next(filter(None, complaints), None)) is not None:
-            if parameter not in self._refused:  # once, however many settings use it
-                self._report(complaint.code, ("motion", parameter), f"{complaint.message} (`{dotted(path)}` uses it)")
-            self._refused.add(parameter)
 
     def _parameters(self) -> tuple[settings.MotionParameter, ...]:
         """The motion parameters with their values in SI units; call it after all settings are checked."""
@@ -237,9 +230,8 @@ class _SkillReader:
     def _check_origins(self) -> None:
         """Check that no waypoint leads back to itself, and that `home` is not redefined."""
         if HOME in self.file.waypoints:
-            self._report(
-                "ambiguous-name", ("waypoints", HOME), "`home` is the robot's home configuration; take another name"
-            )
+            message = "`home` is the robot's home configuration; take another name"
+            self._report("ambiguous-name", ("waypoints", HOME), message)
         others = {name: origins(waypoint) for name, waypoint in self.file.waypoints.items()}
         for name in others:
             circle = _circle(name, others)
@@ -248,27 +240,24 @@ class _SkillReader:
                 self._report("cyclic-waypoint", path, f"leads back to itself: {' -> '.join(circle)}")
 
     def _requirements(self) -> tuple[Requirement, ...]:
-        found = [self._requirement(None, entry, ("formulas", index)) for index, entry in enumerate(self.file.formulas)]
-        found += [self._requirement(name, entry, ("faults", name)) for name, entry in self.file.faults.items()]
-        return tuple(requirement for requirement in found if requirement is not None)
-
-    def _requirement(self, name: str | None, stated: FormulaEntry | str, path: KeyPath) -> Requirement | None:
-        at: KeyPath = path if isinstance(stated, str) else (*path, "formula")
-        entry = FormulaEntry(formula=stated) if isinstance(stated, str) else stated
-        formula = self._formula(entry.formula, at)
-        retry = entry.response
-        when = retry.when if isinstance(retry, RetryEntry) else None
-        condition = None if when is None else self._condition(when, (*path, "response", "when"))
-        return None if formula is None else Requirement(name, entry, formula, condition, self.document.value_place(at))
-
-    def _condition(self, text: str, path: KeyPath) -> Formula | None:
-        """A formula without temporal operators."""
-        condition = self._formula(text, path)
-        over_time = () if condition is None else operators(condition)
-        if over_time:
-            message = f"`{over_time[0]}` is about a stretch of time; expected what must be seen now, such as"
-            self._report("temporal-condition", path, f"{message} `obj_on_table`")
-        return None if over_time else condition
+        stated: list[tuple[str | None, FormulaEntry | str, KeyPath]] = [
+            *((None, entry, ("formulas", index)) for index, entry in enumerate(self.file.formulas)),
+            *((name, entry, ("faults", name)) for name, entry in self.file.faults.items()),
+        ]
+        found: list[Requirement] = []
+        for name, text_or_entry, path in stated:
+            at: KeyPath = path if isinstance(text_or_entry, str) else (*path, "formula")
+            entry = FormulaEntry(formula=text_or_entry) if isinstance(text_or_entry, str) else text_or_entry
+            formula, condition = self._formula(entry.formula, at), None
+            if isinstance(entry.response, RetryEntry) and entry.response.when is not None:
+                when: KeyPath = (*path, "response", "when")
+                condition = self._formula(entry.response.when, when)
+                if condition is not None and (over_time := operators(condition)):
+                    message = f"`{over_time[0]}` is about a stretch of time; expected what must be seen now, such as"
+                    self._report("temporal-condition", when, f"{message} `obj_on_table`")
+            if formula is not None:
+                found.append(Requirement(name, entry, formula, condition, self.document.value_place(at)))
+        return tuple(found)
 
     def _formula(self, text: str, path: KeyPath) -> Formula | None:
         place = self.document.value_place(path)
@@ -282,25 +271,21 @@ class _SkillReader:
         return formula
 
     def _check_targets(self) -> None:
-        for predicate, target in self.file.targets.items():
-            path: KeyPath = ("targets", predicate)
-            self._known(predicate, self.domain.predicates, "predicate", path)
-            for index, box in enumerate(target.boxes):
-                self._check_at(box, (*path, "boxes", index, "at"))
-            for index, box in enumerate(target.boxes):
-                if box.name in [other.name for other in target.boxes[:index]]:
-                    self._report("duplicate-name", (*path, "boxes", index, "name"), "an earlier box has this name too")
-
-    def _check_at(self, box: BoxSpec, path: KeyPath) -> None:
-        """Check that `at` of a box is a waypoint; in the tool, one that grasps the object in `fits`."""
-        if box.at is None or not self._known(box.at, self.file.waypoints, "waypoint", path):
-            return
         grasped = [primitive.object for primitive in self.file.primitives if isinstance(primitive, Grasp)]
-        waypoint = self.file.waypoints[box.at]
-        grasps = isinstance(waypoint, GraspWaypoint) and waypoint.object == box.fits
-        if box.frame == TOOL and box.fits in grasped and not grasps:
-            message = f"found waypoint `{box.at}`, expected one that grasps `{box.fits}` (with `object` and `side`)"
-            self._report("wrong-value", path, message)
+        for predicate, target in self.file.targets.items():
+            self._known(predicate, self.domain.predicates, "predicate", ("targets", predicate))
+            for index, box in enumerate(target.boxes):
+                path: KeyPath = ("targets", predicate, "boxes", index)
+                if box.name in [other.name for other in target.boxes[:index]]:
+                    self._report("duplicate-name", (*path, "name"), "an earlier box has this name too")
+                # `at` is a waypoint; of a box in the tool, one that grasps the object in `fits`.
+                if box.at is None or not self._known(box.at, self.file.waypoints, "waypoint", (*path, "at")):
+                    continue
+                waypoint = self.file.waypoints[box.at]
+                grasps = isinstance(waypoint, GraspWaypoint) and waypoint.object == box.fits
+                if box.frame == TOOL and box.fits in grasped and not grasps:
+                    expected = f"expected one that grasps `{box.fits}` (with `object` and `side`)"
+                    self._report("wrong-value", (*path, "at"), f"found waypoint `{box.at}`, {expected}")
 
 
 def _circle(name: str, others: Mapping[str, Collection[str]]) -> tuple[str, ...]:

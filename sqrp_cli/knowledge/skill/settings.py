@@ -56,10 +56,10 @@ def side_of(value: MotionValue) -> str:
 
 def _value(value: object) -> units.Quantity | str:
     read = units.read_quantity(value)
-    if read is not None and abs(read.value) <= units.LARGEST:
-        return read
-    if read is not None:
+    if read is not None and abs(read.value) > units.LARGEST:
         raise refused("wrong-value", f"found {describe(value)}, expected a number of at most {units.LARGEST:g} in size")
+    if read is not None:
+        return read
     if isinstance(value, str) and value and not any(character.isspace() for character in value):
         return value
     expected = "a number, a number with a unit such as `5 cm`, or a word"
@@ -106,48 +106,36 @@ class Kind:
 
     def complaint(self, value: units.Quantity | str) -> Complaint | None:
         """What is wrong with a value, or None."""
+        dimension, words = self.dimension, ", ".join(f"`{word}`" for word in self.words)
+        expected = f"one of {words}"
+        if dimension is not None:
+            expected = units.expected_quantity(dimension) + (f", or {words}" if words else "")
         if isinstance(value, str):
             if value in self.words:
                 return None
+            plain = ""  # a number in the first unit stands for a quantity too, but radians are seldom meant
+            if dimension is units.SHARE:
+                plain = f"a number from {self.least:g} to {self.most:g}, or "
+            elif dimension is not None and dimension is not units.ANGLE:
+                plain = f"a number in {next(iter(dimension.units))}, or "
             close = nearest(value, self.words)
             hint = f"; did you mean `{close}`?" if close else ""
-            message = f"found `{value}`, expected {self._plainly_expected()}{self._expected()}{hint}"
-            return Complaint("wrong-value", message)
-        if self.dimension is None or value.dimension not in (None, self.dimension):
-            found = value.dimension.name if value.dimension else f"`{value.value:g}`"
-            return Complaint("wrong-unit", f"found {found}, expected {self._expected()}")
-        if value.dimension is None and self.dimension is units.ANGLE and not self.least <= value.value <= self.most:
-            message = f"found {value.value:g}, which would be radians; expected {self._expected()}"
-            return Complaint("wrong-unit", message)
-        if value.value < self.least:
-            message = f"found {self._found(value)}, expected a value of at least {self._shown(self.least)}"
-            return Complaint("wrong-value", message)
-        if value.value > self.most:
-            message = f"found {self._found(value)}, expected a value of at most {self._shown(self.most)}"
-            plain = value.value if value.dimension is None else None
-            meant = units.meant_instead(plain, self.dimension, self.least, self.most)
-            return Complaint("wrong-value", message + (f"; {meant}" if meant else ""))
-        return None
-
-    def _found(self, value: units.Quantity) -> str:
-        return f"{value.value:g}" if value.dimension is None else self._shown(value.value)
-
-    def _shown(self, bound: float) -> str:
-        return units.in_unit(bound, self.dimension)
-
-    def _plainly_expected(self) -> str:
-        """The plain numbers that stand for a quantity beside those with a unit; radians are seldom meant."""
-        if self.dimension is None or self.dimension is units.ANGLE:
-            return ""
-        if self.dimension is units.SHARE:
-            return f"a number from {self.least:g} to {self.most:g}, or "
-        return f"a number in {next(iter(self.dimension.units))}, or "
-
-    def _expected(self) -> str:
-        words = ", ".join(f"`{word}`" for word in self.words)
-        if self.dimension is None:
-            return f"one of {words}"
-        return units.expected_quantity(self.dimension) + (f", or {words}" if words else "")
+            return Complaint("wrong-value", f"found `{value}`, expected {plain}{expected}{hint}")
+        number, is_plain = value.value, value.dimension is None
+        if dimension is None or value.dimension not in (None, dimension):
+            found = value.dimension.name if value.dimension else f"`{number:g}`"
+            return Complaint("wrong-unit", f"found {found}, expected {expected}")
+        if self.least <= number <= self.most:
+            return None
+        if is_plain and dimension is units.ANGLE:
+            return Complaint("wrong-unit", f"found {number:g}, which would be radians; expected {expected}")
+        found = f"{number:g}" if is_plain else units.in_unit(number, dimension)
+        if number < self.least:
+            least = units.in_unit(self.least, dimension)
+            return Complaint("wrong-value", f"found {found}, expected a value of at least {least}")
+        message = f"found {found}, expected a value of at most {units.in_unit(self.most, dimension)}"
+        meant = units.meant_instead(number if is_plain else None, dimension, self.least, self.most)
+        return Complaint("wrong-value", message + (f"; {meant}" if meant else ""))
 
 
 PATHS = Kind(words=(DIRECT, SEEN, ANY))
