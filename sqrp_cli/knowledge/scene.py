@@ -6,7 +6,6 @@ top (+z), black square and margin together as large as fits there unless the wor
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
@@ -32,7 +31,7 @@ from sqrp_cli.knowledge.text.entries import (
 )
 from sqrp_cli.knowledge.text.source import describe
 from sqrp_cli.knowledge.text.units import SMALLEST_SIZE
-from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Shape, Sphere
+from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Sphere
 
 NO_SIZE = (0.0, 0.0, 0.0)
 """The size of an object that is as large as its parts."""
@@ -209,17 +208,15 @@ class PartEntry(Entry):
             raise PydanticCustomError("wrong-value", "`scale` has a zero, which would flatten the mesh")
         return self
 
-    def shape(self, mesh: Callable[[str, tuple[float, float, float]], Shape]) -> Shape:
-        """Its shape; mesh: the one in the file of that name, at a scale."""
+    def shape(self) -> Box | Sphere | Cylinder | Capsule | None:
+        """Its shape; None for a mesh."""
         if self.box is not None:
             return Box(self.box)
         if self.sphere is not None:
             return Sphere(self.sphere)
         if self.cylinder is not None:
             return Cylinder(self.cylinder.radius, self.cylinder.length)
-        if self.capsule is not None:
-            return Capsule(self.capsule.radius, self.capsule.length)
-        return mesh(self.mesh or "", self.scale)
+        return None if self.capsule is None else Capsule(self.capsule.radius, self.capsule.length)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

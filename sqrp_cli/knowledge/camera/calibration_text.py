@@ -42,7 +42,15 @@ def read_calibration_text(path: Path, keys: Collection[str]) -> CalibrationText:
     text = decoded(path, content)
     start = text.lstrip()[:1]
     if start == "<":
-        return CalibrationText(_xml(path, content), "XML")
+        # OpenCV's FileStorage in XML.
+        tags: dict[str, bool] = {}
+        for element in parse_xml(path, content, "opencv_storage").inside():
+            tags[element.tag] = tags.get(element.tag, True) and not element.children
+        root = parse_xml(path, content, "opencv_storage", frozenset(tag for tag, is_leaf in tags.items() if is_leaf))
+        builder = _Builder(path, content)
+        for child in root.children:
+            builder.put(builder.data, (child.tag,), _xml_value(builder, child, (child.tag,)), child.place)
+        return CalibrationText(builder.document(), "XML")
     if start == "{" and '"' in text:
         data = parse_json(path, text)
         if isinstance(data, dict):
@@ -121,18 +129,6 @@ def _numbers(text: str, place: Place) -> list[float]:
         if not math.isfinite(numbers[-1]):
             raise InputError(not_finite(place, word))
     return numbers
-
-
-def _xml(path: Path, content: bytes) -> SourceDocument:
-    """OpenCV's FileStorage in XML."""
-    tags: dict[str, bool] = {}
-    for element in parse_xml(path, content, "opencv_storage").inside():
-        tags[element.tag] = tags.get(element.tag, True) and not element.children
-    root = parse_xml(path, content, "opencv_storage", frozenset(tag for tag, is_leaf in tags.items() if is_leaf))
-    builder = _Builder(path, content)
-    for child in root.children:
-        builder.put(builder.data, (child.tag,), _xml_value(builder, child, (child.tag,)), child.place)
-    return builder.document()
 
 
 def _xml_value(builder: _Builder, element: Element, at: KeyPath) -> object:

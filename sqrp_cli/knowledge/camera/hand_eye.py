@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Literal
 
 from sqrp_cli.errors import InputError, Place, bad_input
-from sqrp_cli.geometry import Array, pose, read_only
+from sqrp_cli.geometry import pose, read_only
 from sqrp_cli.knowledge.camera import static_transforms
 from sqrp_cli.knowledge.camera.static_transforms import HandEye, StaticTransform
 from sqrp_cli.knowledge.text.entries import ForeignEntry, Length, Number, Text
@@ -81,22 +81,21 @@ def read_hand_eye(
         if transforms is None and re.search(r"^[ \t]*child_frame_id:|^transforms:", text, re.MULTILINE):
             pose_file, transforms = "TF messages", static_transforms.read_messages(path, text)
     if transforms is None:
-        return _of_easy_handeye(parse_yaml(path, content, keys=_KEYS))
+        document = parse_yaml(path, content, keys=_KEYS)
+        if not any(key in document.data for key in _KEYS):
+            message = (
+                "found no camera pose; expected a result of easy_handeye, TF messages, a launch file or a recording"
+            )
+            raise bad_input("unknown-calibration", message, Place(document.path))
+        if "tracking_base_frame" in document.data:
+            flat = validate(document, _FlatFile)
+            return _hand_eye(document, flat, flat, ())
+        file = validate(document, _File)
+        return _hand_eye(document, file, file.parameters, ("parameters",))
     seat = static_transforms.camera_seat(transforms, path, camera, carriers, asked)
     # A recording may be large: of that, what was read.
     read = content or repr([(one.parent, one.child, one.X_PC.tolist()) for one in transforms]).encode()
     return replace(seat, pose_file=pose_file, content=read)
-
-
-def _of_easy_handeye(document: SourceDocument) -> HandEye:
-    if not any(key in document.data for key in _KEYS):
-        message = "found no camera pose; expected a result of easy_handeye, TF messages, a launch file or a recording"
-        raise bad_input("unknown-calibration", message, Place(document.path))
-    if "tracking_base_frame" in document.data:
-        flat = validate(document, _FlatFile)
-        return _hand_eye(document, flat, flat, ())
-    file = validate(document, _File)
-    return _hand_eye(document, file, file.parameters, ("parameters",))
 
 
 def _hand_eye(document: SourceDocument, result: _Result, parameters: _Parameters, owner: KeyPath) -> HandEye:
@@ -105,11 +104,24 @@ def _hand_eye(document: SourceDocument, result: _Result, parameters: _Parameters
     frame = parameters.robot_effector_frame if key == "robot_effector_frame" else parameters.robot_base_frame
     if frame is None:
         raise _lacks(document, owner, f"`{key}`, the frame that carries the camera")
+    path: KeyPath
+    if result.transform is not None:
+        t, r = result.transform.translation, result.transform.rotation
+        position, quaternion, path = (t.x, t.y, t.z), (r.x, r.y, r.z, r.w), ("transform", "rotation")
+    elif result.transformation is not None:
+        f = result.transformation
+        position, quaternion, path = (f.x, f.y, f.z), (f.qx, f.qy, f.qz, f.qw), ("transformation",)
+    else:
+        raise _lacks(document, (), "`transform` (easy_handeye2) or `transformation` (easy_handeye)")
+    R = static_transforms.unit_quaternion(quaternion)
+    if R is None:
+        length = sum(value * value for value in quaternion) ** 0.5
+        raise document.error("not-a-rotation", path, f"the quaternion has length {length:.3g}, expected 1")
     return HandEye(
         frame=frame.lstrip("/"),
         place=document.value_place((*owner, key)),
         camera_frame=parameters.tracking_base_frame,
-        X_FC=_pose(document, result),
+        X_FC=read_only(pose(R, position)),
         pose_file="easy_handeye",
         content=document.content,
         document=document,
@@ -127,23 +139,6 @@ def _in_hand(document: SourceDocument, parameters: _Parameters, owner: KeyPath) 
 def _lacks(document: SourceDocument, owner: KeyPath, key: str) -> InputError:
     who = f"`{dotted(owner)}`" if owner else "the file"
     return bad_input("missing-key", f"{who} lacks the key {key}", document.key_place(owner))
-
-
-def _pose(document: SourceDocument, file: _Result) -> Array:
-    path: KeyPath
-    if file.transform is not None:
-        t, r = file.transform.translation, file.transform.rotation
-        position, quaternion, path = (t.x, t.y, t.z), (r.x, r.y, r.z, r.w), ("transform", "rotation")
-    elif file.transformation is not None:
-        f = file.transformation
-        position, quaternion, path = (f.x, f.y, f.z), (f.qx, f.qy, f.qz, f.qw), ("transformation",)
-    else:
-        raise _lacks(document, (), "`transform` (easy_handeye2) or `transformation` (easy_handeye)")
-    R = static_transforms.unit_quaternion(quaternion)
-    if R is None:
-        length = sum(value * value for value in quaternion) ** 0.5
-        raise document.error("not-a-rotation", path, f"the quaternion has length {length:.3g}, expected 1")
-    return read_only(pose(R, position))
 
 
 TOPIC = "/tf_static"

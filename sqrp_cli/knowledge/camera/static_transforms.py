@@ -297,7 +297,12 @@ def _word(path: Path, item: ast.expr) -> str:
 def _of_words(words: Sequence[str], place: Place) -> StaticTransform:
     """The transform of the publisher's arguments: with options, or in its older order."""
     if any(word.startswith("--frame-id") for word in words):
-        return _of_options(words, place)
+        split = [part for word in words for part in (word.split("=", 1) if word.startswith("--") else [word])]
+        options = {name[2:].replace("-", "_"): value for name, value in pairwise(split) if name.startswith("--")}
+        for name in ("frame_id", "child_frame_id"):
+            if name not in options:
+                raise bad_input("missing-key", f"`{PUBLISHER}` lacks `--{name.replace('_', '-')}`", place)
+        return _transform(options, options["frame_id"], options["child_frame_id"], place)
     numbers = [word for word in words if re.fullmatch(r"[-+]?[\d.][\d.eE+-]*", word)]
     count, frames = len(words) - 2, [word for word in words if word not in numbers]
     if len(words) > 2 and len(frames) == 2 and words.index(frames[0]) in (6, 7):
@@ -306,15 +311,6 @@ def _of_words(words: Sequence[str], place: Place) -> StaticTransform:
         return _transform(dict(zip(names, words, strict=False)), frames[0], frames[1], place)
     message = f"found {len(words)} arguments, expected x y z yaw pitch roll, or x y z qx qy qz qw, and two frames"
     raise bad_input("wrong-length", message, place)
-
-
-def _of_options(words: Sequence[str], place: Place) -> StaticTransform:
-    split = [part for word in words for part in (word.split("=", 1) if word.startswith("--") else [word])]
-    options = {name[2:].replace("-", "_"): value for name, value in pairwise(split) if name.startswith("--")}
-    for name in ("frame_id", "child_frame_id"):
-        if name not in options:
-            raise bad_input("missing-key", f"`{PUBLISHER}` lacks `--{name.replace('_', '-')}`", place)
-    return _transform(options, options["frame_id"], options["child_frame_id"], place)
 
 
 def _transform(values: Mapping[str, str], parent: str, child: str, place: Place) -> StaticTransform:

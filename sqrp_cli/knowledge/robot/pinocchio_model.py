@@ -36,7 +36,14 @@ class PinocchioModel:
             for joint in urdf.joints.values():
                 seat = mounts[joint.parent].with_offset(joint.X_PJ)
                 if joint.movable:
-                    seat = Mount(self._add_joint(joint, seat), np.eye(4))
+                    # The index of a new joint, from 0; Pinocchio counts the world as the first.
+                    kind = (
+                        pin.JointModelPrismaticUnaligned
+                        if joint.type == "prismatic"
+                        else pin.JointModelRevoluteUnaligned
+                    )
+                    added: int = self._model.addJoint(seat.joint + 1, kind(joint.axis), pin.SE3(seat.X_JL), joint.name)
+                    seat = Mount((added - 1), np.eye(4))
                     joints.append(joint)
                 mounts[joint.child] = seat
 
@@ -48,12 +55,6 @@ class PinocchioModel:
             self._frames[link] = self._model.addFrame(frame)
         self._data = self._model.createData()
         self.tree = self._tree(joints)
-
-    def _add_joint(self, joint: UrdfJoint, seat: Mount) -> int:
-        """The index of a new joint, from 0; Pinocchio counts the world as the first."""
-        kind = pin.JointModelPrismaticUnaligned if joint.type == "prismatic" else pin.JointModelRevoluteUnaligned
-        added: int = self._model.addJoint(seat.joint + 1, kind(joint.axis), pin.SE3(seat.X_JL), joint.name)
-        return added - 1
 
     def _tree(self, joints: Sequence[UrdfJoint]) -> JointTree:
         frames = {link: self._model.frames[index] for link, index in self._frames.items()}

@@ -72,7 +72,27 @@ class _SrdfReader:
 
     def read(self, xml: RobotXml) -> SrdfModel:
         robot = xml.root
-        groups, states = self._groups(robot), self._states(robot)
+        elements = {element.text("name"): element for element in robot.all("group")}
+        members: dict[str, set[str]] = {}
+
+        def collect(name: str, inside: tuple[str, ...]) -> set[str]:
+            element = elements[name]
+            if name in inside:
+                raise element.error("group-cycle", f"group `{name}` contains itself")
+            if len(inside) > MAX_DEPTH:
+                raise element.error("nesting-too-deep", f"groups contain each other deeper than {MAX_DEPTH} levels")
+            if name not in members:
+                joints = self._own_joints(element)
+                for child in element.all("group"):
+                    joints |= collect(_named(child, "name", "group", elements), (*inside, name))
+                members[name] = joints
+            return members[name]
+
+        movable = self.urdf.movable_joints
+        groups, states = (
+            {name: tuple(joint.name for joint in movable if joint.name in collect(name, ())) for name in elements},
+            self._states(robot),
+        )
         return SrdfModel(
             groups=groups,
             tips=self._tips(robot),
@@ -109,26 +129,6 @@ class _SrdfReader:
             if None not in names:
                 first, second = sorted(name for name in names if name is not None)
                 yield first, second
-
-    def _groups(self, robot: Element) -> dict[str, tuple[str, ...]]:
-        elements = {element.text("name"): element for element in robot.all("group")}
-        members: dict[str, set[str]] = {}
-
-        def collect(name: str, inside: tuple[str, ...]) -> set[str]:
-            element = elements[name]
-            if name in inside:
-                raise element.error("group-cycle", f"group `{name}` contains itself")
-            if len(inside) > MAX_DEPTH:
-                raise element.error("nesting-too-deep", f"groups contain each other deeper than {MAX_DEPTH} levels")
-            if name not in members:
-                joints = self._own_joints(element)
-                for child in element.all("group"):
-                    joints |= collect(_named(child, "name", "group", elements), (*inside, name))
-                members[name] = joints
-            return members[name]
-
-        movable = self.urdf.movable_joints
-        return {name: tuple(joint.name for joint in movable if joint.name in collect(name, ())) for name in elements}
 
     def _own_joints(self, group: Element) -> set[str]:
         """The joints of a group, without those of groups in it."""

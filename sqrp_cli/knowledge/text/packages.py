@@ -103,7 +103,16 @@ def resolve(reference: str, folder: Path, roots: Sequence[Path], place: Place | 
     Raises InputError if there is no such file, with the roots tried and the command that installs the package.
     """
     if reference.startswith("package://"):
-        return _resolve_package(reference, roots, place)
+        name, rest = package_and_path(reference)
+        first: Path | None = None
+        for folder in _folders_called(name, roots):
+            path = Path(os.path.normpath(folder / rest))
+            if path.is_file():
+                return path
+            first = first or folder
+        if first is not None:
+            raise bad_input("missing-file", f"`{reference}`: {_deepest(first, rest)}", place)
+        raise InputError(_no_package(f"`{reference}`: package `{name}`", name, roots, place))
     path = Path(unquote(reference.removeprefix("file://")) if reference.startswith("file://") else reference)
     # Not by `Path`, which raises its own errors for unknown users and impossible file names.
     path = from_folder(folder, os.path.expanduser(path))  # noqa: PTH111
@@ -137,19 +146,6 @@ def resolve_mesh(roots: Sequence[Path], reference: str, urdf: Path) -> Path:
 
 def _environment_paths(variable: str) -> list[Path]:
     return [Path(entry) for entry in os.environ.get(variable, "").split(os.pathsep) if entry]
-
-
-def _resolve_package(reference: str, roots: Sequence[Path], place: Place | None) -> Path:
-    name, rest = package_and_path(reference)
-    first: Path | None = None
-    for folder in _folders_called(name, roots):
-        path = Path(os.path.normpath(folder / rest))
-        if path.is_file():
-            return path
-        first = first or folder
-    if first is not None:
-        raise bad_input("missing-file", f"`{reference}`: {_deepest(first, rest)}", place)
-    raise InputError(_no_package(f"`{reference}`: package `{name}`", name, roots, place))
 
 
 def _no_package(what: str, name: str, roots: Sequence[Path], place: Place | None) -> Problem:
@@ -194,7 +190,13 @@ def _packages_below(root: Path) -> Mapping[str, Path]:
     """
     found: dict[str, Path] = {}
     level, looked = [root], 0
-    for _ in range(DEEPEST_PACKAGE + 1 if not _is_python(root) else 1):
+    for _ in range(
+        DEEPEST_PACKAGE + 1
+        if not (
+            root.name in ("site-packages", "dist-packages") or root.is_relative_to(sys.prefix) or root.parent == root
+        )
+        else 1
+    ):
         below: list[Path] = []
         for folder in level:
             name = package_name(folder)
@@ -206,10 +208,6 @@ def _packages_below(root: Path) -> Mapping[str, Path]:
                 below += entries
         level = below
     return MappingProxyType(found)
-
-
-def _is_python(root: Path) -> bool:
-    return root.name in ("site-packages", "dist-packages") or root.is_relative_to(sys.prefix) or root.parent == root
 
 
 def _subfolders(folder: Path) -> list[Path]:

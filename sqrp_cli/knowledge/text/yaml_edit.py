@@ -37,7 +37,9 @@ def edited(document: SourceDocument, values: Mapping[str, str]) -> bytes:
     for start, end, value in spans:
         value, rest = (value, text[end:]) if end > start else (f" {value}", text[end:].removeprefix(" "))
         text = text[:start] + value + rest
-    return _changed_only(document, text, ", ".join(values), lambda name: any(_is_in(name, path) for path in values))
+    return _changed_only(
+        document, text, ", ".join(values), lambda name: any(f"{name}.".startswith(f"{path}.") for path in values)
+    )
 
 
 def with_values(document: SourceDocument, values: Mapping[str, str]) -> bytes:
@@ -180,11 +182,6 @@ def _checked(document: SourceDocument, text: str, path: KeyPath) -> bytes:
     """The text as bytes. Raises InputError if a value outside of `path` differs."""
     within = dotted(path[:-1] if path in document.values else path)
     return _changed_only(document, text, dotted(path), lambda name: f"{name}.".startswith(within))
-
-
-def _is_in(name: str, path: str) -> bool:
-    """Whether a name is a path or, as an entry of a list or mapping that was empty, within it."""
-    return f"{name}.".startswith(f"{path}.")
 
 
 def _changed_only(document: SourceDocument, text: str, what: str, is_meant: Callable[[str], bool]) -> bytes:

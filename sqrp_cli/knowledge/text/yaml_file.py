@@ -81,7 +81,16 @@ def parse_yaml(
     """As `read_yaml`, from content in memory; path: named in problems."""
     text = _decode(path, content)
     try:
-        return _parsed(path, content, text, tags)
+        root = _compose(path, text)
+        if root is None:
+            raise bad_input("empty-file", "the file is empty, expected a mapping of keys to values", Place(path))
+        builder = _Values(path, text.splitlines(), tags)
+        data = builder.build(root, ())
+        if not isinstance(data, dict):
+            place = builder.values[()]
+            found = "text" if isinstance(data, str) else source.describe(data)
+            raise bad_input("not-a-mapping", f"found {found}, expected a mapping of keys to values", place)
+        return source.SourceDocument(path=path, content=content, data=data, keys=builder.keys, values=builder.values)
     except InputError as error:
         if not keys or top_key(keys).search(text):
             raise
@@ -97,19 +106,6 @@ def _unquoted(problem: Problem) -> Problem:
     """The problem without quotes of the file."""
     hint = problem.message in _SYNTAX_HINTS.values()
     return replace(problem, message=problem.message if hint else _QUOTED.sub("`...`", problem.message), excerpt=None)
-
-
-def _parsed(path: Path, content: bytes, text: str, tags: frozenset[str]) -> source.SourceDocument:
-    root = _compose(path, text)
-    if root is None:
-        raise bad_input("empty-file", "the file is empty, expected a mapping of keys to values", Place(path))
-    builder = _Values(path, text.splitlines(), tags)
-    data = builder.build(root, ())
-    if not isinstance(data, dict):
-        place = builder.values[()]
-        found = "text" if isinstance(data, str) else source.describe(data)
-        raise bad_input("not-a-mapping", f"found {found}, expected a mapping of keys to values", place)
-    return source.SourceDocument(path=path, content=content, data=data, keys=builder.keys, values=builder.values)
 
 
 def _decode(path: Path, content: bytes) -> str:
@@ -232,7 +228,16 @@ class _Values:
         if explicit_tag and explicit_tag not in self.tags:
             raise bad_input("yaml-tag", f"the tag `{explicit_tag}` is not accepted", self._place(node))
         if isinstance(node, yaml.MappingNode):
-            return self._mapping(node, path)
+            data: source.Data = {}
+            for key_node, value_node in self._pairs(node):
+                key, place = str(key_node.value), self._place(key_node)
+                if key in data:
+                    first = self.keys[(*path, key)]
+                    message = f"`{source.dotted((*path, key))}` is given twice, first in line {first.line}"
+                    raise bad_input("duplicate-key", message, place)
+                self.keys[(*path, key)] = place
+                data[key] = self.build(value_node, (*path, key))
+            return data
         if isinstance(node, yaml.SequenceNode):
             return [self._item(child, (*path, index)) for index, child in enumerate(node.value)]
         return self._scalar(node) if isinstance(node, yaml.ScalarNode) else None
@@ -240,18 +245,6 @@ class _Values:
     def _item(self, node: yaml.Node, path: source.KeyPath) -> Any:  # noqa: ANN401
         self.keys[path] = self._place(node)
         return self.build(node, path)
-
-    def _mapping(self, node: yaml.MappingNode, path: source.KeyPath) -> source.Data:
-        data: source.Data = {}
-        for key_node, value_node in self._pairs(node):
-            key, place = str(key_node.value), self._place(key_node)
-            if key in data:
-                first = self.keys[(*path, key)]
-                message = f"`{source.dotted((*path, key))}` is given twice, first in line {first.line}"
-                raise bad_input("duplicate-key", message, place)
-            self.keys[(*path, key)] = place
-            data[key] = self.build(value_node, (*path, key))
-        return data
 
     def _pairs(self, node: yaml.MappingNode) -> Iterator[tuple[yaml.Node, yaml.Node]]:
         """Keys and values of a mapping, those merged with `<<: *anchor` after its own, which take precedence."""

@@ -15,7 +15,6 @@ from sqrp_cli.knowledge.frames import TOOL, WORLD, WORLD_LINK, link_called
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.read_skill import read_skill, skill_folder, skill_name
 from sqrp_cli.knowledge.skill.skill import FORMER_ENDING, Names, OffsetWaypoint, Skill, marked
-from sqrp_cli.knowledge.skill.target_box import BoxSpec
 from sqrp_cli.knowledge.text.input_file import ContentDigest
 from sqrp_cli.knowledge.text.packages import from_folder
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
@@ -28,11 +27,6 @@ from sqrp_cli.knowledge.workspace.workspace import ExpectedTask, Workspace, Work
 from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document, workspace_file, workspace_name
 from sqrp_cli.logic.conditions import MAX_LITERALS, domain_sizes, largest_quantifier, literal_count
 from sqrp_cli.logic.domain import merge_domains
-
-_NO_SKILLS = (
-    "the workspace lists no skills, which give facts and tasks their meaning",
-    "list the folders of skills under `skills`",
-)
 
 
 def check_tasks(
@@ -51,8 +45,54 @@ def check_tasks(
             yield document.problem("unknown-object", ("tasks", index, "winner"), no_such(winner, "object", objects))
 
 
-def check_size(skill: Skill, objects: Mapping[str, SceneObject]) -> Iterator[Problem]:
-    """Check the size of a precondition whose quantifiers are expanded, without expanding them."""
+def check_skill(
+    skill: Skill, links: Sequence[str], objects: Mapping[str, SceneObject], detectors: Sequence[str]
+) -> Iterator[Problem]:
+    """Check the names in a skill that only the workspace defines: frames, enclosed parts, detectors, constants.
+
+    Also the size of a precondition whose quantifiers are expanded, without expanding them.
+    """
+    for constant in skill.domain.constants:
+        if constant not in objects:
+            expected = expected_names(constant, objects)
+            message = f"skill `{skill.name}` has the constant `{constant}`, which is no object; {expected}"
+            yield Problem("unknown-object", message, Place(skill.domain.path))
+    for parameter in skill.action.parameters:
+        if parameter.name in (WORLD, TOOL, *links, *objects):
+            message = f"skill `{skill.name}` has a parameter `{parameter.name}`, which also names something of the cell"
+            yield Problem("ambiguous-name", message, Place(skill.domain.path), mend="rename the parameter")
+    named = [*(parameter.name for parameter in skill.action.parameters), *objects]
+    for name, waypoint in skill.waypoints.items():
+        words = [WORLD, TOOL] if isinstance(waypoint, OffsetWaypoint) else [WORLD]
+        for key, frame, mark in marked(waypoint, ("waypoints", name)):
+            if isinstance(mark, Names) and mark.what == "frame" and frame not in (*words, *named):
+                what = f"neither {' nor '.join(f'`{word}`' for word in words)}, a skill parameter or an object"
+                message = f"`{dotted(key)}`: found `{frame}`, which is {what}; "
+                message += expected_names(str(frame), [*words, *named])
+                yield Problem("unknown-frame", message, skill.place(*key))
+    for predicate, target in skill.targets.items():
+        for index, box in enumerate(target.boxes):
+            # Each name of a box: its key, what it has to be, and what it is not if it is none of these.
+            what, valid = "no skill parameter or object, as `@start` needs", named
+            if not box.frame.at_start:
+                what = "neither `world` nor `tool`, a link, a skill parameter or an object"
+                valid = [WORLD, TOOL, *named, *links]
+            names: list[tuple[KeyPath, str, str, Sequence[str], str]]
+            names = [(("frame",), "frame", box.frame.owner if box.frame.at_start else box.frame, valid, what)]
+            if box.fits is not None:
+                names.append((("fits",), "object", box.fits, named, "no skill parameter or object"))
+            for number, name in enumerate(box.encloses or ()):
+                what = "neither a link nor an object, a skill parameter or `tool`"
+                names.append((("encloses", number), "enclosed", link_called(name, links), [TOOL, *named, *links], what))
+            names.append((("detector",), "detector", box.detector, detectors, "no detector of the workspace"))
+            for key, kind, name, known, what in names:
+                at = ("targets", predicate, "boxes", index, *key)
+                if name not in known:
+                    message = f"`{dotted(at)}`: found `{name}`, which is {what}; {expected_names(name, known)}"
+                    yield Problem(f"unknown-{kind}", message, skill.place(*at))
+                if key == ("frame",) and box.at is not None and box.frame in links and box.frame != TOOL:
+                    message = f"found the link `{box.frame}`, expected `tool`, `world` or an object beside `at`"
+                    yield Problem("wrong-value", f"`{dotted(at)}`: {message}", skill.place(*at))
     condition, domain = skill.action.precondition, skill.domain
     types = {name: frozenset(obj.types) for name, obj in objects.items()}
     count = literal_count(condition, types, domain)
@@ -65,71 +105,6 @@ def check_size(skill: Skill, objects: Mapping[str, SceneObject]) -> Iterator[Pro
         )
         mend = "name fewer variables in one `forall` or `exists`, or give them types that fewer objects have"
         yield Problem("pddl-too-large", message, skill.action.place, mend=mend)
-
-
-def check_skill(
-    skill: Skill, links: Sequence[str], objects: Sequence[str], detectors: Sequence[str]
-) -> Iterator[Problem]:
-    """Check the names in a skill that only the workspace defines: frames, enclosed parts, detectors, constants."""
-    for constant in skill.domain.constants:
-        if constant not in objects:
-            expected = expected_names(constant, objects)
-            message = f"skill `{skill.name}` has the constant `{constant}`, which is no object; {expected}"
-            yield Problem("unknown-object", message, Place(skill.domain.path))
-    for parameter in skill.action.parameters:
-        if parameter.name in (WORLD, TOOL, *links, *objects):
-            message = f"skill `{skill.name}` has a parameter `{parameter.name}`, which also names something of the cell"
-            yield Problem("ambiguous-name", message, Place(skill.domain.path), mend="rename the parameter")
-    yield from _check_frames(skill, objects)
-    for predicate, target in skill.targets.items():
-        for index, box in enumerate(target.boxes):
-            path = ("targets", predicate, "boxes", index)
-            yield from _check_box(skill, box, path, links, objects, detectors)
-
-
-def _check_frames(skill: Skill, objects: Sequence[str]) -> Iterator[Problem]:
-    """Check the frames of a skill's waypoints."""
-    named = [*(parameter.name for parameter in skill.action.parameters), *objects]
-    for name, waypoint in skill.waypoints.items():
-        words = [WORLD, TOOL] if isinstance(waypoint, OffsetWaypoint) else [WORLD]
-        for key, frame, mark in marked(waypoint, ("waypoints", name)):
-            if isinstance(mark, Names) and mark.what == "frame" and frame not in (*words, *named):
-                what = f"neither {' nor '.join(f'`{word}`' for word in words)}, a skill parameter or an object"
-                message = f"`{dotted(key)}`: found `{frame}`, which is {what}; "
-                message += expected_names(str(frame), [*words, *named])
-                yield Problem("unknown-frame", message, skill.place(*key))
-
-
-def _check_box(
-    skill: Skill, box: BoxSpec, path: KeyPath, links: Sequence[str], objects: Sequence[str], detectors: Sequence[str]
-) -> Iterator[Problem]:
-    parameters = [parameter.name for parameter in skill.action.parameters]
-    named = [*parameters, *objects]
-
-    def problem(code: str, message: str, *key: str | int) -> Problem:
-        at = (*path, *key)
-        return Problem(code, f"`{dotted(at)}`: {message}", skill.place(*at))
-
-    def unknown(kind: str, name: str, what: str, valid: Sequence[str], *key: str | int) -> Iterator[Problem]:
-        if name not in valid:
-            yield problem(f"unknown-{kind}", f"found `{name}`, which is {what}; {expected_names(name, valid)}", *key)
-
-    if box.frame.at_start:
-        what = "no skill parameter or object, as `@start` needs"
-        yield from unknown("frame", box.frame.owner, what, named, "frame")
-    else:
-        what = "neither `world` nor `tool`, a link, a skill parameter or an object"
-        yield from unknown("frame", box.frame, what, [WORLD, TOOL, *named, *links], "frame")
-    if box.at is not None and box.frame in links and box.frame != TOOL:
-        message = f"found the link `{box.frame}`, expected `tool`, `world` or an object beside `at`"
-        yield problem("wrong-value", message, "frame")
-    if box.fits is not None:
-        yield from unknown("object", box.fits, "no skill parameter or object", named, "fits")
-    for index, name in enumerate(box.encloses or ()):
-        what = "neither a link nor an object, a skill parameter or `tool`"
-        called = link_called(name, links)
-        yield from unknown("enclosed", called, what, [TOOL, *named, *links], "encloses", index)
-    yield from unknown("detector", box.detector, "no detector of the workspace", detectors, "detector")
 
 
 def words_of_two_meanings(
@@ -146,16 +121,11 @@ def words_of_two_meanings(
         for name, entry in file.cameras.items()
         if entry.frame == WORLD
     ]
-    used += [
-        (
-            box.frame,
-            f"skill `{skill.name}`: box `{box.name}` of `{predicate}`",
-            skill.place("targets", predicate, "boxes", index, "name"),
-        )
-        for skill in skills
-        for predicate, target in skill.targets.items()
-        for index, box in enumerate(target.boxes)
-    ]
+    for skill in skills:
+        for predicate, target in skill.targets.items():
+            for index, box in enumerate(target.boxes):
+                what = f"skill `{skill.name}`: box `{box.name}` of `{predicate}`"
+                used.append((box.frame, what, skill.place("targets", predicate, "boxes", index, "name")))
     for word, what, place in used:
         if word in meanings:
             meaning, other = meanings[word]
@@ -178,19 +148,31 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     robot_reader = RobotReader(document=document, digest=digest, entry=file.robot)
     robot = robot_reader.read()
     cell = CellReader(document=document, digest=digest, roots=robot_reader.roots, file=file, links=robot_reader.links)
-    skills, problems = _skills(document, file, digest)
+    skills: dict[str, Skill] = {}
+    problems: list[Problem] = []
+    for index, stated in enumerate(file.skills):
+        place = document.value_place(("skills", index))
+        folder = skill_folder(from_folder(document.path.parent, stated), fingers=file.robot.fingers is not None)
+        called = skill_name(folder)
+        if called in skills:
+            problems.append(Problem("duplicate-name", f"skill `{called}` is listed twice", place))
+            continue
+        try:
+            skills[called] = read_skill(folder, place, digest)
+        except InputError as error:
+            problems.extend(error.problems)
     cameras, objects = cell.cameras(), cell.objects()
     problems = [*robot_reader.problems, *problems, *cell.problems]
     if problems:
         raise InputError(*problems)
     if not skills and (file.state or file.tasks):
-        raise document.error("no-skills", ("skills",), *_NO_SKILLS)
+        message = "the workspace lists no skills, which give facts and tasks their meaning"
+        raise document.error("no-skills", ("skills",), message, "list the folders of skills under `skills`")
     domain = merge_domains([skill.domain for skill in skills.values()]) if skills else None
     facts, detectors = cell.facts(domain) if domain else {}, cell.detectors(cameras, robot.markers, objects)
     problems += cell.problems
     for skill in skills.values():
-        problems += check_skill(skill, robot_reader.links, list(objects), list(file.detectors))
-        problems += check_size(skill, objects)
+        problems += check_skill(skill, robot_reader.links, objects, list(file.detectors))
     problems += check_tasks(document, file.tasks, list(skills), list(objects))
     if problems:
         raise InputError(*problems)
@@ -215,23 +197,3 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
         warnings=tuple(dict.fromkeys(warnings)),  # cameras may share a calibration file
         places=document.places,
     )
-
-
-def _skills(
-    document: SourceDocument, file: WorkspaceFile, digest: ContentDigest
-) -> tuple[dict[str, Skill], list[Problem]]:
-    skills: dict[str, Skill] = {}
-    problems: list[Problem] = []
-    for index, name in enumerate(file.skills):
-        place = document.value_place(("skills", index))
-        folder = from_folder(document.path.parent, name)
-        folder = skill_folder(folder, fingers=file.robot.fingers is not None)
-        called = skill_name(folder)
-        if called in skills:
-            problems.append(Problem("duplicate-name", f"skill `{called}` is listed twice", place))
-            continue
-        try:
-            skills[called] = read_skill(folder, place, digest)
-        except InputError as error:
-            problems.extend(error.problems)
-    return skills, problems

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import Field, Tag
 from pydantic_core import PydanticCustomError
 
@@ -58,6 +59,11 @@ Step = Annotated[float, In(ANGLE, np.radians(0.5), np.radians(90))]
 HalfAngle = Annotated[float, In(ANGLE, 0.0, np.radians(180))]
 
 
+def _stops(way: ArrayLike, step: float) -> Array:
+    """How many places there are along ways of lengths (...) [m], with a step between neighbours, shape (...)."""
+    return np.floor(np.asarray(way) / step + 1e-9) + 1
+
+
 @dataclass(frozen=True, kw_only=True)
 class RailEntry(Stored):
     """Places along a straight line, the first at `from`."""
@@ -67,12 +73,17 @@ class RailEntry(Stored):
     step: Size
     """Between neighbouring places."""
 
+    @property
+    def count(self) -> int:
+        """How many places there are, without making them."""
+        return int(_stops(float(np.linalg.norm(np.subtract(self.end, self.start))), self.step))
+
     def places(self) -> Array:
         """The places, shape (n, 3)."""
-        start, way = np.array(self.start), np.array(self.end) - np.array(self.start)
+        way = np.subtract(self.end, self.start)
         length = float(np.linalg.norm(way))
-        steps = np.arange(int(length / self.step + 1e-9) + 1) * self.step
-        places: Array = start + (steps[:, None] * way / length if length > 0 else 0.0 * steps[:1, None])
+        steps = np.arange(self.count)[:, None] * self.step
+        places: Array = np.array(self.start) + (steps * way / length if length > 0 else 0.0 * steps)
         return places
 
 
@@ -85,15 +96,16 @@ class GridEntry(Stored):
     step: Size
     """Between neighbouring places along each axis."""
 
+    @property
+    def count(self) -> int:
+        """How many places there are, without making them."""
+        return int(np.prod(_stops(np.abs(np.subtract(self.end, self.start)), self.step)))
+
     def places(self) -> Array:
         """The places, x slowest, z fastest; shape (n, 3)."""
-
-        def along(start: float, end: float) -> Array:
-            count = int(abs(end - start) / self.step + 1e-9) + 1
-            steps: Array = start + np.sign(end - start) * self.step * np.arange(count)
-            return steps
-
-        axes = [along(start, end) for start, end in zip(self.start, self.end, strict=True)]
+        start, end = np.array(self.start), np.array(self.end)
+        counts = _stops(np.abs(end - start), self.step).astype(int)
+        axes = [a + np.sign(b - a) * self.step * np.arange(n) for a, b, n in zip(start, end, counts, strict=True)]
         return np.array(list(product(*axes)))
 
 
@@ -191,21 +203,13 @@ class MountEntry(Stored):
     @property
     def count(self) -> int:
         """How many places there are, without making them."""
-        if self.points is not None:
-            return len(self.points)
-        laid = self.rail if self.rail is not None else self.grid
-        assert laid is not None  # noqa: S101 - exactly one of the three is given
-        way = np.array(laid.end) - np.array(laid.start)
-        lengths = np.array([np.linalg.norm(way)]) if self.rail is not None else np.abs(way)
-        return int(np.prod(np.floor(lengths / laid.step + 1e-9) + 1))
+        laid = self.rail or self.grid
+        return len(self.points or ()) if laid is None else laid.count
 
     def places(self) -> Array:
         """The places, shape (n, 3)."""
-        if self.points is not None:
-            return np.array(self.points, dtype=float).reshape(-1, 3)
-        laid = self.rail if self.rail is not None else self.grid
-        assert laid is not None  # noqa: S101 - exactly one of the three is given
-        return laid.places()
+        laid = self.rail or self.grid
+        return np.array(self.points, dtype=float).reshape(-1, 3) if laid is None else laid.places()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -249,14 +253,10 @@ class PlaceFile(Entry):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class LensChoice(Sensing):
+class LensChoice(LensEntry):
     """A camera with its lens, as it may be bought."""
 
     name: str
-    image: ImageEntry
-    """As it is stated."""
-    price: float
-    """In any currency."""
     source: str = ""
     """Of its figures, for one from the catalogue."""
 
@@ -320,50 +320,56 @@ def read_mounts(path: Path, workspace: Workspace, links: tuple[str, ...]) -> Mou
     """
     document = read_yaml(path, keys=("mounts", "lenses"))
     file = validate(document, PlaceFile)
-    problems = [*_wrong_frames(document, file, links), *_wrong_lenses(document, file)]
-    if problems:
+    if problems := list(_problems(document, file, links)):
         raise InputError(*problems)
     if (count := sum(entry.count for entry in file.mounts.values())) > MOST_SPOTS:
         message = f"the mounts have {count:,} places, expected at most {MOST_SPOTS:,}; make a `step` longer"
         raise document.error("too-many-mounts", ("mounts",), message)
-    lenses = {name: _lens(document, name, entry) for name, entry in file.lenses.items()}
-    spots = tuple(spot for name, entry in file.mounts.items() for spot in _spots(name, entry, lenses))
-    if aimless := list(_aimless(document, file)):
+    lenses = {}
+    for name, one in file.lenses.items():
+        known = catalogue()[one.catalogue] if isinstance(one, CatalogueLens) else one
+        lenses[name] = completed(LensChoice, known, name=name, price=one.price)
+        check_image(document, ("lenses", name, "image"), lenses[name].intrinsics)
+    spots, aimless = list[Spot](), list[Problem]()
+    for name, entry in file.mounts.items():
+        places, aims = np.round(entry.places(), 9) + 0.0, entry.aims
+        fitting = tuple(lenses[lens] for lens in (lenses if entry.lenses is None else entry.lenses))
+        spots += [
+            Spot(
+                mount=name,
+                name=name if len(places) == 1 else f"{name} {number}",
+                frame=entry.frame,
+                position=read_only(place),
+                entry=entry,
+                lenses=fitting,
+            )
+            for number, place in enumerate(places, 1)
+        ]
+        only_at = () if aims is None or aims.targets or aims.fixed or aims.cone else aims.at
+        if only_at and all(np.linalg.norm(places - np.array(point), axis=1).max() < SAME for point in only_at):
+            message = "a camera here would look at its own place; aim at another point"
+            aimless.append(document.problem("wrong-value", ("mounts", name, "aims", "at"), message))
+    if aimless:
         raise InputError(*aimless)
     listed = [task.task for task in workspace.tasks]
     for task in file.weights:
         if listed and task not in listed:
             raise document.error("unknown-task", ("weights",), no_such(task, "task of the workspace", listed))
-    return Mounts(
-        path=path, spots=spots, lenses=tuple(lenses.values()), weights=dict(file.weights), content=document.content
-    )
+    weights, chosen = dict(file.weights), tuple(lenses.values())
+    return Mounts(path=path, spots=tuple(spots), lenses=chosen, weights=weights, content=document.content)
 
 
-def _wrong_frames(document: SourceDocument, file: PlaceFile, links: tuple[str, ...]) -> Iterator[Problem]:
+def _problems(document: SourceDocument, file: PlaceFile, links: tuple[str, ...]) -> Iterator[Problem]:
+    """Unknown frames and lenses, and cones of too many directions."""
     for name, entry in file.mounts.items():
         if entry.frame != WORLD and entry.frame not in links:
             known = expected_names(entry.frame, [WORLD, *links])
             message = f"found `{entry.frame}`, expected `world` or a link; {known}"
             yield document.problem("unknown-frame", ("mounts", name, "frame"), message)
-        if entry.aims is not None and entry.aims.cone is not None and len(entry.aims.cone.directions()) > MOST_AIMS:
-            count = len(entry.aims.cone.directions())
+        cone = entry.aims.cone if entry.aims is not None else None
+        if cone is not None and (count := len(cone.directions())) > MOST_AIMS:
             message = f"{count} directions, expected at most {MOST_AIMS}; make `step` larger"
             yield document.problem("too-many-mounts", ("mounts", name, "aims", "cone"), message)
-
-
-def _aimless(document: SourceDocument, file: PlaceFile) -> Iterator[Problem]:
-    """Mounts at none of whose places a camera has something to look at but that place itself."""
-    for name, entry in file.mounts.items():
-        aims = entry.aims
-        if aims is None or aims.targets or aims.fixed or aims.cone:
-            continue
-        places = entry.places()
-        if all(np.linalg.norm(places - np.array(point), axis=1).max() < SAME for point in aims.at):
-            message = "a camera here would look at its own place; aim at another point"
-            yield document.problem("wrong-value", ("mounts", name, "aims", "at"), message)
-
-
-def _wrong_lenses(document: SourceDocument, file: PlaceFile) -> Iterator[Problem]:
     for name, entry in file.mounts.items():
         for index, lens in enumerate(entry.lenses or ()):
             if lens not in file.lenses:
@@ -373,26 +379,3 @@ def _wrong_lenses(document: SourceDocument, file: PlaceFile) -> Iterator[Problem
         if isinstance(one, CatalogueLens) and one.catalogue not in catalogue():
             message = f"found `{one.catalogue}`; {expected_names(one.catalogue, catalogue())}"
             yield document.problem("unknown-lens", ("lenses", name, "catalogue"), message)
-
-
-def _lens(document: SourceDocument, name: str, entry: CatalogueLens | LensEntry) -> LensChoice:
-    known = catalogue()[entry.catalogue] if isinstance(entry, CatalogueLens) else entry
-    lens = completed(LensChoice, known, name=name, price=entry.price)
-    check_image(document, ("lenses", name, "image"), lens.intrinsics)
-    return lens
-
-
-def _spots(name: str, entry: MountEntry, lenses: dict[str, LensChoice]) -> list[Spot]:
-    places = np.round(entry.places(), 9) + 0.0
-    fitting = tuple(lenses[lens] for lens in (entry.lenses if entry.lenses is not None else lenses))
-    return [
-        Spot(
-            mount=name,
-            name=name if len(places) == 1 else f"{name} {number}",
-            frame=entry.frame,
-            position=read_only(place),
-            entry=entry,
-            lenses=fitting,
-        )
-        for number, place in enumerate(places, 1)
-    ]

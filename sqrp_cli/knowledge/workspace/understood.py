@@ -165,7 +165,9 @@ def _leaves(value: Any, name: str, meshes: Mapping[Path, str]) -> Iterator[tuple
     if isinstance(value, Mapping):
         items = ((str(key), value[key]) for key in value)
     elif isinstance(value, Sequence):
-        items = ((_key(index, item), item) for index, item in enumerate(value))
+        items = (
+            ((item.name if isinstance(item, MotionParameter) else str(index)), item) for index, item in enumerate(value)
+        )
     else:
         if isinstance(value, get_args(Shape)):
             yield name, type(value).__name__.lower()
@@ -173,11 +175,6 @@ def _leaves(value: Any, name: str, meshes: Mapping[Path, str]) -> Iterator[tuple
     for key, item in items:
         known = "pose" if _POSE.fullmatch(key) and isinstance(item, np.ndarray) and item.shape == (4, 4) else key
         yield from _leaves(item, f"{name}.{known}" if name else known, meshes)
-
-
-def _key(index: int, item: object) -> str:
-    """What stands for an item of a list: its index, where the order has a meaning."""
-    return item.name if isinstance(item, MotionParameter) else str(index)
 
 
 def _plain(value: Any) -> Plain:  # noqa: ANN401
@@ -252,17 +249,14 @@ def _moved(subject: str, name: str, old: Plain, new: Plain) -> str | None:
     if name.rpartition(".")[-1] != "pose" or not isinstance(old, tuple) or not isinstance(new, tuple):
         return None
     way = float(np.linalg.norm(np.subtract(new[:3], old[:3])))
-    turn = _angle(quaternion_to_matrix(old[3:]).T @ quaternion_to_matrix(new[3:]))
+    # The angle of a rotation matrix [rad], exact for small ones, too.
+    R = quaternion_to_matrix(old[3:]).T @ quaternion_to_matrix(new[3:])
+    axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    turn = math.atan2(float(np.linalg.norm(axis)), float(np.trace(R)) - 1.0)
     parts = [f"moved {_length(way)}"] if way > 1e-9 else []
     parts += [f"turned {math.degrees(turn):.3g} deg"] if turn > 1e-9 else []
     inside = name.rpartition(".")[0]
     return f"{_owner(subject)}{f' {inside}' if inside else ''} {' and '.join(parts)}"
-
-
-def _angle(R: Array) -> float:
-    """The angle of a rotation matrix [rad], exact for small ones, too."""
-    axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    return math.atan2(float(np.linalg.norm(axis)), float(np.trace(R)) - 1.0)
 
 
 def _length(way: float) -> str:

@@ -89,7 +89,20 @@ def pose_errors(X_WT: Array, X_target: Array) -> Array:
     """
     errors = np.empty((len(X_WT), 6))
     errors[:, :3] = X_target[..., :3, 3] - X_WT[:, :3, 3]
-    errors[:, 3:] = _rotation_vectors(X_target[..., :3, :3] @ np.swapaxes(X_WT[:, :3, :3], 1, 2))
+    # Axis times angle [rad] of rotation matrices (m, 3, 3), shape (m, 3); for half a turn, one of both axes.
+    R = X_target[..., :3, :3] @ np.swapaxes(X_WT[:, :3, :3], 1, 2)
+    skew = np.empty((len(R), 3))
+    for axis, (first, second) in enumerate(((2, 1), (0, 2), (1, 0))):
+        np.subtract(R[:, first, second], R[:, second, first], out=skew[:, axis])
+    sine, cosine = np.sqrt((skew**2).sum(axis=1)), R[:, 0, 0] + R[:, 1, 1] + R[:, 2, 2] - 1.0
+    angle = np.arctan2(sine, cosine)
+    vectors: Array = skew * np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 0.5)[:, None]
+    half_turned = (sine < 1e-6) & (cosine < 0.0)
+    for row in np.flatnonzero(half_turned).tolist() if half_turned.any() else ():
+        columns = R[row] + np.eye(3)
+        along = columns[:, int(np.diag(columns).argmax())]
+        vectors[row] = along * (angle[row] / np.linalg.norm(along))
+    errors[:, 3:] = vectors
     return errors
 
 
@@ -238,19 +251,3 @@ def halton(count: int, dimensions: int) -> Array:
             index, weight = index // prime, weight / prime
     points.setflags(write=False)
     return points
-
-
-def _rotation_vectors(R: Array) -> Array:
-    """Axis times angle [rad] of rotation matrices (m, 3, 3), shape (m, 3); for half a turn, one of both axes."""
-    skew = np.empty((len(R), 3))
-    for axis, (first, second) in enumerate(((2, 1), (0, 2), (1, 0))):
-        np.subtract(R[:, first, second], R[:, second, first], out=skew[:, axis])
-    sine, cosine = np.sqrt((skew**2).sum(axis=1)), R[:, 0, 0] + R[:, 1, 1] + R[:, 2, 2] - 1.0
-    angle = np.arctan2(sine, cosine)
-    vectors: Array = skew * np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 0.5)[:, None]
-    half_turned = (sine < 1e-6) & (cosine < 0.0)
-    for row in np.flatnonzero(half_turned).tolist() if half_turned.any() else ():
-        columns = R[row] + np.eye(3)
-        along = columns[:, int(np.diag(columns).argmax())]
-        vectors[row] = along * (angle[row] / np.linalg.norm(along))
-    return vectors

@@ -68,7 +68,11 @@ class PastLimit:
     turns: bool
 
     def __str__(self) -> str:
-        amount = f"{np.degrees(self.excess):.3g} deg" if self.turns else _precise_metres(self.excess)
+        amount = (
+            f"{np.degrees(self.excess):.3g} deg"
+            if self.turns
+            else (f"{round(self.excess, 3):g} m" if self.excess >= 0.01 else f"{1e3 * self.excess:.2g} mm")
+        )
         return f"joint `{self.joint}` {amount} past its limit"
 
     @classmethod
@@ -91,7 +95,19 @@ def why_unreachable(model: RobotModel, X_WT: Array, branches: Array | None = Non
         excess = limit_excess(model, closest_turns(model, branches))
         least = excess[excess.sum(axis=1).argmin()]
         return PastLimit.worst(model, least)
-    return _out_of_reach(model, X_WT)
+    # The closest pose within the joint limits.
+    q = np.concatenate([model.home[None], spread_starts(model, STARTS)])
+    for weight, steps, kept in STAGES:
+        q, errors = descend(model, X_WT, q, steps, turn_weight=weight).best(kept)
+    distances = np.linalg.norm(errors[:, :3], axis=1)
+    angles = np.linalg.norm(errors[:, 3:], axis=1) / weight
+    held = angles < max(HELD_ORIENTATION, model.angle_tolerance)
+    if not held.any():
+        return WrongWayRound(float(angles.min()))
+    closest = int(np.where(held, distances, np.inf).argmin())
+    outside = beyond_reach(model, X_WT) > 0.0
+    in_hole = not outside and _is_in_hole(model, X_WT, q[closest], errors[closest, :3])
+    return OutOfReach(float(distances[closest]), in_hole)
 
 
 def closest_turns(model: RobotModel, q: Array) -> Array:
@@ -106,25 +122,6 @@ def closest_turns(model: RobotModel, q: Array) -> Array:
 def limit_excess(model: RobotModel, q: Array) -> Array:
     """Excess of positions (m, n) over the limits, shape (m, n) [rad or m]; 0 within them."""
     return np.maximum(np.maximum(model.lower - q, q - model.upper), 0.0)
-
-
-def _out_of_reach(model: RobotModel, X_WT: Array) -> OutOfReach | WrongWayRound:
-    """The closest pose within the joint limits.
-
-    A growing weight holds the orientation (the penalty method); the best of many starting points counts.
-    """
-    q = np.concatenate([model.home[None], spread_starts(model, STARTS)])
-    for weight, steps, kept in STAGES:
-        q, errors = descend(model, X_WT, q, steps, turn_weight=weight).best(kept)
-    distances = np.linalg.norm(errors[:, :3], axis=1)
-    angles = np.linalg.norm(errors[:, 3:], axis=1) / weight
-    held = angles < max(HELD_ORIENTATION, model.angle_tolerance)
-    if not held.any():
-        return WrongWayRound(float(angles.min()))
-    closest = int(np.where(held, distances, np.inf).argmin())
-    outside = beyond_reach(model, X_WT) > 0.0
-    in_hole = not outside and _is_in_hole(model, X_WT, q[closest], errors[closest, :3])
-    return OutOfReach(float(distances[closest]), in_hole)
 
 
 def _is_in_hole(model: RobotModel, X_WT: Array, q: Array, missing: Array) -> bool:
@@ -142,11 +139,6 @@ def _is_in_hole(model: RobotModel, X_WT: Array, q: Array, missing: Array) -> boo
     targets, starts = np.repeat(beyond, STARTS_BEYOND, axis=0), np.tile(starts, (PLACES_BEYOND, 1))
     _, errors = descend(model, targets, starts, STEPS)
     return bool((np.abs(errors).max(axis=1) < max(1e-6, 2.0 * model.angle_tolerance)).any())
-
-
-def _precise_metres(distance: float) -> str:
-    """A length to the millimetre, or finer if it is shorter."""
-    return f"{round(distance, 3):g} m" if distance >= 0.01 else f"{1e3 * distance:.2g} mm"
 
 
 def _metres(distance: float) -> str:
