@@ -26,10 +26,10 @@ LONG = 30
 _STUDY = ("programming/pieces", "programming/pipeline", "programming/ranking", "programming/whole_study")
 ROOMS = {
     "foundations": ("errors geometry shapes trajectory shown version", 1_050),
-    "files": ("knowledge/text", 2_440),
-    "robot": ("knowledge/robot programming/arm", 3_572),
-    "camera": ("knowledge/camera knowledge/light knowledge/markers knowledge/paint", 2_486),
-    "cell": ("knowledge programming/cell programming/solids", 4_322),
+    "files": ("knowledge/text", 2_428),
+    "robot": ("knowledge/robot programming/arm", 3_562),
+    "camera": ("knowledge/camera knowledge/light knowledge/markers knowledge/paint", 2_473),
+    "cell": ("knowledge programming/cell programming/solids", 4_127),
     "logic": ("logic", 2_885),
     "skill, program": ("knowledge/skill program", 2_134),
     "task": ("programming", 1_950),
