@@ -74,7 +74,7 @@ def made(ask: InitRequest) -> NewCell:
     """
     from sqrp_cli.starter.description import OwnRobot
     from sqrp_cli.starter.make import make_starter
-    from sqrp_cli.starter.stands import MOST_STANDS
+    from sqrp_cli.starter.search import MOST_STANDS
 
     folder, is_own = Path(ask.folder), ask.urdf is not None or ask.moveit is not None
     roots = tuple(map(Path, ask.package_roots))

@@ -117,7 +117,10 @@ def held_out(looks: DetectorLooks, detector: Detector) -> Array:
 
 def tell(curve: Curve, looks: DetectorLooks, detector: Detector) -> Array:
     """How likely each look sees (n,), by a curve and the limits that it keeps."""
-    return np.where(_within(replace(detector, curve=curve).gates, looks.sights), curve.probability(looks.sights), 0.0)
+    # Whether looks pass all limits, shape (n,).
+    gates = replace(detector, curve=curve).gates
+    passed: Mask = ~np.any(list(_failed(gates, looks.sights).values()), axis=0)
+    return np.where(passed, curve.probability(looks.sights), 0.0)
 
 
 def fit(looks: DetectorLooks, detector: Detector) -> Curve:
@@ -152,12 +155,6 @@ def _constant(looks: DetectorLooks) -> Curve:
     within = looks.seen[looks.covered]
     share = (within.sum() + 1.0) / (len(within) + 2.0)
     return Curve(bias=_rounded(float(np.log(share / (1.0 - share)))))
-
-
-def _within(gates: Detector, sights: BoxSights) -> Mask:
-    """Whether looks pass all limits, shape (n,)."""
-    passed: Mask = ~np.any(list(_failed(gates, sights).values()), axis=0)
-    return passed
 
 
 def _failed(detector: Detector, sights: BoxSights) -> dict[str, Mask]:

@@ -107,7 +107,17 @@ def of_labels(workspace: Workspace, folder: Path) -> Iterator[LabelledImages]:
     files = groupby(read_labels(folder, workspace), lambda label: (label.camera, label.file))
     of_images = [list(labels) for _, labels in files]
     source = _Files(folder, workspace, [labels[0].file for labels in of_images])
-    numbered = [(_sought(workspace, labels), _image(workspace, labels, n)) for n, labels in enumerate(of_images)]
+    numbered = [
+        (
+            {
+                _atom(label): ProgramTarget(cameras=1, boxes=(_box(workspace, label, label.detector),), seen={})
+                for label in labels
+                if label.detector
+            },
+            _image(workspace, labels, n),
+        )
+        for n, labels in enumerate(of_images)
+    ]
     for _, found in groupby(numbered, lambda one: tuple(one[0])):
         targets, images = zip(*found, strict=True)
         yield LabelledImages(source, DetectionTargets(targets[0], {}, {}), list(images))
@@ -144,15 +154,6 @@ def _image(workspace: Workspace, labels: list[Label], number: int) -> LabelledIm
         holds={_atom(label): label.there for label in labels if label.detector},
         pose=number,
     )
-
-
-def _sought(workspace: Workspace, labels: list[Label]) -> dict[str, ProgramTarget]:
-    """What is looked for in an image, by atom."""
-    return {
-        _atom(label): ProgramTarget(cameras=1, boxes=(_box(workspace, label, label.detector),), seen={})
-        for label in labels
-        if label.detector
-    }
 
 
 def _atom(label: Label) -> str:

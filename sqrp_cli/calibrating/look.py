@@ -83,7 +83,12 @@ def _of_camera(
         true = np.array([Truth.TRUE if image.holds.get(atom) else Truth.FALSE for image in images])
         for box, of_box, verdict in zip(target.boxes, boxes, verdicts, strict=True):
             assert of_box.sights is not None  # noqa: S101 - every box has a curve here
-            said = np.array([_evidence(detection, atom, box.name) for _, detection in shown])
+            said = np.array(
+                [
+                    next(found.evidence for found in detection.boxes[atom] if found.name == box.name)
+                    for _, detection in shown
+                ]
+            )
             looks = DetectorLooks(
                 sights=BoxSights(*(values[:, 0] for values in of_box.sights)),
                 seen=said == true,
@@ -91,11 +96,6 @@ def _of_camera(
                 pose=pose,
             )
             yield _BoxLooks(box.detector, looks.some(is_known & (of_box.probability[:, 0] > 0)))
-
-
-def _evidence(detection: Detection, atom: str, box: str) -> Truth:
-    """What an image shows of a box."""
-    return next(found.evidence for found in detection.boxes[atom] if found.name == box)
 
 
 def _states(robot: RobotBody, believed: Sequence[BelievedState], starts: Mapping[str, Array]) -> SceneStates:

@@ -264,12 +264,13 @@ class Step(Entry):
     def own_task(self) -> str:
         """The short task with the motion parameters of the task, each with the chosen value."""
         settings = [word.split("=", 1) for word in self.task.split() if "=" in word]
-        of_motion = [(name, texts.split(",")) for name, texts in settings if self._is_of_motion(name)]
+        of_motion = [
+            (name, texts.split(","))
+            for name, texts in settings
+            if (name in self.parameters and self.parameters[name] not in self.before.X_WO)
+        ]
         chosen = [f"{name}={text}" for name, texts in of_motion if (text := self._chosen(name, texts)) is not None]
         return " ".join([self.short_task, *chosen])
-
-    def _is_of_motion(self, name: str) -> bool:
-        return name in self.parameters and self.parameters[name] not in self.before.X_WO
 
     def _chosen(self, name: str, texts: Sequence[str]) -> str | None:
         """Which of the values that the task gave for a parameter was chosen; one that leaves it free stands for all."""

@@ -106,7 +106,11 @@ class Bag(AbstractContextManager["Bag"]):
         self.ros: Ros = 1 if head.startswith(_ROS1) else 2
         self.types = message_types(self.ros)
         at = path.parent if path.name == METADATA else path
-        _check_suffix(at, head)
+        for start, suffix in zip(_ROS2, (".mcap", ".db3"), strict=True):
+            if head.startswith(start) and at.suffix != suffix:
+                message = f"this is a {_KINDS[suffix]}, whose name has to end in {suffix}"
+                mend = shlex.join(["mv", str(at), str(at.with_suffix(suffix))])
+                raise bad_input("unreadable-file", message, Place(at), mend=mend)
         with self._reading():
             self._reader: Any = rosbag1.Reader(at) if self.ros == 1 else rosbag2.Reader(at)
             self._reader.open()
@@ -157,15 +161,6 @@ class Bag(AbstractContextManager["Bag"]):
         except Exception as error:  # every library below has its own
             message = f"this recording cannot be read: {_told(error)}; expected one that was closed and is whole"
             raise bad_input("unreadable-file", message, Place(self.path), mend=_mend(self.path)) from error
-
-
-def _check_suffix(path: Path, head: bytes) -> None:
-    """Raises InputError for a file of ROS 2 whose name does not end as that of its kind."""
-    for start, suffix in zip(_ROS2, (".mcap", ".db3"), strict=True):
-        if head.startswith(start) and path.suffix != suffix:
-            message = f"this is a {_KINDS[suffix]}, whose name has to end in {suffix}"
-            mend = shlex.join(["mv", str(path), str(path.with_suffix(suffix))])
-            raise bad_input("unreadable-file", message, Place(path), mend=mend)
 
 
 @cache

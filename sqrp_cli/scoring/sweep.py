@@ -294,7 +294,15 @@ def middle_of_grid(equal: Mask) -> int:
     which all values may be off at once, either way, without leaving the block. Beyond the ends of the grid nothing is
     known, so these count as outside. Ties go to the point nearest the mean of the block, then to the first.
     """
-    block = _largest_block(equal)
+    largest = np.zeros_like(equal)
+    left = set(map(tuple, np.argwhere(equal).tolist()))
+    for start in map(tuple, np.argwhere(equal).tolist()):
+        if start in left:
+            found = _block(start, left)
+            if len(found) > largest.sum():
+                largest = np.zeros_like(equal)
+                largest[tuple(np.array(found).T)] = True
+    block = largest
     margin = _margins(block)
     points = np.argwhere(margin == margin.max())
     distances = np.linalg.norm(points - np.argwhere(block).mean(axis=0), axis=1).round(9)
@@ -311,18 +319,6 @@ def middle_of_draws(equal: Mask, points: Array) -> int:
     nearest = np.array([np.linalg.norm(others - point, axis=1).min() for point in points])
     worth = nearest if not equal.all() else -nearest
     return int(np.argmax(np.where(equal, worth, -np.inf)))
-
-
-def _largest_block(equal: Mask) -> Mask:
-    largest = np.zeros_like(equal)
-    left = set(map(tuple, np.argwhere(equal).tolist()))
-    for start in map(tuple, np.argwhere(equal).tolist()):
-        if start in left:
-            found = _block(start, left)
-            if len(found) > largest.sum():
-                largest = np.zeros_like(equal)
-                largest[tuple(np.array(found).T)] = True
-    return largest
 
 
 def _block(start: Sequence[int], left: set[tuple[int, ...]]) -> list[tuple[int, ...]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import degrees
 
@@ -12,9 +12,6 @@ from sqrp_cli.starter.description import NamedFile
 
 TASK = "pickup green"
 """The task of a starter workspace."""
-
-TOOL_FRAME = "suction_tip"
-"""The grasping link of the shipped suction cup."""
 
 
 @dataclass(frozen=True)
@@ -77,102 +74,84 @@ class Layout:
 
 def workspace_text(layout: Layout) -> str:
     """The workspace file. Guesses about a robot carry a comment that begins with `check:`."""
-    sections = [_head(layout), _robot(layout), _DETECTORS, _cameras(layout)]
-    if layout.cubes:
-        tasks = "\n".join(f"  - {{task: {task}}}" for task in layout.tasks)
-        sections += [_SKILLS, _objects(layout), _state(layout), f"tasks:\n{tasks}\n"]
-    else:
-        sections.append(_objects(layout))
-    return "\n".join(section for section in sections if section)
+    return "\n".join(line for section in _sections(layout) for line in (*section, ""))
 
 
-def _check(layout: Layout, what: str) -> str:
-    return f"  # check: {what}" if layout.guessed else ""
+def _sections(layout: Layout) -> Iterator[list[str]]:
+    """The lines of each section of the file."""
 
+    def check(what: str) -> str:
+        return f"  # check: {what}" if layout.guessed else ""
 
-def _head(layout: Layout) -> str:
     arm = "your arm" if layout.guessed else "a six-axis arm"
-    return (
-        f"# A cell with {arm}, a suction cup and cameras. SI units and radians; `30 deg`, `20 mm`, `50 ms` work too.\n"
-        + ("# Lines marked `check:` were guessed; `sqrp show` prints what was understood.\n" if layout.guessed else "")
-        + "# Every key: sqrp schema\n"
-    )
-
-
-def _robot(layout: Layout) -> str:
-    lines = ["robot:", f"  urdf: {_file(layout.urdf)}"]
+    yield [
+        f"# A cell with {arm}, a suction cup and cameras. SI units and radians; `30 deg`, `20 mm`, `50 ms` work too.",
+        *["# Lines marked `check:` were guessed; `sqrp show` prints what was understood."][: layout.guessed],
+        "# Every key: sqrp schema",
+    ]
+    robot = ["robot:", f"  urdf: {_file(layout.urdf)}"]
     if layout.srdf is not None:
-        lines.append(f"  srdf: {_file(layout.srdf)}{_check(layout, 'found beside the URDF')}")
+        robot.append(f"  srdf: {_file(layout.srdf)}" + check("found beside the URDF"))
     if layout.package_roots:
         roots = ", ".join(map(_text, layout.package_roots))
-        lines.append(f"  package_roots: [{roots}]{_check(layout, 'where the package:// of its meshes is looked up')}")
-    lines.append(
-        f"  base: {{position: [0, 0, {_number(layout.lift)}], rpy: [0, 0, 0 deg]}}"
-        + _check(layout, "pose of the root link in the world; the table's top is z = 0")
-    )
+        robot.append(f"  package_roots: [{roots}]" + check("where the package:// of its meshes is looked up"))
+    base = f"  base: {{position: [0, 0, {_number(layout.lift)}], rpy: [0, 0, 0 deg]}}"
+    robot.append(base + check("pose of the root link in the world; the table's top is z = 0"))
     if layout.X_LT is None:
-        lines.append(f"  tool_frame: {_text(layout.tip)}")
+        robot.append(f"  tool_frame: {_text(layout.tip)}")
     else:
-        lines += [
-            "  tool:" + _check(layout, "a suction cup stands for your tool; its own URDF, fixed to a link of the arm"),
+        rpy = ", ".join(_degrees(value, 4) for value in matrix_to_rpy(layout.X_LT[:3, :3]))
+        pose = f"{{position: {_vector(layout.X_LT[:3, 3].tolist())}, rpy: [{rpy}]}}"
+        robot += [
+            "  tool:" + check("a suction cup stands for your tool; its own URDF, fixed to a link of the arm"),
             "    urdf: robots/suction_cup.urdf",
             f"    link: {_text(layout.tip)}",
-            f"    pose: {_pose(layout.X_LT)}" + _check(layout, "where the tool begins, its z axis pointing out"),
-            f"  tool_frame: {TOOL_FRAME}" + _check(layout, "the link that grasps; its z axis points into the object"),
+            f"    pose: {pose}" + check("where the tool begins, its z axis pointing out"),
+            "  tool_frame: suction_tip" + check("the link that grasps; its z axis points into the object"),
         ]
-    lines += _home(layout)
-    lines.append(f"  limits: {layout.limits}")
-    return "\n".join(lines) + "\n"
-
-
-_DETECTORS = """\
-detectors:                  # what your detection algorithms can do
-  color: {kind: color, distance: [20 cm, 5 m], max_incidence: 90 deg, min_pixels: 12, min_visible: 0.5}
-"""
-
-
-def _cameras(layout: Layout) -> str:
-    if not layout.views:
-        return ""
-    lines = ["cameras:                    # pose: where the lens is, and the point that it looks at"]
-    for view in layout.views:
-        lines += [
-            f"  {view.name}:" + _check(layout, "yours; or `calibration: camera.yaml` (ROS) instead of `image`"),
-            f"    pose: {{position: {_vector(view.position)}, look_at: {_vector(view.looks_at)}}}",
-            "    image: {width: 1280, height: 960, horizontal_fov: 60 deg}",
-            "    near: 20 cm",
-            "    far: 6 m",
-            "    rate: 10 Hz",
-            "    latency: 50 ms",
+    home = "where programs start and end"
+    if layout.home_state is not None:
+        robot.append(f"  home: {_text(layout.home_state)}" + check(f"{home}; a state of the SRDF"))
+    else:
+        robot.append("  home:" + check(home))
+        for name, at in layout.home.items():
+            robot.append(f"    {_text(name)}: {_degrees(at.value) if at.turns else f'{_number(at.value)} m'}")
+    yield [*robot, f"  limits: {layout.limits}"]
+    detector = "{kind: color, distance: [20 cm, 5 m], max_incidence: 90 deg, min_pixels: 12, min_visible: 0.5}"
+    yield ["detectors:                  # what your detection algorithms can do", f"  color: {detector}"]
+    if layout.views:
+        lines = ["cameras:                    # pose: where the lens is, and the point that it looks at"]
+        for view in layout.views:
+            lines += [
+                f"  {view.name}:" + check("yours; or `calibration: camera.yaml` (ROS) instead of `image`"),
+                f"    pose: {{position: {_vector(view.position)}, look_at: {_vector(view.looks_at)}}}",
+                "    image: {width: 1280, height: 960, horizontal_fov: 60 deg}",
+                "    near: 20 cm",
+                "    far: 6 m",
+                "    rate: 10 Hz",
+                "    latency: 50 ms",
+            ]
+        yield lines
+    if layout.cubes:
+        yield ["skills: [skills/pickup]     # how the task is done and what the cameras must see; yours to change"]
+    if layout.table_side:
+        side, cube_side = _number(layout.table_side), _number(layout.cube_size)
+        table = f"pose: {{position: {_vector((*layout.table_at, -0.02))}}}"
+        lines = [
+            "objects:                    # pose: of the centre of a box of `size`",
+            f"  table: {{type: table, color: grey, size: [{side}, {side}, 0.04], {table}, fixed: true}}",
         ]
-    return "\n".join(lines) + "\n"
-
-
-_SKILLS = "skills: [skills/pickup]     # how the task is done and what the cameras must see; yours to change\n"
-
-
-def _objects(layout: Layout) -> str:
-    if not layout.table_side:
-        return ""
-    side = _number(layout.table_side)
-    place = f"pose: {{position: {_vector((*layout.table_at, -0.02))}}}, fixed: true"
-    lines = [
-        "objects:                    # pose: of the centre of a box of `size`",
-        f"  table: {{type: table, color: grey, size: [{side}, {side}, 0.04], {place}}}",
-    ]
-    side = _number(layout.cube_size)
-    lines += [
-        f"  {cube.name}: {{type: cube, color: {cube.color}, size: [{side}, {side}, {side}], "
-        f"pose: {{position: {_vector(cube.position)}{_turn(cube.turn)}}}, on: table}}"
-        for cube in layout.cubes
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def _state(layout: Layout) -> str:
-    facts = ["hand_empty", *(f"obj_on_table({cube.name})" for cube in layout.cubes)]
-    heading = "state:                      # what the sensors report now; every other fact is false"
-    return "\n".join([heading, *(f"  - {fact}" for fact in facts)]) + "\n"
+        for cube in layout.cubes:
+            turn = f", rpy: [0, 0, {round(degrees(cube.turn), 1):g} deg]" if cube.turn else ""
+            lines.append(
+                f"  {cube.name}: {{type: cube, color: {cube.color}, size: [{', '.join([cube_side] * 3)}], "
+                f"pose: {{position: {_vector(cube.position)}{turn}}}, on: table}}"
+            )
+        yield lines
+    if layout.cubes:
+        heading = "state:                      # what the sensors report now; every other fact is false"
+        yield [heading, "  - hand_empty", *(f"  - obj_on_table({cube.name})" for cube in layout.cubes)]
+        yield ["tasks:", *(f"  - {{task: {task}}}" for task in layout.tasks)]
 
 
 def _text(value: str) -> str:
@@ -181,14 +160,6 @@ def _text(value: str) -> str:
     harmless = all(character.isalnum() or character in "/._-:" for character in value) and not value.endswith(":")
     words = {"true", "false", "null"}
     return value if plain and harmless and value.lower() not in words else json.dumps(value, ensure_ascii=False)
-
-
-def _home(layout: Layout) -> list[str]:
-    what = "where programs start and end"
-    if layout.home_state is not None:
-        return [f"  home: {_text(layout.home_state)}" + _check(layout, f"{what}; a state of the SRDF")]
-    positions = [f"    {_text(name)}: {_joint(position)}" for name, position in layout.home.items()]
-    return ["  home:" + _check(layout, what), *positions]
 
 
 def _file(file: NamedFile) -> str:
@@ -203,20 +174,9 @@ def _number(value: float) -> str:
     return f"{round(value, 4) + 0.0:g}"
 
 
+def _degrees(value: float, places: int = 1) -> str:
+    return f"{round(degrees(value), places) + 0.0:g} deg"
+
+
 def _vector(values: Sequence[float]) -> str:
     return "[" + ", ".join(_number(value) for value in values) + "]"
-
-
-def _turn(turn: float) -> str:
-    return f", rpy: [0, 0, {round(degrees(turn), 1):g} deg]" if turn else ""
-
-
-def _joint(position: Position) -> str:
-    if position.turns:
-        return f"{round(degrees(position.value), 1) + 0.0:g} deg"
-    return f"{_number(position.value)} m"
-
-
-def _pose(X: Array) -> str:
-    rpy = ", ".join(f"{round(degrees(value), 4) + 0.0:g} deg" for value in matrix_to_rpy(X[:3, :3]))
-    return f"{{position: {_vector(X[:3, 3].tolist())}, rpy: [{rpy}]}}"

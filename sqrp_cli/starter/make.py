@@ -1,4 +1,4 @@
-"""Making a new workspace: in a draft folder, which is renamed when everything works."""
+"""Make a starter workspace: find out what an arm can do, and write a cell around it."""
 
 from __future__ import annotations
 
@@ -6,14 +6,13 @@ import json
 import os
 import shutil
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, permutations
+from itertools import permutations
 from pathlib import Path
 
 from sqrp_cli.checks.lint import lint
 from sqrp_cli.errors import Infeasible, InputError, Place, Problem, bad_input
-from sqrp_cli.knowledge.robot.urdf import UrdfJoint
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.workspace_file import WORKSPACE_FILE
 from sqrp_cli.platform.files import naming, no_folder
@@ -27,7 +26,6 @@ from sqrp_cli.starter import search
 from sqrp_cli.starter.arm_guess import ArmGuess, guess_arm
 from sqrp_cli.starter.description import Description, OwnRobot, describe_robot
 from sqrp_cli.starter.layout import TASK, Cube, Layout, Position, workspace_text
-from sqrp_cli.starter.stands import DownPlaces, Stand, before_table, lowest_point, on_table
 
 SHIPPED = Path(__file__).parent
 """Folder of the shipped skills and robots."""
@@ -48,17 +46,17 @@ HOMES = ("home", "ready", "default", "start")
 LIFT = 0.1
 """How far the skill lifts a cube [m]."""
 
+ASSUMED = {"acceleration": 2, "jerk": 20}
+"""Limits that a URDF cannot state: gentle ones [rad/s^2, rad/s^3, or m for a sliding joint]."""
+
 
 @dataclass(frozen=True)
 class Starter:
-    """A workspace that was made."""
+    """A workspace that was made: its path, what is in it, and warnings about what could not be guessed."""
 
     folder: Path
-    """Its path."""
     layout: Layout
-    """What is in it."""
     warnings: tuple[Problem, ...]
-    """About what could not be guessed."""
 
     @property
     def tip(self) -> str:
@@ -89,63 +87,49 @@ def make_starter(
     at most `MOST_STANDS` that was tried.
     Raises InputError, and writes nothing, if the folder cannot be made or the robot cannot be used.
     """
-    _check_free(folder)
-    folder = folder.absolute()
-    draft = folder.with_name(f".{folder.name}.{os.getpid()}")  # beside it, so that relative paths stay true
-    try:
-        with naming(folder, "this folder cannot be made"):
-            _copy_shipped(draft, own_arm=robot is None)
-            own = robot if isinstance(robot, OwnRobot) else OwnRobot(robot or str(draft / OWN_ARM))
-            description = describe_robot(own, draft)
-            layout, warnings = _fill(draft, description, tip, advance, guessed=robot is not None)
-            _move(draft, folder)
-    except InputError as error:
-        raise InputError(*(_moved(problem, draft, folder) for problem in error.problems)) from error
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)
-    told = tuple(_moved(problem, draft, folder) for problem in (*description.warnings, *warnings))
-    return Starter(folder, layout, told)
-
-
-def _moved(problem: Problem, draft: Path, folder: Path) -> Problem:
-    """A problem of the draft as one of the finished folder."""
-    place = problem.place
-    if place is not None and place.file.is_relative_to(draft):
-        place = replace(place, file=folder / place.file.relative_to(draft))
-    message, mend = (text and text.replace(str(draft), str(folder)) for text in (problem.message, problem.mend))
-    return replace(problem, message=message or "", place=place, mend=mend)
-
-
-def _check_free(folder: Path) -> None:
-    """Raises InputError if the folder cannot be made, or is not empty."""
-    parent = folder.parent
     if folder.is_dir():
         if any(folder.iterdir()):
             message = "this folder is not empty, and nothing is ever overwritten; expected the name of a new folder"
             raise bad_input("not-empty", message, Place(folder))
     elif folder.exists() or folder.is_symlink():
         raise bad_input("cannot-write", "this is a file; expected the name of a new folder", Place(folder))
-    if not parent.is_dir():
-        raise InputError(no_folder(parent, folder))
-    if not os.access(parent, os.W_OK):
-        raise bad_input("cannot-write", f"the folder {parent} cannot be written to", Place(folder))
+    if not folder.parent.is_dir():
+        raise InputError(no_folder(folder.parent, folder))
+    if not os.access(folder.parent, os.W_OK):
+        raise bad_input("cannot-write", f"the folder {folder.parent} cannot be written to", Place(folder))
+    folder = folder.absolute()
+    draft = folder.with_name(f".{folder.name}.{os.getpid()}")  # beside it, so that relative paths stay true
 
+    def of_folder(problems: Iterable[Problem]) -> list[Problem]:
+        """Problems of the draft as ones of the finished folder."""
+        found = []
+        for problem in problems:
+            place = problem.place
+            if place is not None and place.file.is_relative_to(draft):
+                place = replace(place, file=folder / place.file.relative_to(draft))
+            message, mend = (text and text.replace(str(draft), str(folder)) for text in (problem.message, problem.mend))
+            found.append(replace(problem, message=message or "", place=place, mend=mend))
+        return found
 
-def _copy_shipped(draft: Path, *, own_arm: bool) -> None:
-    """The skill and the robots that a workspace needs."""
-    shutil.copytree(SHIPPED / SKILL, draft / SKILL)
-    (draft / "robots").mkdir()
-    for file in (SUCTION_CUP, *([OWN_ARM] if own_arm else [])):
-        shutil.copyfile(SHIPPED / file, draft / file)
-
-
-def _move(draft: Path, folder: Path) -> None:
-    """Rename the draft; if the folder exists already, move the workspace file last."""
-    if not folder.exists():
-        draft.replace(folder)
-        return
-    for entry in sorted(draft.iterdir(), key=lambda entry: entry.name == WORKSPACE_FILE):
-        entry.replace(folder / entry.name)
+    try:
+        with naming(folder, "this folder cannot be made"):
+            shutil.copytree(SHIPPED / SKILL, draft / SKILL)
+            (draft / "robots").mkdir()
+            for file in (SUCTION_CUP, *([OWN_ARM] if robot is None else [])):
+                shutil.copyfile(SHIPPED / file, draft / file)
+            own = robot if isinstance(robot, OwnRobot) else OwnRobot(robot or str(draft / OWN_ARM))
+            description = describe_robot(own, draft)
+            layout, warnings = _fill(draft, description, tip, advance, guessed=robot is not None)
+            if not folder.exists():
+                draft.replace(folder)
+            else:  # the workspace file comes last
+                for entry in sorted(draft.iterdir(), key=lambda entry: entry.name == WORKSPACE_FILE):
+                    entry.replace(folder / entry.name)
+    except InputError as error:
+        raise InputError(*of_folder(error.problems)) from error
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+    return Starter(folder, layout, tuple(of_folder((*description.warnings, *warnings))))
 
 
 def _fill(
@@ -153,48 +137,79 @@ def _fill(
 ) -> tuple[Layout, tuple[Problem, ...]]:
     """Determine the contents of the workspace file step by step, and write it."""
     arm = guess_arm(description.urdf, tip or description.tip)
-    tried = _tried(draft, _bare_layout(description, arm, guessed=guessed), arm, advance)
-    best = max(tried, key=lambda trial: len(trial.layout.cubes)).layout  # the first of equals: the least lifted
-    best = _told_apart(draft, _with_named_home(draft, best, description))
-    _write(draft, best)
-    others = [_other_arms(arm)] if arm.others else []
-    if not best.cubes:
-        return best, (*others, _nothing_in_reach(tried))
-    workspace = load_workspace(draft)
-    return best, (*others, *workspace.warnings, *lint(workspace))
-
-
-def _bare_layout(description: Description, arm: ArmGuess, *, guessed: bool) -> Layout:
-    """The arm alone, as its files describe it."""
-    return Layout(
+    home = {}
+    for joint in arm.joints:  # at 0, or in the middle of limits that exclude it, until a home position is found
+        at = 0.0 if joint.lower <= 0.0 <= joint.upper else 0.5 * (joint.lower + joint.upper)
+        home[joint.name] = Position(at, turns=joint.type != "prismatic")
+    layout = Layout(
         urdf=description.reference,
         srdf=description.srdf,
         package_roots=description.package_roots,
         guessed=guessed,
         limits=limits_text(description),
         tip=arm.tip,
-        home={joint.name: _resting(joint) for joint in arm.joints},
+        home=home,
     )
+    tried = _tried(draft, layout, arm, advance)
+    best = max((layout for layout, _ in tried), key=lambda layout: len(layout.cubes))  # of equals the least lifted
+    best = _told_apart(draft, _with_named_home(draft, best, description))
+    _write(draft, best)
+    warnings = []
+    if arm.others:
+        message = f"the robot has several arms, and the one that carries `{arm.tip}` is taken"
+        mend = "another one: " + " or ".join(f"`--tip {name}`" for name in arm.others)
+        warnings.append(Problem("several-arms", message, severity="warning", mend=mend))
+    if best.cubes:
+        workspace = load_workspace(draft)
+        return best, (*warnings, *workspace.warnings, *lint(workspace))
+    message = f"no place was found from which the arm can pick something up from above: {tried[0][1]}"
+    if len(tried) > 1:
+        message += f"; {len(tried) - 1} other heights and places of the table are no better"
+    mend = "check `robot.base`, `robot.tool` and `robot.home`, then add cameras, objects and `skills: [skills/pickup]`"
+    return best, (*warnings, Problem("nothing-in-reach", message, severity="warning", mend=mend))
 
 
-def _tried(draft: Path, layout: Layout, arm: ArmGuess, advance: Callable[[int], object]) -> list[_Trial]:
-    """What the arm can do with a tool from one stand after the other, until there is enough."""
+def _tried(draft: Path, layout: Layout, arm: ArmGuess, advance: Callable[[int], object]) -> list[tuple[Layout, str]]:
+    """What the arm can do with a tool from one stand after the other, until there is enough; and why not more.
+
+    A layout with home position, reachable cubes and cameras, as far as they are found, for each stand.
+    """
     bare = _load(draft, layout)
     layout = replace(layout, X_LT=search.tool_seat(bare, arm))
     seated = _load(draft, layout)
     reach = search.arm_reach(seated.model)
     side = min(round(2.4 * reach, 1), LARGEST_TABLE)
-    cube = min(max(round(reach / 20, 2), SMALLEST_CUBE), LARGEST_CUBE)
-    layout = replace(layout, table_side=side, cube_size=cube)
-    floor = max(0.0, -round(lowest_point(bare), 3))
-    down = DownPlaces(seated.model)
-    tried: list[_Trial] = []
-    for stand in chain(on_table(floor, reach, side), before_table(seated, reach, down)):
-        tried.append(_with_work(draft, layout, reach, stand, down))
+    size = min(max(round(reach / 20, 2), SMALLEST_CUBE), LARGEST_CUBE)
+    lowest = min((float(points[:, 2].min()) for points in search.still_points(bare)), default=0.0)
+    down = search.DownPlaces(seated.model)
+    tried: list[tuple[Layout, str]] = []
+    for stand in search.stands(seated, lowest, reach, side, down):
+        there = replace(layout, lift=stand.lift, table_side=stand.side, table_at=stand.at, cube_size=size)
+        cell = _load(draft, there)
+        home = search.find_home(cell, reach, stand, down)
+        if isinstance(home, Infeasible):
+            reason = home.reasons[0]
+        else:
+            there = replace(there, home=home.positions)
+            usual = search.usual_places(cell.model, reach, home.direction, size, stand)
+            cubes, reason = _reachable(draft, there, usual)
+            if len(cubes) < len(search.COLORS):
+                others = _reachable(draft, there, search.other_places(cell.model, reach, size, stand, down))
+                cubes, reason = max((cubes, reason), others, key=lambda one: len(one[0]))
+            there = replace(there, cubes=cubes, views=search.views_of(cell, home, cubes, LIFT) if cubes else ())
+        tried.append((there, reason))
         advance(1)
-        if len(tried[-1].layout.cubes) == len(search.COLORS):
+        if len(there.cubes) == len(search.COLORS):
             break
     return tried
+
+
+def _reachable(draft: Path, layout: Layout, places: Iterable[Cube]) -> tuple[Sequence[Cube], str]:
+    """The cubes of those at some places that the arm can pick up, and why not more."""
+    trial = [*places]
+    if not trial:
+        return (), "there is no place on the table for anything"
+    return search.cubes_in_reach(_load(draft, replace(layout, cubes=trial)), trial)
 
 
 def _with_named_home(draft: Path, layout: Layout, description: Description) -> Layout:
@@ -204,10 +219,10 @@ def _with_named_home(draft: Path, layout: Layout, description: Description) -> L
     for name in (name for word in HOMES for name in whole if word in name.lower()):
         named = replace(layout, home_state=name)
         try:
-            found = search.cubes_in_reach(_load(draft, named), layout.cubes)
+            cubes, _ = search.cubes_in_reach(_load(draft, named), layout.cubes)
         except InputError:  # outside the limits
             continue
-        if 0 < sum(cube.color in TASK for cube in layout.cubes) == len(found.cubes):
+        if 0 < sum(cube.color in TASK for cube in layout.cubes) == len(cubes):
             return named
     return layout
 
@@ -235,57 +250,7 @@ def _told_apart(draft: Path, layout: Layout) -> Layout:
 
     usual = [cube.color for cube in layout.cubes]
     colors = min(dict.fromkeys(permutations(usual)), key=loss, default=())
-    numbers = [colors[: index + 1].count(color) for index, color in enumerate(colors)]
-    painted = zip(layout.cubes, colors, numbers, strict=True)
-    return replace(
-        layout, cubes=[replace(cube, name=f"{color[0]}{number}", color=color) for cube, color, number in painted]
-    )
-
-
-def _other_arms(arm: ArmGuess) -> Problem:
-    names = " or ".join(f"`--tip {name}`" for name in arm.others)
-    message = f"the robot has several arms, and the one that carries `{arm.tip}` is taken"
-    return Problem("several-arms", message, severity="warning", mend=f"another one: {names}")
-
-
-def _nothing_in_reach(tried: Sequence[_Trial]) -> Problem:
-    message = f"no place was found from which the arm can pick something up from above: {tried[0].reason}"
-    if len(tried) > 1:
-        message += f"; {len(tried) - 1} other heights and places of the table are no better"
-    mend = "check `robot.base`, `robot.tool` and `robot.home`, then add cameras, objects and `skills: [skills/pickup]`"
-    return Problem("nothing-in-reach", message, severity="warning", mend=mend)
-
-
-@dataclass(frozen=True, eq=False)
-class _Trial:
-    """A layout with a home position, reachable cubes and cameras, as far as they are found; and why not further."""
-
-    layout: Layout
-    reason: str
-
-
-def _with_work(draft: Path, layout: Layout, reach: float, stand: Stand, down: DownPlaces) -> _Trial:
-    layout = replace(layout, lift=stand.lift, table_side=stand.side, table_at=stand.at)
-    cell = _load(draft, layout)
-    home = search.find_home(cell, reach, stand, down)
-    if isinstance(home, search.NoHome):
-        return _Trial(layout, str(home))
-    layout = replace(layout, home=home.positions)
-    size = layout.cube_size
-    found = _reachable(draft, layout, search.places_to_try(cell.model, reach, home.direction, size, stand))
-    if len(found.cubes) < len(search.COLORS):
-        others = _reachable(draft, layout, search.other_places(cell.model, reach, size, stand, down))
-        found = max(found, others, key=lambda one: len(one.cubes))
-    views = search.views_of(cell, home, found.cubes, LIFT) if found.cubes else ()
-    return _Trial(replace(layout, cubes=found.cubes, views=views), found.reason)
-
-
-def _reachable(draft: Path, layout: Layout, places: Iterator[Cube]) -> search.Reachable:
-    """The cubes of those at some places that the arm can pick up."""
-    trial = [*places]
-    if not trial:
-        return search.Reachable((), "there is no place on the table for anything")
-    return search.cubes_in_reach(_load(draft, replace(layout, cubes=trial)), trial)
+    return replace(layout, cubes=search.painted(layout.cubes, colors))
 
 
 def _load(draft: Path, layout: Layout) -> Cell:
@@ -295,16 +260,6 @@ def _load(draft: Path, layout: Layout) -> Cell:
 
 def _write(draft: Path, layout: Layout) -> None:
     (draft / WORKSPACE_FILE).write_text(workspace_text(layout), encoding="utf-8")
-
-
-def _resting(joint: UrdfJoint) -> Position:
-    """Where a joint is until a home position is found: at 0, or in the middle of limits that exclude it."""
-    within = joint.lower <= 0.0 <= joint.upper
-    return Position(0.0 if within else 0.5 * (joint.lower + joint.upper), turns=joint.type != "prismatic")
-
-
-ASSUMED = {"acceleration": 2, "jerk": 20}
-"""Limits that a URDF cannot state: gentle ones [rad/s^2, rad/s^3, or m for a sliding joint]."""
 
 
 def limits_text(description: Description) -> str:

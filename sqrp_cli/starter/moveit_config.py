@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from typing import Any
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, nearest
 from sqrp_cli.knowledge.robot.srdf import SrdfModel
 from sqrp_cli.knowledge.robot.urdf import UrdfModel
+from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.xml_file import read_xml
 from sqrp_cli.knowledge.text.yaml_file import read_yaml
 
@@ -44,171 +45,122 @@ class MoveitConfig:
     arguments: Mapping[str, str] = field(default_factory=dict)
     """Arguments of that URDF, if it is a xacro."""
 
+    def names(self, urdf: UrdfModel) -> bool:
+        """Whether it was made of a file of this name."""
+        return self.urdf is not None and self.urdf.endswith(f"/{urdf.path.name}")
+
 
 def find_moveit(folder: Path) -> MoveitConfig:
     """The configuration in a folder, or in the one above its `config`. Raises InputError if it is none."""
     if not folder.is_dir():
-        close = (
-            nearest(folder.name, [entry.name for entry in folder.parent.glob("*/")]) if folder.parent.is_dir() else None
-        )
+        others = [entry.name for entry in folder.parent.glob("*/")] if folder.parent.is_dir() else []
+        close = nearest(folder.name, others)
         message = "no such folder" + (f"; did you mean `{close}`?" if close else "")
         raise bad_input("missing-folder", message, Place(folder), mend=_WHAT_TO_NAME)
     if folder.name in _FOLDERS and not (folder / ASSISTANT).is_file():
         folder = folder.parent
-    noted = _noted(folder)
-    config = MoveitConfig(
-        folder=folder,
-        srdf=_srdf(folder, noted),
-        joint_limits=_file(folder, "joint_limits.yaml"),
-        kinematics=_file(folder, "kinematics.yaml"),
-        urdf=_urdf(folder, noted),
-        arguments=_arguments(noted),
+    srdf, urdf, arguments = _noted(folder)
+    if srdf is None:
+        found = [sorted((folder / place).glob(end)) for end in ("*.srdf", "*.srdf.xacro") for place in _FOLDERS]
+        files = next((files for files in found if files), [])
+        srdf = next((file for file in files if "macro" not in file.name), files[0] if files else None)
+    if urdf is None:
+        own = [file for pattern in ("*.urdf", "*.urdf.xacro") for file in sorted((folder / "config").glob(pattern))]
+        urdf = str(own[0]) if own else None
+    limits, kinematics = (
+        next((folder / place / name for place in _FOLDERS if (folder / place / name).is_file()), None)
+        for name in ("joint_limits.yaml", "kinematics.yaml")
     )
-    if config.srdf is None and config.joint_limits is None:
-        inside = sorted(entry.name for entry in folder.iterdir())[:8]
+    if srdf is None and limits is None:
+        inside = ", ".join(sorted(entry.name for entry in folder.iterdir())[:8])
         message = "this is no configuration of MoveIt: it has neither an SRDF nor joint_limits.yaml"
-        message += f"; it has {', '.join(inside) or 'nothing'}"
-        raise bad_input("missing-file", message, Place(folder), mend=_WHAT_TO_NAME)
-    return config
+        raise bad_input("missing-file", f"{message}; it has {inside or 'nothing'}", Place(folder), mend=_WHAT_TO_NAME)
+    return MoveitConfig(folder, srdf, limits, kinematics, urdf, arguments)
+
+
+def _noted(folder: Path) -> tuple[Path | None, str | None, Mapping[str, str]]:
+    """SRDF, URDF and its arguments as `.setup_assistant` says; nothing if it is missing or damaged.
+
+    Raises InputError, with the line, for a file that says something else.
+    """
+    key = "moveit_setup_assistant_config"
+    document = _read_hint(folder / ASSISTANT)
+    data: Any = (document.data.get(key) if document is not None else None) or {}
+    if document is not None and not isinstance(data, dict):
+        raise document.error("not-a-mapping", (key,), f"found `{str(data)[:60]}`, expected URDF, SRDF and CONFIG")
+    noted = {key.lower(): value for key, value in data.items() if isinstance(value, dict)}
+    relative, urdf = noted.get("srdf", {}).get("relative_path"), noted.get("urdf", {})
+    srdf = folder / str(relative) if relative and (folder / str(relative)).is_file() else None
+    named = None
+    if urdf.get("package") and urdf.get("relative_path"):
+        named = f"package://{urdf['package']}/{str(urdf['relative_path']).lstrip('/')}"
+    text = str(urdf.get("xacro_args") or "")  # such as `--inorder robot_type:=xarm dof:=6`
+    try:
+        words = shlex.split(text)
+    except ValueError:
+        words = text.split()
+    pairs = (re.fullmatch(r"(\w+):=(.*)", word) for word in words)
+    return srdf, named, {pair[1]: pair[2] for pair in pairs if pair}
+
+
+def _read_hint(path: Path) -> SourceDocument | None:
+    """A file that is only a hint: None if it is damaged. Raises InputError for one that says something else."""
+    try:
+        return read_yaml(path)
+    except InputError as error:
+        if error.problems[0].code == "not-a-mapping":
+            raise
+        return None
 
 
 def moveit_beside(urdf: UrdfModel, around: tuple[Path, ...], warnings: list[Problem]) -> MoveitConfig | None:
-    """The configuration of a robot in the folders around its URDF; warnings: gets one where several fit as well."""
-    fitting = [config for folder in around for config in _configs_in(folder) if _is_of(config, urdf)]
-    named = [config for config in fitting if config.urdf is not None and config.urdf.endswith(f"/{urdf.path.name}")]
-    best = named or fitting
+    """The configuration of a robot in the folders around its URDF; warnings: gets one where several fit as well.
+
+    It names the URDF, or its SRDF a robot of the same name; where one names the URDF, those that do not are left out.
+    """
+    fitting = []
+    for entry in (entry for folder in around if folder.is_dir() for entry in sorted(folder.iterdir())):
+        if entry.is_dir() and ("moveit" in entry.name or (entry / ASSISTANT).is_file()):
+            try:
+                config = find_moveit(entry)
+                srdf = config.srdf
+                if config.names(urdf) or (srdf and read_xml(srdf, "robot").attributes.get("name") == urdf.name):
+                    fitting.append(config)
+            except InputError:
+                continue
+    best = [config for config in fitting if config.names(urdf)] or fitting
     if len({config.folder for config in best}) < 2:
         return best[0] if best else None
-    names = ", ".join(str(config.folder) for config in best[:5])
-    message = f"several configurations of MoveIt are of this robot: {names}"
+    message = f"several configurations of MoveIt are of this robot: {', '.join(str(one.folder) for one in best[:5])}"
     mend = f"choose one, such as `--moveit {best[0].folder}`"
     warnings.append(Problem("several-configs", message, Place(urdf.path), severity="warning", mend=mend))
     return None
 
 
 def arm_tip(config: MoveitConfig, srdf: SrdfModel | None, urdf: UrdfModel) -> str | None:
-    """The link to which a tool is fixed: as solver, end effector or chain of the longest arm say."""
-    groups = _arm_groups(config, srdf, urdf)
-    tips = _solver_tips(config)
-    for group in groups:
-        ends = [end.parent_link for end in (srdf.end_effectors if srdf else ()) if end.parent_group == group]
-        found = [tips.get(group), *ends, srdf.tips.get(group) if srdf else None]
-        link = next((name for name in found if name in urdf.links), None)
+    """The link to which a tool is fixed: as solver, end effector or chain of the longest arm say.
+
+    Arms are groups of one chain, those with a solver first, then by number of joints; no grippers and pairs of arms.
+    """
+    document = None if config.kinematics is None else _read_hint(config.kinematics)
+    if srdf is None:
+        return None
+    solvers: Any = {} if document is None else document.data
+    for key in ("/**", "ros__parameters", "robot_description_kinematics"):
+        solvers = solvers[key] if isinstance(solvers.get(key), dict) else solvers
+    solvers = {group: entry for group, entry in solvers.items() if isinstance(entry, dict)}
+    grippers = {end.group for end in srdf.end_effectors}
+    arms = [
+        group
+        for group, joints in srdf.groups.items()
+        if joints
+        and group not in grippers
+        and {*joints} <= {joint.name for joint in urdf.chain(urdf.joints[joints[-1]].child)}
+    ]
+    for group in sorted(arms, key=lambda group: (group not in solvers, -len(srdf.groups[group]))):
+        tips = [str(solvers[group][key]) for key in _TIP_KEYS if group in solvers and solvers[group].get(key)]
+        ends = [end.parent_link for end in srdf.end_effectors if end.parent_group == group]
+        link = next((name for name in (*tips[-1:], *ends, srdf.tips.get(group)) if name in urdf.links), None)
         if link is not None:
             return link
     return None
-
-
-def _arm_groups(config: MoveitConfig, srdf: SrdfModel | None, urdf: UrdfModel) -> list[str]:
-    """The groups of one chain, those with a solver first, then by number of joints; no grippers and pairs of arms."""
-    if srdf is None:
-        return []
-    solved = _solvers(config)
-    grippers = {end.group for end in srdf.end_effectors}
-    chains = [
-        name
-        for name, joints in srdf.groups.items()
-        if joints
-        and name not in grippers
-        and set(joints) <= {joint.name for joint in urdf.chain(urdf.joints[joints[-1]].child)}
-    ]
-    return sorted(chains, key=lambda name: (name not in solved, -len(srdf.groups[name])))
-
-
-def _solvers(config: MoveitConfig) -> Mapping[str, Any]:
-    """What `kinematics.yaml` says of each group; nothing if it is only damaged: it is a hint.
-
-    Raises InputError for a file that says something else.
-    """
-    if config.kinematics is None:
-        return {}
-    try:
-        data: Any = read_yaml(config.kinematics).data
-    except InputError as error:
-        if error.problems[0].code == "not-a-mapping":
-            raise
-        return {}
-    for key in ("/**", "ros__parameters", "robot_description_kinematics"):
-        data = data[key] if isinstance(data.get(key), dict) else data
-    return {group: entry for group, entry in data.items() if isinstance(entry, dict)}
-
-
-def _solver_tips(config: MoveitConfig) -> dict[str, str]:
-    return {
-        group: str(entry[key]) for group, entry in _solvers(config).items() for key in _TIP_KEYS if entry.get(key)
-    }  # fmt: skip
-
-
-def _configs_in(folder: Path) -> Iterator[MoveitConfig]:
-    for entry in sorted(folder.iterdir()) if folder.is_dir() else ():
-        if entry.is_dir() and ("moveit" in entry.name or (entry / ASSISTANT).is_file()):
-            try:
-                yield find_moveit(entry)
-            except InputError:
-                continue
-
-
-def _is_of(config: MoveitConfig, urdf: UrdfModel) -> bool:
-    """Whether the configuration names this URDF, or its SRDF a robot of this name."""
-    if config.urdf is not None and config.urdf.endswith(f"/{urdf.path.name}"):
-        return True
-    if config.srdf is None:
-        return False
-    try:
-        return read_xml(config.srdf, "robot").attributes.get("name") == urdf.name
-    except InputError:
-        return False
-
-
-def _noted(folder: Path) -> Mapping[str, Any]:
-    """What `.setup_assistant` says, with keys in lower case; nothing if it is missing or damaged.
-
-    Raises InputError, with the line, for a file that says something else.
-    """
-    key = "moveit_setup_assistant_config"
-    try:
-        document = read_yaml(folder / ASSISTANT)
-    except InputError as error:
-        if error.problems[0].code == "not-a-mapping":
-            raise
-        return {}
-    data: Any = document.data.get(key) or {}
-    if not isinstance(data, dict):
-        raise document.error("not-a-mapping", (key,), f"found `{str(data)[:60]}`, expected URDF, SRDF and CONFIG")
-    return {key.lower(): value for key, value in data.items() if isinstance(value, dict)}
-
-
-def _srdf(folder: Path, noted: Mapping[str, Any]) -> Path | None:
-    relative = noted.get("srdf", {}).get("relative_path")
-    if relative and (folder / str(relative)).is_file():
-        return folder / str(relative)
-    for pattern in ("*.srdf", "*.srdf.xacro"):
-        for place in _FOLDERS:
-            found = sorted((folder / place).glob(pattern))
-            found = [file for file in found if "macro" not in file.name] or found
-            if found:
-                return found[0]
-    return None
-
-
-def _file(folder: Path, name: str) -> Path | None:
-    return next((folder / place / name for place in _FOLDERS if (folder / place / name).is_file()), None)
-
-
-def _urdf(folder: Path, noted: Mapping[str, Any]) -> str | None:
-    entry = noted.get("urdf", {})
-    if entry.get("package") and entry.get("relative_path"):
-        return f"package://{entry['package']}/{str(entry['relative_path']).lstrip('/')}"
-    own = [file for pattern in ("*.urdf", "*.urdf.xacro") for file in sorted((folder / "config").glob(pattern))]
-    return str(own[0]) if own else None
-
-
-def _arguments(noted: Mapping[str, Any]) -> dict[str, str]:
-    """`xacro_args`, such as `--inorder robot_type:=xarm dof:=6`."""
-    text = str(noted.get("urdf", {}).get("xacro_args") or "")
-    try:
-        words = shlex.split(text)
-    except ValueError:
-        words = text.split()
-    pairs = (re.fullmatch(r"(\w+):=(.*)", word) for word in words)
-    return {pair[1]: pair[2] for pair in pairs if pair}

@@ -1,10 +1,11 @@
-"""Where an arm can work: a home position, cubes within its reach, and cameras that see them."""
+"""Where an arm can work: how it stands to a table, a home position, cubes within its reach, cameras that see them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice, product
+from functools import cached_property
+from itertools import islice
 from math import pi
 
 import numpy as np
@@ -13,16 +14,41 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, axis_rotation, cross, inverse, pose, transform
 from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.arm.pose_search import descend, spread_starts
+from sqrp_cli.programming.arm.pose_search import descend, halton, spread_starts
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.feasibility import feasible_motion
-from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.solids import load_solids
-from sqrp_cli.programming.task import Candidate, read_task
+from sqrp_cli.programming.task import read_task
 from sqrp_cli.programming.ways.grips import grips
 from sqrp_cli.starter.arm_guess import LEAST_SWING, ArmGuess
 from sqrp_cli.starter.layout import TASK, CameraView, Cube, Position
-from sqrp_cli.starter.stands import DownPlaces, Stand, shoulder_of
+
+LIFTS = (0.0, 0.15, 0.3, 0.45)
+"""Heights of the root above the table to try, as shares of the reach: small arms need a pedestal to point down."""
+
+SHOULDERS = (0.3, 0.15, 0.45, 0.6)
+"""Heights of the shoulder above a table before the arm to try, as shares of the reach."""
+
+DIRECTIONS = tuple(turn * pi / 180 for turn in (0, -90, 90, 180))
+"""Directions from the base in which the work may lie [rad], the preferred one first."""
+
+GAP = 0.05
+"""Between what stands and a table before it [m]."""
+
+MOST_BEFORE = 3
+"""Tables before the arm that are tried, those first that most of the tool's places are above."""
+
+MOST_STANDS = len(LIFTS) + MOST_BEFORE
+"""Heights and places of the table that are tried at most."""
+
+PLACES, STEPS = 1024, 25
+"""Positions of the joints from which places are searched where the tool points down, and steps of that search."""
+
+MET = 1e-4
+"""Largest pose error of such a place, in m and rad, besides the arm's tolerance of angle."""
+
+WORK_HEIGHT = 0.3
+"""How far above a table the tool works, as a share of the reach."""
 
 TOOL_GAP = 0.002
 """Gap between what the arm carries and the suction cup [m]."""
@@ -77,39 +103,115 @@ CLOSE_UP = 0.35
 
 
 @dataclass(frozen=True)
-class Home:
-    """A home position: of every joint of the arm, and the direction of the work from the base [rad]."""
+class Stand:
+    """How arm and table stand to each other; the table's top is at height 0.
 
-    positions: Mapping[str, Position]
-    direction: float
+    lift: height of the root link [m]. side, at: of the square table, and where its middle is [m].
+    directions: in which the work may lie, from the shoulder [rad].
+    """
+
+    lift: float
+    side: float
+    at: tuple[float, float] = (0.0, 0.0)
+    directions: tuple[float, ...] = DIRECTIONS
 
 
-@dataclass
-class NoHome:
-    """Why no home position was found."""
+@dataclass(frozen=True, eq=False)
+class DownPlaces:
+    """Where an arm can bring its tool so that it points down, found once; model: with the root at height 0."""
 
-    tried: int = 0
-    """Places of the tool."""
-    first: str = ""
-    """What fails at the first of them, and where that is."""
+    model: RobotModel
 
-    def add(self, X_WT: Array, root: Array, reason: str) -> None:
-        """Another place X_WT of the tool, (4, 4), failed; root: where the arm begins on the ground, (2,)."""
-        self.tried += 1
-        far, high = float(np.linalg.norm(X_WT[:2, 3] - root)), float(X_WT[2, 3])
-        self.first = self.first or f"pointing down {far:.2f} m from the base and {high:.2f} m above the table: {reason}"
+    @cached_property
+    def _poses(self) -> Array:
+        return places_pointing_down(self.model)
 
-    def __str__(self) -> str:
-        return f"none of {self.tried} home positions is possible; the first, {self.first}"
+    def at(self, lift: float) -> Array:
+        """Poses of the tool frame, shape (k, 4, 4), with the root at a height [m]."""
+        return pose(position=(0.0, 0.0, lift)) @ self._poses
+
+
+def places_pointing_down(model: RobotModel) -> Array:
+    """Poses of the tool frame that points down, spread over where the arm can bring it within its limits, (k, 4, 4)."""
+    middle = np.where(model.turns, pi, 1.0)
+    lower = np.where(np.isfinite(model.lower), np.maximum(model.lower, -2 * pi), -middle)
+    upper = np.where(np.isfinite(model.upper), np.minimum(model.upper, 2 * pi), middle)
+    q = lower + (upper - lower) * halton(PLACES, len(model.arm))
+    reached, errors = descend(model, pointing_down(model.tool_poses(q)), q, STEPS)
+    return model.tool_poses(reached[np.abs(errors).max(axis=1) < MET + model.angle_tolerance])
+
+
+def pointing_down(X: Array) -> Array:
+    """Poses (m, 4, 4) turned by the least angle that makes their z axes point down, about their own origins."""
+    turned = X.copy()
+    z = np.array([0.0, 0.0, -1.0])
+    x = X[:, :3, 0] - (X[:, :3, 0] @ z)[:, None] * z
+    y = np.cross(z, X[:, :3, 1])  # x of a tool whose x axis was upright
+    x = np.where(np.linalg.norm(x, axis=1, keepdims=True) > 0.1, x, -y)
+    x = x / np.linalg.norm(x, axis=1, keepdims=True)
+    turned[:, :3, 0], turned[:, :3, 1], turned[:, :3, 2] = x, np.cross(z, x), z
+    return turned
+
+
+def stands(cell: Cell, lowest: float, reach: float, side: float, down: DownPlaces) -> Iterator[Stand]:
+    """Stands to try: on the table or a pedestal on it, then beside a table that is wholly before the robot.
+
+    The latter, the most promising first, take time to find, which nobody spends who needs none.
+    cell: with the root at height 0. lowest: height of the robot's lowest point that does not move then [m].
+    reach, side: of the arm, and of the table below it [m].
+    """
+    for share in LIFTS:
+        yield Stand(round(max(0.0, -round(lowest, 3)) + share * reach, 3), side)
+    places, shoulder, still = down.at(0.0)[:, :3, 3], shoulder_of(cell.model), still_points(cell)
+    found = []
+    for direction in DIRECTIONS:
+        ahead = _heading(direction)
+        aside = np.array([-ahead[1], ahead[0]])
+        edge = max((float((points[:, :2] @ ahead).max()) for points in still), default=0.0) + GAP
+        narrow = np.abs((places[:, :2] - shoulder[:2]) @ aside) < 0.6 * reach
+        beyond = (places[:, :2] @ ahead > edge + 0.05 * reach) & narrow
+        for share in SHOULDERS:
+            top = shoulder[2] - share * reach
+            above = beyond & (places[:, 2] > top + 0.02) & (places[:, 2] < top + WORK_HEIGHT * reach)
+            length = max(round(float(shoulder[:2] @ ahead + 1.2 * reach - edge), 1), 0.3)
+            x, y = ((edge + length / 2) * ahead + (shoulder[:2] @ aside) * aside).tolist()
+            stand = Stand(round(float(-top), 3), length, (round(x, 3), round(y, 3)), (direction,))
+            found.append((int(above.sum()), stand))
+    found.sort(key=lambda one: -one[0])  # stable: the preferred direction first
+    yield from (stand for count, stand in found[:MOST_BEFORE] if count)
+
+
+def shoulder_of(model: RobotModel) -> Array:
+    """Where the last six joints of an arm begin at home, such as after a torso or a rail [m], shape (3,)."""
+    shoulder: Array = model.joint_origins(model.home)[max(0, len(model.arm) - 6)]
+    return shoulder
+
+
+def still_points(cell: Cell) -> Sequence[Array]:
+    """Corners of the solids that the arm does not move, in the world [m], shape (V, 3) each."""
+    bound = cell.collision.bound
+    parts = [part for part in cell.model.parts if bound.depth[part.parent] == 0 and part.parent not in bound.rods]
+    return [transform(cell.model.home_links[solid.part.parent], solid.vertices) for solid in load_solids(parts)]
 
 
 def tool_seat(cell: Cell, arm: ArmGuess) -> Array:
-    """Pose X_LT of a tool in the link at the arm's end, z out of it, beyond everything that it carries; (4, 4)."""
-    X_WL = cell.model.home_links
+    """Pose X_LT of a tool in the link at the arm's end, z out of it, beyond everything that it carries; (4, 4).
+
+    An arm whose last joint may swing the tool points where what it carries reaches from that axis, and along an axis
+    of the link if one is near; if the carried parts lie around the axis, as the arm was guessed.
+    """
+    X_WL, out = cell.model.home_links, arm.out
     X_TW = np.linalg.inv(X_WL[arm.tip])
     solids = load_solids([part for part in cell.model.parts if part.parent in arm.carried])
     points = [transform(X_TW @ X_WL[solid.part.parent], solid.vertices) for solid in solids]
-    out = arm.out if arm.swinging is None or not points else _swung(np.concatenate(points), arm.swinging, arm.out)
+    if arm.swinging is not None and points:
+        center, _ = _extent(np.concatenate(points))
+        along = float(center @ arm.swinging)
+        across = center - arm.swinging * along
+        far, nearest = float(np.linalg.norm(across)), int(np.abs(across).argmax())
+        if far >= max(LEAST_SWING, 2.0 * abs(along)):
+            near = abs(across[nearest]) > NEAR_AXIS * far
+            out = np.sign(across[nearest]) * np.eye(3)[nearest] if near else across / far
     furthest = max((float((ends @ out).max()) for ends in points), default=0.0)
     x = np.eye(3)[(int(np.abs(out).argmax()) + 1) % 3]
     x = x - out * (x @ out)
@@ -118,57 +220,59 @@ def tool_seat(cell: Cell, arm: ArmGuess) -> Array:
     return pose(np.column_stack([x, cross(out, x), out]), offset * out)
 
 
-def _swung(points: Array, axis: Array, out: Array) -> Array:
-    """The direction in which points (n, 3) reach from the axis that swings them, (3,); `out` if they lie around it.
-
-    Along an axis of their frame if one is near.
-    """
-    center = (points.min(axis=0) + points.max(axis=0)) / 2
-    across = center - axis * (center @ axis)
-    far = float(np.linalg.norm(across))
-    if far < max(LEAST_SWING, 2.0 * abs(float(center @ axis))):
-        return out
-    nearest = int(np.abs(across).argmax())
-    if abs(across[nearest]) > NEAR_AXIS * far:
-        across = np.sign(across[nearest]) * np.eye(3)[nearest]
-    direction: Array = across / np.linalg.norm(across)
-    return direction
-
-
 def arm_reach(model: RobotModel) -> float:
     """Approximate horizontal reach of the tool from the arm's first joint [m]."""
-    q = spread_starts(model, 512)
-    places = model.tool_poses_and_jacobians(q)[0][:, :2, 3]
-    return float(np.quantile(np.linalg.norm(places - _root(model), axis=1), 0.98))
+    places = model.tool_poses_and_jacobians(spread_starts(model, 512))[0][:, :2, 3]
+    return float(np.quantile(np.linalg.norm(places - shoulder_of(model)[:2], axis=1), 0.98))
 
 
-def find_home(cell: Cell, reach: float, stand: Stand, down: DownPlaces) -> Home | NoHome:
-    """A position with the tool pointing down and without contact.
+@dataclass(frozen=True)
+class Home:
+    """A home position: of every joint of the arm, and the direction of the work from the base [rad]."""
+
+    positions: Mapping[str, Position]
+    direction: float
+
+
+def find_home(cell: Cell, reach: float, stand: Stand, down: DownPlaces) -> Home | Infeasible:
+    """A position with the tool pointing down and without contact, in whole degrees or millimetres.
 
     Of the IK branches at the first place that has any, the one that keeps the joints high and turns them little.
     """
-    failures = NoHome()
-    for X_WT, direction in _homes(cell.model, reach, stand, down.at(stand.lift)):
-        free = _free_branches(cell, X_WT, failures)
+    model, tried, first = cell.model, 0, ""
+    for X_WT, direction in _homes(model, reach, stand, down.at(stand.lift)):
+        found = all_solutions(model, X_WT)
+        q = np.where(model.turns, np.radians(np.round(np.degrees(found.solutions))), np.round(found.solutions, 3))
+        q = q[((q >= model.lower) & (q <= model.upper)).all(axis=1)]
+        contacts = cell.collision.placed(cell.initial_world).check_all(q) if len(q) else ()
+        free = [one for one, contact in zip(q, contacts, strict=True) if contact is None]
         if free:
-            q = max(free, key=lambda q: _ease(cell.model, q, reach))
-            joints = zip(cell.model.arm, q.tolist(), cell.model.turns.tolist(), strict=True)
+            # Joints high above the table, few of them turned far.
+            ease = [float(model.joint_origins(one)[:, 2].mean() / reach - 0.05 * np.abs(one).sum()) for one in free]
+            joints = zip(model.arm, free[int(np.argmax(ease))].tolist(), model.turns.tolist(), strict=True)
             return Home({name: Position(value, turns) for name, value, turns in joints}, direction)
-    return failures
+        tried += 1
+        reason = found.reason if found.reason is not None else next(iter(contacts), "at a limit")
+        far = float(np.linalg.norm(X_WT[:2, 3] - shoulder_of(model)[:2]))
+        first = first or f"pointing down {far:.2f} m from the base and {X_WT[2, 3]:.2f} m above the table: {reason}"
+    return Infeasible((f"none of {tried} home positions is possible; the first, {first}",))
 
 
 def _homes(model: RobotModel, reach: float, stand: Stand, places: Array) -> Iterator[tuple[Array, float]]:
     """Poses of the tool frame to try as home, (4, 4), and the direction of the work from there [rad].
 
-    First those at usual places, then some of all `places` that the arm can take, (k, 4, 4); without any, one will do.
+    First those at usual places, for an arm of few axes also turned as the arm has the tool there, then some of all
+    `places` that the arm can take, (k, 4, 4); without any, one will do.
     """
     for far, high in HOME_SHARES:
         for direction in stand.directions:
-            for X_WT in turns_to_try(model, tool_down(model, far * reach, direction, high * reach)):
-                yield X_WT, direction
+            X_WT = tool_down(model, far * reach, direction, high * reach)
+            yield X_WT, direction
+            if len(model.arm) < FREE_TURN:
+                yield as_arm_turns(model, X_WT), direction
             if not len(places):
                 return
-    off = places[:, :3, 3] - np.append(_root(model), 0.0)
+    off = places[:, :3, 3] - np.append(shoulder_of(model)[:2], 0.0)
     far, high = np.linalg.norm(off[:, :2], axis=1) / reach, off[:, 2] / reach
     directions = np.arctan2(off[:, 1], off[:, 0])
     ahead = np.abs(np.angle(np.exp(1j * (directions - stand.directions[0])))) < ASKEW
@@ -176,13 +280,6 @@ def _homes(model: RobotModel, reach: float, stand: Stand, places: Array) -> Iter
     cost = np.hypot(far - HOME_SHARES[0][0], high - HOME_SHARES[0][1]) + 0.2 * ~ahead
     for row in sorted(np.flatnonzero(usable), key=lambda row: float(cost[row]))[:MORE_HOMES]:
         yield places[row], float(directions[row])
-
-
-def turns_to_try(model: RobotModel, X_WT: Array) -> Iterator[Array]:
-    """A pose of the tool frame, (4, 4), and for an arm of few axes the one turned as the arm has it there."""
-    yield X_WT
-    if len(model.arm) < FREE_TURN:
-        yield as_arm_turns(model, X_WT)
 
 
 def as_arm_turns(model: RobotModel, X_WT: Array) -> Array:
@@ -196,42 +293,34 @@ def as_arm_turns(model: RobotModel, X_WT: Array) -> Array:
     return X_WT
 
 
-def _free_branches(cell: Cell, X_WT: Array, failures: NoHome) -> list[Array]:
-    """The positions (n,) near X_WT, in whole degrees or millimetres, within the limits and without contact."""
-    model = cell.model
-    solutions, reason = (found := all_solutions(model, X_WT)).solutions, found.reason
-    solutions = np.where(model.turns, np.radians(np.round(np.degrees(solutions))), np.round(solutions, 3))
-    inside = solutions[((solutions >= model.lower) & (solutions <= model.upper)).all(axis=1)]
-    contacts = cell.collision.placed(cell.initial_world).check_all(inside) if len(inside) else ()
-    failures.add(X_WT, _root(model), str(reason) if reason is not None else str(next(iter(contacts), "at a limit")))
-    return [q for q, contact in zip(inside, contacts, strict=True) if contact is None]
-
-
 def tool_down(model: RobotModel, far: float, direction: float, high: float) -> Array:
     """The pose of a tool frame that points down, at a distance and direction from the first joint; (4, 4)."""
-    place = _root(model) + far * _heading(direction)
-    return pose(axis_rotation(0, pi), [*place, high])
+    return pose(axis_rotation(0, pi), [*(shoulder_of(model)[:2] + far * _heading(direction)), high])
 
 
-def places_to_try(model: RobotModel, reach: float, direction: float, size: float, stand: Stand) -> Iterator[Cube]:
+def usual_places(model: RobotModel, reach: float, direction: float, size: float, stand: Stand) -> Iterator[Cube]:
     """Cubes on the table with some distance between them, the most likely reachable ones first."""
-    ways = product(CUBE_SHARES, CUBE_TURNS)
-    tools = (tool_down(model, share * reach, direction + turn, 0.5 * size) for share, turn in ways)
+    tools = (
+        tool_down(model, share * reach, direction + turn, 0.5 * size) for share in CUBE_SHARES for turn in CUBE_TURNS
+    )
     return _cubes_below(model, tools, size, stand)
 
 
 def other_places(model: RobotModel, reach: float, size: float, stand: Stand, down: DownPlaces) -> Iterator[Cube]:
     """Cubes on the table below places where the arm can point the tool down, for arms that reach few usual places."""
-    found = down.at(stand.lift)
-    low = found[(found[:, 2, 3] > size) & (found[:, 2, 3] < LOW * reach)][:, :3, 3]
-    far = np.linalg.norm(low[:, :2] - _root(model), axis=1)
+    found = down.at(stand.lift)[:, :3, 3]
+    low = found[(found[:, 2] > size) & (found[:, 2] < LOW * reach)]
+    far = np.linalg.norm(low[:, :2] - shoulder_of(model)[:2], axis=1)
     nearest = low[np.argsort(np.abs(far - CUBE_SHARES[0] * reach), kind="stable"), :2].round(2)
     tools = (pose(axis_rotation(0, pi), (*place, 0.5 * size)) for place in nearest)
     return islice(_cubes_below(model, tools, size, stand), MORE_CUBES)
 
 
 def _cubes_below(model: RobotModel, tools: Iterable[Array], size: float, stand: Stand) -> Iterator[Cube]:
-    """Cubes below poses of the tool, (4, 4) each, as far as they are on the table and apart from those before."""
+    """Cubes around the ends of the tool at poses (4, 4), as far as they are on the table and apart from those before.
+
+    For an arm that cannot turn the tool they are turned so that it can take them from above.
+    """
     chosen: list[Array] = []
     for X_WT in tools:
         place = X_WT[:2, 3].round(2)
@@ -239,70 +328,46 @@ def _cubes_below(model: RobotModel, tools: Iterable[Array], size: float, stand: 
         if apart and np.abs(place - stand.at).max() < 0.5 * stand.side - size:
             chosen.append(place)
             x, y = place.tolist()
-            yield Cube(f"c{len(chosen)}", "green", (x, y, 0.5 * size), _turn_of(model, X_WT, size))
+            turn, above = 0.0, pose(position=(0.0, 0.0, 0.5 * size)) @ X_WT
+            if len(model.arm) < FREE_TURN and all_solutions(model, above).reason is not None:
+                R = as_arm_turns(model, above)[:3, :3] @ X_WT[:3, :3].T
+                turn = float(np.arctan2(R[1, 0], R[0, 0]))
+            yield Cube(f"c{len(chosen)}", "green", (x, y, 0.5 * size), turn)
 
 
-def _turn_of(model: RobotModel, X_WT: Array, size: float) -> float:
-    """How a cube is turned so that the arm can take it from above [rad]: not, if it can turn the tool.
+def cubes_in_reach(cell: Cell, trial: Sequence[Cube]) -> tuple[Sequence[Cube], str]:
+    """The cubes of a workspace, placed as `trial` says, that the arm can pick up, until there are `COLORS` of them.
 
-    X_WT: pose of the tool that points down at it, (4, 4), in its middle.
-    """
-    if len(model.arm) >= FREE_TURN:
-        return 0.0
-    above = pose(position=(0.0, 0.0, 0.5 * size)) @ X_WT
-    if all_solutions(model, above).reason is None:
-        return 0.0
-    R = as_arm_turns(model, above)[:3, :3] @ X_WT[:3, :3].T
-    return float(np.arctan2(R[1, 0], R[0, 0]))
-
-
-@dataclass(frozen=True)
-class Reachable:
-    """The cubes of a workspace that the arm can pick up, named by their colours, and why it cannot pick up another."""
-
-    cubes: Sequence[Cube]
-    """As many as `COLORS` at most."""
-    reason: str
-    """Of the first one that cannot; empty if there is none."""
-
-
-def cubes_in_reach(cell: Cell, trial: Sequence[Cube]) -> Reachable:
-    """Try to pick up the cubes of a workspace, which were placed as `trial` says, until there are enough.
-
+    They are named by the colours that they get. Also why the first one that cannot be picked up cannot; empty without.
     First with the tool turned as the cubes are; those that cannot be picked up like that, with it turned otherwise.
     """
     cubes = {cube.name: cube for cube in trial}
     candidates = [(cubes[one.binding["object"]], one) for one in read_task(TASK, cell.workspace).candidates]
     found: list[Cube] = []
     reason = ""
-    for first in (True, False):
+    for turns in (slice(0, 1), slice(1, None)):
         for cube, candidate in candidates:
             if cube in found or len(found) == len(COLORS):
                 continue
-            motion = _first_motion(cell, candidate, first=first)
-            if not isinstance(motion, Infeasible):
-                found.append(cube)
-            elif first and not reason:
-                x, y = (value + 0.0 for value in cube.position[:2])  # no -0.00
-                reason = f"a cube at x {x:.2f} m, y {y:.2f} m: {motion.reasons[0]}"
-    return Reachable([*_coloured(found)], reason)
+            reasons: tuple[str, ...] = ("there is one way to grip it",)
+            for grip in grips(cell, candidate, cell.initial_world)[turns]:
+                motion = feasible_motion(cell, grip, cell.initial_world)
+                if not isinstance(motion, Infeasible):
+                    found.append(cube)
+                    break
+                reasons = motion.reasons
+            else:
+                if not reason:
+                    x, y = (value + 0.0 for value in cube.position[:2])  # no -0.00
+                    reason = f"a cube at x {x:.2f} m, y {y:.2f} m: {reasons[0]}"
+    return painted(found, COLORS), reason
 
 
-def _first_motion(cell: Cell, candidate: Candidate, *, first: bool) -> Motion | Infeasible:
-    """That of the candidate's first grip, or of the first of the others that is possible."""
-    motion: Motion | Infeasible = Infeasible(("there is one way to grip it",))
-    for grip in grips(cell, candidate, cell.initial_world)[slice(0, 1) if first else slice(1, None)]:
-        motion = feasible_motion(cell, grip, cell.initial_world)
-        if not isinstance(motion, Infeasible):
-            break
-    return motion
-
-
-def _coloured(cubes: Sequence[Cube]) -> Iterator[Cube]:
-    """Cubes with the colours that they get, and named by these."""
-    for index, (cube, color) in enumerate(zip(cubes, COLORS, strict=False)):
-        number = COLORS[: index + 1].count(color)
-        yield replace(cube, name=f"{color[0]}{number}", color=color)
+def painted(cubes: Sequence[Cube], colors: Sequence[str]) -> list[Cube]:
+    """Cubes with colours, and named by these."""
+    numbers = [colors[: index + 1].count(color) for index, color in enumerate(colors)]
+    named = zip(cubes, colors, numbers, strict=False)
+    return [replace(cube, name=f"{color[0]}{number}", color=color) for cube, color, number in named]
 
 
 def views_of(cell: Cell, home: Home, cubes: Sequence[Cube], lift: float) -> tuple[CameraView, ...]:
@@ -311,7 +376,7 @@ def views_of(cell: Cell, home: Home, cubes: Sequence[Cube], lift: float) -> tupl
     Neither is in the robot or close to it, if there is such a place. lift: how far the cubes are lifted [m].
     """
     places = np.array([cube.position for cube in cubes])
-    middle = np.append((places.min(axis=0) + places.max(axis=0))[:2] / 2, lift / 2)
+    middle = np.append(_extent(places)[0][:2], lift / 2)
     radius = float(np.linalg.norm(places - middle, axis=1).max()) + lift / 2
     distance = max(radius / np.sin(HALF_VIEW), 0.5)
     some_cube = np.append(places[len(places) // 3][:2], lift / 2)
@@ -325,15 +390,17 @@ def _clear_view(cell: Cell, home: Home, name: str, looks_at: Array, distance: fl
     """A camera in a direction relative to that of the work [rad], or the next one in which no robot is."""
     q = np.array([home.positions[joint].value for joint in cell.model.arm])
     X_WL = cell.model.link_poses(q[None])
-    views = [_view(name, looks_at, distance, home.direction + sign * turn + by) for by in SHIFTS for sign in (1, -1)]
-    for view in views:
-        eye = np.array([view.position])
-        if not any(
-            (np.abs(transform(inverse(X_WL[solid.part.parent][0]), eye) - middle) < half + CLEARANCE).all()
-            for solid in load_solids(cell.model.parts)
-            for middle, half in [_extent(solid.vertices)]
-        ):
-            return view
+    solids = [(inverse(X_WL[one.part.parent][0]), *_extent(one.vertices)) for one in load_solids(cell.model.parts)]
+    at_x, at_y, at_z = looks_at.round(2).tolist()
+    views = []
+    for by in SHIFTS:
+        for sign in (1, -1):
+            heading = np.cos(VIEW_HEIGHT) * _heading(home.direction + sign * turn + by)
+            x, y, z = (looks_at + distance * np.append(heading, np.sin(VIEW_HEIGHT))).round(2).tolist()
+            views.append(CameraView(name, (x, y, z), (at_x, at_y, at_z)))
+            eye = np.array([[x, y, z]])
+            if all((np.abs(transform(X, eye) - mid) >= half + CLEARANCE).any() for X, mid, half in solids):
+                return views[-1]
     return views[0]
 
 
@@ -343,24 +410,6 @@ def _extent(points: Array) -> tuple[Array, Array]:
     return (low + high) / 2, (high - low) / 2
 
 
-def _view(name: str, looks_at: Array, distance: float, turn: float) -> CameraView:
-    """A camera at a distance from a point, in a direction [rad]."""
-    ray = np.array([*(np.cos(VIEW_HEIGHT) * _heading(turn)), np.sin(VIEW_HEIGHT)])
-    x, y, z = (looks_at + distance * ray).round(2).tolist()
-    at_x, at_y, at_z = looks_at.round(2).tolist()
-    return CameraView(name, (x, y, z), (at_x, at_y, at_z))
-
-
 def _heading(turn: float) -> Array:
     """The unit vector along the ground in a direction [rad], shape (2,)."""
     return np.array([np.cos(turn), np.sin(turn)])
-
-
-def _root(model: RobotModel) -> Array:
-    """Where the arm begins on the ground, shape (2,) [m]."""
-    return shoulder_of(model)[:2]
-
-
-def _ease(model: RobotModel, q: Array, reach: float) -> float:
-    """How well a position suits as home: joints high above the table, few of them turned far."""
-    return float(model.joint_origins(q)[:, 2].mean() / reach - 0.05 * np.abs(q).sum())

@@ -41,7 +41,19 @@ def print_audit(
     """
     what = "; ".join(step.short_task for step in program.steps)
     say(f"{what} in {workspace}: {report.images} images compared, {report.skipped} skipped (not as planned)")
-    _print_left_out(report)
+    # What of a recording is not compared, or counts as blind.
+    if report.runs > 1:
+        say(f"The motion is there {report.runs} times (runs, or a retry): the first is compared.", "yellow")
+    if report.damaged:
+        count = "1 image is" if len(report.damaged) == 1 else f"{len(report.damaged)} images are"
+        say(f"{count} damaged and left out: {report.damaged[0]}.", "yellow")
+    for name, after in report.apart.items():
+        when = f"{abs(after):,.0f} s {'after' if after > 0 else 'before'} the robot's motion"
+        say(f"All images of {name} are, by their stamps, {when} or more: its clock is not the robot's.", "red")
+    if report.missing:
+        say(_without(report.missing, report.other_topics), "yellow")
+    if report.repeated:
+        say(f"{report.repeated} images are bit by bit the same as the one before them; they count as blind.", "yellow")
     _print_ends(program, report.until)
     say()
     if unsurveyed:
@@ -56,22 +68,6 @@ def print_audit(
         say(f"{since} that show it: perhaps the part was lost there, and its detector is right.", "yellow")
     say()
     say(_total(report.total.precision, threshold, not_as_stated))
-
-
-def _print_left_out(report: AuditReport) -> None:
-    """What of a recording is not compared, or counts as blind."""
-    if report.runs > 1:
-        say(f"The motion is there {report.runs} times (runs, or a retry): the first is compared.", "yellow")
-    if report.damaged:
-        count = "1 image is" if len(report.damaged) == 1 else f"{len(report.damaged)} images are"
-        say(f"{count} damaged and left out: {report.damaged[0]}.", "yellow")
-    for name, after in report.apart.items():
-        when = f"{abs(after):,.0f} s {'after' if after > 0 else 'before'} the robot's motion"
-        say(f"All images of {name} are, by their stamps, {when} or more: its clock is not the robot's.", "red")
-    if report.missing:
-        say(_without(report.missing, report.other_topics), "yellow")
-    if report.repeated:
-        say(f"{report.repeated} images are bit by bit the same as the one before them; they count as blind.", "yellow")
 
 
 def _print_ends(program: Program, until: Sequence[float | None]) -> None:
@@ -154,19 +150,15 @@ def print_calibration(document: CalibrateDocument) -> None:
         if found.curve is None or found.held_out is None or found.limits is None:
             say(f"No curve: {found.reason}.")
         else:
-            _print_detector(found.limits, found.held_out)
+            rows = [("limits", *_figures(found.limits)), ("curve, poses held out", *_figures(found.held_out))]
+            titles = ("calibration error [points]", "Brier score")
+            print_table([Column(""), *numbers(*titles)], rows)
+            say()
+            bins = [(f"{100 * one.told:.1f}", f"{100 * one.seen:.1f}", str(one.looks)) for one in found.held_out.bins]
+            print_table(numbers("predicted [%]", "seen [%]", "looks"), bins)
             terms = {"bias": found.curve.bias, **found.curve.terms, "most": found.curve.most}
             said = ", ".join(f"{term}: {value:g}" for term, value in terms.items())
             say(f"detectors: {name}: curve: {{{said}}}")
-
-
-def _print_detector(limits: Judged, held_out: Judged) -> None:
-    rows = [("limits", *_figures(limits)), ("curve, poses held out", *_figures(held_out))]
-    titles = ("calibration error [points]", "Brier score")
-    print_table([Column(""), *numbers(*titles)], rows)
-    say()
-    bins = [(f"{100 * one.told:.1f}", f"{100 * one.seen:.1f}", str(one.looks)) for one in held_out.bins]
-    print_table(numbers("predicted [%]", "seen [%]", "looks"), bins)
 
 
 def _figures(judged: Judged) -> tuple[str, str]:

@@ -26,7 +26,12 @@ def print_program(program: Program, file: Path) -> None:
     say(joined([(file.name, "bold"), f" for {workspace_name(workspace)}: {steps}{length}\n"]))
     if count:
         _print_steps(program, totals)
-        _print_tool(program)
+        commands = tool_commands(program)
+        if commands:
+            say("\nWhat the tool has to do:\n")
+            columns = [Column("step"), Column("tool"), *numbers("from [s]", "to [s]")]
+            print_table(columns, [(str(c.step), str(c), f"{c.start:.2f}", f"{c.end:.2f}") for c in commands])
+            say()
     held = program.steps[-1].after.held if count else None
     if held is not None:
         say(f"It leaves {held} in the tool.")
@@ -70,12 +75,3 @@ def _slowest(faults: Collection[FaultMetrics]) -> Styled:
         return plain("-", "dim")
     known = [delay for delay in delays if delay is not None]
     return plain("never", "red") if len(known) < len(delays) else f"{max(known):.2f}"
-
-
-def _print_tool(program: Program) -> None:
-    commands = tool_commands(program)
-    if commands:
-        say("\nWhat the tool has to do:\n")
-        columns = [Column("step"), Column("tool"), *numbers("from [s]", "to [s]")]
-        print_table(columns, [(str(c.step), str(c), f"{c.start:.2f}", f"{c.end:.2f}") for c in commands])
-        say()

@@ -84,7 +84,14 @@ def _list(ask: ProgramCommand) -> None:
     if (ask.drop_last or ask.export is not None) and doubts:
         raise InputError(*(replace(doubt, severity="error") for doubt in doubts))
     if ask.drop_last and workspace is not None:
-        found, dropped = _without_last(found, file, workspace)
+        # Save a program without its last step; returns it with a message.
+        from sqrp_cli.program.file import made_for, save_program
+
+        if not found.steps:
+            raise InputError(Problem("no-steps", "this program has no step that could be dropped", Place(file)))
+        shorter = made_for(found.without_last_step(), file, workspace)
+        save_program(shorter, file)
+        found, dropped = shorter, f"dropped step {len(found.steps)}, {found.steps[-1].short_task}, from {file}"
         notes.append(dropped)
     if ask.export is not None and workspace is not None:
         notes.append(_export(found, workspace, file, ask.export, ask.rate or DEFAULT_RATE))
@@ -119,17 +126,6 @@ def _judged(program: Program, file: Path) -> tuple[Workspace | None, list[Proble
     return workspace, []
 
 
-def _without_last(program: Program, file: Path, workspace: Workspace) -> tuple[Program, str]:
-    """Save a program without its last step; returns it with a message."""
-    from sqrp_cli.program.file import made_for, save_program
-
-    if not program.steps:
-        raise InputError(Problem("no-steps", "this program has no step that could be dropped", Place(file)))
-    shorter = made_for(program.without_last_step(), file, workspace)
-    save_program(shorter, file)
-    return shorter, f"dropped step {len(program.steps)}, {program.steps[-1].short_task}, from {file}"
-
-
 def _export(program: Program, workspace: Workspace, file: Path, target: Path, rate: float) -> str:
     """Write the joint trajectory; for ROS without the fingers, which have their own controller.
 
@@ -146,26 +142,22 @@ def _export(program: Program, workspace: Workspace, file: Path, target: Path, ra
         raise InputError(Problem("no-steps", "this program has no steps, so there is nothing to export", Place(file)))
     check_not_read([target], [file, *(one.path for one in workspace.files.values())])
     if target.suffix.lower() in SUFFIXES:
-        return _export_run(program, workspace, target)
+        # Write what is planned as a recording for ROS tools. Returns a message.
+        from sqrp_cli.platform.files import check_writable
+        from sqrp_cli.runtime.cell.requirements import check_packages
+
+        check_writable(target)
+        check_packages()
+        from sqrp_cli.runtime.run.planned_run import write_planned_run
+
+        write_planned_run(target, program, workspace)
+        return f"{target} has the planned motion, frames, boxes and what is promised to be seen; open it in Foxglove"
     if target.suffix.lower() != ".csv":
         check_own(target, YAML_MARK, "exported trajectory")
     arm = [joint for joint in program.joints if joint in workspace.robot.home]
     joints = program.joints if target.suffix.lower() == ".csv" else arm
     write_atomically(target, FORMATS[target.suffix.lower()](program, joints, rate))
     return f"{target} has a point every {1 / rate:g} s and at both ends of each primitive action"
-
-
-def _export_run(program: Program, workspace: Workspace, target: Path) -> str:
-    """Write what is planned as a recording for ROS tools. Returns a message."""
-    from sqrp_cli.platform.files import check_writable
-    from sqrp_cli.runtime.cell.requirements import check_packages
-
-    check_writable(target)
-    check_packages()
-    from sqrp_cli.runtime.run.planned_run import write_planned_run
-
-    write_planned_run(target, program, workspace)
-    return f"{target} has the planned motion, frames, boxes and what is promised to be seen; open it in Foxglove"
 
 
 command = command_of(ProgramCommand, program)

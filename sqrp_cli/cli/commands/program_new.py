@@ -105,7 +105,12 @@ class _Dialog:
             if task.candidates[0].steps:
                 say("One step at a time, please: name the first one alone.")
                 continue
-            self._add(self._choose(task))
+            steps = self._choose(task)
+            if steps:
+                self.file = self.file or self._asked_file()
+                self.program = add_steps(self.cell, steps, Adaptive(), self.file)
+                added = ", ".join(step.short_task for step in self.program.steps[-len(steps) :])
+                say(f"Added and saved in {self.file}: {added}.\n")
             return True
         return False
 
@@ -140,25 +145,14 @@ class _Dialog:
         print_ranking(task.text, session.assignment, ranking, "q_eoi", all_rows=True)
         say()
         if ranking[0].rank is None:
-            return self._propose(task)
+            suggester = Suggester(self.cell, self.world, jobs=cores())
+            suggested = best_suggestion([check_candidate(c, suggester) for c in task.candidates], suggester)
+            if not suggested:
+                return []
+            print_suggested(suggested)
+            return chosen_steps(suggested) if (ask("\nTake these steps [yes]: ").lower() in ("", "y", "yes")) else []
         chosen = _chosen([ranked for ranked in ranking if ranked.rank is not None])
         return [] if chosen is None else [ChosenStep(task.text, chosen.assessment, self.world)]
-
-    def _propose(self, task: Task) -> list[ChosenStep]:
-        suggester = Suggester(self.cell, self.world, jobs=cores())
-        suggested = best_suggestion([check_candidate(c, suggester) for c in task.candidates], suggester)
-        if not suggested:
-            return []
-        print_suggested(suggested)
-        return chosen_steps(suggested) if _is_yes(ask("\nTake these steps [yes]: ")) else []
-
-    def _add(self, steps: list[ChosenStep]) -> None:
-        """Save steps at once; the first ones in a file that is asked for only now."""
-        if steps:
-            self.file = self.file or self._asked_file()
-            self.program = add_steps(self.cell, steps, Adaptive(), self.file)
-            added = ", ".join(step.short_task for step in self.program.steps[-len(steps) :])
-            say(f"Added and saved in {self.file}: {added}.\n")
 
 
 def _chosen(feasible: Sequence[Ranked]) -> Ranked | None:
@@ -168,7 +162,3 @@ def _chosen(feasible: Sequence[Ranked]) -> Ranked | None:
         if answer.isdecimal() and int(answer) <= len(feasible):
             return feasible[int(answer) - 1] if int(answer) else None
         say(f"There is no number {answer}; expected 0 to {len(feasible)}.")
-
-
-def _is_yes(answer: str) -> bool:
-    return answer.lower() in ("", "y", "yes")

@@ -84,7 +84,18 @@ class RunCommand(requests.RunRequest, requests.Paged, requests.Seeded, requests.
 def run(context: Any, ask: RunCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
     """Run, sweep or replay, as the options say."""
     outputs = RunOutputs.of(ask, page=ask.report)
-    _check_options(ask, outputs)
+    # Raises InputError for options that exclude each other.
+    files = outputs.named
+    if ask.replay is not None:
+        others = {"--fault": ask.faults, "--sweep": ask.sweep, "--n": ask.n, **files, "--report": None}
+        check_excluded("--replay", others)
+    if ask.sweep is not None:
+        check_excluded("--sweep", {"--fault": ask.faults, "--report": outputs.page, **files})
+    check_needed("--sweep", ask.sweep, {"--n": ask.n})
+    check_needed("--robot", ask.robot, {"--dry-run": ask.dry_run, "--yes": ask.yes, "--speed": ask.speed})
+    if ask.robot is not None:
+        others = {"--sim": ask.sim, "--fault": ask.faults, "--sweep": ask.sweep, "--replay": ask.replay}
+        check_excluded("--robot", others)
     outputs.check_names()
     if ask.report is not None:
         check_report(ask.report)
@@ -105,21 +116,6 @@ def run(context: Any, ask: RunCommand) -> ExitCode:  # noqa: ANN401 - Typer's co
         say("The cell is as the program says, and so are the images where it starts. Nothing was commanded.")
         return ExitCode.OK
     return _show(found, ask.report, context.obj, as_json=ask.json)
-
-
-def _check_options(ask: RunCommand, outputs: RunOutputs) -> None:
-    """Raises InputError for options that exclude each other."""
-    files = outputs.named
-    if ask.replay is not None:
-        others = {"--fault": ask.faults, "--sweep": ask.sweep, "--n": ask.n, **files, "--report": None}
-        check_excluded("--replay", others)
-    if ask.sweep is not None:
-        check_excluded("--sweep", {"--fault": ask.faults, "--report": outputs.page, **files})
-    check_needed("--sweep", ask.sweep, {"--n": ask.n})
-    check_needed("--robot", ask.robot, {"--dry-run": ask.dry_run, "--yes": ask.yes, "--speed": ask.speed})
-    if ask.robot is not None:
-        others = {"--sim": ask.sim, "--fault": ask.faults, "--sweep": ask.sweep, "--replay": ask.replay}
-        check_excluded("--robot", others)
 
 
 def _open(path: Path, ask: RunCommand) -> OpenProgram:

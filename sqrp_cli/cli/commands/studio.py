@@ -43,18 +43,15 @@ def studio(_context: Any, ask: StudioCommand) -> ExitCode:  # noqa: ANN401 - Typ
     bench = Bench(ask.workspace, ask.seed, ask.jobs)  # loads its libraries while this process reads the workspace
     try:
         opened = open_with_warnings(ask.workspace, ask.seed)
-        return _serve(opened, _checked_task(ask.task, opened), bench, ask.port, ask.jobs, show=not ask.no_browser)
+        # The task to begin with. Raises InputError for one that cannot be read.
+        task = ask.task
+        from sqrp_cli.programming.task import read_task
+
+        task = task or _first_task(opened)
+        read_task(task, opened.workspace)
+        return _serve(opened, task, bench, ask.port, ask.jobs, show=not ask.no_browser)
     finally:
         bench.close()
-
-
-def _checked_task(task: str | None, opened: OpenCell) -> str:
-    """The task to begin with. Raises InputError for one that cannot be read."""
-    from sqrp_cli.programming.task import read_task
-
-    task = task or _first_task(opened)
-    read_task(task, opened.workspace)
-    return task
 
 
 def _first_task(opened: OpenCell) -> str:

@@ -23,7 +23,6 @@ from sqrp_cli.runtime.record.events import (
     MovingOn,
     PrimitiveBegan,
     Retrying,
-    ShownAtom,
     StepBegan,
     Stopping,
 )
@@ -76,7 +75,11 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
     )
     title = f"{', '.join(names)} in {cell.name}: {report.outcome}"
     about = [*origin(arguments), ("workspace", cell.name), ("digest", cell.digest)]
-    events_of_note = [t for fault in report.faults if (t := _first_time(fault)) is not None]
+    events_of_note = [
+        t
+        for fault in report.faults
+        if (t := next((t for t in (fault.happened, fault.detected, fault.injected) if t is not None), None)) is not None
+    ]
     opens_at = min(events_of_note, default=0.0 if report.outcome == "done" else report.time)
     content = PageContent(title, story(report), "Steps", about, [entry], scenes, of_images=True, opens_at=opens_at)
     write_page(content, path)
@@ -103,11 +106,6 @@ def _told(report: RunReport, fault: FaultRecord) -> str:
     return f"{label} injected, but it never came true"
 
 
-def _first_time(fault: FaultRecord) -> float | None:
-    """When a fault happened or, if it is not known, was seen or injected [s]."""
-    return next((t for t in (fault.happened, fault.detected, fault.injected) if t is not None), None)
-
-
 def _figures(report: RunReport) -> Iterator[FigureShown]:
     """What is told of a run in figures."""
     for fault in report.faults:
@@ -126,6 +124,12 @@ def _detail(
 ) -> playback.PlayedRun:
     """The playback of a run: a motion with what images showed in place of predictions."""
     marks = [(report.label_of(fault), list(_spans(report, fault))) for fault in report.faults]
+    # What the images of each time showed. The last ones count for as long as any before them, then none.
+    seen = {event.exposed: event for event in events if isinstance(event, EvidenceSeen)}
+    samples = [_sample(cell.cameras, seen[t]) for t in sorted(seen)]
+    times = [sample.t for sample in samples]
+    longest = max((after - t for t, after in pairwise(times)), default=report.time)
+    over = min(report.time, times[-1] + longest) if times else 0.0
     return playback.PlayedRun(
         time=report.time,
         still={},
@@ -136,24 +140,9 @@ def _detail(
         marks=[playback.Marks(label=name, spans=spans) for name, spans in marks if spans],
         moments=_moments(report, events),
         note=WITNESSED if track is not None else f"There is no playback in three dimensions: {why_flat}.",
-        samples=_samples(cell.cameras, events, report.time),
+        samples=[*samples, playback.EndOfImages(t=over, literals={})],
         track=None if track is None else _track(track),
     )
-
-
-def _samples(
-    cameras: Sequence[str], events: Sequence[Event], end: float
-) -> list[playback.ShownInstant | playback.EndOfImages]:
-    """What the images of each time showed. The last ones count for as long as any before them, then none.
-
-    Images of one time may arrive one after the other: the last event has what all of them showed.
-    """
-    seen = {event.exposed: event for event in events if isinstance(event, EvidenceSeen)}
-    samples = [_sample(cameras, seen[t]) for t in sorted(seen)]
-    times = [sample.t for sample in samples]
-    longest = max((after - t for t, after in pairwise(times)), default=end)
-    over = min(end, times[-1] + longest) if times else 0.0
-    return [*samples, playback.EndOfImages(t=over, literals={})]
 
 
 def _doings(events: Sequence[Event], end: float) -> list[Span]:
@@ -248,16 +237,15 @@ def _sample(cameras: Sequence[str], event: EvidenceSeen) -> playback.ShownInstan
         t=event.exposed,
         covered=known if required else None,
         kind="known" if known else "unknown",
-        literals={name: _literal(cameras, found) for name, found in required.items()},
-    )
-
-
-def _literal(cameras: Sequence[str], found: ShownAtom) -> playback.ShownLiteral:
-    return playback.ShownLiteral(
-        **vars(_shown(found.value, "unseen")),
-        boxes=[],
-        cameras={name: _shown(found.cameras.get(name, Truth.UNKNOWN), "nothing") for name in cameras},
-        really=found.true,
+        literals={
+            name: playback.ShownLiteral(
+                **vars(_shown(found.value, "unseen")),
+                boxes=[],
+                cameras={name: _shown(found.cameras.get(name, Truth.UNKNOWN), "nothing") for name in cameras},
+                really=found.true,
+            )
+            for name, found in required.items()
+        },
     )
 
 

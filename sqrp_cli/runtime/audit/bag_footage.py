@@ -140,7 +140,9 @@ def _cameras_of(
     """The camera of each topic, of those with images, that is looked at. Raises InputError where there is none."""
     found: dict[str, str] = {}
     for camera in workspace.cameras:
-        own = [one for one in topics if _is_of(one, camera, given)]
+        own = [
+            one for one in topics if (one.name == given[camera] if camera in given else camera in one.name.split("/"))
+        ]
         if not own and camera in given:
             message = f"there are no images on `{given[camera]}`; {expected_names(given[camera], _names(topics))}"
             raise bad_input("no-images", message, Place(path))
@@ -175,10 +177,6 @@ def _check_free(topic: str, camera: str, other: str, given: Mapping[str, str], p
         bare = camera if camera not in given else other
         message = f"`{topic}` would be the images of {other} and of {camera}; expected a topic of its own for each"
         raise bad_option(message, Place(path), mend=f"sqrp audit PROGRAM RECORDING --topic {bare}=TOPIC, too")
-
-
-def _is_of(topic: RecordedTopic, camera: str, given: Mapping[str, str]) -> bool:
-    return topic.name == given[camera] if camera in given else camera in topic.name.split("/")
 
 
 def _names(topics: Sequence[RecordedTopic]) -> list[str]:

@@ -142,16 +142,26 @@ class CellServer:
 
     def step(self) -> None:
         """Let a little time pass."""
-        self._obey()
+        try:
+            for arrived in self._trajectories.take():
+                self.follow(arrived.message)
+            for arrived in self._tool.take():
+                (self._cell.grasp if arrived.message.data else self._cell.release)()
+                self._tell(f"{self.t:.2f} s: the tool {'holds' if arrived.message.data else 'lets go'}")
+        except MessageError as error:
+            self._complain(f"a message is malformed: {error}")
         for fault in self._faults.due(self.t):
-            self._happen(fault)
+            self._tell(f"{self.t:.3f} s: {fault.text} is made to happen")
+            match fault.kind:
+                case "slip":
+                    self._cell.slip()
+                case "miss-pick":
+                    self._cell.miss_next_grasp()
+                case "joints-frozen":
+                    self._frozen = self._cell.measured_joints()
         self._steps += 1
         self._cell.advance(self.t, self.reference)
-        self._note_motion()
-        self._publish()
-
-    def _note_motion(self) -> None:
-        """Say when the arm begins to move, and when it stands."""
+        # Say when the arm begins to move, and when it stands.
         found = self._cell.measured_joints()
         q = np.array([found[name] for name in self._file.joints or {}])
         moves = float(np.abs(q - self._q).max(initial=0.0)) > STANDS * STEP
@@ -162,17 +172,10 @@ class CellServer:
         elif self._still == STILL_FOR:
             self._tell(f"{self.t - STILL_FOR * STEP:.3f} s: the arm stands")
         self._stood = not moves and (self._stood or self._still >= STILL_FOR)
-
-    def _obey(self) -> None:
-        """Take in trajectories and commands to the tool."""
-        try:
-            for arrived in self._trajectories.take():
-                self.follow(arrived.message)
-            for arrived in self._tool.take():
-                (self._cell.grasp if arrived.message.data else self._cell.release)()
-                self._tell(f"{self.t:.2f} s: the tool {'holds' if arrived.message.data else 'lets go'}")
-        except MessageError as error:
-            self._complain(f"a message is malformed: {error}")
+        self._clock(self._types.make(CLOCK.type, clock=self._types.time(self.stamp)))
+        if self._steps % JOINTS_EVERY == 0:
+            self._publish_joints()
+        self._publish_images()
 
     def follow(self, message: Message) -> None:
         """Follow a trajectory from now on, unless no controller would."""
@@ -192,22 +195,6 @@ class CellServer:
         if what != self._complaint or self.t - self._complained >= 1.0:
             self._tell(f"{self.t:.2f} s: {what}")
             self._complaint, self._complained = what, self.t
-
-    def _happen(self, fault: InjectedFault) -> None:
-        self._tell(f"{self.t:.3f} s: {fault.text} is made to happen")
-        match fault.kind:
-            case "slip":
-                self._cell.slip()
-            case "miss-pick":
-                self._cell.miss_next_grasp()
-            case "joints-frozen":
-                self._frozen = self._cell.measured_joints()
-
-    def _publish(self) -> None:
-        self._clock(self._types.make(CLOCK.type, clock=self._types.time(self.stamp)))
-        if self._steps % JOINTS_EVERY == 0:
-            self._publish_joints()
-        self._publish_images()
 
     def _publish_joints(self) -> None:
         if self._faults.has("joints-loss"):
