@@ -31,7 +31,7 @@ ROOMS = {
     "camera": ("knowledge/camera knowledge/light knowledge/markers knowledge/paint", 2_473),
     "cell": ("knowledge programming/cell programming/solids", 4_127),
     "logic": ("logic", 2_885),
-    "skill, program": ("knowledge/skill program", 2_134),
+    "skill, program": ("knowledge/skill program", 2_135),
     "task": ("programming", 1_950),
     "motion": ("programming/motion", 3_350),
     "sight": ("sight programming/sensing", 1_291),
@@ -39,12 +39,12 @@ ROOMS = {
     "search": ("programming/advice programming/placing", 4_687),
     "checks": ("checks", 1_391),
     "run": ("runtime", 9_673),
-    "field": ("ros runtime/audit runtime/serve calibrating", 3_518),
-    "score": ("scoring", 2_931),
-    "show": ("terminal report", 7_342),
-    "ask": ("ask api cli __init__ __main__", 7_137),
+    "field": ("ros runtime/audit runtime/serve calibrating", 3_496),
+    "score": ("scoring", 2_927),
+    "show": ("terminal report", 7_318),
+    "ask": ("ask api cli __init__ __main__", 7_112),
     "studio": ("studio", 2_294),
-    "starter, platform": ("starter platform", 2_373),
+    "starter, platform": ("starter platform", 2_077),
 }
 """The rooms of the package: what is in each, the longest beginning of a path counts, and how many lines it may have.
 
