@@ -38,7 +38,7 @@ ROOMS = {
     "study": ("programming/coverage programming/seen " + " ".join(_STUDY), 4_427),
     "search": ("programming/advice programming/placing", 4_687),
     "checks": ("checks", 1_391),
-    "run": ("runtime", 9_673),
+    "run": ("runtime", 9_158),
     "field": ("ros runtime/audit runtime/serve calibrating", 3_496),
     "score": ("scoring", 2_927),
     "show": ("terminal report", 7_318),

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from sqrp_cli.runtime.record.events import Event, Listener, ProgramStep
     from sqrp_cli.runtime.record.film import ImageRecorder, Screen
     from sqrp_cli.runtime.record.report import RunReport
-    from sqrp_cli.runtime.run.injected_fault import InjectedFault
-    from sqrp_cli.runtime.run.program_run import Recording, Spectator
+    from sqrp_cli.runtime.run.faults import InjectedFault
+    from sqrp_cli.runtime.run.run import Recording, Spectator
     from sqrp_cli.runtime.run.simulation import Simulation
 
 PROGRAM = "program.yaml"
@@ -150,7 +150,7 @@ class OpenProgram:
     def warnings(self) -> list[Problem]:
         """Warnings about formulas that monitors cannot judge because the motion itself contradicts them."""
         from sqrp_cli.report.sentences import short_times
-        from sqrp_cli.runtime.monitor.program_formulas import contradictions
+        from sqrp_cli.runtime.monitor.step_monitor import contradictions
         from sqrp_cli.runtime.robot_body import RobotBody
 
         mend = "correct the formula, or the boxes of its literals: one about an object holds while that is in its boxes"
@@ -170,7 +170,7 @@ class OpenProgram:
         """
         import numpy as np
 
-        from sqrp_cli.runtime.run.injected_fault import parse_fault
+        from sqrp_cli.runtime.run.faults import parse_fault
 
         values.texts("texts such as ['slip@a4+0.4']").read(faults, option)
         rng, steps, cameras = np.random.default_rng(self.seed), self.program.steps, self.workspace.cameras
@@ -232,7 +232,7 @@ class OpenProgram:
         workspace = self.workspace
         outputs.check_not_read(self.files)
         perform = elsewhere or partial(self._simulation().run, injected)
-        from sqrp_cli.runtime.run.program_run import Recording
+        from sqrp_cli.runtime.run.run import Recording
         from sqrp_cli.runtime.run.simulation import header
 
         for path in filter(None, (outputs.film, outputs.log)):
@@ -269,7 +269,7 @@ class OpenProgram:
         slip: as `sqrp run --sweep` takes it, such as `slip@a4`. At Ctrl-C the result has the runs that are finished.
         """
         from sqrp_cli.api.run_results import SlipSweep
-        from sqrp_cli.runtime.run.injected_fault import parse_sweep
+        from sqrp_cli.runtime.run.faults import parse_sweep
 
         values.text("a slip and where, such as `slip@a4`").read(slip, "slip")
         values.count(1).read(count, "count")

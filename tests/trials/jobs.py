@@ -28,8 +28,8 @@ from sqrp_cli.programming.task import read_task
 from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 from sqrp_cli.runtime.record.log import LogWriter
 from sqrp_cli.runtime.record.report import RunReport
-from sqrp_cli.runtime.run.injected_fault import InjectedFault
-from sqrp_cli.runtime.run.program_run import Recording
+from sqrp_cli.runtime.run.faults import InjectedFault
+from sqrp_cli.runtime.run.run import Recording
 from sqrp_cli.runtime.run.simulation import Simulation, header, instants, slip_at
 
 ROOT = Path(__file__).parent.parent.parent

@@ -148,7 +148,7 @@ def _export(program: Program, workspace: Workspace, file: Path, target: Path, ra
 
         check_writable(target)
         check_packages()
-        from sqrp_cli.runtime.run.planned_run import write_planned_run
+        from sqrp_cli.runtime.run.ground_truth import write_planned_run
 
         write_planned_run(target, program, workspace)
         return f"{target} has the planned motion, frames, boxes and what is promised to be seen; open it in Foxglove"

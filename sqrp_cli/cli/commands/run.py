@@ -187,7 +187,7 @@ def _replay(log: Path, ask: RunCommand, arguments: Sequence[str]) -> ExitCode:
 
 def _sweep(opened: OpenProgram, slip: str, ask: RunCommand) -> ExitCode:
     """Many runs of a program, each with a slip at another instant; at Ctrl-C those that are finished are shown."""
-    from sqrp_cli.runtime.run.injected_fault import parse_sweep
+    from sqrp_cli.runtime.run.faults import parse_sweep
     from sqrp_cli.terminal.console import progress
 
     parse_sweep(slip, opened.program.steps, "--sweep")

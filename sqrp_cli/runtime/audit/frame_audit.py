@@ -15,8 +15,8 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program, Step
 from sqrp_cli.runtime.audit.clock import FARTHEST
 from sqrp_cli.runtime.audit.footage import Footage, Frame, ImageSource
+from sqrp_cli.runtime.monitor.attempt import PredictionCheck
 from sqrp_cli.runtime.monitor.nominal_step import NominalStep, values_when_open
-from sqrp_cli.runtime.monitor.prediction_check import PredictionCheck
 from sqrp_cli.runtime.monitor.step_monitor import StepMonitor
 from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, Detection, DetectionTargets
 from sqrp_cli.runtime.perception.detector_pool import DetectorPool, PerceptionError

@@ -54,7 +54,7 @@ class StoppableReference(ArmReference, Protocol):
 class RunnableCell(Protocol):
     """What a run commands and observes, on a clock of its own in seconds.
 
-    Perception gets its images alone. What a simulation knows beyond this is asked of the simulated cell itself.
+    Perception gets its images alone.
     """
 
     def advance(self, t: float, reference: StoppableReference) -> float:
@@ -86,6 +86,9 @@ class RunnableCell(Protocol):
 
     def tracking_error(self) -> float | None:
         """Distance of the tool from where it should have been [m], root mean square; None if nobody measures it."""
+
+    def truth(self) -> CellState | None:
+        """The present ground truth of a simulation; None where nobody knows it."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -326,6 +326,9 @@ class RosCell(AbstractContextManager["RosCell"]):
         """As `RunnableCell` says: nobody measures where the tool is."""
         return None
 
+    def truth(self) -> None:
+        """As `RunnableCell` says: nobody knows it."""
+
     def close(self) -> None:
         """Have the robot stand, and wait until it does; then end the connection."""
         try:

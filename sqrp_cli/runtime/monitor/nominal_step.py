@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.knowledge.frames import Stay, carried_poses, frame_poses
-from sqrp_cli.knowledge.skill.target_box import TargetBox, object_of
+from sqrp_cli.knowledge.skill.target_box import object_of
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.program.record import ProgramTarget, Step
 from sqrp_cli.runtime.robot_body import RobotBody
@@ -42,23 +42,22 @@ def holds(atom: str, target: ProgramTarget, situation: Situation, *, when_open: 
     It is in a box that moves with the robot if the tool holds it, in any other if its centre is inside. An atom without
     an object is about the gripper's fingers. when_open: the value of such an atom while they are open.
     """
-    named = [(object_of(atom, box, situation.X_WO), box) for box in target.boxes]
-    if all(name is None for name, _ in named):
-        return when_open == situation.open
-    return all(_is_in(name, box, situation) for name, box in named if name is not None)
+    named = [(name, box) for box in target.boxes if (name := object_of(atom, box, situation.X_WO)) is not None]
+    for name, box in named:
+        if box.frame in situation.X_WL:
+            inside = situation.held == name
+        else:
+            X_WB = frame_poses({}, situation.X_WO, situation.starts)[box.frame] @ box.X_FB
+            offset = (situation.X_WO[name][:3, 3] - X_WB[:3, 3]) @ X_WB[:3, :3]
+            inside = bool((np.abs(offset) <= 0.5 * np.array(box.size)).all())
+        if not inside:
+            return False
+    return bool(named) or when_open == situation.open
 
 
 def values_when_open(step: Step) -> dict[str, bool]:
     """The value of each atom at the start of a step if the fingers are open then, else the opposite."""
     return {atom: (Atom.of(atom) in step.before.facts) == (step.before.held is None) for atom in step.targets}
-
-
-def _is_in(name: str, box: TargetBox, situation: Situation) -> bool:
-    if box.frame in situation.X_WL:
-        return situation.held == name
-    X_WB = frame_poses({}, situation.X_WO, situation.starts)[box.frame] @ box.X_FB
-    offset = (situation.X_WO[name][:3, 3] - X_WB[:3, 3]) @ X_WB[:3, :3]
-    return bool((np.abs(offset) <= 0.5 * np.array(box.size)).all())
 
 
 def planned_joints(step: Step, t: Array) -> Array:
@@ -81,27 +80,42 @@ class NominalStep:
 
     def __init__(self, step: Step, joints: tuple[str, ...], robot: RobotBody) -> None:
         """joints: names of the arm's joints, in the order of the step's trajectories."""
-        self.step = step
-        self._t = np.arange(0.0, step.time + SPACING, SPACING)
-        self._X_WO, self._holds = self._simulate(joints, robot)
+        self.step, before = step, step.before
+        self._t = t = np.arange(0.0, step.time + SPACING, SPACING)
+        primitive_of = _primitive_at(step, t)
+        X_WL = robot.poses_over(dict(zip(joints, planned_joints(step, t).T, strict=True)))
+        X_WT, held = X_WL[robot.tool_frame], [step.primitives[index].held for index in primitive_of.tolist()]
+        self._X_WO: dict[str, Array] = {name: X[None] for name, X in before.X_WO.items()}
+        for name in dict.fromkeys(primitive.held for primitive in step.primitives if primitive.held is not None):
+            self._X_WO[name] = carried_poses(X_WT, _stays(name, step, held, X_WT))
+        when_open = values_when_open(step)
+        self._holds = {atom: np.zeros(len(t), dtype=bool) for atom in step.targets}
+        for i in range(len(t)):
+            now_X_WL = {link: X[i] for link, X in X_WL.items()}
+            now_X_WO = {name: X[i if len(X) > 1 else 0] for name, X in self._X_WO.items()}
+            now = Situation(now_X_WL, now_X_WO, before.X_WO, held[i], held[i] is None)
+            for atom, target in step.targets.items():
+                self._holds[atom][i] = holds(atom, target, now, when_open=when_open[atom])
 
     @property
     def times(self) -> Sequence[float]:
         """The instants at which the nominal motion is looked at, from 0 on [s]; the last may lie after its end."""
         return self._t.tolist()
 
+    def _index(self, t: float) -> int:
+        return min(round(max(t, 0.0) / SPACING), len(self._t) - 1)
+
     def holds(self, atom: str, t: float) -> bool:
         """Whether an atom holds at time t [s] of the step."""
-        return bool(self._holds[atom][min(round(max(t, 0.0) / SPACING), len(self._t) - 1)])
+        return bool(self._holds[atom][self._index(t)])
 
     def held_throughout(self, atom: str, positive: bool, start: float, end: float) -> bool:
         """Whether an atom has a value at all times from start to end [s]."""
-        first, last = (min(max(round(t / SPACING), 0), len(self._t) - 1) for t in (start, end))
-        return bool((self._holds[atom][first : last + 1] == positive).all())
+        return bool((self._holds[atom][self._index(start) : self._index(end) + 1] == positive).all())
 
     def object_poses(self, t: float) -> Mapping[str, Array]:
         """Where objects are at time t [s] of the step, (4, 4)."""
-        index = min(round(max(t, 0.0) / SPACING), len(self._t) - 1)
+        index = self._index(t)
         return {name: poses[index if len(poses) > 1 else 0] for name, poses in self._X_WO.items()}
 
     def covering(self, atom: str, t: float, margin: float = 0.0) -> list[str]:
@@ -119,43 +133,11 @@ class NominalStep:
         """Whether enough cameras were predicted to see an atom from t - margin to t + margin [s]."""
         return len(self.covering(atom, t, margin)) >= self.step.targets[atom].cameras
 
-    def _simulate(
-        self, joints: tuple[str, ...], robot: RobotBody
-    ) -> tuple[Mapping[str, Array], Mapping[str, NDArray[np.bool_]]]:
-        step = self.step
-        primitive_of, q = _primitive_at(step, self._t), planned_joints(step, self._t)
-        X_WL = robot.poses_over(dict(zip(joints, q.T, strict=True)))
-        X_WT = X_WL[robot.tool_frame]
-        X_WO: dict[str, Array] = {name: X[None] for name, X in step.before.X_WO.items()}
-        for name in dict.fromkeys(primitive.held for primitive in step.primitives if primitive.held is not None):
-            X_WO[name] = carried_poses(X_WT, _stays(name, step, primitive_of, X_WT))
-        held = [step.primitives[index].held for index in primitive_of.tolist()]
-        return X_WO, self._values(X_WL, X_WO, held)
 
-    def _values(
-        self, X_WL: Mapping[str, Array], X_WO: Mapping[str, Array], held: Sequence[str | None]
-    ) -> Mapping[str, NDArray[np.bool_]]:
-        """Whether each atom holds at each time, shape (m,); links and objects are where it is said."""
-        step = self.step
-        when_open = values_when_open(step)
-        values = {atom: np.zeros(len(self._t), dtype=bool) for atom in step.targets}
-        for i in range(len(self._t)):
-            now = Situation(
-                {link: X[i] for link, X in X_WL.items()},
-                {name: X[i if len(X) > 1 else 0] for name, X in X_WO.items()},
-                step.before.X_WO,
-                held[i],
-                held[i] is None,
-            )
-            for atom, target in step.targets.items():
-                values[atom][i] = holds(atom, target, now, when_open=when_open[atom])
-        return values
-
-
-def _stays(name: str, step: Step, primitive_of: NDArray[np.int64], X_WT: Array) -> Iterator[Stay]:
+def _stays(name: str, step: Step, held: Sequence[str | None], X_WT: Array) -> Iterator[Stay]:
     """The pose of an object that is carried in some primitives and rests in the others."""
     X_WO, X_TO = step.before.X_WO[name], step.before.X_TO if step.before.held == name else None
-    holding = np.array([primitive.held == name for primitive in step.primitives])[primitive_of]
+    holding = np.array([one == name for one in held])
     edges = (np.flatnonzero(np.diff(holding)) + 1).tolist()
     for start, end in pairwise([0, *edges, len(holding)]):
         if holding[start]:

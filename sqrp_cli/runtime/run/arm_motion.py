@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -82,20 +81,24 @@ class ArmMotion:
 
     def play(self, primitives: Sequence[ProgramPrimitive], t: float) -> None:
         """Follow primitives from time t [s] on; what a guarded move left over is kept, as within a step."""
-        left = self._left_over(t, primitives)
+        left = np.zeros_like(self._rest)
+        if self._primitives and primitives and self._offsets[-1].any():
+            left = self.state(t)[0] - primitives[0].trajectory.positions([0.0])[0]
         self._primitives, self._start, self._stops, self._placed = tuple(primitives), t, [], {}
         self._moving = [one.trajectory if one.guard is None else one.guard.trajectory for one in primitives]
         self._ends = [primitive.end for primitive in primitives]
-        self._halts = {}
-        self._offsets = [left]
+        self._halts, self._offsets = {}, [left]
         self._set_offsets(0)
-        self.revision += 1
 
     def force_limit(self, t: float) -> float | None:
         """What counts as contact at time t [s], in N; None unless a guarded move looks for it."""
-        index = self._index(self.step_time(t))
-        guard = self._primitives[index].guard if self._primitives else None
-        return None if guard is None or index in self._halts or not self._within(index, t) else guard.force
+        if not self._primitives:
+            return None
+        tau = self.step_time(t)
+        index = self._index(tau)
+        primitive = self._primitives[index]
+        looks = primitive.guard is not None and index not in self._halts and primitive.start <= tau < self._ends[index]
+        return primitive.guard.force if looks and primitive.guard is not None else None
 
     def halt_primitive(self, t: float) -> None:
         """End the motion of the guarded move that is under way at time t [s]: it met what it looked for.
@@ -107,22 +110,10 @@ class ArmMotion:
         index = self._index(tau)
         self._halts[index] = tau - self._primitives[index].start
         self._set_offsets(index)
-        self.revision += 1
-
-    def _within(self, index: int, t: float) -> bool:
-        tau = self.step_time(t)
-        return self._primitives[index].start <= tau < self._ends[index]
 
     def _index(self, tau: float) -> int:
         """Of the primitive under way at a time of the step's own clock [s], the last one after its end."""
         return max(0, min(int(np.searchsorted(self._ends, tau, side="right")), len(self._ends) - 1))
-
-    def _left_over(self, t: float, primitives: Sequence[ProgramPrimitive]) -> Array:
-        """How far the arm is from where new primitives begin, if guarded moves left it there, shape (n,)."""
-        if not self._primitives or not primitives or not self._offsets[-1].any():
-            return np.zeros_like(self._rest)
-        left: Array = self.state(t)[0] - primitives[0].trajectory.positions([0.0])[0]
-        return left
 
     def _set_offsets(self, first: int) -> None:
         """Compute how far each primitive from one on begins from where it was planned, and the last one ends."""
@@ -136,6 +127,7 @@ class ArmMotion:
                 planned = primitive.trajectory.positions([duration])[0]
                 offset = offset + self._guarded_motion(index, np.array([duration]), 0)[0][0] - planned
             self._offsets.append(offset)
+        self.revision += 1
 
     def _guarded_motion(self, index: int, local: Array, order: int) -> list[Array]:
         """As `Trajectory.motion`, but it comes to rest where the primitive was halted."""
@@ -147,22 +139,10 @@ class ArmMotion:
         rate = np.where(local <= halt, 1.0, 1.0 - share)[:, None]
         change = np.where((local > halt) & (share < 1.0), -1.0 / HALT, 0.0)[:, None]
         q, *rest = trajectory.motion(slowed, order)
-        found = [q]
-        if rest:
-            found.append(rest[0] * rate)
-        if rest[1:]:
-            found.append(rest[1] * rate**2 + rest[0] * change)
-        return found
-
-    def _offset_motion(self, index: int, local: Array) -> list[Array]:
-        """What is added to a primitive's positions and to their two derivatives: it fades over a joint move."""
-        offset, primitive = self._offsets[index], self._primitives[index]
-        if primitive.action != JOINT_MOVE or not primitive.trajectory.duration:
-            return [np.tile(offset, (len(local), 1)), *np.zeros((2, len(local), len(offset)))]
-        duration = primitive.trajectory.duration
-        x = np.clip(local / duration, 0.0, 1.0)
-        fade = [1 - x**3 * (10 - 15 * x + 6 * x**2), -30 * x**2 * (1 - x) ** 2, -60 * x * (1 - x) * (1 - 2 * x)]
-        return [values[:, None] * offset / duration**k for k, values in enumerate(fade)]
+        if not rest:
+            return [q]
+        velocity, acceleration = rest
+        return [q, velocity * rate, acceleration * rate**2 + velocity * change]
 
     def stop(self, t: float, *, protective: bool = False) -> float:
         """Slow down from time t [s] on; returns when the arm stands [s].
@@ -216,39 +196,56 @@ class ArmMotion:
             q[:, joint], velocity[:, joint], acceleration[:, joint] = wanted, 0.0, 0.0
         return JointStates(q, velocity, acceleration)
 
-    def _clock(self, t: Array) -> ClockReadings:
-        """The step's own clock at times t [s], (m,)."""
+    def _clock(self, t: Array) -> tuple[Array, Array, Array]:
+        """The step's own clock at times t [s], (m,): what it shows [s], its rate, and the change of that [1/s]."""
         tau, rate, change = t - self._start, np.ones_like(t), np.zeros_like(t)
         for stop in self._stops:
             rows = t > stop.t
             tau[rows], rate[rows], change[rows] = stop.clock(t[rows])
-        return ClockReadings(tau, rate, change)
+        return tau, rate, change
 
     def _on_path(self, tau: Array) -> list[Array]:
         """Positions and two derivatives by the step's own time [s], all in one primitive, shape (m, n) each.
 
-        A primitive ends at rest, so later times stand still there.
+        A primitive ends at rest, so later times stand still there. What guarded moves left over fades in a joint move.
         """
         index = min(int(np.searchsorted(self._ends, tau[0], side="right")), len(self._ends) - 1)
-        local = np.clip(tau - self._primitives[index].start, 0.0, self._moving[index].duration)
+        primitive, offset = self._primitives[index], self._offsets[index]
+        local = np.clip(tau - primitive.start, 0.0, self._moving[index].duration)
         motion = self._guarded_motion(index, local, 2)
-        if not self._offsets[index].any():
+        if not offset.any():
             return motion
-        offsets = self._offset_motion(index, local)
-        return [planned + offset for planned, offset in zip(motion, offsets, strict=True)]
+        duration = primitive.trajectory.duration
+        if primitive.action != JOINT_MOVE or not duration:
+            return [motion[0] + offset, *motion[1:]]
+        x = np.clip(local / duration, 0.0, 1.0)
+        fade = [1 - x**3 * (10 - 15 * x + 6 * x**2), -30 * x**2 * (1 - x) ** 2, -60 * x * (1 - x) * (1 - 2 * x)]
+        return [
+            planned + one[:, None] * offset / duration**k
+            for k, (planned, one) in enumerate(zip(motion, fade, strict=True))
+        ]
 
     def _planned_stop(self, t: float, *, protective: bool) -> PathStop:
         """The stop that begins at time t [s], or the one under way where that is over sooner."""
         (tau,), (rate,), (change,) = (values.tolist() for values in self._clock(np.array([t])))
         if tau < 0.0 or tau >= self._ends[-1]:
-            return PathStop.at_the_end(t, max(tau, 0.0), max(tau, 0.0), protective=protective)
+            return PathStop(t, max(tau, 0.0), 0.0, max(tau, 0.0), _ON, protective)
         last = self._ends[int(np.searchsorted(self._ends, tau, side="right"))]
-        limits = self._protective if protective else self._limits
-        usual = self._stops[-1] if self._stops else PathStop.at_the_end(t, tau, last, protective=protective)
+        most_acceleration, most_jerk = self._protective if protective else self._limits
+        # Without a stop the clock goes on as it would, to the end of the primitive.
+        usual = self._stops[-1] if self._stops else PathStop(t, tau, max(last - tau, 0.0), last, _ON, protective)
         too_short, duration, longest = 0.0, LEAST_STOP, usual.stands - t
 
         def keeps_limits(duration: float) -> bool:
-            return self._within_limits(slowing(rate, duration * change), tau, duration, *limits)
+            law = slowing(rate, duration * change)
+            clock, *rates = law.derivatives(np.linspace(0.0, 1.0, 65))
+            _, v, a = self._on_path(tau + duration * clock)
+            first, second, third = (one[:, None] / duration**k for k, one in enumerate(rates))
+            acceleration, jerk = a * first**2 + v * second, 3 * a * first * second + v * third
+            return bool(
+                (np.abs(acceleration) <= LIMIT_SLACK * most_acceleration).all()
+                and (np.abs(jerk) <= LIMIT_SLACK * most_jerk).all()
+            )
 
         while not keeps_limits(duration):
             too_short, duration = duration, 2.0 * duration
@@ -256,38 +253,10 @@ class ArmMotion:
                 return usual
         while duration > FINENESS * too_short and too_short > 0.0:
             between = 0.5 * (too_short + duration)
-            if keeps_limits(between):
-                duration = between
-            else:
-                too_short = between
+            too_short, duration = (too_short, between) if keeps_limits(between) else (between, duration)
         if duration >= longest:
             return usual
         return PathStop(t, tau, duration, last, slowing(rate, duration * change), protective)
-
-    def _within_limits(
-        self, law: PiecewiseCubic, tau: float, duration: float, most_acceleration: Array, most_jerk: Array
-    ) -> bool:
-        """Whether a stop that begins at a time of the step's clock [s] keeps limits of every joint, (n,) each."""
-        clock, rate, change, second = law.derivatives(np.linspace(0.0, 1.0, 65))
-        _, v, a = self._on_path(tau + duration * clock)
-        rate, change, second = rate[:, None], change[:, None] / duration, second[:, None] / duration**2
-        acceleration = a * rate**2 + v * change
-        jerk = 3 * a * rate * change + v * second
-        return bool(
-            (np.abs(acceleration) <= LIMIT_SLACK * most_acceleration).all()
-            and (np.abs(jerk) <= LIMIT_SLACK * most_jerk).all()
-        )
-
-
-class ClockReadings(NamedTuple):
-    """What a clock shows at m times, shape (m,) each."""
-
-    time: Array
-    """[s]."""
-    rate: Array
-    """At which it passes."""
-    change: Array
-    """Of its rate [1/s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,11 +273,6 @@ class PathStop:
     protective: bool
     """Whether it may go to the limits of a protective stop."""
 
-    @classmethod
-    def at_the_end(cls, t: float, tau: float, last: float, *, protective: bool) -> PathStop:
-        """The clock goes on as it would, up to `last`."""
-        return cls(t, tau, max(last - tau, 0.0), last, _ON, protective)
-
     @property
     def stands(self) -> float:
         """When the arm stands [s]."""
@@ -319,12 +283,12 @@ class PathStop:
         """What the step's own clock shows then [s]."""
         return min(self.tau + self.duration * float(self.law.positions(1.0)), self.last)
 
-    def clock(self, t: Array) -> ClockReadings:
-        """The step's own clock at times t [s] of the stop, (m,)."""
+    def clock(self, t: Array) -> tuple[Array, Array, Array]:
+        """The step's own clock at times t [s] of the stop, (m,), as `ArmMotion._clock`."""
         if not self.duration:
-            return ClockReadings(np.full_like(t, self.tau), np.ones_like(t), np.zeros_like(t))
+            return np.full_like(t, self.tau), np.ones_like(t), np.zeros_like(t)
         clock, rate, change, _ = self.law.derivatives((t - self.t) / self.duration)
-        return ClockReadings(np.minimum(self.tau + self.duration * clock, self.last), rate, change / self.duration)
+        return np.minimum(self.tau + self.duration * clock, self.last), rate, change / self.duration
 
 
 def slowing(rate: float, change: float) -> PiecewiseCubic:

@@ -1,23 +1,39 @@
-"""Ground truth while a run goes on: for checks of what was detected, pictures and the log, never for perception."""
+"""The true state of a run's cell, for checks of what was detected, pictures and the log, never for perception.
+
+And the events of a run that goes exactly as planned: a program for ROS tools.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from pathlib import Path
 
 import numpy as np
 
 from sqrp_cli.geometry import Array, matrix_to_quaternion
 from sqrp_cli.knowledge.frames import WORLD
-from sqrp_cli.knowledge.skill.target_box import TargetBox
-from sqrp_cli.knowledge.workspace.workspace import World
-from sqrp_cli.program.record import Step
+from sqrp_cli.knowledge.workspace.workspace import Workspace, World
+from sqrp_cli.logic.truth import Truth
+from sqrp_cli.program.record import Program, Step
+from sqrp_cli.ros.bag import written
 from sqrp_cli.runtime.cell.interface import CellState, RunnableCell, StoppableReference
-from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 from sqrp_cli.runtime.monitor.attempt import Attempt
-from sqrp_cli.runtime.monitor.nominal_step import Situation, holds
-from sqrp_cli.runtime.record.events import AskedBox, Event, EventPublisher, State, WholeState
+from sqrp_cli.runtime.monitor.nominal_step import NominalStep, Situation, holds, planned_joints
+from sqrp_cli.runtime.monitor.step_monitor import StepMonitor
+from sqrp_cli.runtime.record.bag_recorder import BagRecorder
+from sqrp_cli.runtime.record.events import (
+    AskedBox,
+    Event,
+    EventPublisher,
+    EvidenceSeen,
+    PrimitiveBegan,
+    RunEnded,
+    ShownAtom,
+    State,
+    StepBegan,
+    WholeState,
+)
 from sqrp_cli.runtime.robot_body import OPEN_SHARE, RobotBody
 
 RATE = 25.0
@@ -27,109 +43,71 @@ DIGITS = 5
 """Decimals of positions [m or rad] and of quaternions: 10 micrometres, and as much at a distance of 1 m."""
 
 
-class Truths(Protocol):
-    """What knows the true values of atoms, for checks."""
-
-    def atoms(self, attempt: Attempt, tau: float | None) -> dict[str, bool]:
-        """The value of each atom that an attempt monitors, at a time of its motion [s], None before it."""
-
-
-class PlannedTruth:
-    """In a real cell, whose state nobody knows: the values of atoms as planned."""
-
-    def atoms(self, attempt: Attempt, tau: float | None) -> dict[str, bool]:
-        """As `Truths` says."""
-        return {atom: attempt.nominal.holds(atom, tau or 0.0) for atom in attempt.step.targets}
-
-
-class Witness(Protocol):
-    """What knows the state of a cell, or believes to."""
-
-    @property
-    def t(self) -> float:
-        """On the cell's clock [s]."""
-
-    def advance(self, t: float, reference: StoppableReference) -> float:
-        """As `RunnableCell` says."""
-
-    def truth(self) -> CellState:
-        """The state now."""
-
-
-class Beliefs:
-    """The state of a real cell as a run believes it: joints as measured, objects as planned."""
-
-    def __init__(self, cell: RunnableCell, world: World) -> None:
-        """world: before the first step."""
-        self._cell, self._world = cell, world
-        self.t = 0.0
-        self.attempt: Attempt | None = None
-
-    def advance(self, t: float, reference: StoppableReference) -> float:
-        """As `RunnableCell` says."""
-        self.t = self._cell.advance(t, reference)
-        return self.t
-
-    def truth(self) -> CellState:
-        """As `Witness` says."""
-        attempt = self.attempt
-        if attempt is None:
-            return CellState(self.t, self._world.X_WO, self._world.held, self._cell.measured_joints())
-        tau = 0.0 if attempt.start is None else self.t - attempt.start
-        now = [one for one in attempt.step.primitives if one.start <= tau]
-        held = now[-1].held if now and not attempt.failed else None
-        return CellState(self.t, attempt.beliefs(tau), held, self._cell.measured_joints())
-
-
 class GroundTruth:
-    """Values of atoms by the state of the simulation."""
+    """The true state of a cell: a simulated one knows it; of a real one joints are measured, the rest is planned."""
 
-    def __init__(self, cell: SimulatedCell, robot: RobotBody) -> None:
-        self._cell, self._robot = cell, robot
+    def __init__(self, cell: RunnableCell, body: RobotBody, world: World) -> None:
+        """world: before the first step."""
+        self._cell, self._body, self._world = cell, body, world
+        self.attempt: Attempt | None = None
+        """What the robot is at."""
 
-    def atoms(self, attempt: Attempt, tau: float | None) -> dict[str, bool]:  # noqa: ARG002 - the truth is that of now
-        """The present value of each atom that an attempt monitors."""
-        truth = self._cell.truth()
-        is_open = self._robot.closure(truth.joints) <= OPEN_SHARE
-        situation = Situation(self._robot.link_poses(truth.joints), truth.X_WO, attempt.starts, truth.held, is_open)
-        return {
-            atom: holds(atom, target, situation, when_open=attempt.when_open[atom])
-            for atom, target in attempt.step.targets.items()
-        }
+    def state(self, t: float) -> CellState:
+        """The state now, at time t [s] of a real cell."""
+        if (known := self._cell.truth()) is not None:
+            return known
+        attempt, joints = self.attempt, self._cell.measured_joints()
+        if attempt is None:
+            return CellState(t, self._world.X_WO, self._world.held, joints)
+        tau = 0.0 if attempt.start is None else t - attempt.start
+        now = [one for one in attempt.step.primitives if one.start <= tau]
+        return CellState(t, attempt.beliefs(tau), now[-1].held if now and not attempt.failed else None, joints)
+
+    def atoms(self, attempt: Attempt, tau: float | None) -> dict[str, bool]:
+        """The present value of each atom that an attempt monitors; in a real cell as planned for a time tau [s]."""
+        targets = attempt.step.targets
+        if (truth := self._cell.truth()) is None:
+            return {atom: attempt.nominal.holds(atom, tau or 0.0) for atom in targets}
+        is_open = self._body.closure(truth.joints) <= OPEN_SHARE
+        starts, when_open = attempt.step.before.X_WO, attempt.when_open
+        situation = Situation(self._body.link_poses(truth.joints), truth.X_WO, starts, truth.held, is_open)
+        return {atom: holds(atom, target, situation, when_open=when_open[atom]) for atom, target in targets.items()}
 
 
 class StateRecorder:
-    """A cell that publishes its true poses at a fixed rate, without any other effect.
+    """Lets time pass as a cell does, and publishes its true poses at a fixed rate, without any other effect.
 
     The first event is complete, the others have only changes.
     """
 
-    def __init__(self, cell: Witness, publisher: EventPublisher) -> None:
-        self._cell, self._publisher = cell, publisher
-        self._number = 0
+    def __init__(self, cell: RunnableCell, state: Callable[[float], CellState], publisher: EventPublisher) -> None:
+        """state: of the cell at the time now [s]."""
+        self._cell, self._state, self._publisher = cell, state, publisher
+        self._number, self._now = 0, 0.0
         self._last: WholeState | None = None
 
     def advance(self, t: float, reference: StoppableReference) -> float:
         """Let time pass until t [s] as the cell does, publishing the state of each time that is due until then."""
         while (due := self._number / RATE) <= t + 1e-9:
-            self._cell.advance(due, reference)
-            self._publish(due)
+            self._now = self._cell.advance(due, reference)
+            self._publish(due, self._state(self._now))
             self._number += 1
-        return self._cell.advance(t, reference)
+        self._now = self._cell.advance(t, reference)
+        return self._now
 
     def finish(self) -> None:
         """Publish the state at the end."""
-        if self._last is None or self._cell.t > self._last.t + 1e-9:
-            self._publish(self._cell.t)
+        truth = self._state(self._now)
+        if self._last is None or truth.t > self._last.t + 1e-9:
+            self._publish(truth.t, truth)
 
-    def _publish(self, t: float) -> None:
-        truth = self._cell.truth()
+    def _publish(self, t: float, truth: CellState) -> None:
         state = WholeState(
             t=t,
             joints=list(truth.joints),
             q=[_rounded(q) for q in truth.joints.values()],
             held=truth.held,
-            objects={name: logged_pose(X) for name, X in truth.X_WO.items()},
+            objects={name: _logged_pose(X) for name, X in truth.X_WO.items()},
         )
         self._publisher.publish(state if self._last is None else state.since(self._last))
         self._last = state
@@ -178,30 +156,66 @@ class Track:
         )
 
 
-def asked_boxes(step: Step) -> dict[str, list[AskedBox]]:
-    """The boxes in which images of a step are judged, by atom.
+def step_began(step: Step, number: int, t: float) -> StepBegan:
+    """The event that an attempt at a step begins at time t [s], with the boxes in which its images are judged, by atom.
 
     The frame of each is a link of the robot, or the world for a box at `object@start`. A box that moves with a carried
     object is left out: images are searched for it where the robot believes it is, not where the object is or was.
     """
-    found = {atom: [_asked(step, box) for box in target.boxes] for atom, target in step.targets.items()}
-    return {atom: [box for box in boxes if box is not None] for atom, boxes in found.items()}
+    carried, before = {step.before.held, *(primitive.held for primitive in step.primitives)}, step.before.X_WO
+    boxes: dict[str, list[AskedBox]] = {atom: [] for atom in step.targets}
+    for atom, box in ((atom, box) for atom, target in step.targets.items() for box in target.boxes):
+        name = box.frame.owner
+        if name in before and not box.frame.at_start and name in carried:
+            continue
+        frame, X_FB = (WORLD, before[name] @ box.X_FB) if name in before else (str(box.frame), box.X_FB)
+        pose = [[_rounded(x) for x in row] for row in X_FB.tolist()]
+        boxes[atom].append(AskedBox(frame=frame, size=list(box.size), pose=pose))
+    parameters, time = dict(step.parameters), round(step.time, 6)
+    return StepBegan(t=t, number=number, skill=step.skill, parameters=parameters, time=time, boxes=boxes)
 
 
-def _asked(step: Step, box: TargetBox) -> AskedBox | None:
-    name = box.frame.owner
-    carried = {step.before.held, *(primitive.held for primitive in step.primitives)}
-    frame: str = WORLD
-    if name not in step.before.X_WO:
-        frame, X_FB = box.frame, box.X_FB
-    elif not box.frame.at_start and name in carried:
-        return None
-    else:
-        X_FB = step.before.X_WO[name] @ box.X_FB
-    return AskedBox(frame=frame, size=list(box.size), pose=[[_rounded(x) for x in row] for row in X_FB.tolist()])
+def planned_events(program: Program, body: RobotBody) -> Iterator[Event]:
+    """The events that a run would have if it went exactly as planned."""
+    begin, last = 0.0, None
+    for number, step in enumerate(program.steps, 1):
+        nominal = NominalStep(step, program.joints, body)
+        yield step_began(step, number, begin)
+        t = np.append(np.arange(0.0, step.time, 1.0 / RATE), step.time)
+        q, monitor, due = planned_joints(step, t), StepMonitor(nominal, 1.0), list(step.primitives)
+        literals: Mapping[str, ShownAtom] = {}
+        for now, positions in zip(t.tolist(), q.tolist(), strict=True):
+            while due and due[0].start <= now + 1e-9:
+                primitive = due.pop(0)
+                yield PrimitiveBegan(t=begin + primitive.start, name=primitive.name)
+            objects = {name: _logged_pose(X) for name, X in nominal.object_poses(now).items()}
+            held = next((p.held for p in step.primitives if now <= p.end), step.after.held)
+            state = WholeState(t=begin + now, joints=list(program.joints), q=positions, held=held, objects=objects)
+            yield state if last is None else state.since(last)
+            last, asked, seen = state, monitor.monitored(now), dict[str, ShownAtom]()
+            for atom in step.targets:
+                value = Truth.TRUE if nominal.holds(atom, now) else Truth.FALSE
+                covered, cameras = nominal.is_covered(atom, now), dict.fromkeys(nominal.covering(atom, now), value)
+                shown = value if covered else Truth.UNKNOWN
+                seen[atom] = ShownAtom(value=shown, predicted=covered, asked=atom in asked, cameras=cameras)
+            if seen != literals:
+                yield EvidenceSeen(t=begin + now, exposed=begin + now, step_time=now, literals=seen)
+                literals = seen
+        begin += step.time
+    yield RunEnded(t=begin, event="done")
 
 
-def logged_pose(X_WO: Array) -> list[float]:
+def write_planned_run(path: Path, program: Program, workspace: Workspace) -> None:
+    """Write what is planned as a recording, by the suffix of its name. Raises InputError where that cannot be."""
+    body = RobotBody.load(workspace.robot)
+    with written(path) as writer:
+        recorder = BagRecorder(writer, workspace, body)
+        recorder.tell_planned(0.0, planned=True)
+        for event in planned_events(program, body):
+            recorder(event)
+
+
+def _logged_pose(X_WO: Array) -> list[float]:
     """A pose (4, 4) as the log has it: x, y, z [m] and a quaternion x, y, z, w."""
     return [_rounded(float(x)) for x in (*X_WO[:3, 3], *matrix_to_quaternion(X_WO[:3, :3]))]
 

@@ -17,12 +17,10 @@ from sqrp_cli.runtime.cell.ros_cell import RosCell
 from sqrp_cli.runtime.cell.ros_checks import CellCheck, check_cell
 from sqrp_cli.runtime.perception.detections import CellModel, DetectionTargets
 from sqrp_cli.runtime.perception.detector_pool import DetectorPool
-from sqrp_cli.runtime.perception.received_streams import ReceivedStreams
+from sqrp_cli.runtime.perception.streams import ReceivedStreams
 from sqrp_cli.runtime.record.report import RunReport
 from sqrp_cli.runtime.robot_body import RobotBody
-from sqrp_cli.runtime.run.ground_truth import PlannedTruth
-from sqrp_cli.runtime.run.injected_fault import InjectedFault
-from sqrp_cli.runtime.run.program_run import Recording, Run, Workcell
+from sqrp_cli.runtime.run.run import Recording, Run
 from sqrp_cli.trajectory import Trajectory
 
 
@@ -45,21 +43,14 @@ class ConnectedRobot:
         replanner: plans retries at full speed.
         """
         replanner = replanner if self.speed == 1.0 else SlowedReplanner(replanner, self.speed)
-        body = RobotBody.load(self.workspace.robot)
+        cell, body, cameras = self.cell, RobotBody.load(self.workspace.robot), self.workspace.cameras
         with DetectorPool(CellModel.of(self.workspace, body)) as detectors:
-            streams = ReceivedStreams(
-                self.workspace.cameras, detectors, lambda: self.cell.t, self.cell.file.mend_of_lateness
-            )
-            workcell = Workcell(self.workspace, body, self.cell, streams, PlannedTruth(), _nothing)
-            run = Run(self.program, workcell, replanner, (), recording)
+            streams = ReceivedStreams(cameras, detectors, lambda: cell.t, cell.file.mend_of_lateness)
+            run = Run(self.program, self.workspace, body, cell, streams, replanner, recording=recording)
             detectors.watch(DetectionTargets({}, {}, {}))
             detectors.get_ready()
-            self.cell.begin()
+            cell.begin()
             return run.run() if moves else run.look()
-
-
-def _nothing(fault: InjectedFault) -> None:
-    raise AssertionError(f"nobody can make {fault.text} happen to a real cell")
 
 
 @contextmanager

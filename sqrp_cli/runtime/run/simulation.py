@@ -10,11 +10,12 @@ from sqrp_cli.program.record import Program, ProgramPrimitive, Replanner
 from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 from sqrp_cli.runtime.perception.detections import CellModel
 from sqrp_cli.runtime.perception.detector_pool import DetectorPool
+from sqrp_cli.runtime.perception.streams import ImageStreams
 from sqrp_cli.runtime.record.events import VERSION, ProgramStep, RunBegan
 from sqrp_cli.runtime.record.report import PROCESSING, FaultRecord, RunReport, excess
 from sqrp_cli.runtime.robot_body import RobotBody
-from sqrp_cli.runtime.run.injected_fault import InjectedFault
-from sqrp_cli.runtime.run.program_run import Recording, Run, Workcell
+from sqrp_cli.runtime.run.faults import InjectedFault
+from sqrp_cli.runtime.run.run import Recording, Run
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,30 +27,25 @@ class Simulation:
     replanner: Replanner
     seed: int
 
-    def run(self, faults: Sequence[InjectedFault] = (), recording: Recording | None = None) -> RunReport:
-        """One run. Raises InputError where the simulator cannot be used."""
-        robot = RobotBody.load(self.workspace.robot)
-        with self._detectors(robot) as detectors, self.cell() as cell:
-            return self._run(
-                Workcell.simulated(self.workspace, robot, cell, detectors), faults, recording or Recording()
-            )
-
-    def run_in(self, cell: SimulatedCell, faults: Sequence[InjectedFault] = ()) -> RunReport:
-        """One run, as `run` but in a cell that `cell` made, which saves the time to make it."""
-        robot = RobotBody.load(self.workspace.robot)
-        cell.reset(self.program.steps[0].before)
-        with self._detectors(robot) as detectors:
-            return self._run(Workcell.simulated(self.workspace, robot, cell, detectors), faults, Recording())
-
-    def _detectors(self, robot: RobotBody) -> DetectorPool:
-        return DetectorPool(CellModel.of(self.workspace, robot))
-
-    def _run(self, workcell: Workcell, faults: Sequence[InjectedFault], recording: Recording) -> RunReport:
-        return Run(self.program, workcell, self.replanner, faults, recording).run()
-
     def cell(self) -> SimulatedCell:
         """A cell at the start of the program."""
         return SimulatedCell(self.workspace, self.program.steps[0].before, self.seed)
+
+    def run(self, faults: Sequence[InjectedFault] = (), recording: Recording | None = None) -> RunReport:
+        """One run. Raises InputError where the simulator cannot be used."""
+        with self.cell() as cell:
+            return self._run(cell, faults, recording)
+
+    def run_in(self, cell: SimulatedCell, faults: Sequence[InjectedFault] = ()) -> RunReport:
+        """One run, as `run` but in a cell that `cell` made, which saves the time to make it."""
+        cell.reset(self.program.steps[0].before)
+        return self._run(cell, faults, None)
+
+    def _run(self, cell: SimulatedCell, faults: Sequence[InjectedFault], recording: Recording | None) -> RunReport:
+        body = RobotBody.load(self.workspace.robot)
+        with DetectorPool(CellModel.of(self.workspace, body)) as detectors:
+            streams = ImageStreams(self.workspace.cameras, detectors)
+            return Run(self.program, self.workspace, body, cell, streams, self.replanner, faults, recording).run()
 
 
 @dataclass(frozen=True)

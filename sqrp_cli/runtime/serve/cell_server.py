@@ -20,7 +20,7 @@ from sqrp_cli.runtime.cell.ros_cell import CLOCK
 from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 from sqrp_cli.runtime.image import ImageArray
 from sqrp_cli.runtime.record.bag_recorder import camera_info, optical_frame
-from sqrp_cli.runtime.run.injected_fault import InjectedFault
+from sqrp_cli.runtime.run.faults import InjectedFault
 from sqrp_cli.runtime.serve.followed import FollowedTrajectory, RefusedTrajectory
 
 STEP = 0.004

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.runtime.monitor.attempt import Attempt
-from sqrp_cli.runtime.monitor.prediction_check import PredictionCheck
+from sqrp_cli.runtime.monitor.attempt import Attempt, PredictionCheck
 from sqrp_cli.runtime.monitor.step_monitor import StepMonitor
 from sqrp_cli.runtime.perception.evidence_buffer import Evidence, Exposure, FusedTruth
 from tests.runtime.steps import FixedNominalStep, formula, step

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sqrp_cli.runtime.monitor.program_formulas import against_the_plan
+from sqrp_cli.runtime.monitor.step_monitor import against_the_plan
 from tests.runtime.steps import FixedNominalStep, formula, step
 
 PLAN = {"held": [(0.0, False), (5.0, True)], "placed": [(0.0, True), (5.8, False)], "pressed": [(0.0, True)]}

@@ -12,7 +12,7 @@ from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
 from sqrp_cli.runtime.image import CameraImage
 from sqrp_cli.runtime.perception.detector_pool import PerceptionError
-from sqrp_cli.runtime.perception.image_stream import ImageStreams
+from sqrp_cli.runtime.perception.streams import ImageStreams
 from sqrp_cli.runtime.record.report import MonitoringLost
 from sqrp_cli.runtime.run.arm_motion import ArmMotion
 from tests.runtime.steps import played
@@ -77,14 +77,14 @@ def test_a_stream_that_keeps_its_rate_never_fails() -> None:
 
 @pytest.mark.parametrize("at", np.linspace(3.0, 3.1, 7))
 def test_a_lost_camera_is_noticed_soon_after_its_first_image_is_missing(at: float) -> None:
-    told, how = failure(eyes(), 20.0, at, lambda found: found.lose("cam"))
+    told, how = failure(eyes(), 20.0, at, lambda found: found.fail("camera-loss", "cam"))
     assert how.startswith("camera-loss: cam is lost")
     missing = np.ceil(at * RATE - 1e-6) / RATE + LATENCY
     assert missing < told <= missing + 0.021
 
 
 def test_images_that_come_late_are_told_from_those_that_do_not_come() -> None:
-    told, how = failure(eyes(), 20.0, 3.05, lambda found: found.delay("cam", 0.4))
+    told, how = failure(eyes(), 20.0, 3.05, lambda found: found.fail("latency", "cam", 0.4))
     assert how.startswith("latency: the images of cam come too late")
     assert told < 3.2
 
@@ -98,9 +98,9 @@ def test_cameras_that_are_lost_at_the_same_time_are_told_together_and_before_lat
                 t, lambda names, t=t: {name: CameraImage(name, t, np.zeros(1)) for name in names}, lambda _: None
             )
         if t > 1.0:
-            found.lose("cam1")
-            found.delay("cam2", 0.4)
-            found.lose("cam4")
+            found.fail("camera-loss", "cam1")
+            found.fail("latency", "cam2", 0.4)
+            found.fail("camera-loss", "cam4")
         t = min(found.next_exposure, found.next_arrival, found.next_check)
     assert str(how) == "cam1 and cam4 are lost: no image for 0.17 s"
     assert how.cameras == ["cam1", "cam4"]

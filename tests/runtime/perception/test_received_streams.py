@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.runtime.image import CameraImage
-from sqrp_cli.runtime.perception.received_streams import MOST_WAITING, ReceivedStreams
+from sqrp_cli.runtime.perception.streams import MOST_WAITING, ReceivedStreams
 
 RATE, LATENCY = 10.0, 0.05
 TOLD = LATENCY + 1.2 / RATE + 0.1

@@ -7,16 +7,17 @@ from unittest.mock import MagicMock
 
 import pytest
 
+from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
+from sqrp_cli.runtime.perception.streams import ImageStreams
 from sqrp_cli.runtime.record.report import MonitoringLost
-from sqrp_cli.runtime.run.fault_tracker import FaultTracker
-from sqrp_cli.runtime.run.injected_fault import FaultKind, InjectedFault
+from sqrp_cli.runtime.run.faults import FaultKind, FaultTracker, InjectedFault
 
 ATTEMPT = SimpleNamespace(step=SimpleNamespace(formulas=()), undisturbed=True)
 
 
 def detected(failure: MonitoringLost | None, *faults: tuple[FaultKind, str]) -> list[tuple[str, float | None]]:
     """When each of some injected faults was noticed and acted on [s], by what people read; the robot stops at 2 s."""
-    ledger = FaultTracker(MagicMock(), MagicMock(), MagicMock())
+    ledger = FaultTracker(MagicMock(spec=SimulatedCell), MagicMock(spec=ImageStreams), MagicMock())
     for kind, camera in faults:
         ledger.inject(InjectedFault(kind, f"{kind}:{camera}@1", 1.0, camera), 1.0, ATTEMPT)
     ledger.stopped(2.0, failure)
@@ -48,7 +49,7 @@ def test_no_fault_of_a_camera_is_noticed_where_the_robot_stops_for_another_reaso
 
 
 def test_a_fault_keeps_what_was_injected_beside_the_name_that_the_skill_has_for_it() -> None:
-    ledger = FaultTracker(MagicMock(), MagicMock(), MagicMock())
+    ledger = FaultTracker(MagicMock(spec=SimulatedCell), MagicMock(spec=ImageStreams), MagicMock())
     named = SimpleNamespace(step=SimpleNamespace(formulas=(SimpleNamespace(fault="slip"),)), undisturbed=True)
     ledger.inject(InjectedFault("miss-pick", "miss-pick"), 0.05, named)
     (record,) = ledger.records

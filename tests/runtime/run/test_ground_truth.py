@@ -13,7 +13,7 @@ from sqrp_cli.geometry import axis_rotation, pose, quaternion_to_matrix
 from sqrp_cli.knowledge.frames import FrameName
 from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.runtime.record.events import Event, EventPublisher, PrimitiveBegan
-from sqrp_cli.runtime.run.ground_truth import StateRecorder, Track, asked_boxes
+from sqrp_cli.runtime.run.ground_truth import StateRecorder, Track, step_began
 from tests.runtime.steps import box, step
 
 BEGAN = PrimitiveBegan(t=0.0, name="a1")
@@ -36,7 +36,7 @@ class Falling:
         still = pose(position=(1.0, 2.0, 3.0))
         held = "thing" if self.t < 0.05 else None
         return SimpleNamespace(
-            joints={"a": min(self.t, 0.1), "b": 0.0}, X_WO={"thing": thing, "table": still}, held=held
+            t=self.t, joints={"a": min(self.t, 0.1), "b": 0.0}, X_WO={"thing": thing, "table": still}, held=held
         )
 
 
@@ -45,7 +45,7 @@ def told() -> tuple[Falling, list[Event]]:
     """What is told of 0.17 s that pass in steps of which none is as long as another."""
     events: list[Event] = []
     cell = Falling()
-    witness = StateRecorder(cell, EventPublisher([events.append]))  # type: ignore[arg-type]
+    witness = StateRecorder(cell, lambda _: cell.truth(), EventPublisher([events.append]))  # type: ignore[arg-type]
     for t in (0.0, 0.013, 0.041, 0.16, 0.17):
         witness.advance(t, None)  # type: ignore[arg-type]
     witness.finish()
@@ -98,7 +98,10 @@ def test_boxes_are_where_images_are_searched_for_things() -> None:
     before = replace(plain.before, X_WO={"cube": X_WO, "tray": X_WO})
     (primitive,) = plain.primitives
     carrying = primitive.model_copy(update={"held": "cube"})
-    found = asked_boxes(plain.model_copy(update={"targets": targets, "before": before, "primitives": (carrying,)}))
+    began = step_began(
+        plain.model_copy(update={"targets": targets, "before": before, "primitives": (carrying,)}), 1, 0.0
+    )
+    found = began.boxes
     assert found["beside"] == []
     for atom, (frame, X) in {
         "in_tool": ("tip", X_OB),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.runtime.run.injected_fault import parse_fault, parse_sweep
+from sqrp_cli.runtime.run.faults import parse_fault, parse_sweep
 
 STEP = SimpleNamespace(
     primitives=[

@@ -13,13 +13,12 @@ from hypothesis import strategies as st
 
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.runtime.image import CameraImage
-from sqrp_cli.runtime.monitor.attempt import Attempt
-from sqrp_cli.runtime.monitor.prediction_check import PredictionCheck, predicted_delay
+from sqrp_cli.runtime.monitor.attempt import Attempt, PredictionCheck, predicted_delay
 from sqrp_cli.runtime.monitor.step_monitor import PATIENCE, Alarm, StepMonitor
 from sqrp_cli.runtime.perception.detections import BoxDetection, Detection
-from sqrp_cli.runtime.perception.image_stream import ImageStreams
+from sqrp_cli.runtime.perception.streams import ImageStreams
 from sqrp_cli.runtime.record.events import EventPublisher, EvidenceSeen
-from sqrp_cli.runtime.run.evidence_collector import EvidenceCollector, Moment
+from sqrp_cli.runtime.run.lockstep import EvidenceCollector, Moment
 from tests.runtime.steps import FixedNominalStep, formula, step
 
 TOTAL, START = 2.0, 0.5

@@ -16,7 +16,7 @@ from sqrp_cli.runtime.monitor.step_monitor import Alarm
 from sqrp_cli.runtime.record.events import MovingOn
 from sqrp_cli.runtime.record.report import Stopped
 from sqrp_cli.runtime.run.arm_motion import ArmMotion
-from sqrp_cli.runtime.run.retry_planner import LOOK_AGAIN, RetryPlanner
+from sqrp_cli.runtime.run.run import LOOK_AGAIN, RetryPlanner
 from tests.runtime.steps import FixedNominalStep, played, step
 
 PERIOD = 0.1
