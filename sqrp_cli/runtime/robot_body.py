@@ -34,13 +34,10 @@ class RobotBody:
     @classmethod
     def load(cls, robot: Robot) -> RobotBody:
         """Read the meshes. Raises InputError for those that cannot be used."""
-        # Imported here, since processes that look at images need no Pinocchio.
-        from sqrp_cli.knowledge.robot.pinocchio_model import PinocchioModel
-
         resolve = partial(resolve_mesh, robot.package_roots)
         parts = [part for urdf in robot.urdfs for part in urdf.parts(robot.geometry, resolve)]
         return cls(
-            tree=PinocchioModel(robot).tree,
+            tree=JointTree.of(robot),
             rest=robot.rest,
             surfaces=tuple(Surface.of(part) for part in parts),
             tool_frame=robot.tool_frame,

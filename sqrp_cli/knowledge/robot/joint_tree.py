@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.robot.urdf import UrdfJoint
+from sqrp_cli.knowledge.robot.robot import Robot
+from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,16 +63,33 @@ class JointTree:
     """What carries each link of robot and tool."""
 
     @staticmethod
-    def of(
-        joints: Sequence[UrdfJoint], parents: Sequence[int], axes: Array, still: Array, mounts: dict[str, Mount]
-    ) -> JointTree:
-        """The tree of joints; still: their poses in their parents at position 0, shape (N, 4, 4)."""
+    def of(robot: Robot) -> JointTree:
+        """All movable joints and all links of a robot and its tool, placed in the world."""
+        joints: list[UrdfJoint] = []
+        seats: list[Mount] = []  # of the joints at position 0
+        mounts: dict[str, Mount] = {}
+
+        def grow(urdf: UrdfModel, root: Mount) -> None:
+            mounts[urdf.root] = root
+            for joint in urdf.joints.values():
+                seat = mounts[joint.parent].with_offset(joint.X_PJ)
+                if joint.movable:
+                    joints.append(joint)
+                    seats.append(seat)
+                    seat = Mount(len(joints) - 1, np.eye(4))
+                mounts[joint.child] = seat
+
+        grow(robot.urdf, Mount(-1, robot.X_WB))
+        if robot.tool is not None:
+            grow(robot.tool.urdf, mounts[robot.tool.link].with_offset(robot.tool.X_LT))
+        axes = np.array([joint.axis for joint in joints]).reshape(-1, 3)
+        still = np.array([seat.X_JL for seat in seats]).reshape(-1, 4, 4)
         turns = np.array([joint.type != "prismatic" for joint in joints], dtype=bool)
         motion = np.zeros_like(still)
         motion[turns, :3, :3] = np.cross(axes[turns, None, :], np.eye(3)).swapaxes(1, 2)
         motion[~turns, :3, 3] = axes[~turns]
         terms = np.stack([still, still @ motion, still @ motion @ motion], axis=1)
-        return JointTree(tuple(joints), tuple(parents), turns, axes, terms, mounts)
+        return JointTree(tuple(joints), tuple(seat.joint for seat in seats), turns, axes, terms, mounts)
 
     def index(self, joint: str) -> int:
         """The index of a joint by its name."""

@@ -13,7 +13,6 @@ import numpy as np
 from sqrp_cli.errors import Place, bad_input, expected_names
 from sqrp_cli.geometry import Array, Indices, Mask, cross, inverse, read_only
 from sqrp_cli.knowledge.robot.joint_tree import Couplings, JointTree, Mount, driving_joints
-from sqrp_cli.knowledge.robot.pinocchio_model import PinocchioModel
 from sqrp_cli.knowledge.robot.robot import JointLimits, Robot
 from sqrp_cli.knowledge.robot.urdf import UrdfJoint
 from sqrp_cli.shapes import Part
@@ -139,14 +138,12 @@ class RobotModel:
     """By how much the tool may be turned away from a pose that it is to take [rad]; 0 with six axes or more."""
     tree: JointTree
     """Every joint and link of robot and tool."""
-    _pinocchio: PinocchioModel
     couplings: Couplings
     """Positions of all joints from those of the driven ones, which are those of arm and fingers."""
-    _chain: tuple[int, ...]
-    """Indices of the joints that carry the tool frame, from the world outwards."""
     _chain_tree: JointTree
+    """Of the joints that carry the tool frame."""
     _chain_couplings: Couplings
-    """Of the joints of that chain to those of the arm."""
+    """Of these joints to those of the arm."""
 
     @staticmethod
     def load(robot: Robot) -> RobotModel:
@@ -156,8 +153,7 @@ class RobotModel:
         frame that no joint moves.
         """
         _check_names(robot)
-        pinocchio = PinocchioModel(robot)
-        tree = pinocchio.tree
+        tree = JointTree.of(robot)
         chain = tree.chain(robot.tool_frame)
         arm = [tree.index(joint.name) for joint in driving_joints([tree.joints[k] for k in chain], tree.joints)]
         if not arm:
@@ -175,9 +171,7 @@ class RobotModel:
             adjacent_pairs=_adjacent_pairs(robot.parts, tree),
             angle_tolerance=robot.angle_tolerance,
             tree=tree,
-            _pinocchio=pinocchio,
             couplings=Couplings.of(tree.joints, [*arm, *map(tree.index, fingers.joints)], robot.rest),
-            _chain=tuple(chain),
             _chain_tree=tree.along(chain),
             _chain_couplings=Couplings.of(tree.joints, arm, robot.rest).along(chain),
         )
@@ -263,13 +257,13 @@ class RobotModel:
 
     def tool_pose(self, q: Array) -> Array:
         """World pose X_WT of the tool frame, shape (4, 4), at arm positions of shape (n,)."""
-        return self._pinocchio.link_pose(self.tool_frame, self.couplings.positions(self.with_fingers(q)))
+        X_WT: Array = self.tool_poses(q[None, : len(self.arm)])[0]
+        return X_WT
 
     def jacobian(self, q: Array) -> Array:
         """Velocity of the tool frame's origin over its angular velocity, in world axes, per joint velocity; (6, n)."""
-        positions = self.couplings.positions(self.with_fingers(q))
-        jacobian = self._pinocchio.jacobian(self.tool_frame, self._chain, positions)
-        return jacobian @ self._chain_couplings.ratios
+        J: Array = self.tool_poses_and_jacobians(q[None, : len(self.arm)]).J[0]
+        return J
 
     def tool_poses(self, q: Array) -> Array:
         """As `tool_pose` at m positions of shape (m, n): shape (m, 4, 4)."""

@@ -15,7 +15,7 @@ from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.version import __version__
 
-_LIBRARIES = ("numpy", "pin", "ruckig", "ompl", "eaik")
+_LIBRARIES = ("numpy", "ruckig", "ompl", "eaik")
 """Libraries that figures depend on."""
 
 _FILE_KEYS = frozenset({"urdf", "srdf", "mesh", "calibration", "hand_eye"})
