@@ -38,11 +38,11 @@ ROOMS = {
     "study": ("programming/coverage programming/seen " + " ".join(_STUDY), 4_427),
     "search": ("programming/advice programming/placing", 4_687),
     "checks": ("checks", 1_391),
-    "run": ("runtime", 9_158),
+    "run": ("runtime", 9_023),
     "field": ("ros runtime/audit runtime/serve calibrating", 3_496),
     "score": ("scoring", 2_927),
     "show": ("terminal report", 7_318),
-    "ask": ("ask api cli __init__ __main__", 7_112),
+    "ask": ("ask api cli __init__ __main__", 7_111),
     "studio": ("studio", 2_294),
     "starter, platform": ("starter platform", 2_077),
 }

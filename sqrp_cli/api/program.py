@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from sqrp_cli.runtime.audit.survey import CameraSurvey
     from sqrp_cli.runtime.record.bag_recorder import BagRecorder
     from sqrp_cli.runtime.record.events import Event, Listener, ProgramStep
-    from sqrp_cli.runtime.record.film import ImageRecorder, Screen
+    from sqrp_cli.runtime.record.images import ImageRecorder, Screen
     from sqrp_cli.runtime.record.report import RunReport
     from sqrp_cli.runtime.run.faults import InjectedFault
     from sqrp_cli.runtime.run.run import Recording, Spectator
@@ -376,8 +376,7 @@ def _gallery(
     """Writers of the images of a run, as a film, one by one, and in a recording."""
     if film is None and frames is None and recorder is None and screen is None:
         return None
-    from sqrp_cli.runtime.record.film import Film, ImageRecorder
-    from sqrp_cli.runtime.record.frame_folder import FrameFolder
+    from sqrp_cli.runtime.record.images import Film, FrameFolder, ImageRecorder
 
     rate = max(camera.rate for camera in workspace.cameras.values())
     folder = FrameFolder(frames) if frames is not None else None

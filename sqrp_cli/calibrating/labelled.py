@@ -31,7 +31,7 @@ from sqrp_cli.runtime.audit.frame_audit import Postures, frames_of
 from sqrp_cli.runtime.image import CameraImage
 from sqrp_cli.runtime.monitor.nominal_step import SPACING, NominalStep, values_when_open
 from sqrp_cli.runtime.perception.detections import BelievedState, DetectionTargets
-from sqrp_cli.runtime.record.frame_folder import LONGEST_NAME, file_in, table_text
+from sqrp_cli.runtime.record.images import LONGEST_NAME, file_in, table_text
 from sqrp_cli.runtime.robot_body import RobotBody
 
 SAME_POSE = 1.0

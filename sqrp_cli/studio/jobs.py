@@ -246,7 +246,7 @@ class _Watching:
             return
         import cv2
 
-        from sqrp_cli.runtime.record.film import drawn
+        from sqrp_cli.runtime.record.images import drawn
 
         self._shown[frame.camera] = frame.t
         picture = drawn(frame.image, outlines, "")

@@ -23,7 +23,7 @@ from sqrp_cli.runtime.cell.mujoco_model import build_model
 from sqrp_cli.runtime.cell.physics import placed_objects
 from sqrp_cli.runtime.cell.renderer import Renderer
 from sqrp_cli.runtime.monitor.nominal_step import NominalStep, planned_joints
-from sqrp_cli.runtime.record.png import png_of
+from sqrp_cli.runtime.record.packed_image import png_of
 from sqrp_cli.runtime.robot_body import RobotBody
 
 EPOCH = 1_700_000_000

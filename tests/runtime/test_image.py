@@ -17,7 +17,7 @@ from sqrp_cli.knowledge.camera.camera import PixelSize
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.runtime.image import check_recorded, check_simulated
-from sqrp_cli.runtime.record.png import decoded, read_png
+from sqrp_cli.runtime.record.packed_image import decoded, read_png
 
 WATCH = Path(__file__).parents[1] / "cases" / "watch"
 SIZE = PixelSize(40, 30)

@@ -26,8 +26,8 @@ from sqrp_cli.runtime.record.events import (
     StepBegan,
     Stopping,
 )
+from sqrp_cli.runtime.record.log import Track
 from sqrp_cli.runtime.record.report import FaultRecord, RunReport
-from sqrp_cli.runtime.run.ground_truth import Track
 
 WITNESSED = (
     "The robot and the objects move here as they really did in the simulation. The monitors do not know that: they"

@@ -19,8 +19,8 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Program
 from sqrp_cli.runtime.image import CameraImage, check_recorded
 from sqrp_cli.runtime.monitor.nominal_step import planned_joints
-from sqrp_cli.runtime.record.frame_folder import read_frames
-from sqrp_cli.runtime.record.png import bare_png, decoded, png_damage, read_png
+from sqrp_cli.runtime.record.images import read_frames
+from sqrp_cli.runtime.record.packed_image import bare_png, decoded, png_damage, read_png
 
 
 @dataclass(frozen=True)

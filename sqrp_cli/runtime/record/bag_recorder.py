@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from xml.etree import ElementTree as Xml
 
 import numpy as np
@@ -24,7 +23,7 @@ import numpy as np
 from sqrp_cli.geometry import Array, inverse, matrix_to_rpy, pose, quaternion_to_matrix
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.frames import WORLD, WORLD_LINK
-from sqrp_cli.knowledge.paint import COLORS
+from sqrp_cli.knowledge.paint import COLORS, Rgb
 from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.knowledge.robot.urdf import UrdfModel
 from sqrp_cli.knowledge.workspace.workspace import Workspace
@@ -33,7 +32,7 @@ from sqrp_cli.ros.bag import BagWriter
 from sqrp_cli.ros.messages import Message, MessageTypes, pose_message, transform_message
 from sqrp_cli.runtime.image import CameraImage
 from sqrp_cli.runtime.record import events
-from sqrp_cli.runtime.record.png import jpeg_of
+from sqrp_cli.runtime.record.packed_image import jpeg_of
 from sqrp_cli.runtime.robot_body import RobotBody
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 
@@ -45,8 +44,8 @@ EPOCH = 1_000_000_000
 
 _PLAIN = (0.75, 0.74, 0.72)
 _SHOWN = {Truth.TRUE: (0.2, 0.9, 0.2), Truth.FALSE: (0.3, 0.6, 1.0), Truth.UNKNOWN: (0.95, 0.2, 0.2)}
-_LEVELS = {Truth.TRUE: 0, Truth.FALSE: 0, Truth.UNKNOWN: 1}
-"""Of `diagnostic_msgs/DiagnosticStatus`: what cannot be judged is a warning."""
+_ALPHA = 0.35
+"""Opacity of boxes."""
 _CUBE, _SPHERE, _CYLINDER, _MESH = 1, 2, 3, 10
 """Types of `visualization_msgs/Marker`."""
 _LOG_LEVELS = {1: (2, 4), 2: (20, 30)}
@@ -59,34 +58,55 @@ class BagRecorder:
     def __init__(self, writer: BagWriter, workspace: Workspace, body: RobotBody) -> None:
         """Writes what never changes."""
         self._writer, self._types = writer, writer.types
-        self._workspace, self._body = workspace, body
-        self._links = {joint.child: joint.parent for urdf in workspace.robot.urdfs for joint in urdf.joints.values()}
+        self._workspace, self._body, robot = workspace, body, workspace.robot
+        links = {joint.child: joint.parent for urdf in robot.urdfs for joint in urdf.joints.values()}
         moving = {link for link, mount in body.tree.mounts.items() if mount.joint >= 0}
-        self._moving = {child: parent for child, parent in self._links.items() if child in moving}
-        if workspace.robot.tool is not None:
-            self._links[workspace.robot.tool.urdf.root] = workspace.robot.tool.link
+        self._moving = {child: parent for child, parent in links.items() if child in moving}
+        if robot.tool is not None:
+            links[robot.tool.urdf.root] = robot.tool.link
         self._joints: dict[str, float] = {}
         self._boxes: dict[str, list[Message]] = {}
         self._planned: bool | None = None
         self._holds_run = False
-        description = robot_description(workspace.robot)
-        self._add("/robot_description", 0.0, "std_msgs/msg/String", latched=True, data=description)
-        self._add_static_frames()
+        self._add("/robot_description", 0.0, "std_msgs/msg/String", latched=True, data=robot_description(robot))
+        rest, frames = body.link_poses({}), [(WORLD, robot.urdf.root, robot.X_WB)]
+        for child, parent in links.items():
+            if child not in self._moving:
+                frames.append((parent, child, inverse(rest[parent]) @ rest[child]))
+        frames += [(one.frame, optical_frame(one.name), one.X_FC) for one in workspace.cameras.values()]
+        self._add_frames("/tf_static", 0.0, frames, latched=True)
         for camera in workspace.cameras.values():
             info = camera_info(self._types, camera, _at(0.0))
             self._writer.add(f"/{camera.name}/camera_info", _at(0.0), info, latched=True)
 
     def __call__(self, event: events.Event) -> None:
         """Keep an event."""
-        if isinstance(event, events.State):
-            self._add_state(event)
-        elif isinstance(event, events.StepBegan):
-            self._begin(event)
-        elif isinstance(event, events.EvidenceSeen):
-            self._judge(event)
-        elif (said := _said(event)) is not None:
-            self._holds_run |= isinstance(event, events.RunEnded)
-            self._say(event.t, said, warns=not isinstance(event, events.PrimitiveBegan))
+        match event:
+            case events.WholeState() | events.StateChanged():
+                self._add_state(event)
+            case events.StepBegan(t=t):
+                wiped = self._types.make("visualization_msgs/msg/Marker", action=3)
+                self._boxes = {
+                    atom: [self._box(t, (atom, number), box) for number, box in enumerate(boxes)]
+                    for atom, boxes in event.boxes.items()
+                }
+                self._add_markers("/boxes", t, [wiped, *(one for found in self._boxes.values() for one in found)])
+                self._say(t, f"step {event.number}: {event.skill}")
+            case events.EvidenceSeen():
+                self._judge(event)
+            case events.PrimitiveBegan():
+                self._say(event.t, event.name)
+            case events.FaultSeen(name=name, text=text):
+                self._say(event.t, f"fault: {name} ({text})" if text else f"fault: {name}", warns=True)
+            case events.MovingOn():
+                self._say(event.t, f"moving on to see {event.to_see}", warns=True)
+            case events.Stopping():
+                self._say(event.t, f"stopping: {event.reason}", warns=True)
+            case events.Retrying():
+                self._say(event.t, f"retry {event.attempt} of {event.of}", warns=True)
+            case events.RunEnded(event=outcome, reason=reason):
+                self._holds_run = True
+                self._say(event.t, outcome if reason is None else f"{outcome}: {reason}", warns=True)
 
     def add(self, frame: CameraImage, *, planned: bool) -> None:
         """Keep an image; planned: whether all went as the program says when it was taken."""
@@ -116,15 +136,6 @@ class BagRecorder:
     def _header(self, t: float, frame: str = "") -> Message:
         return self._types.header(_at(t), frame)
 
-    def _add_static_frames(self) -> None:
-        robot, rest = self._workspace.robot, self._body.link_poses({})
-        frames = [(WORLD, robot.urdf.root, robot.X_WB)]
-        for child, parent in self._links.items():
-            if child not in self._moving:
-                frames.append((parent, child, inverse(rest[parent]) @ rest[child]))
-        frames += [(one.frame, optical_frame(one.name), one.X_FC) for one in self._workspace.cameras.values()]
-        self._add_frames("/tf_static", 0.0, frames, latched=True)
-
     def _add_frames(self, topic: str, t: float, frames: list[tuple[str, str, Array]], *, latched: bool = False) -> None:
         transforms = [transform_message(self._types, _at(t), *frame) for frame in frames]
         self._add(topic, t, "tf2_msgs/msg/TFMessage", latched=latched, transforms=transforms)
@@ -138,48 +149,37 @@ class BagRecorder:
         X_WL = self._body.link_poses(self._joints)
         moved = [(parent, child, inverse(X_WL[parent]) @ X_WL[child]) for child, parent in self._moving.items()]
         self._add_frames("/tf", state.t, moved)
-        if state.objects:
-            self._add_objects(state.t, state.objects)
-
-    def _add_objects(self, t: float, poses: Mapping[str, events.Numbers7]) -> None:
         markers = []
-        for name, (x, y, z, *quaternion) in poses.items():
+        for name, (x, y, z, *quaternion) in state.objects.items():
             obj, X_WO = self._workspace.objects[name], pose(quaternion_to_matrix(quaternion), (x, y, z))
             color = COLORS.get((obj.color or "").lower(), _PLAIN)
             for number, part in enumerate(obj.parts):
-                markers.append(self._marker(t, (name, number), WORLD, X_WO @ part.X_PG, part.shape, color))
-        self._add_markers("/objects", t, markers)
+                markers.append(self._marker(state.t, (name, number), WORLD, X_WO @ part.X_PG, part.shape, color))
+        self._add_markers("/objects", state.t, markers)
 
-    def _begin(self, event: events.StepBegan) -> None:
-        wiped = self._types.make("visualization_msgs/msg/Marker", action=3)
-        self._boxes = {}
-        for atom, boxes in event.boxes.items():
-            for number, box in enumerate(boxes):
-                shape, color = Box((box.size[0], box.size[1], box.size[2])), _SHOWN[Truth.UNKNOWN]
-                marker = self._marker(event.t, (atom, number), box.frame, np.array(box.pose), shape, color, alpha=0.35)
-                marker.frame_locked = True
-                self._boxes.setdefault(atom, []).append(marker)
-        self._add_markers("/boxes", event.t, [wiped, *(one for found in self._boxes.values() for one in found)])
-        self._say(event.t, f"step {event.number}: {event.skill}")
+    def _box(self, t: float, name: tuple[str, int], box: events.AskedBox) -> Message:
+        shape, color = Box((box.size[0], box.size[1], box.size[2])), _SHOWN[Truth.UNKNOWN]
+        marker = self._marker(t, name, box.frame, np.array(box.pose), shape, color, alpha=_ALPHA)
+        marker.frame_locked = True
+        return marker
 
     def _judge(self, event: events.EvidenceSeen) -> None:
-        status = []
+        make, status = self._types.make, []
         for atom, shown in event.literals.items():
             values = {"asked": str(shown.asked), "predicted": str(shown.predicted)}
             values |= {camera: value.word for camera, value in shown.cameras.items()}
-            pairs = [self._types.make("diagnostic_msgs/msg/KeyValue", key=k, value=v) for k, v in values.items()]
             status.append(
-                self._types.make(
+                make(
                     "diagnostic_msgs/msg/DiagnosticStatus",
-                    level=_LEVELS[shown.value] if shown.asked else 0,
+                    level=1 if shown.asked and shown.value is Truth.UNKNOWN else 0,  # a warning: it cannot be judged
                     name=atom,
                     message=shown.value.word,
-                    values=pairs,
+                    values=[make("diagnostic_msgs/msg/KeyValue", key=k, value=v) for k, v in values.items()],
                 )
             )
             for marker in self._boxes.get(atom, ()):
                 marker.header = self._header(event.t, marker.header.frame_id)
-                marker.color = self._color(_SHOWN[shown.value], 0.35)
+                marker.color = self._color(_SHOWN[shown.value], _ALPHA)
         header = self._header(event.exposed)
         self._add("/verdicts", event.t, "diagnostic_msgs/msg/DiagnosticArray", header=header, status=status)
         self._add_markers("/boxes", event.t, [one for atom in event.literals for one in self._boxes.get(atom, ())])
@@ -196,18 +196,21 @@ class BagRecorder:
             self._add(topic, t, "visualization_msgs/msg/MarkerArray", markers=markers)
 
     def _marker(
-        self,
-        t: float,
-        name: tuple[str, int],
-        frame: str,
-        X: Array,
-        shape: Shape,
-        color: tuple[float, float, float],
-        *,
-        alpha: float = 1.0,
+        self, t: float, name: tuple[str, int], frame: str, X: Array, shape: Shape, color: Rgb, *, alpha: float = 1.0
     ) -> Message:
-        kind, size, mesh = _drawn(shape)
-        scale = dict(zip("xyz", map(float, size), strict=True))
+        mesh = ""
+        match shape:
+            case Box(size):
+                kind, scale = _CUBE, size
+            case Sphere(radius):
+                kind, scale = _SPHERE, (2 * radius,) * 3
+            case Cylinder(radius, length):
+                kind, scale = _CYLINDER, (2 * radius, 2 * radius, length)
+            case Capsule(radius, length):  # markers have none
+                kind, scale = _CYLINDER, (2 * radius, 2 * radius, length + 2 * radius)
+            case Mesh(path, scale):
+                kind, mesh = _MESH, path.resolve().as_uri()
+        x, y, z = map(float, scale)
         return self._types.make(
             "visualization_msgs/msg/Marker",
             header=self._header(t, frame),
@@ -215,12 +218,12 @@ class BagRecorder:
             id=name[1],
             type=kind,
             pose=pose_message(self._types, X),
-            scale=self._types.make("geometry_msgs/msg/Vector3", **scale),
+            scale=self._types.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
             color=self._color(color, alpha),
             mesh_resource=mesh,
         )
 
-    def _color(self, rgb: tuple[float, float, float], alpha: float) -> Message:
+    def _color(self, rgb: Rgb, alpha: float) -> Message:
         r, g, b = rgb
         return self._types.make("std_msgs/msg/ColorRGBA", r=r, g=g, b=b, a=alpha)
 
@@ -254,40 +257,6 @@ def optical_frame(camera: str) -> str:
     return f"{camera}_optical_frame"
 
 
-def _said(event: events.Event) -> str | None:
-    """What happens, in words; None for what other topics show."""
-    match event:
-        case events.PrimitiveBegan():
-            return event.name
-        case events.FaultSeen():
-            return f"fault: {event.name} ({event.text})" if event.text else f"fault: {event.name}"
-        case events.MovingOn():
-            return f"moving on to see {event.to_see}"
-        case events.Stopping():
-            return f"stopping: {event.reason}"
-        case events.Retrying():
-            return f"retry {event.attempt} of {event.of}"
-        case events.RunEnded():
-            return event.event if event.reason is None else f"{event.event}: {event.reason}"
-        case _:
-            return None
-
-
-def _drawn(shape: Shape) -> tuple[int, tuple[float, float, float], str]:
-    """Type of a marker, its scale [m] and its mesh."""
-    match shape:
-        case Box(size):
-            return _CUBE, size, ""
-        case Sphere(radius):
-            return _SPHERE, (2 * radius,) * 3, ""
-        case Cylinder(radius, length):
-            return _CYLINDER, (2 * radius, 2 * radius, length), ""
-        case Capsule(radius, length):  # markers have none
-            return _CYLINDER, (2 * radius, 2 * radius, length + 2 * radius), ""
-        case Mesh(path, scale):
-            return _MESH, scale, path.resolve().as_uri()
-
-
 _NAMING = {"link": ("name",), "parent": ("link",), "child": ("link",), "joint": ("name",), "mimic": ("joint",)}
 """Attributes of a description that name links and joints, by element."""
 
@@ -303,8 +272,18 @@ def robot_description(robot: Robot) -> str:
 
 
 def _described(urdf: UrdfModel) -> Xml.Element:
-    if not urdf.content:
-        return _of_boxes(urdf)
+    if not urdf.content:  # a tool that the workspace gives as boxes
+        root = Xml.Element("robot", name=urdf.name)
+        for link in urdf.links.values():
+            element = Xml.SubElement(root, "link", name=link.name)
+            for piece in link.geometry("collision"):
+                if isinstance(piece.shape, Box):
+                    visual = Xml.SubElement(element, "visual")
+                    visual.append(_origin(piece.X_LG))
+                    Xml.SubElement(Xml.SubElement(visual, "geometry"), "box", size=_numbers(piece.shape.size))
+        for one in urdf.joints.values():
+            _fix(root, one.name, one.parent, one.child, one.X_PJ)
+        return root
     root = Xml.fromstring(urdf.content)  # noqa: S314 - it was read, and found harmless, with the workspace
     for mesh in root.iter("mesh"):
         name = mesh.get("filename", "")
@@ -316,21 +295,6 @@ def _described(urdf: UrdfModel) -> Xml.Element:
             if (called := element.get(key)) is not None:
                 of_link = element.tag in ("link", "parent", "child")
                 element.set(key, urdf.prefix + (WORLD_LINK if of_link and called == WORLD else called))
-    return root
-
-
-def _of_boxes(urdf: UrdfModel) -> Xml.Element:
-    """The description of a tool that the workspace gives as boxes."""
-    root = Xml.Element("robot", name=urdf.name)
-    for link in urdf.links.values():
-        element = Xml.SubElement(root, "link", name=link.name)
-        for piece in link.geometry("collision"):
-            if isinstance(piece.shape, Box):
-                visual = Xml.SubElement(element, "visual")
-                visual.append(_origin(piece.X_LG))
-                Xml.SubElement(Xml.SubElement(visual, "geometry"), "box", size=_numbers(piece.shape.size))
-    for one in urdf.joints.values():
-        _fix(root, one.name, one.parent, one.child, one.X_PJ)
     return root
 
 

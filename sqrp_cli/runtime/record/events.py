@@ -369,11 +369,6 @@ class EventPublisher:
         for listener in self._listeners:
             listener(event)
 
-    def begin(self, t: float, primitive: str, does: str | None = None) -> None:
-        """Publish that a primitive action begins."""
-        self.doing = primitive
-        self.publish(PrimitiveBegan(t=t, name=primitive, does=does))
-
     @contextmanager
     def timed(self, what: str) -> Iterator[None]:
         """Add the elapsed wall time to an activity."""

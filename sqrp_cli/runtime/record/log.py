@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from sqrp_cli.errors import InputError, Place, bad_input
+from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.text.input_file import open_input
 from sqrp_cli.knowledge.text.json_file import json_name, parse_json
 from sqrp_cli.knowledge.text.source import describe
 from sqrp_cli.knowledge.text.units import LARGEST
 from sqrp_cli.platform.files import naming
 from sqrp_cli.runtime.record.events import KINDS, VERSION, Event, RunBegan, RunReported, State, StateChanged, WholeState
-from sqrp_cli.runtime.record.report import Confusion, Prediction, RunReport
+from sqrp_cli.runtime.record.report import Confusion, RunReport
 
 MAX_BYTES = 200_000_000
 """Largest log that is read; with six cameras a second of a run takes some 7 kB, so this is eight hours."""
@@ -63,21 +66,30 @@ def read_log(path: Path) -> Iterator[Event]:
     for number, text in _lines(path):
         place = Place(path, number)
         try:
-            line = _line(text, place)
+            fields = _fields(text, place)
         except InputError as error:
             if number > 1 and not text.endswith("\n") and error.problems[0].code == "json-syntax":
                 return  # cut off as it was written
             raise
-        if number == 1 and (line.kind, line.fields.get("sqrp_log")) != ("run", VERSION):
+        t, kind = float(fields["t"]), fields["event"]
+        if number == 1 and (kind, fields.get("sqrp_log")) != ("run", VERSION):
             raise _no_log("this is no log of `sqrp run --log`, or one of another version", place)
-        event = _event(line, place, first_state=joints is None)
+        model = KINDS.get(kind)
+        event: Event | None = None
+        try:
+            if model is RunReported:
+                event = RunReported(t=t, report=_report(fields, place))
+            elif model is not None:
+                event = (WholeState if model is StateChanged and joints is None else model).model_validate(fields)
+        except ValidationError as error:
+            raise _no_log(f"this `{kind}` is no event of a log: {_first_words(error)}", place) from None
         if isinstance(event, WholeState):
             joints = len(event.joints)
         if isinstance(event, State) and event.has("q") and len(event.q) != joints:
             raise _no_log(f"this state has {len(event.q)} positions `q` of {joints} joints", place)
-        if line.t < before - SLACK:
-            raise _no_log(f"this event is at {line.t:g} s, before that of the line above", place)
-        before = max(before, line.t)
+        if t < before - SLACK:
+            raise _no_log(f"this event is at {t:g} s, before that of the line above", place)
+        before = max(before, t)
         if event is not None:
             yield event
     if number == 0:
@@ -98,17 +110,8 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
                 raise _no_log(message, Place(path, number)) from error
 
 
-@dataclass(frozen=True)
-class _Line:
-    """A line of a log."""
-
-    t: float
-    kind: str
-    fields: Mapping[str, object]
-    """With its time [s] and kind."""
-
-
-def _line(text: str, place: Place) -> _Line:
+def _fields(text: str, place: Place) -> Mapping[str, Any]:
+    """The fields of a line, with its time `t` [s] and kind `event`."""
     try:
         document = parse_json(place.file, text, place.line or 1)
     except InputError as error:
@@ -122,27 +125,12 @@ def _line(text: str, place: Place) -> _Line:
         raise _no_log(f"this line is no event of a log: `t` is {describe(t)}, expected a number of seconds", place)
     if not isinstance(kind, str):
         raise _no_log(f"this line is no event of a log: `event` is {describe(kind)}, expected its kind", place)
-    return _Line(float(t), kind, document)
+    return document
 
 
-def _event(line: _Line, place: Place, *, first_state: bool) -> Event | None:
-    """The event of a line, None for an unknown kind; first_state: whether no state came before."""
-    model = KINDS.get(line.kind)
-    if model is None:
-        return None
-    if model is RunReported:
-        return RunReported(t=line.t, report=_report(line, place))
-    if model is StateChanged and first_state:
-        model = WholeState
+def _report(fields: Mapping[str, Any], place: Place) -> RunReport:
     try:
-        return model.model_validate(line.fields)
-    except ValidationError as error:
-        raise _no_log(f"this `{line.kind}` is no event of a log: {_first_words(error)}", place) from None
-
-
-def _report(line: _Line, place: Place) -> RunReport:
-    try:
-        report = TypeAdapter(RunReport).validate_python({**line.fields, "wall": {}})
+        report = TypeAdapter(RunReport).validate_python({**fields, "wall": {}})
     except ValidationError as error:
         raise _no_log(f"the report at the end of this log is none: {_first_words(error)}", place) from None
     if report.prediction and not report.usual:  # of an earlier version, which knew of no usual images
@@ -150,16 +138,14 @@ def _report(line: _Line, place: Place) -> RunReport:
             {atom: {name: Confusion(tn=one.tn, fn=one.fn) for name, one in of.items()} for atom, of in step.items()}
             for step in report.prediction
         ]
-    if _asked(report.usual) != _asked(report.prediction):
-        raise _no_log(
-            "the report at the end of this log has other literals under `usual` than under `prediction`", place
-        )
+    usual, asked = (
+        [[(atom, name) for atom, cameras in step.items() for name in cameras] for step in steps]
+        for steps in (report.usual, report.prediction)
+    )
+    if usual != asked:
+        message = "the report at the end of this log has other literals under `usual` than under `prediction`"
+        raise _no_log(message, place)
     return report
-
-
-def _asked(predictions: Sequence[Prediction]) -> list[list[tuple[str, str]]]:
-    """The atoms and cameras of each step."""
-    return [[(atom, name) for atom, cameras in step.items() for name in cameras] for step in predictions]
 
 
 def _first_words(error: ValidationError) -> str:
@@ -171,3 +157,46 @@ def _first_words(error: ValidationError) -> str:
 
 def _no_log(message: str, place: Place) -> InputError:
     return bad_input("no-log", message, place, mend="make one: sqrp run PROGRAM --sim --log FILE")
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Where everything was during a run."""
+
+    t: Array
+    """Times on the run's clock [s], shape (n,)."""
+    joints: tuple[str, ...]
+    """Names of the j joints."""
+    q: Array
+    """Their positions, shape (n, j) [rad or m]."""
+    held: tuple[str | None, ...]
+    """What the tool held at each of the n times."""
+    poses: Mapping[str, tuple[tuple[int, tuple[float, ...]], ...]]
+    """Of each object in the world, as pairs of the index of a time and the pose from then on.
+
+    A pose is x, y, z [m] and a quaternion x, y, z, w.
+    """
+
+    @classmethod
+    def of(cls, events: Iterable[Event]) -> Track | None:
+        """What a run published of it, from all its events; None if it published none."""
+        states = [event for event in events if isinstance(event, State)]
+        if not states:
+            return None
+        first, *others = states
+        assert isinstance(first, WholeState)  # noqa: S101 - as a run publishes and `read_log` makes sure
+        q, held = [first.q], [first.held]
+        for state in others:
+            q.append(state.q if state.has("q") else q[-1])
+            held.append(state.held if state.has("held") else held[-1])
+        poses: dict[str, list[tuple[int, tuple[float, ...]]]] = {}
+        for index, state in enumerate(states):
+            for name, pose in state.objects.items():
+                poses.setdefault(name, []).append((index, tuple(pose)))
+        return cls(
+            np.array([state.t for state in states]),
+            tuple(first.joints),
+            np.array(q, dtype=float).reshape(len(states), -1),
+            tuple(held),
+            {name: tuple(found) for name, found in poses.items()},
+        )

@@ -5,8 +5,7 @@ And the events of a run that goes exactly as planned: a program for ROS tools.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +29,6 @@ from sqrp_cli.runtime.record.events import (
     PrimitiveBegan,
     RunEnded,
     ShownAtom,
-    State,
     StepBegan,
     WholeState,
 )
@@ -111,49 +109,6 @@ class StateRecorder:
         )
         self._publisher.publish(state if self._last is None else state.since(self._last))
         self._last = state
-
-
-@dataclass(frozen=True, eq=False)
-class Track:
-    """Where everything was during a run."""
-
-    t: Array
-    """Times on the run's clock [s], shape (n,)."""
-    joints: tuple[str, ...]
-    """Names of the j joints."""
-    q: Array
-    """Their positions, shape (n, j) [rad or m]."""
-    held: tuple[str | None, ...]
-    """What the tool held at each of the n times."""
-    poses: Mapping[str, tuple[tuple[int, tuple[float, ...]], ...]]
-    """Of each object in the world, as pairs of the index of a time and the pose from then on.
-
-    A pose is x, y, z [m] and a quaternion x, y, z, w.
-    """
-
-    @classmethod
-    def of(cls, events: Iterable[Event]) -> Track | None:
-        """What a `StateRecorder` published, from all events of a run; None if there was none."""
-        states = [event for event in events if isinstance(event, State)]
-        if not states:
-            return None
-        first, *others = states
-        assert isinstance(first, WholeState)  # noqa: S101 - as a `StateRecorder` publishes and `read_log` makes sure
-        q, held = [first.q], [first.held]
-        for state in others:
-            q.append(state.q if state.has("q") else q[-1])
-            held.append(state.held if state.has("held") else held[-1])
-        poses: dict[str, list[tuple[int, tuple[float, ...]]]] = {}
-        for index, state in enumerate(states):
-            for name, pose in state.objects.items():
-                poses.setdefault(name, []).append((index, tuple(pose)))
-        return cls(
-            np.array([state.t for state in states]),
-            tuple(first.joints),
-            np.array(q, dtype=float).reshape(len(states), -1),
-            tuple(held),
-            {name: tuple(found) for name, found in poses.items()},
-        )
 
 
 def step_began(step: Step, number: int, t: float) -> StepBegan:

@@ -22,7 +22,7 @@ from sqrp_cli.runtime.perception.detections import BelievedState, Detection
 from sqrp_cli.runtime.perception.evidence_buffer import Evidence, EvidenceBuffer, Exposure, FusedTruth
 from sqrp_cli.runtime.perception.streams import Streams
 from sqrp_cli.runtime.record.events import ContactFelt, EventPublisher, EvidenceSeen, ShownAtom, Stopping
-from sqrp_cli.runtime.record.film import ImageRecorder
+from sqrp_cli.runtime.record.images import ImageRecorder
 from sqrp_cli.runtime.record.report import TRUTH_SPACING
 from sqrp_cli.runtime.run.arm_motion import ArmMotion
 from sqrp_cli.runtime.run.faults import FaultTracker

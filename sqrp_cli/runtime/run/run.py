@@ -29,7 +29,7 @@ from sqrp_cli.runtime.record.events import (
     RunEnded,
     listed,
 )
-from sqrp_cli.runtime.record.film import ImageRecorder
+from sqrp_cli.runtime.record.images import ImageRecorder
 from sqrp_cli.runtime.record.report import MonitoringLost, RunReport, StepRecord, Stopped
 from sqrp_cli.runtime.robot_body import RobotBody
 from sqrp_cli.runtime.run.faults import FaultTracker, InjectedFault, StepPlace, parse_fault

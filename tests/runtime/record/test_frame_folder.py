@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.runtime.record.frame_folder import read_frames
+from sqrp_cli.runtime.record.images import read_frames
 
 
 @pytest.mark.parametrize(

@@ -13,9 +13,8 @@ import pytest
 from sqrp_cli.errors import InputError
 from sqrp_cli.report.pages.run_page import RunCell, write_run
 from sqrp_cli.runtime.record.events import VERSION, PrimitiveBegan, RunBegan, RunReported
-from sqrp_cli.runtime.record.log import LogWriter, read_log
+from sqrp_cli.runtime.record.log import LogWriter, Track, read_log
 from sqrp_cli.runtime.record.report import FaultRecord, RunReport, StepRecord
-from sqrp_cli.runtime.run.ground_truth import Track
 from sqrp_cli.terminal.run_view import print_run
 
 IDENTITY = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]

@@ -11,8 +11,7 @@ import pytest
 from sqrp_cli.errors import InputError, Place
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.ros.messages import message_types
-from sqrp_cli.runtime.record.packed_image import DamagedImageError, image_of
-from sqrp_cli.runtime.record.png import jpeg_of, png_of
+from sqrp_cli.runtime.record.packed_image import DamagedImageError, image_of, jpeg_of, png_of
 
 CAMERA = Camera(
     width=64, height=48, matrix=np.eye(3), distortion_model="none", distortion=np.zeros(0), rate=10.0, name="cam",

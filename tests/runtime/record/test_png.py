@@ -9,7 +9,7 @@ import zlib
 import numpy as np
 import pytest
 
-from sqrp_cli.runtime.record.png import bare_png, decoded, png_damage, png_of
+from sqrp_cli.runtime.record.packed_image import bare_png, decoded, png_damage, png_of
 from tests.damage.record_bombs import chunk
 
 PNG = png_of(np.arange(5 * 7 * 3, dtype=np.uint8).reshape(5, 7, 3))

@@ -13,7 +13,8 @@ from sqrp_cli.geometry import axis_rotation, pose, quaternion_to_matrix
 from sqrp_cli.knowledge.frames import FrameName
 from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.runtime.record.events import Event, EventPublisher, PrimitiveBegan
-from sqrp_cli.runtime.run.ground_truth import StateRecorder, Track, step_began
+from sqrp_cli.runtime.record.log import Track
+from sqrp_cli.runtime.run.ground_truth import StateRecorder, step_began
 from tests.runtime.steps import box, step
 
 BEGAN = PrimitiveBegan(t=0.0, name="a1")
