@@ -140,7 +140,7 @@ def _doubts(cell: Cell) -> Iterator[Problem]:
 
     yield from cell_warnings(cell)
     contact = cell.collision.contact_in(cell.initial_world)
-    if contact is not None:
+    if contact:
         message = f"at home {contact} before anything moves, so no task can begin there"
         mend = "change the home position, or move what is in its way"
         place = cell.workspace.places.get("robot.home")

@@ -14,7 +14,6 @@ from sqrp_cli.errors import Infeasible, Place, Problem
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, side_pose, transform
 from sqrp_cli.knowledge.frames import WORLD, frame_poses
 from sqrp_cli.knowledge.mesh import mesh_unit
-from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.settings import Reference
 from sqrp_cli.knowledge.skill.skill import ToolMove
 from sqrp_cli.knowledge.text.units import shown_length
@@ -30,14 +29,11 @@ from sqrp_cli.programming.coverage.sampling import Adaptive, first_samples
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.program_update import world_after
 from sqrp_cli.programming.sensing.observer import Observer
-from sqrp_cli.programming.solids import Solid, distance, load_solid
+from sqrp_cli.programming.solids import OBJECT_FACTOR, Solid, distance, load_solid, scale_doubt
 from sqrp_cli.shapes import LEAST_SIZE, Box, Mesh, Part
 
 LARGEST, SMALLEST = 20.0, 1e-3
 """Sizes of a link's mesh, as shares of the robot's length, from which its scale is doubted."""
-
-OBJECT_FACTOR = 50.0
-"""Ratio of the sizes of an object and its mesh from which the mesh's scale is doubted."""
 
 ALLOWED = 1e-3
 """How far a part may reach outside its object's `size` [m]; sizes are often rounded."""
@@ -67,29 +63,28 @@ def cell_warnings(cell: Cell) -> tuple[Problem, ...]:
 def doubtful_meshes(workspace: Workspace, model: RobotModel) -> Iterator[Problem]:
     """Warnings about meshes of the robot, measured against its length, and of objects, against their `size`."""
     length = float(_lengths(model).sum())
-    # Each with its size, that of the whole, its place and the object that it is of.
-    found: list[tuple[Part, float, float, Place | None, str]] = [
-        (part, size, length, Place(part.shape.path), "")
-        for part in model.parts
-        if isinstance(part.shape, Mesh)
-        if not SMALLEST * length <= (size := load_solid(part).diagonal) <= LARGEST * length
-    ]
+    found: list[tuple[str, Place | None, Mesh, bool, str]] = []
+    for part in model.parts:
+        if isinstance(part.shape, Mesh):
+            size = load_solid(part).diagonal
+            if size > LARGEST * length or size < SMALLEST * length:
+                measured = f"the mesh of link `{part.parent}` measures {size:.3g} m, the arm {length:.3g} m"
+                found.append((measured, Place(part.shape.path), part.shape, size > length, "the <mesh> of the URDF"))
     for item in workspace.objects.values():
         for index, part in enumerate(item.parts):
-            if isinstance(part.shape, Mesh) and _scale_is_doubtful(solid := load_solid(part), item):
-                place = workspace.places.get(f"objects.{item.name}.parts.{index}.mesh")
-                found.append((part, solid.diagonal, float(np.linalg.norm(item.size)), place, item.name))
-    for part, size, whole, place, item_name in found:
-        assert isinstance(part.shape, Mesh)  # noqa: S101 - chosen above
-        shown, of_whole = (f"{m:.3g} m" if m >= 0.01 else f"{1e3 * m:.2g} mm" for m in (size, whole))
-        measured = f"the mesh of link `{part.parent}` measures {shown}, the arm {of_whole}"
-        where, unit = "the <mesh> of the URDF", mesh_unit(part.shape.path)
-        if item_name:
-            measured, where = f"the mesh of `{item_name}` measures {shown}, its `size` {of_whole}", "this part"
+            if isinstance(part.shape, Mesh):
+                size = load_solid(part).diagonal
+                measured = scale_doubt(load_solid(part), item)
+                if not measured and size > OBJECT_FACTOR * length:  # without a stated `size`, that is the mesh's own
+                    measured = f"the mesh of `{item.name}` measures {size:.3g} m, the arm {length:.3g} m"
+                if measured:
+                    place = workspace.places.get(f"objects.{item.name}.parts.{index}.mesh")
+                    found.append((measured, place, part.shape, size > max(item.size) / 2, "this part"))
+    for measured, place, shape, is_large, where in found:
+        unit = mesh_unit(shape.path)
         mend = f"it counts already that the file gives its unit as {unit:g} m: see the `scale` of {where}"
         if unit == 1.0:
-            factor = "0.001" if size > whole else "1000"
-            mend = f"if its unit is not the metre, give {where} a `scale` of {factor}"
+            mend = f"if its unit is not the metre, give {where} a `scale` of {'0.001' if is_large else '1000'}"
         message = f"{measured}; its scale may be off by 1000"
         yield Problem("doubtful-mesh-size", message, place, severity="warning", mend=mend)
 
@@ -100,8 +95,7 @@ def parts_outside_size(workspace: Workspace) -> Iterator[Problem]:
     Objects with a mesh of doubtful scale are left out.
     """
     for item in workspace.objects.values():
-        meshes = (load_solid(part) for part in item.parts if isinstance(part.shape, Mesh))
-        if not any(_scale_is_doubtful(mesh, item) for mesh in meshes):
+        if not any(scale_doubt(solid, item) for solid in map(load_solid, item.parts)):
             reached = np.array([_reach(part) for part in item.parts])
             outside = reached - 0.5 * np.asarray(item.size)
             if outside.max() > ALLOWED + 1e-9:
@@ -267,12 +261,6 @@ def fastest_tool(model: RobotModel) -> float:
     return float(model.velocity @ np.where(model.turns, reaches, 1.0))
 
 
-def _scale_is_doubtful(solid: Solid, item: SceneObject) -> bool:
-    """Whether the sizes of an object and its mesh differ so much that the mesh must be in another unit."""
-    ratio = solid.diagonal / float(np.linalg.norm(item.size))
-    return not 1 / OBJECT_FACTOR <= ratio <= OBJECT_FACTOR
-
-
 def _reach(part: Part) -> Array:
     """The largest distance of a part from its object's centre along each of the object's axes [m], shape (3,).
 
@@ -342,6 +330,7 @@ def overlapping_shapes(workspace: Workspace) -> Iterator[Problem]:
         return  # the usual case, fast even for many objects
     posed = [(item, item.X_WO) for item in objects if item.X_WO is not None]
     placed = [_Placed(item.name, solid, X_WO) for item, X_WO in posed for solid in map(load_solid, item.parts)]
+    placed = [one for one in placed if not scale_doubt(one.solid, workspace.objects[one.object])]
     centers = np.array([transform(one.X_WO, one.solid.center) for one in placed]).reshape(-1, 3)
     radii = np.array([one.solid.radius for one in placed])
     boxes = np.array([isinstance(one.solid.part.shape, Box) for one in placed], dtype=bool)

@@ -26,9 +26,7 @@ def impossible_start(cell: Cell, candidate: Candidate, world: World) -> Infeasib
     if unready is not None:
         return unready
     contact = cell.collision.contact_in(world)
-    if contact is not None:
-        return Infeasible((f"{contact} before anything moves",))
-    return None
+    return Infeasible((f"{contact} before anything moves",)) if contact else None
 
 
 def unready_world(cell: Cell, candidate: Candidate, world: World) -> Infeasible | None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from sqrp_cli.errors import InputError
 from sqrp_cli.geometry import BOX_SIGNS, Array, inverse, read_only, transform
 from sqrp_cli.knowledge.mesh import read_mesh
+from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere, Triangles
 from sqrp_cli.sight import kernel
 
@@ -22,6 +23,9 @@ SIDES = 48
 
 They enclose cylinders (0.2 % too wide); the faces of spheres and capsules are within 0.2 % of them.
 """
+
+OBJECT_FACTOR = 50.0
+"""Ratio of the sizes of an object and its mesh from which the mesh's scale is doubted."""
 
 _CLOSED = 1e-3
 """Tolerance of the winding number of a closed surface around a point."""
@@ -134,6 +138,14 @@ def load_solid(part: Part, name: str | None = None) -> Solid:
 def load_solids(parts: Sequence[Part]) -> tuple[Solid, ...]:
     """The solids of several parts, in order."""
     return tuple(load_solid(part) for part in parts)
+
+
+def scale_doubt(solid: Solid, item: SceneObject) -> str:
+    """Why a mesh of an object must be in another unit than said: the sizes of both; empty if it need not be."""
+    size, stated = solid.diagonal, float(np.linalg.norm(item.size))
+    if not isinstance(solid.part.shape, Mesh) or 1 / OBJECT_FACTOR <= size / stated <= OBJECT_FACTOR:
+        return ""
+    return f"the mesh of `{item.name}` measures {size:.3g} m, its `size` {stated:.3g} m"
 
 
 def distance(first: Solid, X_WA: Array, second: Solid, X_WB: Array, within: float, enough: float = 0.0) -> float | None:

@@ -48,29 +48,39 @@ inline double distance(const Solid& A, const Solid& B, const Pose& X_AB, double 
         Open now = open[--size];
         if (gap(*now.a, *now.b, X) > limit) continue;
         V3 e = now.a->extent, f = now.b->extent;
-        if (!now.a->count && (now.b->count || dot(e, e) >= dot(f, f))) {
-            for (int k = 0; k < 2; k++) open[size++] = {first.child(now.a, k), now.b};
-            continue;
-        }
         if (!now.b->count) {
-            for (int k = 0; k < 2; k++) open[size++] = {now.a, second.child(now.b, k)};
+            bool of_b = now.a->count || dot(e, e) < dot(f, f);
+            for (int k = 0; k < 2; k++) open[size++] = of_b ? Open{now.a, second.child(now.b, k)} : Open{first.child(now.a, k), now.b};
             continue;
         }
+        // Each triangle by itself: one that is large and aslant is far from most of its box.
         for (int j = now.b->first; j < now.b->first + now.b->count; j++) {
             Piece two = Piece::of(B, X);
             Node box = *now.b;
+            V3 normal{0, 0, 0};
             if (second.surface) {
                 const Triangle& t = second.surface->triangles[j];
-                two = Piece::of(Triangle{X(t.a), X(t.b), X(t.c)}), box = around(two.t);
+                two = Piece::of(Triangle{X(t.a), X(t.b), X(t.c)}), box = around(two.t), normal = cross(two.t.b - two.t.a, two.t.c - two.t.a);
+                if (double length = norm(normal); length > 0) normal = (1 / length) * normal;
             }
             const Pose& X_box = second.surface ? still : X;
-            if (gap(*now.a, box, X_box) > limit) continue;
-            for (int i = now.a->first; i < now.a->first + now.a->count; i++) {
-                if (first.surface && gap(around(first.surface->triangles[i]), box, X_box) > limit) continue;
-                double found = distance(first.surface ? Piece::of(first.surface->triangles[i]) : Piece::of(A, still), two, limit, enough);
-                if (found > limit) continue;
-                best = found, limit = exact ? found : enough;
-                if (best <= enough) return best;
+            auto is_far = [&](const Node& a) {
+                double off = fabs(dot(normal, a.center - two.t.a)), reach = fabs(normal.x) * a.extent.x + fabs(normal.y) * a.extent.y + fabs(normal.z) * a.extent.z;
+                return off - reach > limit || gap(a, box, X_box) > limit;
+            };
+            int bottom = size;
+            open[size++] = {now.a, now.b};
+            while (size > bottom) {
+                const Node* a = open[--size].a;
+                if (is_far(*a)) continue;
+                for (int k = 0; !a->count && k < 2; k++) open[size++] = {first.child(a, k), now.b};
+                for (int i = a->first; i < a->first + a->count; i++) {
+                    if (first.surface && is_far(around(first.surface->triangles[i]))) continue;
+                    double found = distance(first.surface ? Piece::of(first.surface->triangles[i]) : Piece::of(A, still), two, limit, enough);
+                    if (found > limit) continue;
+                    best = found, limit = exact ? found : enough;
+                    if (best <= enough) return best;
+                }
             }
         }
     }

@@ -14,6 +14,8 @@ from sqrp_cli.cli.main import run
 from sqrp_cli.errors import Problem
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.motion.collision.placed_scene import PlacedScene
+from tests.cells import shipped_cell, write_cell
 
 CELL = Path(__file__).parents[1] / "cases" / "cell"
 TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
@@ -164,3 +166,26 @@ def test_rank_says_which_camera_is_in_the_way_of_the_best(tmp_path: Path, capsys
     folder = tabletop_with(tmp_path, "pose: {position: [0.48, 0.28, 0.15], look_at: [0, 0, 0]}")
     assert run(["rank", str(folder), "pickup g2 approach_yaw=0deg", "--ways", "fastest"]) == 0
     assert "camera `more` stands where `" in capsys.readouterr().err.replace("\n", " ")
+
+
+@pytest.mark.parametrize(
+    ("position", "says"),
+    [([0, 0, 0], "the arm is inside crate (the mesh of"), ([80.45, 0, 0.5], " hits crate (the mesh of")],
+    ids=["around everything", "around all places of work"],
+)
+def test_a_mesh_in_millimetres_that_is_in_the_way_is_doubted_before_any_path_is_searched(
+    position: list[float], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    signs = [(x, y, z) for x in (-80, 80) for y in (-60, 60) for z in (-90, 90)]  # a crate of 16 x 12 x 18 cm
+    sides = ("1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4")
+    lines = [*(f"v {x} {y} {z}" for x, y, z in signs), *(f"f {side}" for side in sides)]
+    (tmp_path / "crate.obj").write_text("\n".join(lines))
+    cell = shipped_cell("tabletop")
+    cell["objects"]["crate"] |= {"parts": [{"mesh": str(tmp_path / "crate.obj")}], "pose": {"position": position}}
+    searched, check_path = [], PlacedScene.check_path
+    monkeypatch.setattr(PlacedScene, "check_path", lambda *a, **b: searched.append(1) or check_path(*a, **b))
+    (row,) = open_cell(write_cell(cell, tmp_path).parent).rank("pickup g2").document.candidates
+    assert not row.feasible
+    assert says in row.reasons[0]
+    assert "measures 269 m, its `size` 0.326 m: perhaps it is in millimetres, say `scale: 0.001`" in row.reasons[0]
+    assert not searched

@@ -259,16 +259,8 @@ class _Planner:
         return ways
 
     def _moves(self, ways: Sequence[sections.Ways]) -> JointMoves:
-        return JointMoves(
-            self._model,
-            self._skill.primitives,
-            self._scenes,
-            self._sections,
-            ways,
-            self._q_start,
-            self._failures,
-            self._seed,
-        )
+        primitives, start, failures = self._skill.primitives, self._q_start, self._failures
+        return JointMoves(self._model, primitives, self._scenes, self._sections, ways, start, failures, self._seed)
 
     def _branches(self, ways: Sequence[sections.Ways]) -> list[dict[str, MotionValue]]:
         """The different branches of the ways through all sections."""
@@ -351,7 +343,7 @@ class _Planner:
                 if moving is None:
                     return self._infeasible()
                 whole = approach.shortened(approach.duration - moving.duration).followed_by(moving)
-            if (contact := self._scenes[index].check_motion(whole)) is not None:
+            if (contact := self._scenes[index].check_path(whole.path)) is not None:
                 return Infeasible((f"{contact} if {primitive.name} meets nothing",))
             found[primitive.name] = whole
         return found

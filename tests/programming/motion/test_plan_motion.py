@@ -220,7 +220,7 @@ def brute_force_times(cell: Cell, values: Mapping[str, float]) -> list[float]:
             a2 = time_path(first, limits, MotionLimits(*(tool[0] / 0.02)))
             a4 = time_path(second, limits, MotionLimits(*(tool[1] / values["lift"])))
             checks = ((free, a1), (tied, a2), (carried, a4), (carried_home, a5))
-            if all(scene.check_motion(trajectory) is None for scene, trajectory in checks):
+            if all(scene.check_path(trajectory.path) is None for scene, trajectory in checks):
                 times.append(a1.duration + a2.duration + 1.0 + a4.duration + a5.duration)
     return times
 

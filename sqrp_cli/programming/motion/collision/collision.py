@@ -9,14 +9,14 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, pose
+from sqrp_cli.geometry import Array, inverse, pose, transform
 from sqrp_cli.knowledge.robot.joint_tree import Mount
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.motion_bound import MotionBound
-from sqrp_cli.programming.motion.collision.placed_scene import CLEARANCE, Contact, NamePairs, PlacedScene, pair
-from sqrp_cli.programming.solids import distance, load_solids
+from sqrp_cli.programming.motion.collision.placed_scene import CLEARANCE, NamePairs, PlacedScene, pair
+from sqrp_cli.programming.solids import distance, load_solids, scale_doubt
 
 SAMPLES = 200
 """Joint positions that are tried, spread over the limits of the joints."""
@@ -56,9 +56,15 @@ class CollisionScene:
             and pair(a, b) not in skipped
             and not {a, b} & rods.keys()  # rods pass the links that they are made for
         )
+        self._doubts = {
+            obj.name: f"{doubt}: perhaps it is in millimetres, say `scale: 0.001`"
+            for obj in objects
+            for solid in self.object_solids[obj.name]
+            if (doubt := scale_doubt(solid, obj)) and solid.diagonal > max(obj.size)
+        }
         self._clearance = {obj.name: CLEARANCE + (padding if obj.fixed else 0.0) for obj in objects}
         self._placed: WeakKeyDictionary[World, PlacedScene] = WeakKeyDictionary()
-        self._contacts: WeakKeyDictionary[World, Contact | None] = WeakKeyDictionary()
+        self._contacts: WeakKeyDictionary[World, str] = WeakKeyDictionary()
 
     def placed(self, world: World, allowed: NamePairs = frozenset()) -> PlacedScene:
         """The scene with every object where `world` has it; contacts of `allowed` pairs do not count.
@@ -69,10 +75,23 @@ class CollisionScene:
             self._placed[world] = self._place(world)
         return self._placed[world].allowing(allowed) if allowed else self._placed[world]
 
-    def contact_in(self, world: World) -> Contact | None:
-        """A contact in a world before anything moves, or None when everything keeps its clearance."""
+    def contact_in(self, world: World) -> str:
+        """A contact in a world before anything moves; empty when everything keeps its clearance.
+
+        An object of a doubtful size counts as touching an arm that is inside it, too: it is everywhere, so that paths
+        would be searched in vain, or around a few of its faces.
+        """
         if world not in self._contacts:
-            self._contacts[world] = self.placed(world).check(self.model.arm_positions(world.joints))
+            q = self.model.arm_positions(world.joints)
+            contact, joints = self.placed(world).check(q), self.model.joint_origins(q)
+            said = "" if contact is None else str(contact)
+            for name, doubt in self._doubts.items():
+                if not said and name in world.X_WO and name != world.held:
+                    corners = np.concatenate([solid.vertices for solid in self.object_solids[name]])
+                    local = transform(inverse(world.X_WO[name]), joints)
+                    if ((corners.min(axis=0) < local) & (local < corners.max(axis=0))).all():
+                        said = f"the arm is inside {name} ({doubt})"
+            self._contacts[world] = said
         return self._contacts[world]
 
     def _place(self, world: World) -> PlacedScene:
@@ -108,6 +127,7 @@ class CollisionScene:
             outer=outer,
             clearance=np.array(clearance)[inner],
             fingers=self.model.finger_positions(world.joints),
+            doubts=self._doubts,
         )
 
     def supports(self, name: str, X_WO: Array, world: World) -> frozenset[str]:

@@ -6,7 +6,8 @@ motion within it. Other stretches are halved until a contact is found. The kerne
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,7 +18,7 @@ from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.motion_bound import MotionBound, finger_steps
 from sqrp_cli.programming.solids import Solid
 from sqrp_cli.sight import kernel
-from sqrp_cli.trajectory import JointPath, Trajectory
+from sqrp_cli.trajectory import JointPath
 
 CLEARANCE = 1e-3
 """Distance that the arm keeps from everything [m]; the workspace's padding adds to it for fixed objects."""
@@ -43,11 +44,14 @@ class Contact:
     """Position on the path, in [0, 1]."""
     clearance: float = CLEARANCE
     """Distance that they have to keep [m]."""
+    doubt: str = ""
+    """What makes the size of one of them doubtful, if anything does."""
 
     def __str__(self) -> str:
+        hits = f"{self.first} hits {self.second}"
         if self.clearance > CLEARANCE:
-            return f"{self.first} comes closer to {self.second} than {self.clearance:.3g} m"
-        return f"{self.first} hits {self.second}"
+            hits = f"{self.first} comes closer to {self.second} than {self.clearance:.3g} m"
+        return f"{hits} ({self.doubt})" if self.doubt else hits
 
 
 def pair(first: str, second: str) -> tuple[str, str]:
@@ -73,6 +77,8 @@ class PlacedScene:
     """Distance that each pair has to keep [m], shape (P,)."""
     fingers: Array
     """Positions of the fingers' joints, shape (f,)."""
+    doubts: Mapping[str, str] = field(default_factory=dict)
+    """What makes the sizes of some objects doubtful, by name."""
 
     def allowing(self, allowed: NamePairs) -> PlacedScene:
         """The same scene, in which contacts of these pairs of names do not count."""
@@ -115,10 +121,6 @@ class PlacedScene:
         step, k = (int(index[0]) for index in found.nonzero())
         return self._contact(k, float(share[step]))
 
-    def check_motion(self, trajectory: Trajectory) -> Contact | None:
-        """The first contact along a motion; None proves that there is none at any time. See `check_path`."""
-        return self.check_path(trajectory.path)
-
     def check_path(self, path: JointPath, resolution: float = RESOLUTION) -> Contact | None:
         """The first contact along a path; None proves that there is none, not only at samples.
 
@@ -139,7 +141,8 @@ class PlacedScene:
     def _contact(self, k: int, s: float = 0.0) -> Contact:
         """That of a pair, by its index."""
         first, second = (self.solids[index[k]].part.parent for index in (self.outer, self.inner))
-        return Contact(first, second, s, float(self.clearance[k]))
+        doubt = self.doubts.get(first) or self.doubts.get(second, "")
+        return Contact(first, second, s, float(self.clearance[k]), doubt)
 
     def _touching(self, q: Array, *, every: bool = False) -> Mask:
         """Which pairs touch at each of m joint positions, shape (m, P); only the last one of each if not `every`."""

@@ -131,32 +131,26 @@ class JointMoves:
         if vias is None:
             raise ValueError(f"{self._primitives[index].name} has no vias")
         trajectory = motion_through(q0, vias, q1, self._move_limits(index))
-        if (contact := self._scenes[index].check_motion(trajectory)) is not None:
+        if (contact := self._scenes[index].check_path(trajectory.path)) is not None:
             return Infeasible((f"{self._at(index, trajectory, contact)} with its vias",))
         blocked = self._blocked.get((i, previous, chosen))
         return FoundMove(trajectory, None if blocked is None else blocked.second)
 
     def _check_tied(self, i: int, branch: Branch) -> bool:
         """Whether all primitives tied to the start of a branch are free."""
-        tied = list(enumerate(branch.trajectories, self._sections[i].first))
-        return all(
-            (self._is_known_free(k) or self._contact(k, trajectory) is None) and self._fingers_are_free(k, trajectory)
-            for k, trajectory in tied
-        )
-
-    def _is_known_free(self, index: int) -> bool:
-        """Whether the arm stands still at the end of the previous primitive, with no fewer contacts allowed than there.
-
-        The end of a joint move was checked before the branch was followed, that of another primitive just before.
-        """
-        before, now = self._primitives[max(index - 1, 0)], self._primitives[index]
-        stands = now.kind is not JointMove and not now.curves and index > 0
-        return stands and now.world is before.world and before.allowed <= now.allowed
+        for k, trajectory in enumerate(branch.trajectories, self._sections[i].first):
+            before, now = self._primitives[max(k - 1, 0)], self._primitives[k]
+            # Where the arm still stands at the end of the primitive before, that was checked: with the same contacts.
+            stands = now.kind is not JointMove and not now.curves and k > 0
+            known = stands and now.world is before.world and before.allowed <= now.allowed
+            if not (known or self._contact(k, trajectory) is None) or not self._fingers_are_free(k, trajectory):
+                return False
+        return True
 
     def _contact(self, index: int, trajectory: Trajectory) -> Contact | None:
         """The first contact during a primitive; notes what touches, and when."""
         if (index, trajectory) not in self._contacts:
-            self._contacts[index, trajectory] = self._scenes[index].check_motion(trajectory)
+            self._contacts[index, trajectory] = self._scenes[index].check_path(trajectory.path)
         contact = self._contacts[index, trajectory]
         if contact is not None:
             self._failures.note(index, self._at(index, trajectory, contact))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from itertools import pairwise
 from typing import Any
 
@@ -22,7 +23,7 @@ from sqrp_cli.programming.motion.paths.blended_path import (
     piece_durations,
 )
 from sqrp_cli.programming.motion.timing import MotionLimits
-from sqrp_cli.trajectory import JointPath, JointSpan, PiecewiseCubic, Trajectory
+from sqrp_cli.trajectory import JointPath, JointSpan, Trajectory
 
 SPARE = 2e-3
 """Extra distance beyond the clearance, roughly kept by straight pieces and curves [m]; saves time."""
@@ -129,10 +130,10 @@ def _fastest(scene: PlacedScene, corners: Array, limits: MotionLimits) -> Trajec
     stops = [0, *(i for i, reach in enumerate(reaches, 1) if reach == 0.0), len(corners) - 1]
 
     def motion(stops: Sequence[int]) -> Trajectory:
-        legs = [
+        legs = (
             blended_motion(corners[i : j + 1], lengths[i:j], reaches[i : j - 1], limits) for i, j in pairwise(stops)
-        ]
-        return _joined(legs)
+        )
+        return reduce(Trajectory.followed_by, legs)
 
     best = motion(stops)
     for corner in range(1, len(corners) - 1):
@@ -153,21 +154,6 @@ def _free_reaches(scene: PlacedScene, corners: Array, lengths: Array) -> list[fl
         free = (reach for reach, curve in curves if scene.check_path(JointPath(whole, curve[None])) is None)
         reaches.append(next(free, 0.0))
     return reaches
-
-
-def _joined(legs: Sequence[Trajectory]) -> Trajectory:
-    """The motions one after the other; each takes its share of the time as its share of the parameter."""
-    ends = np.concatenate([[0.0], np.cumsum([leg.duration for leg in legs])])
-    shares = ends / ends[-1]
-    path_breaks, law_breaks = [np.zeros(1)], [np.zeros(1)]
-    laws = []
-    for leg, start, (low, high) in zip(legs, ends[:-1], pairwise(shares), strict=True):
-        path_breaks.append(low + (high - low) * leg.path.breaks[1:])
-        law_breaks.append(start + leg.law.breaks[1:])
-        laws.append((high - low) * leg.law.coefficients + np.array([low, 0.0, 0.0, 0.0]))
-    path_breaks[-1][-1] = 1.0
-    path = JointPath(np.concatenate(path_breaks), np.concatenate([leg.path.coefficients for leg in legs]))
-    return Trajectory(path, PiecewiseCubic(np.concatenate(law_breaks), np.concatenate(laws)))
 
 
 def _plan_polyline(
