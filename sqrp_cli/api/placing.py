@@ -22,8 +22,8 @@ from sqrp_cli.programming.candidate import split_steps
 from sqrp_cli.programming.placing.place import CameraPlacer, Solution
 from sqrp_cli.programming.placing.problem import OBJECTIVES, FewestPossible, Requirements
 from sqrp_cli.programming.placing.program import Watch, check_solver
+from sqrp_cli.programming.placing.sites import LocalVerdicts, Verdicts
 from sqrp_cli.programming.placing.table import PlaceQuestion
-from sqrp_cli.programming.placing.tensor import LocalVerdicts, Verdicts
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.report.documents.placing import PlaceDocument, in_words, placed
 from sqrp_cli.scoring.work.looks import ClusterVerdicts, KeptVerdicts
@@ -91,7 +91,10 @@ class CellPlacement(Answer[PlaceDocument]):
         return with_cameras(
             self._file,
             self.found.question.keep,
-            [NewCamera(one.camera, one.lens.image, one.view.at, one.view.up) for one in self.found.cameras],
+            [
+                NewCamera(one.camera, one.place.lens.image, one.place.view.at, one.place.view.up)
+                for one in self.found.cameras
+            ],
         )
 
     def apply(self) -> None:

@@ -1,4 +1,7 @@
-"""The cameras that answer a question: chosen by an integer program, checked exactly, and chosen again if need be."""
+"""The cameras that answer a question: chosen by an integer program, checked exactly, and chosen again if need be.
+
+`Problem`: what may be chosen. `VisibilityTable`: what each option sees. `Solution`: the choice, and what is proven.
+"""
 
 from __future__ import annotations
 
@@ -13,23 +16,25 @@ import numpy as np
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.knowledge.workspace.mounts import LensChoice, Spot
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study, Watched
-from sqrp_cli.programming.coverage.timeline import Rehearsal
 from sqrp_cli.programming.placing.problem import Late, Problem, Requirements, Selection, obstacle
 from sqrp_cli.programming.placing.program import Limits, PlacementProgram, Watch
 from sqrp_cli.programming.placing.refine import Pair, refined
-from sqrp_cli.programming.placing.scenes import Installation, View, blocked, price_of
+from sqrp_cli.programming.placing.sites import Installation, blocked
 from sqrp_cli.programming.placing.table import PlaceQuestion, Progress, UnseenTarget, VisibilityTable
+from sqrp_cli.programming.ranking import compared_quality
 from sqrp_cli.programming.task import Candidate
-from sqrp_cli.programming.ways.find import WantedWay, find_way, with_branch
+from sqrp_cli.programming.ways.find import BestWay, TimeLimit, WantedWay, find_ways, with_branch
 
 ROUNDED = 5e-4
 """Qualities that differ by less are the same: outputs and rankings round them to 0.1 points."""
 
 ROUNDS, ROUNDS_ASIDE = 200, 12
 """Most times that cameras are chosen: for the question, and to say what others would do."""
+
+_SAME_TIME = 1e-3
+"""Times that differ by less may count as the same in a ranking [s]."""
 
 Found = TypeVar("Found")
 
@@ -39,9 +44,7 @@ class PlacedCamera:
     """A camera that was chosen."""
 
     camera: Camera
-    spot: Spot
-    lens: LensChoice
-    view: View
+    place: Installation
     price: float
     alone: float
     """The quality that counts first with no other camera, not even one that stays, and none that fails, in 0..1."""
@@ -57,8 +60,6 @@ class JudgedCandidate:
 
     task: str
     candidate: Candidate
-    scene: Rehearsal
-    """Of the way."""
     found: Assessment
     ranked: Assessment | None = None
     """The way that `rank` takes with these cameras, if that is another one with other figures."""
@@ -104,7 +105,7 @@ class Solution:
     seen: Array
     """The mean quality of all candidates with one camera at each site, the best one there, in 0..1; (sites,)."""
     shut: Mask
-    """Whether a site cannot be used at all, (sites,)."""
+    """Whether a site cannot be used at all, because a camera there would touch something in every way, (sites,)."""
     cell: Cell
     """With the chosen cameras."""
     cameras: tuple[PlacedCamera, ...] = ()
@@ -136,11 +137,6 @@ class Solution:
     """If nothing meets the wish: what no choice of sites covers."""
 
     @property
-    def in_the_way(self) -> int:
-        """How many sites cannot be used, because a camera there would touch something in every way."""
-        return int(self.shut.sum())
-
-    @property
     def gap(self) -> float:
         """Between bound and objective; 0 where nothing better exists."""
         gap = self.bound - self.objective
@@ -154,7 +150,7 @@ class Checked:
     problem: Problem
     """At the last samples."""
     requirements: Requirements
-    selection: Selection | None
+    selection: Selection | None = None
     """None where none is possible, or none was found in time."""
     value: float = 0.0
     """The quality that counts first, exactly, if as many cameras fail as may; in 0..1."""
@@ -199,14 +195,23 @@ class CameraPlacer:
             return replace(self._empty(np.zeros(sites), np.zeros(sites, dtype=bool)), met=False, why=why)
         table.judge()
         self._until = monotonic() + self._seconds
-        if self._is_ruled_out():
-            return self._closest()
+        wish = wanted.wish
+        if wish is not None and wish.delay is not None and any(way.scene.faults for way in table.ways):
+            quickest = min((lens.response for lens in self.question.mounts.lenses), default=0.0)
+            kept = [table.options[option].lens.response for option in table.kept]
+            if wish.delay < min([quickest, *kept]) - 1e-9:  # a frame and the latency alone take longer
+                return self._closest()
         found = self._search(wanted)
-        in_time = not self._stopped and monotonic() < self._until
-        if any(table.others) and in_time and self._may_be_better(found):
+        best_in_all = (
+            found.selection is not None
+            and found.value >= 1.0 - ROUNDED
+            and found.problem.worth(wanted, found.selection)[1] <= found.problem.quickest + 1e-3
+            and len(found.selection.options) <= wanted.at_least(len(table.kept))
+        )
+        if any(table.others) and not (self._stopped or monotonic() >= self._until or best_in_all):
             table.add_ways()
             found = self._search(wanted, known=found.selection)
-        if found.selection is None and wanted.wish is not None and not self._stopped:
+        if found.selection is None and wish is not None and not self._stopped:
             if found.proven and wanted.most is not None:
                 enough = self._search(replace(wanted, most=None))
                 if enough.selection is not None:
@@ -214,18 +219,10 @@ class CameraPlacer:
             return self._closest(proven=found.proven)
         return self._at_least_some(found)
 
-    def _is_ruled_out(self) -> bool:
-        """Whether a wished delay is shorter than the period and latency of every camera."""
-        wish, table = self.question.requirements.wish, self.table
-        if wish is None or wish.delay is None or not any(way.scene.faults for way in table.ways):
-            return False
-        return wish.delay < min((lens.response for lens in table.lenses), default=0.0) - 1e-9
-
     def _closest(self, *, proven: bool = True) -> Solution:
         """What comes nearest to a wish that no choice meets. proven: whether it is certain that none does."""
         nearest = self._at_least_some(self._search(replace(self.question.requirements, wish=None)))
-        problem = self.table.problem(0)
-        unseen = self.table.unseen(self.question.requirements.failure_tolerance, problem.shut)
+        unseen = self.table.unseen(self.question.requirements.failure_tolerance, self.table.problem(0).shut)
         return replace(nearest, met=False, proven=nearest.proven and proven, unseen=tuple(unseen))
 
     def _at_least_some(self, found: Checked) -> Solution:
@@ -237,14 +234,6 @@ class CameraPlacer:
             if mean.value > 0.0:
                 return self._solution(replace(mean, requirements=found.requirements, value=0.0, bound=found.bound))
         return self._solution(replace(found, selection=None), blind=True)
-
-    def _may_be_better(self, found: Checked) -> bool:
-        """Whether other ways may be better than the fastest ones, in quality, delay, or the number of cameras."""
-        if found.selection is None or found.value < 1.0 - ROUNDED:
-            return True
-        delay = found.problem.worth(found.requirements, found.selection)[1]
-        least = found.requirements.at_least(len(found.problem.kept))
-        return delay > found.problem.quickest + 1e-3 or len(found.selection.options) > least
 
     def _search(
         self,
@@ -267,12 +256,16 @@ class CameraPlacer:
             if (start := known if best is None else best.selection) is not None:
                 program.begin_with(start)
             grown, settled = False, False
-            for step in (program.first, *([] if first_only else [program.further])):
-                result = step()
+            for further in (False,) if first_only else (False, True):
+                result = program.further() if further else program.first()
                 self._stopped |= result.interrupted
                 bound = result.bound if wish is not None else min(bound, result.bound)
                 if result.selection is None:
-                    return self._ended(wanted, problem, best, bound, proven=result.proven and best is None)
+                    if best is not None:
+                        return replace(best, problem=problem, bound=max(bound, best.value), proven=False)
+                    return Checked(problem=problem, requirements=wanted, bound=bound, proven=result.proven)
+                if program.complete and not (further or first_only):  # the further aims take no time then
+                    continue
                 grown, settled = table.add_hiding(result.selection), False
                 if grown:
                     break
@@ -290,45 +283,34 @@ class CameraPlacer:
                         fewest=result.fewest,
                     )
                 if not settled:
-                    grown = bool(late)
-                    for way, one in zip(result.selection.ways, found, strict=True):
-                        grown |= table.add_samples(way, one)
+                    added = [table.add_samples(*one) for one in zip(result.selection.ways, found, strict=True)]
+                    grown = bool(late) or any(added)
                     break
-            over = self._stopped or limits.over or number == rounds or not grown
+            over = self._stopped or monotonic() >= self._until or number == rounds or not grown
             enough = best is not None and wish is None and 0.0 < self._gap >= bound - best.value
             if settled or enough or over:
+                if best is None:
+                    return Checked(problem=problem, requirements=wanted, bound=bound)
                 proven = settled and result.proven and bound - value <= ROUNDED
-                return self._ended(wanted, problem, best, bound, proven=proven)
+                return replace(best, problem=problem, bound=max(bound, best.value), proven=proven)
         raise AssertionError
-
-    def _ended(
-        self, wanted: Requirements, problem: Problem, best: Checked | None, bound: float, *, proven: bool
-    ) -> Checked:
-        """What came of a search. problem: the last one. best: what was found."""
-        if best is None:
-            return Checked(problem=problem, requirements=wanted, selection=None, bound=bound, proven=proven)
-        return replace(best, problem=problem, bound=max(bound, best.value), proven=proven)
 
     def _exact(self, wanted: Requirements, selection: Selection) -> tuple[float, Sequence[Watched], set[Late]]:
         """The quality that counts first of a selection, its ways as they are seen, and those that are too late."""
         table, wish = self.table, wanted.wish
         cameras = [table.camera_at(option) for option in (*selection.options, *table.kept)]
         found = table.watched(cameras, selection.ways, wanted.failure_tolerance)
-        figures = [one.without_delays for one in found]
-        value = wanted.value([(one.q_eoi, one.q_avg) for one in figures], self._weights)
         late: set[Late] = set()
         if wish is not None and wish.delay is not None:
             studies = table.with_delays(cameras, found)
             only = replace(wish, q_eoi=None, q_avg=None, time=None)
             pairs = zip(selection.ways, studies, strict=True)
             late = {Late(selection.options, way) for way, one in pairs if not only.met(one.assessment(""))}
-        return value, found, late
+        return self._value(wanted, [one.without_delays for one in found]), found, late
 
-    @property
-    def _weights(self) -> Array:
-        tasks = [self.table.ways[of_one[0]].task for of_one in self.table.candidates]
-        weights = self.question.mounts.weights
-        return np.array([weights.get(task, 1.0) / tasks.count(task) for task in tasks])
+    def _value(self, wanted: Requirements, figures: Sequence[Assessment]) -> float:
+        """The quality that counts first."""
+        return wanted.value([(one.q_eoi, one.q_avg) for one in figures], self.table.weights)
 
     def _unless_stopped(self, step: Callable[[], Found], otherwise: Found) -> Found:
         """What a further step finds; something else after Ctrl-C, and if it comes now: what was chosen is not lost."""
@@ -341,12 +323,10 @@ class CameraPlacer:
             return otherwise
 
     def _solution(self, checked: Checked, *, blind: bool = False) -> Solution:
-        """The chosen cameras with all that is said of them."""
-        table, question, problem, selection = self.table, self.question, checked.problem, checked.selection
-        wanted = question.requirements
-        sites = len(question.mounts.spots)
-        seen = np.zeros(sites)
-        free = problem.free
+        """The chosen cameras with all that is said of them. blind: whether none would see anything that counts."""
+        table, problem, selection = self.table, checked.problem, checked.selection
+        wanted, sites = self.question.requirements, len(self.question.mounts.spots)
+        seen, free = np.zeros(sites), problem.free
         np.maximum.at(seen, problem.site[free], problem.alone[free])
         found = replace(
             self._empty(seen, np.isin(np.arange(sites), sorted(problem.shut))),
@@ -359,25 +339,28 @@ class CameraPlacer:
             fastest=len(table.ways) == len(table.candidates),
         )
         stay = [table.camera_at(option) for option in table.kept]
-        studies: Sequence[Study]
         if selection is None:
-            why = obstacle(problem, wanted, blind=blind) if checked.proven or blind else ""
-            firsts = [of_one[0] for of_one in table.candidates]
-            studies = table.with_delays(stay, table.watched(stay, firsts))
-            candidates = tuple(self._of_study(way, one) for way, one in zip(firsts, studies, strict=True))
+            firsts = [table.ways[of_one[0]] for of_one in table.candidates]
+            alone = table.with_delays(stay, table.watched(stay, [of_one[0] for of_one in table.candidates]))
             return replace(
-                found, met=False, why=why, candidates=candidates, cell=table.cell_with(stay), interrupted=self._stopped
+                found,
+                met=False,
+                why=obstacle(problem, wanted, blind=blind) if checked.proven or blind else "",
+                candidates=tuple(
+                    JudgedCandidate(task=way.task, candidate=way.candidate, found=one.assessment(""))
+                    for way, one in zip(firsts, alone, strict=True)
+                ),
+                cell=table.cell_with(stay),
+                interrupted=self._stopped,
             )
         cameras = self._cameras(selection)
-        studies = self._studies(cameras, stay, selection)
+        studies: Sequence[Study] = self._studies([*(placed.camera for placed in cameras), *stay], selection)
         if checked.value < 1.0 - ROUNDED and not wanted.failure_tolerance:
             cameras, studies = self._unless_stopped(
                 lambda: self._refined(checked, selection, cameras, stay, studies), (cameras, studies)
             )
         cell = table.cell_with([*stay, *(placed.camera for placed in cameras)])
-        candidates = tuple(
-            self._judged(cell, problem, selection, way, one) for way, one in zip(selection.ways, studies, strict=True)
-        )
+        candidates = self._judged(cell, problem, selection, studies)
         fewer = len(selection.options) - 1
         with_fewer = without_spare = None
         if fewer >= max(1, wanted.at_least(len(table.kept))):
@@ -409,7 +392,7 @@ class CameraPlacer:
             question=self.question,
             infeasible=tuple(table.infeasible),
             ways=len(table.ways),
-            samples=table.sample_count,
+            samples=sum(len(way.samples) for way in table.ways),
             options=len(table.options) - len(table.kept),
             seen=seen,
             shut=shut,
@@ -417,32 +400,29 @@ class CameraPlacer:
             too_slow=table.too_slow,
         )
 
-    def _studies(
-        self, cameras: Sequence[PlacedCamera], stay: Sequence[Camera], selection: Selection
-    ) -> Sequence[Study]:
-        together = [*(placed.camera for placed in cameras), *stay]
-        return self.table.with_delays(together, self.table.watched(together, selection.ways))
+    def _studies(self, cameras: Sequence[Camera], selection: Selection) -> Sequence[Study]:
+        return self.table.with_delays(cameras, self.table.watched(cameras, selection.ways))
 
     def _cameras(self, selection: Selection) -> tuple[PlacedCamera, ...]:
         """The chosen cameras, with names that no camera that stays has."""
         table, wanted = self.table, self.question.requirements
 
         def quality(options: Sequence[int]) -> float:
-            figures = [one.without_delays for one in table.watched(map(table.camera_at, options), selection.ways)]
-            return wanted.value([(one.q_eoi, one.q_avg) for one in figures], self._weights)
+            watched = table.watched(map(table.camera_at, options), selection.ways)
+            return self._value(wanted, [one.without_delays for one in watched])
 
         names = (name for number in count(1) if (name := f"cam{number}") not in self.question.keep)
-        whole, placed = quality((*selection.options, *table.kept)), []
+        everyone = (*selection.options, *table.kept)
+        whole, placed = quality(everyone), []
         for option, name in zip(selection.options, names, strict=False):
-            there = table.installation(option)
-            rest = [one for one in (*selection.options, *table.kept) if one != option]
+            place = table.options[option]
             placed.append(
                 PlacedCamera(
-                    camera=there.camera(name),
-                    **vars(there),
-                    price=price_of(there.spot, there.lens),
+                    camera=place.camera(name),
+                    place=place,
+                    price=place.price,
                     alone=quality([option]),
-                    loss=max(0.0, whole - quality(rest)),
+                    loss=max(0.0, whole - quality([one for one in everyone if one != option])),
                 )
             )
         return tuple(placed)
@@ -460,59 +440,61 @@ class CameraPlacer:
         They are where the quality that counts first is greater, and each candidate that met the wish meets it still.
         """
         table = self.table
-        wanted, weights, wish = self.question.requirements, self._weights, checked.requirements.wish
+        wanted, wish = self.question.requirements, checked.requirements.wish
         average = replace(wanted, objective="mean")
 
         def value(pairs: Sequence[Pair]) -> tuple[float, float]:
-            return wanted.value(pairs, weights), average.value(pairs, weights)
+            return wanted.value(pairs, table.weights), average.value(pairs, table.weights)
 
-        places = [Installation(placed.spot, placed.view, placed.lens) for placed in cameras]
-        found = refined(table, places, selection.ways, value)
+        found = refined(table, [placed.place for placed in cameras], selection.ways, value)
         moved = tuple(
             replace(
                 placed,
                 camera=there.camera(placed.camera.name),
-                view=there.view,
-                moved=float(np.linalg.norm(there.spot.position - placed.spot.position)),
+                place=there,
+                moved=float(np.linalg.norm(there.view.spot.position - placed.place.view.spot.position)),
             )
             for placed, there in zip(cameras, found, strict=True)
         )
-        better = self._studies(moved, stay, selection)
-
+        better = self._studies([*(placed.camera for placed in moved), *stay], selection)
         before, after = ([study.assessment("") for study in some] for some in (studies, better))
-        first, now = (value([(one.q_eoi, one.q_avg) for one in some])[0] for some in (before, after))
-        pairs = zip(before, after, strict=True)
-        kept = wish is None or all(wish.met(new) or not wish.met(old) for old, new in pairs)
-        return (moved, better) if kept and now > first + 2 * ROUNDED else (cameras, studies)
+        kept = wish is None or all(wish.met(new) or not wish.met(old) for old, new in zip(before, after, strict=True))
+        gained = self._value(wanted, after) > self._value(wanted, before) + 2 * ROUNDED
+        return (moved, better) if kept and gained else (cameras, studies)
 
-    def _of_study(self, number: int, found: Study) -> JudgedCandidate:
-        way = self.table.ways[number]
-        return JudgedCandidate(task=way.task, candidate=way.candidate, scene=found, found=found.assessment(""))
-
-    def _judged(self, cell: Cell, problem: Problem, selection: Selection, number: int, found: Study) -> JudgedCandidate:
-        """A candidate with its exact figures: in the way that `rank` and `score` take in the new cell, if as good."""
-        question, way, ranked = self.question, self.table.ways[number], None
-        if not question.fastest:
-            taken = find_way(cell, way.candidate, question.world, question.sampling, WantedWay())
-            if not isinstance(taken, Infeasible):
-                ranked = taken.assessment
-                spare = question.requirements.failure_tolerance
-                if not spare and self._is_as_good(problem, selection, taken.study, found):
-                    found = taken.study
-        named = with_branch(question.cell, way.scene) if question.fastest else found.candidate
-        figures = replace(found.assessment(""), candidate=way.candidate, best_way=named)
-        differs = ranked is not None and any(
-            (a is None) != (b is None) or abs((a or 0.0) - (b or 0.0)) > 1e-6
-            for a, b in ((ranked.q_eoi, figures.q_eoi), (ranked.q_avg, figures.q_avg), (ranked.time, figures.time))
-        )
-        return replace(self._of_study(number, found), found=figures, ranked=ranked if differs else None)
-
-    def _is_as_good(self, problem: Problem, selection: Selection, other: Study, found: Study) -> bool:
-        """Whether another way has no worse figures, and the robot touches no chosen camera in it."""
-        new, old = other.assessment(""), found.assessment("")
-        pairs = [(new.q_eoi, old.q_eoi), (new.q_avg, old.q_avg)]
-        worse = any(a is not None and b is not None and a < b - 2 * ROUNDED for a, b in pairs)
-        late = (new.latest or 0.0) > (old.latest or 0.0) + 1e-3
-        places = [self.table.spots[problem.site[option]] for option in selection.options]
-        way = replace(self.table.ways[selection.ways[0]], scene=other)
-        return not (worse or late or (places and blocked(self.question.cell, way, places).any()))
+    def _judged(
+        self, cell: Cell, problem: Problem, selection: Selection, studies: Sequence[Study]
+    ) -> tuple[JudgedCandidate, ...]:
+        """The candidates with their exact figures: in the way that `rank` takes in the new cell, if it is as good."""
+        question, table, judged = self.question, self.table, list[JudgedCandidate]()
+        ways = [table.ways[number] for number in selection.ways]
+        for way, found in zip(ways, studies, strict=True):
+            taken: BestWay | Infeasible | None = None
+            if not question.fastest:
+                seen, limit = found.assessment(""), None
+                all_seen = all(compared_quality(q) == compared_quality(1.0) for q in (seen.q_eoi, seen.q_avg))
+                if all_seen and not way.candidate.open_paths:  # no way that takes longer is better
+                    limit = TimeLimit(found.motion.time + _SAME_TIME)
+                wanted, asked = WantedWay(limit=limit), [way.candidate]
+                (taken,) = find_ways(cell, asked, question.world, question.sampling, wanted, table.plans)
+            ranked = taken.assessment if isinstance(taken, BestWay) else None
+            if isinstance(taken, BestWay) and not question.requirements.failure_tolerance:
+                new, old = taken.assessment, found.assessment("")
+                pairs = [(new.q_eoi, old.q_eoi), (new.q_avg, old.q_avg)]
+                worse = any(a is not None and b is not None and a < b - 2 * ROUNDED for a, b in pairs)
+                late = (new.latest or 0.0) > (old.latest or 0.0) + 1e-3
+                places = [table.spots[problem.site[option]] for option in selection.options]
+                swept = bool(places) and blocked(question.cell, taken.study, places).any()
+                found = found if worse or late or swept else taken.study
+            named = with_branch(question.cell, way.scene) if question.fastest else found.candidate
+            figures = replace(found.assessment(""), candidate=way.candidate, best_way=named)
+            differs = ranked is not None and any(
+                (a is None) != (b is None) or abs((a or 0.0) - (b or 0.0)) > 1e-6
+                for a, b in ((ranked.q_eoi, figures.q_eoi), (ranked.q_avg, figures.q_avg), (ranked.time, figures.time))
+            )
+            judged.append(
+                JudgedCandidate(
+                    task=way.task, candidate=way.candidate, found=figures, ranked=ranked if differs else None
+                )
+            )
+        return tuple(judged)

@@ -16,7 +16,7 @@ import numpy as np
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.coverage.fault_sights import is_lost_by_fingers, watched_faults
-from sqrp_cli.programming.placing.scenes import JudgedWay
+from sqrp_cli.programming.placing.sites import JudgedWay
 
 Objective = Literal["least", "mean"]
 OBJECTIVES: tuple[Objective, ...] = ("least", "mean")
@@ -152,6 +152,8 @@ class Rows:
     """Which options see each, shape (options,) each."""
     needed: list[int] = field(default_factory=list)
     """How many of them must."""
+    _bits: list[int] = field(default_factory=list)
+    """The same as `sees`, as whole numbers, as far as that was needed."""
 
     def number(self, sees: Mask, needed: int) -> int:
         """The number of a row; `NEVER` if there are too few options."""
@@ -170,10 +172,10 @@ class Rows:
         if NEVER in some:
             return (NEVER,)
         kept: list[int] = []
-        for row in sorted(some, key=lambda one: (int(self.sees[one].sum()), -self.needed[one], one)):
-            if not any(
-                self.needed[row] <= self.needed[one] and not (self.sees[one] & ~self.sees[row]).any() for one in kept
-            ):
+        self._bits += [int.from_bytes(np.packbits(sees).tobytes()) for sees in self.sees[len(self._bits) :]]
+        for row in sorted(some, key=lambda one: (self._bits[one].bit_count(), -self.needed[one], one)):
+            others, needed = ~self._bits[row], self.needed[row]
+            if not any(needed <= self.needed[one] and not self._bits[one] & others for one in kept):
                 kept.append(row)
         return tuple(sorted(kept))
 

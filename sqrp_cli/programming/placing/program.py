@@ -6,7 +6,8 @@ import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from math import inf
 from time import monotonic
 from typing import Any
@@ -15,7 +16,7 @@ import numpy as np
 
 from sqrp_cli.errors import needed
 from sqrp_cli.geometry import Array
-from sqrp_cli.programming.placing.problem import FaultIntervals, Problem, Requirements, Selection
+from sqrp_cli.programming.placing.problem import Problem, Requirements, Selection
 
 Terms = Mapping[int, float]
 """A linear expression: the factor of each variable, by its number."""
@@ -52,11 +53,6 @@ class Limits:
     """By `time.monotonic` [s]."""
     gap: float = 0.0
     """Of the quality that counts first, in 0..1."""
-
-    @property
-    def over(self) -> bool:
-        """Whether the time is over."""
-        return monotonic() >= self.until
 
 
 @dataclass(eq=False)
@@ -96,26 +92,42 @@ class LinearProgram:
         """The values with the greatest objective; always the same for the same program, unless time ends.
 
         start: values to begin with, of the first variables at least. Ctrl-C and `limits` end the search with the best
-        values so far.
+        values so far. One thread solves it: more would not always give the same values.
         """
-        limits = limits or Limits()
-        highs = _highs(limits)
+        library, limits = _library(), limits or Limits()
+        highs = library._core._Highs()  # its wrapper in Python prints a line before it can be told not to
+        options = {
+            "output_flag": False,
+            "threads": 1,
+            "random_seed": 0,
+            "mip_rel_gap": 1e-9,
+            "mip_abs_gap": max(limits.gap, 1e-9),
+            "mip_feasibility_tolerance": 1e-7,
+            "time_limit": max(limits.until - monotonic(), 0.0),
+        }
+        for name, value in options.items():
+            highs.setOptionValue(name, value)
         highs.passModel(self._model(objective))
         if start is not None:
-            found = _library().HighsSolution()
+            found = library.HighsSolution()
             found.col_value = [*start.tolist(), *[0.0] * (len(self.whole) - len(start))]
             highs.setSolution(found)
         with _until_interrupted(highs, watch) as interrupted:
             highs.run()
-        statuses, status = _library().HighsModelStatus, highs.getModelStatus()
-        if status == statuses.kInfeasible:
+        status = highs.getModelStatus()
+        if status == library.HighsModelStatus.kInfeasible:
             return Optimum(None, -inf, proven=True)
         info, values = highs.getInfo(), np.array(highs.getSolution().col_value)
         whole = np.array(self.whole, dtype=bool)
         feasible = info.primal_solution_status == 2
         values[whole] = np.round(values[whole])
+        reached = sum(factor * values[number] for number, factor in objective.items())
+        if start is not None and feasible and abs(reached - info.objective_function_value) > 1e-5:
+            # HiGHS 1.16 returns the start, with the figure of better values that it found before it read that.
+            return self.maximized(objective, None, watch, limits)
         bound = float(info.mip_dual_bound) if any(self.whole) else float(info.objective_function_value)
-        proven = status == statuses.kOptimal and (not feasible or bound - info.objective_function_value <= SLACK)
+        optimal = status == library.HighsModelStatus.kOptimal
+        proven = optimal and (not feasible or bound - info.objective_function_value <= SLACK)
         return Optimum(values if feasible else None, bound, proven=proven, interrupted=bool(interrupted))
 
     def _model(self, objective: Terms) -> Any:  # noqa: ANN401 # of a library without types
@@ -147,26 +159,6 @@ def _library() -> Any:  # noqa: ANN401 # a module without types
     with needed("placing cameras needs HiGHS, which is not installed", "pip install 'sqrp[place]'"):
         import highspy
     return highspy
-
-
-def _highs(limits: Limits) -> Any:  # noqa: ANN401 # of a library without types
-    """A silent solver on one thread: more would not always give the same values.
-
-    Its wrapper in Python prints a line before it can be told not to.
-    """
-    highs = _library()._core._Highs()
-    options = {
-        "output_flag": False,
-        "threads": 1,
-        "random_seed": 0,
-        "mip_rel_gap": 1e-9,
-        "mip_abs_gap": max(limits.gap, 1e-9),
-        "mip_feasibility_tolerance": 1e-7,
-        "time_limit": max(limits.until - monotonic(), 0.0),
-    }
-    for name, value in options.items():
-        highs.setOptionValue(name, value)
-    return highs
 
 
 @contextmanager
@@ -218,6 +210,9 @@ class PlacementProgram:
     Aims, one after the other: with a wish the number of cameras; the quality that counts first; the longest delay, in
     hundredths of a second; the price; the number of cameras; the mean quality; what each camera sees alone, added up;
     the order of the options.
+
+    Where all that counts can be seen, nothing is better, and the program is a set cover: a row for each set of options
+    one of which has to be chosen, and no variable for what is covered. That is tried first.
     """
 
     def __init__(self, problem: Problem, requirements: Requirements, watch: Watch, limits: Limits) -> None:
@@ -232,30 +227,26 @@ class PlacementProgram:
             if len(of_one) > 1:
                 self._taken |= {way: program.variable(whole=True) for way in of_one}
                 program.row({self._taken[way]: 1.0 for way in of_one}, least=1.0, most=1.0)
-        self._covered = [self._row(number) for number in range(len(problem.rows.sees))]
-        """Of each row of the problem: whether it is covered."""
-        self._qualities = [self._quality(of_one) for of_one in problem.candidates]
-        """Q_eoi and Q_avg of each candidate; None where undefined."""
-        self._mean = self._weighted_mean()
-        self._first = self._mean
-        if requirements.objective == "least":
-            self._first = {(least := program.variable()): 1.0}
-            for terms in (one for pair in self._qualities for one in pair if one is not None):
-                program.row({least: -1.0, **terms}, least=0.0)
+        self._covered: dict[int, int] = {}
+        """Of each row of the problem that is asked for: whether it is covered."""
+        self._known: tuple[Terms, Terms] | None = None
+        """The quality that counts first, and the mean, once they are expressions."""
+        self._qualities: list[tuple[Terms | None, Terms | None]] = []
+        """Then: Q_eoi and Q_avg of each candidate; None where undefined."""
         self._count = dict.fromkeys(self._x.values(), 1.0)
         self._limit_sites()
         self._values: Array | None = None
         self._start: Array | None = None
         self._fewest, self._bound = 0, 1.0
         self._interrupted, self._proven = False, True
+        self.complete = False
+        """Whether the selection sees all that counts."""
 
     def begin_with(self, selection: Selection) -> None:
         """Let the search begin with a selection that is known: one that does not keep the limits is no harm."""
-        values = np.zeros(len(self._program.whole))
-        values[[self._x[option] for option in selection.options]] = 1.0
-        values[[self._taken[way] for way in selection.ways if way in self._taken]] = 1.0
-        values[self._covered] = self._problem.covered(selection.options)
-        self._start = values
+        self._start = np.zeros(len(self._program.whole))
+        self._start[[self._x[option] for option in selection.options]] = 1.0
+        self._start[[self._taken[way] for way in selection.ways if way in self._taken]] = 1.0
 
     def first(self) -> SolveResult:
         """The best selection as far as the first aims are concerned: the number with a wish, and the quality."""
@@ -267,16 +258,35 @@ class PlacementProgram:
                 return self._result()
             self._fewest = max(0, int(np.ceil(-count.bound - 1e-6)))
             self._program.row(self._count, most=float(len(self._selection().options)))
-        self._bound = min(1.0, self._improve(f"{requirements.objective} Q", self._first, gap=self._limits.gap).bound)
+        title = f"{requirements.objective} Q"
+        self.complete = self._sees_all(title)
+        if not self.complete:
+            self._bound = min(1.0, self._improve(title, self._expressions()[0], gap=self._limits.gap).bound)
         return self._result()
 
     def further(self) -> SolveResult:
         """The best of the selections that `first` cannot tell apart, in all other aims; `first` has found one."""
-        self._shorten_delay()
-        for title, terms in self._further():
-            if not self._interrupted:
-                self._improve(title, terms)
+        problem = self._problem
+        at_best = self._shorten_delay() and self.complete and self._proven
+        chosen, least = self._selection().options, self._requirements.at_least(len(problem.kept))
+        price = problem.price[list(self._x)]
+        if problem.price[list(chosen)].sum() > np.sort(price)[:least].sum() + SLACK:
+            at_best = False
+            self._improve("price", {x: -float(problem.price[option]) for option, x in self._x.items()})
+        if len(self._selection().options) > least:
+            at_best = False
+            self._improve("fewest cameras", dict.fromkeys(self._x.values(), -1.0))
+        mean = replace(self._requirements, objective="mean")
+        if not self.complete and problem.worth(mean, self._selection())[0] < 1.0 - SLACK:
+            self._improve("mean Q", self._expressions()[1])
+        if not at_best:
+            self._improve("what each sees", self._last_aim(len(self._selection().options)))
         return self._result()
+
+    def _last_aim(self, most: int) -> Terms:
+        """What each camera sees alone, added up; then the order of the options. most: how many are chosen at most."""
+        alone = {x: round(float(self._problem.alone[option]), 4) for option, x in self._x.items()}
+        return {x: sees - 1e-5 * x / len(alone) / max(1, most) for x, sees in alone.items()}
 
     def _result(self) -> SolveResult:
         return SolveResult(
@@ -289,19 +299,92 @@ class PlacementProgram:
 
     def _row(self, number: int) -> int:
         """The variable of a row: whether enough of the options that see it are chosen."""
+        if number not in self._covered:
+            still, seen = self._still_needed(number)
+            self._covered[number] = covered = self._program.variable(whole=still > 1)
+            if still > 0:
+                self._program.row({covered: float(still), **dict.fromkeys(seen, -1.0)}, most=0.0)
+        return self._covered[number]
+
+    def _still_needed(self, number: int) -> tuple[int, list[int]]:
+        """How many of the options on mounts have to see a row, and the variables of those that do."""
         rows, kept = self._problem.rows, sorted(self._problem.kept)
-        still = rows.needed[number] - int(rows.sees[number][kept].sum())
-        covered = self._program.variable(whole=still > 1)
-        if still > 0:
-            seen = {self._x[option]: -1.0 for option in np.flatnonzero(rows.sees[number]).tolist() if option in self._x}
-            self._program.row({covered: float(still), **seen}, most=0.0)
-        return covered
+        seen = [self._x[option] for option in np.flatnonzero(rows.sees[number]).tolist() if option in self._x]
+        return rows.needed[number] - int(rows.sees[number][kept].sum()), seen
+
+    def _of_way(self, way: int) -> list[int]:
+        """The variable that says whether a way is taken; none where it is the only one."""
+        return [self._taken[way]] if way in self._taken else []
+
+    def _sees_all(self, title: str) -> bool:
+        """Demand that all is seen that any quality counts, and choose so, if that is possible.
+
+        It is chosen by the last aim, so that nothing is left to improve where the aims between are at their best then.
+        """
+        rows, variables, parts = len(self._program.rows), len(self._program.whole), ("of_interest", "seconds")
+        if self._demand_all((one, quality) for one in self._problem.candidates for quality in parts):
+            start = self._start if self._values is None else self._values
+            self._watch(title, None, 1.0)
+            most = len(self._x) if self._requirements.most is None else self._requirements.most
+            found = self._program.maximized(self._last_aim(most), start, limits=Limits(until=self._limits.until))
+            self._interrupted |= found.interrupted
+            if found.values is not None:
+                self._values, self._proven = found.values, self._proven and found.proven
+                return True
+        del self._program.rows[rows:], self._program.whole[variables:]
+        return False
+
+    def _demand_all(self, qualities: Iterable[tuple[Sequence[int], str]]) -> bool:
+        """Let candidates have all of some qualities in the way that is taken; whether each has a way that may.
+
+        qualities: the ways of a candidate, and the part of groups that is counted: `of_interest` or `seconds`.
+        """
+        problem, demanded = self._problem, dict[int | None, set[int]]()
+        for of_one, quality in qualities:
+            may = False
+            for number in of_one:
+                way, taken = problem.ways[number], self._taken.get(number)
+                groups = [group for group in way.groups if getattr(group, quality) > 0.0]
+                total = way.T_eoi if quality == "of_interest" else way.T
+                if sum(getattr(group, quality) for group in groups) >= total * (1.0 - SLACK):
+                    may = True
+                    demanded.setdefault(taken, set()).update(row for group in groups for row in group.rows)
+                elif taken is not None:
+                    self._program.row({taken: 1.0}, most=0.0)
+            if not may:
+                return False
+        for taken, rows in demanded.items():
+            for row in problem.rows.weaker(rows):
+                still, seen = self._still_needed(row)
+                if still > 0:
+                    unless = {} if taken is None else {taken: -float(still)}
+                    self._program.row(dict.fromkeys(seen, 1.0) | unless, least=0.0 if unless else float(still))
+        return True
+
+    def _expressions(self) -> tuple[Terms, Terms]:
+        """The quality that counts first, and the mean, as expressions."""
+        if self._known is not None:
+            return self._known
+        problem, program, mean = self._problem, self._program, dict[int, float]()
+        total = max(float(problem.weights.sum()), 1e-12)
+        self._qualities = [self._quality(of_one) for of_one in problem.candidates]
+        for weight, pair in zip(problem.weights.tolist(), self._qualities, strict=True):
+            known = [terms for terms in pair if terms is not None]
+            for variable, factor in (item for terms in known for item in terms.items()):
+                mean[variable] = mean.get(variable, 0.0) + weight / total * factor / len(known)
+        first: Terms = mean
+        if self._requirements.objective == "least":
+            first = {(least := program.variable()): 1.0}
+            for terms in (one for pair in self._qualities for one in pair if one is not None):
+                program.row({least: -1.0, **terms}, least=0.0)
+        self._known = first, mean
+        return self._known
 
     def _quality(self, of_one: Sequence[int]) -> tuple[Terms | None, Terms | None]:
         """Q_eoi and Q_avg of a candidate that takes one of its ways, as expressions."""
         found: list[Terms | None] = []
         counted = [
-            (self._program.all_of([*(self._covered[row] for row in group.rows), *self._of_way(way)]), way, group)
+            (self._program.all_of([*map(self._row, group.rows), *self._of_way(way)]), way, group)
             for way in of_one
             for group in self._problem.ways[way].groups
         ]
@@ -315,26 +398,13 @@ class PlacementProgram:
             found.append(terms if defined else None)
         return found[0], found[1]
 
-    def _of_way(self, way: int) -> list[int]:
-        """The variable that says whether a way is taken; none where it is the only one."""
-        return [self._taken[way]] if way in self._taken else []
-
-    def _weighted_mean(self) -> Terms:
-        mean: dict[int, float] = {}
-        total = max(float(self._problem.weights.sum()), 1e-12)
-        for weight, pair in zip(self._problem.weights.tolist(), self._qualities, strict=True):
-            known = [terms for terms in pair if terms is not None]
-            for variable, factor in (item for terms in known for item in terms.items()):
-                mean[variable] = mean.get(variable, 0.0) + weight / total * factor / len(known)
-        return mean
-
     def _limit_sites(self) -> None:
         """One camera at a site, none that are in each other's or the robot's way, number and budget."""
         problem, requirements, program = self._problem, self._requirements, self._program
         at: dict[int, dict[int, float]] = {}
         for option, x in self._x.items():
             at.setdefault(int(problem.site[option]), {})[x] = 1.0
-        for terms in at.values():
+        for terms in (terms for terms in at.values() if len(terms) > 1):
             program.row(terms, most=1.0)
         for first, second in sorted(problem.apart):
             if first in at and second in at:
@@ -359,82 +429,69 @@ class PlacementProgram:
 
     def _demand_wish(self) -> None:
         """Let every candidate reach what is wished for."""
-        wish = self._requirements.wish
+        wish, problem = self._requirements.wish, self._problem
         assert wish is not None  # noqa: S101 - the caller has looked
-        for pair in self._qualities:
-            for least, terms in zip((wish.q_eoi, wish.q_avg), pair, strict=True):
-                if least is not None and terms is not None:
+        parts = ((wish.q_eoi, "of_interest"), (wish.q_avg, "seconds"))
+        whole = [quality for least, quality in parts if least is not None and least >= 1.0]
+        if not self._demand_all((one, quality) for one in problem.candidates for quality in whole):
+            self._program.row({}, least=1.0)
+        for which, (least, quality) in enumerate(parts):
+            if least is not None and quality not in whole:
+                self._expressions()
+                for terms in filter(None, (pair[which] for pair in self._qualities)):
                     self._program.row(terms, least=least - SLACK)
         if wish.delay is not None:
             self._no_later_than(wish.delay)
-            late = self._problem.least_delays > wish.delay + SLACK
+            late = problem.least_delays > wish.delay + SLACK
             for way, option in np.argwhere(late).tolist():
                 chosen = {self._x[option]: 1.0} if option in self._x else {}
-                most = (way in self._taken) - (option in self._problem.kept)
+                most = (way in self._taken) - (option in problem.kept)
                 self._program.row({**chosen, **dict.fromkeys(self._of_way(way), 1.0)}, most=float(most))
 
     def _no_later_than(self, delay: float) -> None:
-        """Let every fault of the ways that are taken be noticed within a delay [s], as far as the problem knows."""
-        for number, way in enumerate(self._problem.ways):
-            for fault in way.faults:
-                self._notice(number, fault, delay + SLACK)
+        """Let every fault of the ways that are taken be noticed within a delay [s], as far as the problem knows.
 
-    def _notice(self, way: int, fault: FaultIntervals, delay: float) -> None:
-        """A row for each time at which the fault may happen: one of the intervals that are soon enough shows it."""
-        soon = [fault.least(np.full(len(fault.begin), tier)) <= delay for tier in self._problem.tiers]
-        shown: dict[tuple[int, ...], int] = {}
-        demanded: set[tuple[int, ...]] = set()
-        for number in range(len(fault.first)):
-            enough: dict[int, float] = {}
-            for tier, rows in zip(soon, fault.rows, strict=True):
-                some = {rows[interval] for interval in np.flatnonzero(tier[number]).tolist()}
-                if () in some:  # nothing is known of what shows it there
-                    break
-                for of_one in (rows_of for rows_of in some if rows_of is not None):
-                    if of_one not in shown:
-                        shown[of_one] = self._program.all_of(self._covered[row] for row in of_one)
-                    enough[shown[of_one]] = 1.0
-            else:
-                if (key := tuple(sorted(enough))) not in demanded:
-                    demanded.add(key)
-                    taken = dict.fromkeys(self._of_way(way), -1.0)
-                    self._program.row({**enough, **taken}, least=0.0 if taken else 1.0)
+        A row for each time at which a fault may happen: one of the intervals that are soon enough shows it.
+        """
+        for way, fault in ((number, one) for number, of in enumerate(self._problem.ways) for one in of.faults):
+            soon = [fault.least(np.full(len(fault.begin), tier)) <= delay + SLACK for tier in self._problem.tiers]
+            shown: dict[tuple[int, ...], int] = {}
+            demanded: set[tuple[int, ...]] = set()
+            for number in range(len(fault.first)):
+                enough: dict[int, float] = {}
+                for tier, rows in zip(soon, fault.rows, strict=True):
+                    some = {rows[interval] for interval in np.flatnonzero(tier[number]).tolist()}
+                    if () in some:  # nothing is known of what shows it there
+                        break
+                    for of_one in (rows_of for rows_of in some if rows_of is not None):
+                        if of_one not in shown:
+                            shown[of_one] = self._program.all_of(map(self._row, of_one))
+                        enough[shown[of_one]] = 1.0
+                else:
+                    if (key := tuple(sorted(enough))) not in demanded:
+                        demanded.add(key)
+                        taken = dict.fromkeys(self._of_way(way), -1.0)
+                        self._program.row({**enough, **taken}, least=0.0 if taken else 1.0)
 
     def _improve(self, title: str, terms: Terms, gap: float = 0.0) -> Optimum:
         """Improve one aim, keep the values if there are better ones, and let no later aim worsen it."""
-        limits = Limits(until=self._limits.until, gap=gap)
-
-        def told(best: float | None, bound: float) -> None:
-            self._watch(title, best, bound)
-
         start = self._start if self._values is None else self._values
-        found = self._program.maximized(terms, start, told, limits)
-        if found.values is not None:
-            self._values = found.values
+        found = Optimum(None, inf, proven=False, interrupted=True)
+        if not self._interrupted:
+            limits = Limits(until=self._limits.until, gap=gap)
+            found = self._program.maximized(terms, start, partial(self._watch, title), limits)
         self._interrupted |= found.interrupted
         self._proven &= found.proven
-        if self._values is not None:
+        if found.values is not None:
+            self._values = found.values
             self._program.row(terms, least=sum(factor * self._values[n] for n, factor in terms.items()) - SLACK)
         return found
 
-    def _further(self) -> Iterator[tuple[str, Terms]]:
-        """The aims after quality and delay that may still be improved."""
-        problem, values = self._problem, self._values
-        assert values is not None  # noqa: S101 - the caller has looked
-        chosen, least = self._selection().options, self._requirements.at_least(len(problem.kept))
-        price = problem.price[list(self._x)]
-        if price[[self._x[option] for option in chosen]].sum() > np.sort(price)[:least].sum() + SLACK:
-            yield "price", {x: -float(problem.price[option]) for option, x in self._x.items()}
-        if len(self._selection().options) > least:
-            yield "fewest cameras", dict.fromkeys(self._x.values(), -1.0)
-        if sum(factor * self._values[n] for n, factor in self._mean.items()) < 1.0 - SLACK:  # type: ignore[index]
-            yield "mean Q", self._mean
-        count = max(1, len(self._selection().options))
-        alone = {x: round(float(problem.alone[option]), 4) for option, x in self._x.items()}
-        yield "what each sees", {x: sees - 1e-5 * x / len(alone) / count for x, sees in alone.items()}
+    def _shorten_delay(self) -> bool:
+        """The shortest longest delay, by bisection over the values that it can have; each step is a program.
 
-    def _shorten_delay(self) -> None:
-        """The shortest longest delay, by bisection over the values that it can have; each step is a program."""
+        Whether the selection had the shortest that any selection can have.
+        """
         problem = self._problem
         present = problem.worth(self._requirements, self._selection())[1]
         some = [
@@ -446,7 +503,8 @@ class PlacementProgram:
         values = np.unique(np.ceil(np.concatenate([np.zeros(0), *some]) / DELAY_STEP - 1e-6) * DELAY_STEP)
         values = values[np.isfinite(values) & (values >= problem.quickest - SLACK)]
         low, high = 0, int(np.searchsorted(values, present - SLACK))
-        rows, variables = len(self._program.rows), len(self._program.whole)
+        at_best = high == 0
+        rows, variables, known = len(self._program.rows), len(self._program.whole), dict(self._covered)
         while low < high and not self._interrupted:
             middle = high - 1 if high == len(values) else (low + high) // 2  # first whether all can be seen at all
             self._no_later_than(float(values[middle]))
@@ -454,6 +512,7 @@ class PlacementProgram:
             found = self._program.maximized({}, limits=Limits(until=self._limits.until))
             self._interrupted |= found.interrupted
             del self._program.rows[rows:], self._program.whole[variables:]
+            self._covered = dict(known)
             if found.values is not None:
                 self._values, high = found.values[:variables], middle
             elif found.proven:
@@ -462,6 +521,7 @@ class PlacementProgram:
                 self._proven, low = False, high
         if high < len(values):
             self._no_later_than(float(values[high]))
+        return at_best
 
     def _selection(self) -> Selection:
         values = self._values

@@ -10,7 +10,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, Mask, read_only
 from sqrp_cli.programming.advice.aiming import looking_at
-from sqrp_cli.programming.placing.scenes import Installation, JudgedWay, View, blocked, hidden_by, pairs_apart
+from sqrp_cli.programming.placing.sites import Installation, JudgedWay, View, blocked, hidden_by, pairs_apart, seen_by
 from sqrp_cli.programming.placing.table import VisibilityTable
 
 Pair = tuple[float | None, float | None]
@@ -34,43 +34,39 @@ def refined(
     numbers: of the ways. value: what Q_eoi and Q_avg of each way are worth, what counts first before the rest. Cameras
     that stay see with them; none touches or hides another one, and none of those.
     """
-    ways = [table.ways[number] for number in numbers]
-    best = [*places, *map(table.installation, table.kept)]
-    seen = [table.seen_from([place], ways) for place in places]
-    seen += [[table.sees[number][[option]] for number in numbers] for option in table.kept]
+    cell, ways = table.question.cell, [table.ways[number] for number in numbers]
+    best = [*places, *(table.options[option] for option in table.kept)]
+    seen = [[seen_by(cell, way, [place])[0] for way in ways] for place in places]
+    seen += [[table.sees[number][option] for number in numbers] for option in table.kept]
 
     def worth(each: Sequence[Sequence[Mask]]) -> tuple[float, float]:
-        counts = (sum(of_camera[number][0].astype(np.int64) for of_camera in each) for number in range(len(ways)))
+        counts = (sum(of_camera[number].astype(np.int64) for of_camera in each) for number in range(len(ways)))
         first, rest = value([_qualities(way, count >= way.needed) for way, count in zip(ways, counts, strict=True)])
         return round(first, 6), round(rest, 6)
+
+    def is_clear(place: Installation, rest: Sequence[Installation]) -> bool:
+        spot = place.view.spot
+        apart = not any(True for other in rest for _ in pairs_apart([spot, other.view.spot]))
+        return apart and not any(blocked(cell, way.scene, [spot])[0] for way in ways)
 
     present = worth(seen)
     for halving in range(1, _HALVINGS + 1):
         for number, place in enumerate(best[: len(places)]):
             rest = best[:number] + best[number + 1 :]
-            tried = [one for one in _around(place, 0.5**halving) if _is_clear(table, one, rest, ways)]
+            tried = [one for one in _around(place, 0.5**halving) if is_clear(one, rest)]
             if present >= (1.0, 1.0) or not tried:
                 continue
-            found = table.seen_from(tried, ways)
-            each = [[of_way[index : index + 1] for of_way in found] for index in range(len(tried))]
+            each = list(zip(*(seen_by(cell, way, tried) for way in ways), strict=True))
             gains = [worth([*seen[:number], one, *seen[number + 1 :]]) for one in each]
             first = max(range(len(tried)), key=gains.__getitem__)
             if gains[first] > present:
-                best[number], seen[number], present = tried[first], each[first], gains[first]
+                best[number], seen[number], present = tried[first], list(each[first]), gains[first]
     for one, other in permutations(range(len(best)), 2):
         for way, sees in zip(ways, seen[other], strict=True):
             moved = min(one, other) < len(places)
-            if moved and (hidden_by(way, best[one].spot, best[other].spot) & sees[0]).any():
+            if moved and (hidden_by(way, best[one].view.spot, best[other].view.spot) & sees).any():
                 return tuple(places)
     return tuple(best[: len(places)])
-
-
-def _is_clear(
-    table: VisibilityTable, place: Installation, rest: Sequence[Installation], ways: Sequence[JudgedWay]
-) -> bool:
-    """Whether nothing touches a camera there in any way, and it touches no other one."""
-    apart = not any(True for other in rest for _ in pairs_apart([place.spot, other.spot]))
-    return apart and not any(blocked(table.question.cell, way, [place.spot])[0] for way in ways)
 
 
 def _qualities(way: JudgedWay, covered: Mask) -> Pair:
@@ -86,7 +82,7 @@ def _qualities(way: JudgedWay, covered: Mask) -> Pair:
 
 def _around(place: Installation, share: float) -> Iterator[Installation]:
     """The camera a share of a step away along its mount, and turned by a share of a step of its cone."""
-    spot, view, entry = place.spot, place.view, place.spot.entry
+    view, spot, entry = place.view, place.view.spot, place.view.spot.entry
     laid = entry.rail or entry.grid
     if laid is not None:
         start, end = np.array(laid.start), np.array(laid.end)
@@ -97,8 +93,8 @@ def _around(place: Installation, share: float) -> Iterator[Installation]:
             position = np.round(inside, 3) + 0.0
             if np.abs(position - spot.position).max() >= _FINEST:
                 name = f"{spot.name.removesuffix(', moved')}, moved"
-                moved = replace(spot, name=name, position=read_only(position))
-                yield replace(place, spot=moved, view=_looking(view, position, view.at))
+                moved = replace(view, spot=replace(spot, name=name, position=read_only(position)))
+                yield replace(place, view=_looking(moved, view.at))
     cone = None if entry.aims is None else entry.aims.cone
     if cone is None or view.at is None or share * cone.step < np.radians(1):
         return
@@ -108,13 +104,14 @@ def _around(place: Installation, share: float) -> Iterator[Installation]:
             turned = np.cos(share * cone.step) * forward + sign * np.sin(share * cone.step) * side
             if turned @ axis >= np.cos(cone.angle) - 1e-9:
                 point = np.round(spot.position + float(np.linalg.norm(view.at - spot.position)) * turned, 6)
-                yield replace(place, view=_looking(view, spot.position, point))
+                yield replace(place, view=_looking(view, point))
 
 
-def _looking(view: View, eye: Array, point: Array | None) -> View:
-    """A view from elsewhere: at a point, or in the same direction where it has none."""
-    if point is None:
-        X_FC = view.X_FC.copy()
-        X_FC[:3, 3] = eye
-        return replace(view, X_FC=read_only(X_FC))
-    return replace(view, X_FC=read_only(looking_at(eye[None], point[None], view.up)[0]), at=point)
+def _looking(view: View, point: Array | None) -> View:
+    """A view from its place at a point, or in the same direction where it has none."""
+    eye = view.spot.position
+    if point is not None:
+        return replace(view, X_FC=read_only(looking_at(eye[None], point[None], view.up)[0]), at=point)
+    X_FC = view.X_FC.copy()
+    X_FC[:3, 3] = eye
+    return replace(view, X_FC=read_only(X_FC))

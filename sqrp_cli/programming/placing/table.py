@@ -1,4 +1,4 @@
-"""What every option of the mounts sees in every way of the candidates: the ground on which cameras are chosen."""
+"""What every installation on the mounts sees in every way of the candidates: the ground on which cameras are chosen."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from itertools import permutations
 import numpy as np
 
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.knowledge.camera.camera import Camera, image_of
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.knowledge.workspace.mounts import LensChoice, MountEntry, Mounts, Spot
@@ -20,26 +20,27 @@ from sqrp_cli.programming.coverage.assessment import Assessment, Study, Watched,
 from sqrp_cli.programming.coverage.fault_sights import least_fault_delays
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.stage import Samples
+from sqrp_cli.programming.coverage.timeline import Rehearsal
+from sqrp_cli.programming.feasibility import impossible_start
 from sqrp_cli.programming.placing.problem import Hiding, Late, Problem, Requirements, Rows, Selection, covered_way
-from sqrp_cli.programming.placing.scenes import (
+from sqrp_cli.programming.placing.sites import (
     Installation,
     JudgedWay,
-    Option,
+    LocalVerdicts,
+    Verdicts,
     View,
     blocked,
     hidden_by,
+    installations,
     judged,
     middle_of,
-    of_first_grip,
-    options_of,
     pairs_apart,
-    price_of,
     varied,
-    views_of,
+    view_batches,
+    views_at,
 )
-from sqrp_cli.programming.placing.tensor import LocalVerdicts, Verdicts, joined_items, seen_by, view_batches
 from sqrp_cli.programming.task import Task
-from sqrp_cli.programming.ways.find import TimeLimit, planned_ways
+from sqrp_cli.programming.ways.find import Plans, TimeLimit
 
 MOST_ADDED = 24
 """Most samples that are added to a way at once where nothing is covered, besides those at changes."""
@@ -97,13 +98,19 @@ class VisibilityTable:
     def __init__(self, question: PlaceQuestion, progress: Progress) -> None:
         """Nothing is planned or seen yet. progress: shows how far it is."""
         self.question, self._progress = question, progress
-        self.spots, self.lenses = list(question.mounts.spots), list(question.mounts.lenses)
-        self.views, self.options, self.kept = list[View](), list[Option](), list[int]()
+        self.spots = list(question.mounts.spots)
+        """The sites: places on mounts, then those of the cameras that stay."""
+        self.views, self.options, self.kept = list[View](), list[Installation](), list[int]()
+        """Every pose at every site; with every lens that fits; of these, by index, the cameras that stay."""
+        self.site: Indices = np.zeros(0, dtype=np.int64)
+        """Of each option, by index, shape (options,)."""
         self.ways: list[JudgedWay] = []
+        self.plans = Plans()
+        """All ways of the candidates."""
         self.candidates: list[tuple[int, ...]] = []
         """Of each candidate, which of the ways are its own."""
         self.infeasible: list[tuple[str, Assessment]] = []
-        self.others: list[list[JudgedWay]] = []
+        self.others: list[list[Rehearsal]] = []
         """Of each candidate, ways that are looked at only where they may be better."""
         self.too_slow = False
         """Whether no camera helps, because a candidate takes longer than is wished for."""
@@ -113,8 +120,6 @@ class VisibilityTable:
         """Sites where a camera would touch one that stays, with its name."""
         self.late = set[Late]()
         """Choices that are known to miss the wished delay."""
-        self._aimed_at: list[JudgedWay] = []
-        """Of each candidate, its way without a choice of ways: what cameras aim at does not depend on that choice."""
         self._shut: list[Mask] = []
         """Of each way, at which sites a camera would touch something."""
         self._least_delays: list[Array] = []
@@ -124,12 +129,15 @@ class VisibilityTable:
 
     def plan(self) -> None:
         """The ways of every candidate, and the options: every pose at every site with every lens that fits."""
-        question, workspace = self.question, self.question.cell.workspace
+        question, cell, world = self.question, self.question.cell, self.question.world
         found = [(task, candidate) for task in question.tasks for candidate in task.candidates]
-        wish = question.requirements.wish
+        wish, aimed_at = question.requirements.wish, list[JudgedWay]()
         with self._progress("Planning", len(found)) as advance:
             for task, candidate in found:
-                scenes = planned_ways(question.cell, candidate, question.world, fastest=question.fastest)
+                scenes = (
+                    impossible_start(cell, candidate, world)
+                    or self.plans.of(cell, candidate, world, fastest=question.fastest).scenes
+                )
                 advance(1)
                 if wish is not None and wish.time is not None and not isinstance(scenes, Infeasible):
                     scenes = TimeLimit(wish.time).within(scenes)
@@ -137,64 +145,69 @@ class VisibilityTable:
                 if isinstance(scenes, Infeasible):
                     self.infeasible.append((task.text, Assessment.infeasible(candidate, scenes.reasons)))
                     continue
-                some = varied(scenes)
-                first, *others = ways = [judged(question.cell, task.text, candidate, scene) for scene in some]
+                (first, *others), of_first_grip = varied(scenes)
                 self.candidates.append((len(self.ways),))
-                self.ways.append(first)
+                self.ways.append(judged(cell, task.text, candidate, first))
                 self.others.append(others)
-                self._aimed_at.append(ways[some.index(of_first_grip(scenes))])
-        middles = [middle_of([way]) for way in self._aimed_at]
-        self.views = views_of(self.spots, middle_of(self._aimed_at), middles) if self.ways else []
-        self.options = options_of(self.spots, self.views, self.lenses)
+                same = of_first_grip is first  # what is aimed at does not depend on a choice of ways
+                aimed_at.append(self.ways[-1] if same else judged(cell, task.text, candidate, of_first_grip))
+        mounted, middle, middles = len(self.spots), middle_of(aimed_at), [middle_of([way]) for way in aimed_at]
+        if self.ways:
+            self.views = [view for spot in self.spots for view in views_at(spot, middle, middles)]
+        self.options = installations(self.views)
         for name in question.keep:
-            camera = workspace.cameras[name]
+            camera = cell.workspace.cameras[name]
             lens = completed(LensChoice, camera, image=image_of(camera), price=0.0)
             position = camera.X_FC[:3, 3]
             entry = MountEntry(points=[tuple(position.tolist())])
+            spot = Spot(mount=name, name=name, frame=camera.frame, position=position, entry=entry, lenses=(lens,))
             self.kept.append(len(self.options))
-            self.options.append(Option(len(self.views), len(self.lenses)))
-            self.views.append(View(len(self.spots), camera.X_FC, None, np.array([0.0, 0.0, 1.0])))
-            self.spots.append(
-                Spot(mount=name, name=name, frame=camera.frame, position=position, entry=entry, lenses=(lens,))
-            )
-            self.lenses.append(lens)
-        mounted = len(question.mounts.spots)
+            self.spots.append(spot)
+            self.views.append(View(spot, camera.X_FC, None, np.array([0.0, 0.0, 1.0])))
+            self.options.append(Installation(self.views[-1], lens))
+        number = {id(spot): index for index, spot in enumerate(self.spots)}
+        self.site = np.array([number[id(option.view.spot)] for option in self.options], dtype=np.int64)
         self.beside = {one: self.spots[other].name for one, other in pairs_apart(self.spots) if one < mounted <= other}
 
     def judge(self) -> None:
         """Find out what is seen of the ways that nobody has looked at, and which sites are in their way."""
         ways = self.ways[len(self.sees) :]
         self.sees += self._verdicts(ways)
+        wish = self.question.requirements.wish
         for way in ways:
-            shut = blocked(self.question.cell, way, self.question.mounts.spots)
+            shut = blocked(self.question.cell, way.scene, self.question.mounts.spots)
             shut[list(self.beside)] = True
             self._shut.append(shut)
-        self._least_delays += map(self._delays_at_least, ways)
+            delays = np.zeros(len(self.options))  # 0 if none is wished
+            if wish is not None and wish.delay is not None:
+                cameras, observer = [*map(self.camera_at, range(len(self.options)))], self.question.cell.observer
+                response = min((camera.response for camera in cameras), default=0.0)
+                for start in range(0, len(cameras), _TOGETHER):
+                    some = replace(observer, cameras=tuple(cameras[start : start + _TOGETHER]))
+                    delays[start : start + _TOGETHER] = least_fault_delays(way.scene, some, response)
+            self._least_delays.append(delays)
 
     def add_ways(self) -> None:
         """Let other ways be chosen, too."""
         for number, others in enumerate(self.others):
+            first = self.ways[self.candidates[number][0]]
             self.candidates[number] += tuple(range(len(self.ways), len(self.ways) + len(others)))
-            self.ways += others
+            self.ways += [judged(self.question.cell, first.task, first.candidate, scene) for scene in others]
         self.others = []
         self.judge()
 
     @property
-    def sample_count(self) -> int:
-        """In how many samples of all ways options were judged."""
-        return sum(len(way.samples) for way in self.ways)
+    def weights(self) -> Array:
+        """How much each candidate counts in the mean, shape (candidates,)."""
+        tasks = [self.ways[of_one[0]].task for of_one in self.candidates]
+        weights = self.question.mounts.weights
+        return np.array([weights.get(task, 1.0) / tasks.count(task) for task in tasks])
 
     def problem(self, failure_tolerance: int) -> Problem:
         """The problem of choosing, at the samples so far, if so many cameras may fail."""
-        site = np.array([self.views[option.view].spot for option in self.options], dtype=np.int64)
-        responses = np.array([self.lenses[option.lens].response for option in self.options])
+        responses = np.array([option.lens.response for option in self.options])
         tiers, rows = tuple(np.unique(responses).tolist()), Rows()
-        tasks = [self.ways[of_one[0]].task for of_one in self.candidates]
-        weights = self.question.mounts.weights
-        prices = [
-            0.0 if number in self.kept else price_of(self.spots[place], self.lenses[option.lens])
-            for number, (place, option) in enumerate(zip(site.tolist(), self.options, strict=True))
-        ]
+        prices = [0.0 if number in self.kept else option.price for number, option in enumerate(self.options)]
         return Problem(
             ways=tuple(
                 covered_way(way, sees, responses, tiers, failure_tolerance, rows)
@@ -203,10 +216,10 @@ class VisibilityTable:
             rows=rows,
             tiers=tiers,
             candidates=tuple(self.candidates),
-            weights=np.array([weights.get(task, 1.0) / tasks.count(task) for task in tasks]),
-            site=site,
+            weights=self.weights,
+            site=self.site,
             price=np.array(prices),
-            alone=self.alone,
+            alone=self._alone(),
             kept=frozenset(self.kept),
             apart=frozenset(pairs_apart(self.question.mounts.spots)),
             blocked=frozenset(
@@ -218,14 +231,12 @@ class VisibilityTable:
             beside=self.beside,
         )
 
-    @property
-    def alone(self) -> Array:
+    def _alone(self) -> Array:
         """The mean of Q_eoi and Q_avg of all candidates with each option alone, in its best ways, shape (options,).
 
         In 0..1, at the samples: time between two samples counts as half of it is seen for each end that is. 0 where an
         option is in the way.
         """
-        site = np.array([self.views[option.view].spot for option in self.options], dtype=np.int64)
         each = []
         for way, sees, shut in zip(self.ways, self.sees, self._shut, strict=True):
             sample, scene = way.items.sample, way.scene
@@ -236,22 +247,16 @@ class VisibilityTable:
             parts = [(seen[:, scene.stage.of_interest(way.samples)[:-1]], scene.T_eoi), (seen, scene.T)]
             known = [part.sum(axis=1) / total for part, total in parts if total > 0]
             quality = np.mean(known, axis=0) if known else np.ones(len(sees))
-            each.append(np.where(np.append(shut, np.zeros(len(self.kept), dtype=bool))[site], 0.0, quality))
+            each.append(np.where(np.append(shut, np.zeros(len(self.kept), dtype=bool))[self.site], 0.0, quality))
         best = [np.max([each[way] for way in of_one], axis=0) for of_one in self.candidates]
         mean: Array = np.mean(best, axis=0) if best else np.zeros(len(self.options))
         return mean
 
-    def installation(self, option: int) -> Installation:
-        """Where the camera of an option is."""
-        view = self.views[self.options[option].view]
-        return Installation(self.spots[view.spot], view, self.lenses[self.options[option].lens])
-
     def camera_at(self, option: int) -> Camera:
         """The camera of an option; one that stays has its name."""
-        there = self.installation(option)
-        if option in self.kept:
-            return self.question.cell.workspace.cameras[there.spot.name]
-        return there.camera(f"at {option}")
+        there = self.options[option]
+        kept = option in self.kept
+        return self.question.cell.workspace.cameras[there.view.spot.name] if kept else there.camera(f"at {option}")
 
     def cell_with(self, cameras: Iterable[Camera]) -> Cell:
         """The cell with these cameras and no others."""
@@ -284,37 +289,38 @@ class VisibilityTable:
         if not new:
             return False
         more = replace(way, samples=Samples(np.array([p for p, _ in new]), np.array([t for _, t in new])))
-        after = way.with_samples(more.samples)
-        self.sees[number] = joined_items(way, self.sees[number], more, self._verdicts([more])[0], after)
+        order = way.samples.merge_order(more.samples)
+        after = replace(way, samples=way.samples.joined(more.samples, order))
+        first, both = len(way.samples), np.concatenate([self.sees[number], self._verdicts([more])[0]], axis=-1)
+        columns = np.zeros((len(order), len(way.scene.targets)), dtype=np.int64)  # of `both`, by sample and target
+        samples = np.concatenate([way.items.sample, first + more.items.sample])
+        columns[samples, np.concatenate([way.items.target, more.items.target])] = np.arange(both.shape[1])
+        self.sees[number] = both[:, columns[order[after.items.sample], after.items.target]]
         self.ways[number] = after
         return True
 
     def add_hiding(self, selection: Selection) -> bool:
         """Keep in mind which of the chosen cameras hide something from another one; whether there are any."""
-        found = frozenset(self._found_hiding(selection))
-        self._hiding |= found
-        return bool(found)
-
-    def _found_hiding(self, selection: Selection) -> Iterator[Hiding]:
-        site = np.array([self.views[option.view].spot for option in self.options], dtype=np.int64)
+        found = set[Hiding]()
         for number in selection.ways:
             for option, other in permutations((*selection.options, *self.kept), 2):
-                place, at = int(site[option]), int(site[other])
+                place, at = int(self.site[option]), int(self.site[other])
                 if {option, other} <= set(self.kept):
                     continue
                 hidden = hidden_by(self.ways[number], self.spots[place], self.spots[at])
                 if (hidden & self.sees[number][other]).any():
-                    there = np.flatnonzero(site == at)
+                    there = np.flatnonzero(self.site == at)
                     seeing = there[(self.sees[number][there] & hidden).any(axis=1)]
-                    yield Hiding(place, tuple(seeing.tolist()), number)
+                    found.add(Hiding(place, tuple(seeing.tolist()), number))
+        self._hiding |= found
+        return bool(found)
 
     def unseen(self, failure_tolerance: int, shut: frozenset[int]) -> Iterator[UnseenTarget]:
         """What no choice covers: of each candidate, the first instant of each literal in the first way.
 
         shut: sites that cannot be used.
         """
-        site = np.array([self.views[option.view].spot for option in self.options], dtype=np.int64)
-        usable = ~np.isin(site, sorted(shut))
+        usable = ~np.isin(self.site, sorted(shut))
         for of_one in self.candidates:
             way, sees = self.ways[of_one[0]], self.sees[of_one[0]][usable]
             needed = way.needed + failure_tolerance
@@ -328,41 +334,25 @@ class VisibilityTable:
                         candidate=way.candidate.name,
                         literal=str(way.scene.targets[target].atom),
                         time=float(way.samples.t[sample]),
-                        seen_by=len(set(site[usable][sees[:, item]].tolist())),
+                        seen_by=len(set(self.site[usable][sees[:, item]].tolist())),
                         needed=int(needed[item]),
                     )
-
-    def seen_from(self, places: Sequence[Installation], ways: Sequence[JudgedWay]) -> list[Mask]:
-        """What cameras see of each way, shape (cameras, items) each; all have one lens."""
-        spots = [replace(one.spot, lenses=(one.lens,)) for one in places]
-        views = [replace(one.view, spot=number) for number, one in enumerate(places)]
-        return [seen_by(self.question.cell, way, spots, views, (places[0].lens,))[0] for way in ways]
 
     def _verdicts(self, ways: Sequence[JudgedWay]) -> list[Mask]:
         """Which options see which items of some ways."""
         verdicts = self.question.verdicts or LocalVerdicts(self.question.cell)
-        parts = [part for way in ways for part in view_batches(way, self.spots, self.views, self.lenses)]
+        batches = [view_batches(way, self.views) for way in ways]
         found: dict[int, Mask] = {}
-        with self._progress("Looking from every mount", len(parts)) as advance:
+        with self._progress("Looking from every mount", sum(map(len, batches))) as advance:
 
             def done(number: int, sees: Mask) -> None:
                 found[number] = sees
                 advance(1)
 
-            verdicts.of(parts, done)
-        each = len(parts) // max(1, len(ways))
-        by_way = [[found[first + number] for number in range(each)] for first in range(0, len(parts), each or 1)]
-        view, lens = np.array([o.view for o in self.options]), np.array([o.lens for o in self.options])
-        return [np.concatenate(of_way, axis=1)[lens, view] for of_way in by_way]
-
-    def _delays_at_least(self, way: JudgedWay) -> Array:
-        """How long the longest delay of a way is at least with each option, (options,) [s]; 0 if none is wished."""
-        wish = self.question.requirements.wish
-        if wish is None or wish.delay is None:
-            return np.zeros(len(self.options))
-        cameras = [self.camera_at(option) for option in range(len(self.options))]
-        response = min((camera.response for camera in cameras), default=0.0)
-        observer = self.question.cell.observer
-        some = (cameras[first : first + _TOGETHER] for first in range(0, len(cameras), _TOGETHER))
-        found = [least_fault_delays(way.scene, replace(observer, cameras=tuple(of_some)), response) for of_some in some]
-        return np.concatenate([np.empty(0), *found])
+            verdicts.of([batch for of_way in batches for batch in of_way], done)
+        numbers = iter(range(len(found)))
+        empty = [np.zeros((0, len(way.items.sample)), dtype=bool) for way in ways]
+        return [
+            np.concatenate([none, *(found[next(numbers)] for _ in of_way)])
+            for none, of_way in zip(empty, batches, strict=True)
+        ]

@@ -46,13 +46,13 @@ class CameraPlaced(Record):
     @classmethod
     def of(cls, placed: place.PlacedCamera) -> CameraPlaced:
         """A camera as a record."""
-        at = placed.view.at
+        at = placed.place.view.at
         return completed(
             cls,
             placed,
             name=placed.camera.name,
-            mount=placed.spot.name,
-            lens=placed.lens.name,
+            mount=placed.place.view.spot.name,
+            lens=placed.place.lens.name,
             pose=placed.camera.X_FC.tolist(),
             frame=placed.camera.frame,
             look_at=None if at is None else (float(at[0]), float(at[1]), float(at[2])),
@@ -204,7 +204,7 @@ def placed(found: place.Solution, patch: str) -> PlaceDocument:
             InfeasibleCandidate(task=task, candidate=one.candidate.name, reason=one.reasons[0])
             for task, one in found.infeasible
         ],
-        compared=completed(Compared, found, mounts=len(question.mounts.spots), in_the_way=found.in_the_way),
+        compared=completed(Compared, found, mounts=len(question.mounts.spots), in_the_way=int(found.shut.sum())),
         patch=patch,
         interrupted=found.interrupted or None,
     )

@@ -157,7 +157,7 @@ def write_placement(
 
 
 def _placement(found: Solution, document: placing.PlaceDocument) -> PlacementShown:
-    placed = {camera.spot.name: camera.camera.name for camera in found.cameras}
+    placed = {camera.place.view.spot.name: camera.camera.name for camera in found.cameras}
     return PlacementShown(
         by=document.by,
         cameras=document.cameras,

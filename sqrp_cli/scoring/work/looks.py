@@ -9,15 +9,14 @@ import numpy as np
 
 from sqrp_cli.errors import Infeasible, InputError, bad_input
 from sqrp_cli.geometry import Mask
-from sqrp_cli.knowledge.workspace.mounts import LensChoice, Spot
+from sqrp_cli.knowledge.workspace.mounts import LensChoice
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.platform.interrupts import first_interrupt_noted
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import rehearsal
 from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.feasibility import feasible_motion
-from sqrp_cli.programming.placing.scenes import JudgedWay, View
-from sqrp_cli.programming.placing.tensor import Verdicts, ViewBatch, seen_by
+from sqrp_cli.programming.placing.sites import JudgedWay, Verdicts, View, ViewBatch, installations
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.scoring.work.cluster import Cluster
 from sqrp_cli.scoring.work.identity import digest_of, program_digest
@@ -31,9 +30,7 @@ class LookJob(Job):
 
     task: str = ""
     samples: Samples | None = None
-    spots: tuple[Spot, ...] = ()
     views: tuple[View, ...] = ()
-    lenses: tuple[LensChoice, ...] = ()
 
     def done_for(self, cell: Cell, candidate: Candidate) -> str:
         """What the portion sees, as text."""
@@ -42,12 +39,12 @@ class LookJob(Job):
             raise ValueError(f"{candidate.name} was feasible a moment ago")
         scene = rehearsal(cell, candidate, cell.initial_world, motion)
         judged = JudgedWay(scene, self.samples, task=self.task, candidate=candidate)
-        return as_line(seen_by(cell, judged, self.spots, self.views, self.lenses))
+        return as_line(ViewBatch(judged, self.views).seen(cell))
 
 
 @dataclass(frozen=True, eq=False)
 class ClusterVerdicts:
-    """The workers of a Dask cluster; see `tensor.Verdicts`."""
+    """The workers of a Dask cluster; see `sites.Verdicts`."""
 
     cluster: Cluster
     workspace: Workspace
@@ -79,9 +76,7 @@ class ClusterVerdicts:
             coverage=False,
             task=part.way.task,
             samples=part.way.samples,
-            spots=part.spots,
             views=part.views,
-            lenses=part.lenses,
         )
 
 
@@ -123,9 +118,7 @@ class KeptVerdicts:
                 _way(way),
                 part.way.samples.piece.tolist(),
                 part.way.samples.t.tolist(),
-                [[spot.frame, spot.position.tolist(), [lens.name for lens in spot.lenses]] for spot in part.spots],
-                [[view.spot, view.X_FC.tolist()] for view in part.views],
-                [_lens(lens) for lens in part.lenses],
+                [[one.view.spot.frame, one.view.X_FC.tolist(), _lens(one.lens)] for one in installations(part.views)],
             ]
         )
 
@@ -133,7 +126,7 @@ class KeptVerdicts:
 def _mask_in(text: str, part: ViewBatch) -> Mask:
     """What a portion sees, of a text. Raises ValueError for any other text."""
     sees = from_line(text)
-    expected = (len(part.lenses), len(part.views), len(part.way.items.sample))
+    expected = (len(installations(part.views)), len(part.way.items.sample))
     if not isinstance(sees, np.ndarray) or sees.dtype != bool or sees.shape != expected:
         raise ValueError("no verdicts of these views")
     return sees

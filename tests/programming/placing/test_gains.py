@@ -9,8 +9,7 @@ import numpy as np
 from sqrp_cli.knowledge.camera.camera import ImageEntry
 from sqrp_cli.knowledge.light import Light
 from sqrp_cli.knowledge.workspace.mounts import LensChoice, Spot
-from sqrp_cli.programming.placing.scenes import Items, View
-from sqrp_cli.programming.placing.tensor import seen_by
+from sqrp_cli.programming.placing.sites import Items, View, installations, seen_by
 from sqrp_cli.programming.sensing.observer import Observer
 from tests.programming.sensing.visibility.test_lighting import ABOVE, CUBE, GREEN, STATES
 
@@ -32,7 +31,7 @@ def seen(lights: dict[str, Light], lenses: list[LensChoice] = LENSES) -> list[bo
         mount="m", name="m", frame="world", position=ABOVE[:3, 3], entry=SimpleNamespace(), lenses=tuple(lenses)
     )
     cell = SimpleNamespace(observer=Observer((), (), lights))
-    return seen_by(cell, WAY, [spot], [View(0, ABOVE, None, np.zeros(3))], lenses)[:, 0, 0].tolist()
+    return seen_by(cell, WAY, installations([View(spot, ABOVE, None, np.zeros(3))]))[:, 0].tolist()
 
 
 def test_light_is_judged_with_the_gain_of_each_lens_in_any_order() -> None:

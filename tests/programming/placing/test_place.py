@@ -18,7 +18,6 @@ from sqrp_cli.programming.placing import place
 from sqrp_cli.programming.placing.place import CameraPlacer, Solution
 from sqrp_cli.programming.placing.problem import Requirements
 from sqrp_cli.programming.placing.program import PlacementProgram
-from sqrp_cli.programming.placing.scenes import Installation
 from sqrp_cli.programming.placing.table import PlaceQuestion
 from sqrp_cli.programming.sensing.observer import Observer, sees_all
 from sqrp_cli.programming.task import read_task
@@ -109,9 +108,9 @@ def test_one_camera_less_is_as_good_as_the_best_of_all_mounts(pair):
 
 def test_the_objective_is_the_exact_figure_of_the_chosen_cameras_at_their_mounts(pair):
     asked, found, _ = pair
-    cameras = [asked.table.installation(option).camera(f"c{option}") for option in range(len(asked.table.options))]
-    names = [asked.table.spots[asked.table.views[one.view].spot].name for one in asked.table.options]
-    chosen = [cameras[names.index(placed.spot.name.removesuffix(", moved"))] for placed in found.cameras]
+    cameras = [option.camera(f"c{n}") for n, option in enumerate(asked.table.options)]
+    names = [option.view.spot.name for option in asked.table.options]
+    chosen = [cameras[names.index(placed.place.view.spot.name.removesuffix(", moved"))] for placed in found.cameras]
     (way,) = asked.table.ways
     seen = observed(asked.table.cell_with(chosen), way.scene, Adaptive(), full=False).assessment("")
     assert found.objective == pytest.approx(min(seen.q_eoi, seen.q_avg), abs=1e-12)
@@ -141,8 +140,8 @@ def test_with_a_spare_camera_everything_is_seen_whichever_is_lost(cell, tmp_path
     found = asked.place()
     assert found.met
     brute = BruteForce(asked)
-    places = [camera.spot.name for camera in found.cameras]
-    names = [asked.table.spots[asked.table.views[o.view].spot].name for o in asked.table.options]
+    places = [camera.place.view.spot.name for camera in found.cameras]
+    names = [option.view.spot.name for option in asked.table.options]
     chosen = [names.index(place) for place in places]
     for lost in chosen:
         assert brute.qualities([c for c in chosen if c != lost])[0] == pytest.approx(1.0, abs=1e-3)
@@ -180,7 +179,7 @@ def test_cameras_are_not_moved_to_where_the_mean_that_was_asked_for_is_less(cell
     """What has the best least, as if the cameras had been moved there."""
     narrow = FORTY.replace("6 deg", "5 deg")
     least = placer(cell, tmp_path, narrow, Requirements(most=1)).place()
-    there = tuple(Installation(one.spot, one.view, one.lens) for one in least.cameras)
+    there = tuple(one.place for one in least.cameras)
     monkeypatch.setattr(place, "refined", lambda *_arguments: there)
     mean = placer(cell, tmp_path, narrow, Requirements(most=1, objective="mean")).place()
     (of_least,), (of_mean,) = least.candidates, mean.candidates

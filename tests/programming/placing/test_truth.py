@@ -42,8 +42,7 @@ def test_six_cameras_see_what_a_renderer_shows(tmp_path: Path) -> None:
     assert len(boxes) == len(scene.targets)
     agree: list[bool] = []
     shown = 0
-    for option in range(len(asked.table.options)):
-        there = asked.table.installation(option)
+    for option, there in enumerate(asked.table.options):
         view, camera = there.view, there.camera("here")
         sample, target = way.items
         (within,) = cell.cell.observer.seen_from(

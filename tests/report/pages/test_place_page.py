@@ -109,7 +109,7 @@ def test_playback_shows_the_chosen_cameras_and_their_coverage(placed, written):
     covered = [sample["covered"] for sample in played["samples"]]
     t = np.array([sample["t"] for sample in played["samples"]])
     runs = [b - a for a, b, x, y in zip(t, t[1:], covered, covered[1:], strict=False) if x and y]
-    assert sum(runs) / placed.found.candidates[0].scene.T == pytest.approx(
+    assert sum(runs) / placed.found.candidates[0].found.t_total == pytest.approx(
         placed.document.candidates[0].q_avg, abs=5e-3
     )
 

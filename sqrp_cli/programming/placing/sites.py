@@ -1,15 +1,15 @@
-"""What is judged and what may be chosen: ways with samples, and the cameras at each place with each lens that fits.
+"""What is judged and what may be chosen: ways with samples, the cameras at each site, and what these see of those.
 
-A place may be in the way: of the robot, of anything solid, of another camera, or of its sight.
+A site may be in the way: of the robot, of anything solid, of another camera, or of its sight.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.knowledge.workspace.mounts import SAME, AimsEntry, LensChoice, Spot
+from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.advice.aiming import looking_at, touched
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.sampling import Adaptive, first_samples
@@ -32,6 +33,12 @@ EVERY = 3
 
 MOST_WAYS = 6
 """Most ways of a candidate to choose from."""
+
+_VIEWS_TOGETHER = 24
+"""Poses judged as one piece of work."""
+
+_PLACES_TOGETHER = 400_000
+"""Places to compare with a solid at once, counted in every state, to bound the memory."""
 
 
 class Items(NamedTuple):
@@ -52,11 +59,6 @@ class JudgedWay(SampledScene):
     candidate: Candidate
     """As a person chooses it."""
 
-    @property
-    def name(self) -> str:
-        """The task and its candidate."""
-        return f"{self.task}: {self.candidate.name}"
-
     @cached_property
     def items(self) -> Items:
         """What has to be seen in the samples."""
@@ -66,22 +68,6 @@ class JudgedWay(SampledScene):
     def needed(self) -> Indices:
         """How many cameras must see each item, shape (n,)."""
         return np.array([target.cameras for target in self.scene.targets], dtype=np.int64)[self.items.target]
-
-    def with_samples(self, more: Samples) -> JudgedWay:
-        """With further samples."""
-        return replace(self, samples=self.samples.joined(more, self.samples.merge_order(more)))
-
-    @property
-    def points(self) -> Array:
-        """Corners of all that has to be seen, in the world, shape (p, 3) [m]."""
-        found = []
-        for column, target in enumerate(self.scene.targets):
-            rows = np.flatnonzero(self.required[:, column])
-            for box in target.boxes:
-                poses = self.states.box_poses(box)
-                poses = poses if len(poses) == 1 else poses[rows]
-                found.append(transform(poses, box_corners(box.size)).reshape(-1, 3))
-        return np.concatenate(found) if found else np.zeros((0, 3))
 
 
 def judged(cell: Cell, task: str, candidate: Candidate, scene: Rehearsal) -> JudgedWay:
@@ -98,49 +84,47 @@ def _first_samples(cell: Cell, scene: Rehearsal) -> Samples:
     return first_samples(Adaptive(), scene.stage, Observer((), cell.observer.solids), scene.targets)
 
 
-def varied(scenes: Sequence[Rehearsal]) -> list[Rehearsal]:
+def varied(scenes: Sequence[Rehearsal]) -> tuple[list[Rehearsal], Rehearsal]:
     """Some of the ways of a candidate: the fastest, that of the first grip, then that of each other branch of the arm.
 
-    That of the first grip is there so that a choice among them is never worse than without a choice of ways.
+    That of the first grip, which is named, too, is the way with `--ways fastest`: so a choice among them is never worse
+    than without a choice of ways.
     """
+
+    def grip(scene: Rehearsal) -> dict[str, float | str]:
+        way = scene.candidate
+        return {name: value for name, value in way.parameters.items() if name not in way.branch}
+
     ordered = sorted(scenes, key=lambda scene: compared_time(scene.motion.time))
+    first = next(scene for scene in ordered if grip(scene) == grip(scenes[0]))
     branches: dict[str, Rehearsal] = {}
     for scene in ordered:
         branches.setdefault(repr(sorted(scene.candidate.branch.items())), scene)
-    return list(dict.fromkeys([ordered[0], of_first_grip(scenes), *branches.values()]))[:MOST_WAYS]
-
-
-def of_first_grip(scenes: Sequence[Rehearsal]) -> Rehearsal:
-    """The way with `--ways fastest`: the only one that a candidate has without a choice of ways."""
-    ordered = sorted(scenes, key=lambda scene: compared_time(scene.motion.time))
-    return next(scene for scene in ordered if _grip(scene) == _grip(scenes[0]))
-
-
-def _grip(scene: Rehearsal) -> dict[str, float | str]:
-    """What a way has chosen besides the branch."""
-    way = scene.candidate
-    return {name: value for name, value in way.parameters.items() if name not in way.branch}
+    return list(dict.fromkeys([ordered[0], first, *branches.values()]))[:MOST_WAYS], first
 
 
 def middle_of(ways: Sequence[JudgedWay]) -> Array:
     """The middle of all that has to be seen in some ways, in whole millimetres, shape (3,) [m]."""
-    points = np.concatenate([way.points for way in ways])
-    if not len(points):
+    points = [np.zeros((0, 3))]
+    for way in ways:
+        for column, target in enumerate(way.scene.targets):
+            rows = np.flatnonzero(way.required[:, column])
+            for box in target.boxes:
+                poses = way.states.box_poses(box)
+                poses = poses if len(poses) == 1 else poses[rows]
+                points.append(transform(poses, box_corners(box.size)).reshape(-1, 3))
+    corners = np.concatenate(points)
+    if not len(corners):
         return np.zeros(3)
-    middle: Array = np.round(0.5 * (points.min(axis=0) + points.max(axis=0)), 3) + 0.0
+    middle: Array = np.round(0.5 * (corners.min(axis=0) + corners.max(axis=0)), 3) + 0.0
     return middle
-
-
-AT_TARGETS = AimsEntry(targets="middle")
-"""The aims of a mount that states none."""
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A pose of a camera at a place."""
+    """A pose of a camera at a place of a mount."""
 
-    spot: int
-    """Index of the place."""
+    spot: Spot
     X_FC: Array
     """Pose of the optical frame in the frame that carries it, shape (4, 4)."""
     at: Array | None
@@ -151,69 +135,110 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Installation:
-    """A camera somewhere on its mount."""
+    """A camera somewhere on its mount: one that may be chosen."""
 
-    spot: Spot
     view: View
     lens: LensChoice
 
     def camera(self, name: str) -> Camera:
         """The camera there."""
-        return completed(Camera, self.lens, self.lens.intrinsics, name=name, frame=self.spot.frame, X_FC=self.view.X_FC)
+        view = self.view
+        return completed(Camera, self.lens, self.lens.intrinsics, name=name, frame=view.spot.frame, X_FC=view.X_FC)
+
+    @property
+    def price(self) -> float:
+        """Of the camera and of mounting it there."""
+        return self.view.spot.entry.price + self.lens.price
 
 
-@dataclass(frozen=True)
-class Option:
-    """A camera that may be chosen, by index."""
-
-    view: int
-    lens: int
-
-
-def views_of(spots: Sequence[Spot], middle: Array, middles: Sequence[Array]) -> list[View]:
-    """The poses at every place. middle: of all that has to be seen, (3,); middles: of what each candidate shows."""
-    return [view for index, spot in enumerate(spots) for view in _at(index, spot, middle, middles)]
-
-
-def options_of(spots: Sequence[Spot], views: Sequence[View], lenses: Sequence[LensChoice]) -> list[Option]:
-    """Every pose with every lens that fits its mount."""
-    number = {lens.name: index for index, lens in enumerate(lenses)}
-    return [Option(index, number[lens.name]) for index, view in enumerate(views) for lens in spots[view.spot].lenses]
-
-
-def _at(index: int, spot: Spot, middle: Array, middles: Sequence[Array]) -> Iterator[View]:
-    aims = spot.entry.aims or AT_TARGETS
-    up, eye = np.array(aims.up, dtype=float), spot.position
+def views_at(spot: Spot, middle: Array, middles: Sequence[Array]) -> Iterator[View]:
+    """The poses at a place. middle: of all that has to be seen, (3,); middles: of what each candidate shows."""
+    aims, eye = spot.entry.aims or AimsEntry(targets="middle"), spot.position
+    up, known = np.array(aims.up, dtype=float), list[Array]()
     points = [np.array(point, dtype=float) for point in aims.at]
     if aims.targets is not None and spot.frame == WORLD:
         points += [middle, *(middles if aims.targets == "each" else ())]
     if aims.cone is not None:
         points += list(np.round(eye + aims.cone.directions(), 6))
-    known: list[Array] = []
     for point in points:
         if np.linalg.norm(point - eye) > SAME and not any(np.linalg.norm(point - one) < SAME for one in known):
             known.append(point)
-            yield View(index, read_only(looking_at(eye[None], point[None], up)[0]), point, up)
+            yield View(spot, read_only(looking_at(eye[None], point[None], up)[0]), point, up)
     for one in aims.fixed:
-        yield View(index, read_only(pose(one.matrix()[:3, :3], eye)), None, up)
+        yield View(spot, read_only(pose(one.matrix()[:3, :3], eye)), None, up)
 
 
-def price_of(spot: Spot, lens: LensChoice) -> float:
-    """Of a camera and of mounting it there."""
-    return spot.entry.price + lens.price
+def installations(views: Sequence[View]) -> list[Installation]:
+    """Every pose with every lens that fits its mount."""
+    return [Installation(view, lens) for view in views for lens in view.spot.lenses]
 
 
-_TOGETHER = 400_000
-"""Places to compare with a solid at once, counted in every state, to bound the memory."""
+@dataclass(frozen=True, eq=False)
+class ViewBatch:
+    """A piece of the work: what some poses, with all of their lenses, see in a way."""
+
+    way: JudgedWay
+    views: tuple[View, ...]
+
+    def seen(self, cell: Cell) -> Mask:
+        """Whether each installation sees each item of the way, shape (installations, items)."""
+        return seen_by(cell, self.way, installations(self.views))
 
 
-def blocked(cell: Cell, way: JudgedWay, spots: Sequence[Spot]) -> Mask:
+def view_batches(way: JudgedWay, views: Sequence[View]) -> list[ViewBatch]:
+    """All of the work for a way."""
+    starts = range(0, len(views), _VIEWS_TOGETHER)
+    return [ViewBatch(way, tuple(views[first : first + _VIEWS_TOGETHER])) for first in starts]
+
+
+class Verdicts(Protocol):
+    """Where verdicts come from: processes, a cluster, or a run before this one."""
+
+    def of(self, parts: Sequence[ViewBatch], done: Callable[[int, Mask], None]) -> None:
+        """Call `done` with the number of every portion, in any order, and what it sees."""
+
+
+@dataclass(frozen=True, eq=False)
+class LocalVerdicts:
+    """Processes of this machine."""
+
+    cell: Cell
+    jobs: int = 1
+
+    def of(self, parts: Sequence[ViewBatch], done: Callable[[int, Mask], None]) -> None:
+        """See `Verdicts`."""
+        found = in_processes(lambda part: part.seen(self.cell), parts, min(self.jobs, len(parts)))
+        for number, sees in enumerate(found):
+            done(number, sees)
+
+
+def seen_by(cell: Cell, way: JudgedWay, places: Sequence[Installation]) -> Mask:
+    """Whether each installation sees each item of a way, shape (installations, items).
+
+    Those with one pose are looked at together, as what hides a box does not depend on the lens.
+    """
+    sees = np.zeros((len(places), len(way.items.sample)), dtype=bool)
+    if not sees.size:
+        return sees
+    for frame in dict.fromkeys(one.view.spot.frame for one in places):
+        rows = [row for row, one in enumerate(places) if one.view.spot.frame == frame]
+        views = {id(places[row].view): places[row].view for row in rows}
+        lenses = {id(places[row].lens): places[row] for row in rows}
+        cameras = [one.camera(one.lens.name) for one in lenses.values()]
+        X_FC = np.stack([view.X_FC for view in views.values()])
+        found = cell.observer.seen_from(cameras, X_FC, way.scene.targets, way.states, *way.items)
+        of_lens, of_view = ({key: number for number, key in enumerate(known)} for known in (lenses, views))
+        sees[rows] = [found[of_lens[id(places[row].lens)], of_view[id(places[row].view)]] for row in rows]
+    return sees
+
+
+def blocked(cell: Cell, scene: Rehearsal, spots: Sequence[Spot]) -> Mask:
     """Whether the body of a camera at each place touches anything during a motion, shape (spots,).
 
     What is fixed to the same link as a place is not looked at.
     """
     found = np.zeros(len(spots), dtype=bool)
-    states = way.scene.stage.states(_first_samples(cell, way.scene))
+    states = scene.stage.states(_first_samples(cell, scene))
     order = sorted(range(len(spots)), key=lambda index: (spots[index].frame, spots[index].entry.body))
     for (frame, body), group in groupby(order, key=lambda index: (spots[index].frame, spots[index].entry.body)):
         rows = np.array(list(group))
@@ -223,7 +248,7 @@ def blocked(cell: Cell, way: JudgedWay, spots: Sequence[Spot]) -> Mask:
             X_FP = X_FW @ states.X_WF[solid.part.parent]
             if frame != WORLD and float(np.ptp(X_FP, axis=0).max()) < 1e-9:
                 continue
-            step = max(1, _TOGETHER // len(X_FP))
+            step = max(1, _PLACES_TOGETHER // len(X_FP))
             for start in range(0, len(rows), step):
                 here = np.flatnonzero(~found[rows[start : start + step]]) + start
                 if len(here):
@@ -246,11 +271,17 @@ def hidden_by(way: JudgedWay, spot: Spot, other: Spot) -> Mask:
 
     Its body is a ball, and so counts what encloses each box: more than is hidden, never less.
     """
-    radius, targets = 0.5 * spot.entry.body, way.scene.targets
+    radius = 0.5 * spot.entry.body
     sample, target = way.items
     hidden = np.zeros(len(sample), dtype=bool)
-    ball, eye = (_in_world(way, one)[sample if one.frame != WORLD else np.zeros_like(sample)] for one in (spot, other))
-    for column, entry in enumerate(targets):
+
+    def in_world(one: Spot) -> Array:
+        X_WF = way.states.X_WF[one.frame]
+        places = X_WF[:, :3, :3] @ one.position + X_WF[:, :3, 3]
+        return places[sample if one.frame != WORLD else np.zeros_like(sample)]
+
+    ball, eye = in_world(spot), in_world(other)
+    for column, entry in enumerate(way.scene.targets):
         rows = np.flatnonzero(target == column)
         for box in entry.boxes:
             poses = way.states.box_poses(box)
@@ -264,9 +295,3 @@ def hidden_by(way: JudgedWay, spot: Spot, other: Spot) -> Mask:
             width = reach * np.clip(along / far, 0.0, 1.0)
             hidden[rows] |= (along > -radius) & (along < far + reach + radius) & (aside < width + radius)
     return hidden
-
-
-def _in_world(way: JudgedWay, spot: Spot) -> Array:
-    """Where a place is in the world, shape (m, 3) or (1, 3)."""
-    X_WF = way.states.X_WF[spot.frame]
-    return X_WF[:, :3, :3] @ spot.position + X_WF[:, :3, 3]
