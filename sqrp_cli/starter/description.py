@@ -12,7 +12,7 @@ from pathlib import Path
 from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.knowledge.robot.moveit_limits import MoveitLimits, read_moveit_limits, with_position_limits
 from sqrp_cli.knowledge.robot.read_urdf import read_urdf
-from sqrp_cli.knowledge.robot.robot_source import RobotSource
+from sqrp_cli.knowledge.robot.robot_xml import RobotSource
 from sqrp_cli.knowledge.robot.srdf import SrdfModel, read_srdf
 from sqrp_cli.knowledge.robot.urdf import MeshReference, UrdfModel
 from sqrp_cli.knowledge.text.input_file import missing_file

@@ -7,13 +7,13 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from sqrp_cli.errors import InputError, Problem, bad_input, expected_names
 from sqrp_cli.knowledge.robot.urdf import UrdfModel
 from sqrp_cli.knowledge.text.input_file import read_input
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, describe
-from sqrp_cli.knowledge.text.units import NO_LIMIT, SMALLEST_LIMIT
+from sqrp_cli.knowledge.text.units import NO_LIMIT, SMALLEST_LIMIT, as_number
 from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, parse_yaml
 
 TOP = "joint_limits"
@@ -66,11 +66,25 @@ def read_moveit_limits(path: Path) -> MoveitLimits:
     As MoveIt does, a limit holds if it is stated and not switched off by `has_..._limits: false`. Raises InputError,
     with line and column, for what is no such file, unknown keys of a joint, and values that are no limits.
     """
-    content = _DEGREES.sub(_in_radians, read_input(path, MAX_BYTES))
-    document = parse_yaml(path, content, keys=_TOPS)
-    base, above = _find_top(document)
-    reader = _LimitsReader(document)
-    joints = {name: reader.joint((*base, name), entry) for name, entry in document.at(base).items()}
+
+    def in_radians(match: re.Match[bytes]) -> bytes:
+        number = as_number(match[2])
+        if math.isnan(number):
+            return match[0]
+        return repr(math.radians(number) if match[1] == b"degrees" else number).encode()
+
+    document = parse_yaml(path, _DEGREES.sub(in_radians, read_input(path, MAX_BYTES)), keys=_TOPS)
+    above: KeyPath = ()  # of what holds the joints
+    data: Any = document.data
+    while not isinstance(data.get(TOP), dict):
+        inner = [key for key, value in data.items() if isinstance(value, dict)]
+        if len(inner) != 1 or TOP in data:
+            found = ", ".join(f"`{key}`" for key in [*document.data][:5])
+            message = f"found {found}, expected `{TOP}:` with the limits of each joint, as MoveIt writes them"
+            raise bad_input("missing-key", message, document.key_place((TOP,)))
+        above, data = (*above, inner[0]), data[inner[0]]
+    reader = _LimitsReader(document, [])
+    joints = {name: reader.joint((*above, TOP, name), entry) for name, entry in data[TOP].items()}
     scaling = {kind: reader.factor((*above, f"default_{kind}_scaling_factor")) for kind in SCALED}
     if reader.problems:
         raise InputError(*reader.problems)
@@ -89,35 +103,11 @@ def with_position_limits(urdf: UrdfModel, limits: MoveitLimits) -> UrdfModel:
     return replace(urdf, joints=joints)
 
 
-def _in_radians(match: re.Match[bytes]) -> bytes:
-    try:
-        number = float(match[2])
-    except ValueError:
-        return match[0]
-    return repr(math.radians(number) if match[1] == b"degrees" else number).encode()
-
-
-def _find_top(document: SourceDocument) -> tuple[KeyPath, KeyPath]:
-    """Where the joints are, and what holds them. Raises InputError if nothing does."""
-    path: KeyPath = ()
-    data: Any = document.data
-    while isinstance(data, dict):
-        if isinstance(data.get(TOP), dict):
-            return (*path, TOP), path
-        inner = [key for key, value in data.items() if isinstance(value, dict)]
-        if len(inner) != 1 or TOP in data:
-            break
-        path, data = (*path, inner[0]), data[inner[0]]
-    found = ", ".join(f"`{key}`" for key in [*document.data][:5])
-    message = f"found {found}, expected `{TOP}:` with the limits of each joint, as MoveIt writes them"
-    raise bad_input("missing-key", message, document.key_place((TOP,)))
-
-
-class _LimitsReader:
+class _LimitsReader(NamedTuple):
     """Reads joints and collects problems."""
 
-    def __init__(self, document: SourceDocument) -> None:
-        self.document, self.problems = document, list[Problem]()
+    document: SourceDocument
+    problems: list[Problem]
 
     def joint(self, path: KeyPath, entry: object) -> dict[str, float]:
         """The limits of a joint that hold: of each kind, and `lower` and `upper`."""
@@ -126,18 +116,22 @@ class _LimitsReader:
             return {}
         for key in entry:
             if key not in _KEYS and re.fullmatch(r"(has|max|min)_\w+", key):
-                expected = expected_names(key, _KEYS)
-                self.problems.append(
-                    Problem("unknown-key", f"`{self.document.name((*path, key))}` is no known key; {expected}",
-                            self.document.key_place((*path, key)))
-                )  # fmt: skip
+                message = f"`{self.document.name((*path, key))}` is no known key; {expected_names(key, _KEYS)}"
+                self.problems.append(Problem("unknown-key", message, self.document.key_place((*path, key))))
         found: dict[str, float] = {}
         for kind in KINDS:
             if entry.get(f"max_{kind}") is not None and self._on(path, entry, kind):
                 value = self._number((*path, f"max_{kind}"), entry[f"max_{kind}"], SMALLEST_LIMIT)
                 found |= {} if value is None else {kind: value}
         if "max_position" in entry and "min_position" in entry and self._on(path, entry, "position"):
-            found |= self._range(path, entry)
+            keys = ("min_position", "max_position")
+            lower, upper = (self._number((*path, key), entry[key], -NO_LIMIT) for key in keys)
+            if lower is None or upper is None:
+                return found
+            if lower > upper:
+                message = f"found {lower:g}, above `max_position`, {upper:g}"
+                self._report("wrong-value", (*path, "min_position"), message)
+            found |= {"lower": lower, "upper": upper}
         return found
 
     def factor(self, path: KeyPath) -> float:
@@ -157,23 +151,14 @@ class _LimitsReader:
             self._report("wrong-type", (*path, f"has_{kind}_limits"), message)
         return flag is True
 
-    def _range(self, path: KeyPath, entry: Mapping[str, object]) -> dict[str, float]:
-        keys = ("min_position", "max_position")
-        lower, upper = (self._number((*path, key), entry[key], -NO_LIMIT) for key in keys)
-        if lower is None or upper is None:
-            return {}
-        if lower > upper:
-            self._report("wrong-value", (*path, "min_position"), f"found {lower:g}, above `max_position`, {upper:g}")
-        return {"lower": lower, "upper": upper}
-
     def _number(self, path: KeyPath, value: object, least: float) -> float | None:
         if isinstance(value, bool) or not isinstance(value, int | float):
             self._report("wrong-type", path, f"found {describe(value)}, expected a number in rad or m, and s")
-            return None
-        if not least <= value <= NO_LIMIT:
+        elif not least <= value <= NO_LIMIT:
             self._report("wrong-value", path, f"found {value:g}, expected at least {least:g}")
-            return None
-        return float(value)
+        else:
+            return float(value)
+        return None
 
     def _report(self, code: str, path: KeyPath, message: str) -> None:
         self.problems.append(self.document.problem(code, path, message))

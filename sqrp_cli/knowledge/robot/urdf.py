@@ -1,18 +1,14 @@
-"""Robot descriptions from URDF: links with their solid geometry, the joints between them, and what is doubtful in them.
-
-The format: http://wiki.ros.org/urdf/XML. Transmissions, sensors, materials and simulator extensions are not read. A
-`<capsule>` (radius and length of its straight part) is accepted besides the standard shapes.
-"""
+"""Robot descriptions from URDF: links with their solid geometry, and the joints between them."""
 
 from __future__ import annotations
 
-import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import count
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Literal
 
 import numpy as np
 
@@ -157,35 +153,18 @@ class UrdfModel:
     def prefixed(self, prefix: str) -> UrdfModel:
         """The same description with a prefix before the name of every link, joint and piece of geometry."""
 
-        def named(piece: LinkGeometry) -> LinkGeometry:
-            return replace(piece, name=piece.name and prefix + piece.name)
+        def named(pieces: tuple[LinkGeometry, ...]) -> tuple[LinkGeometry, ...]:
+            return tuple(replace(piece, name=piece.name and prefix + piece.name) for piece in pieces)
 
-        links = [
-            replace(
-                link,
-                name=prefix + link.name,
-                collision=tuple(map(named, link.collision)),
-                visual=tuple(map(named, link.visual)),
-            )
-            for link in self.links.values()
-        ]
-        joints = [
-            replace(
-                joint,
-                name=prefix + joint.name,
-                parent=prefix + joint.parent,
-                child=prefix + joint.child,
-                mimic=joint.mimic and replace(joint.mimic, joint=prefix + joint.mimic.joint),
-            )
-            for joint in self.joints.values()
-        ]
-        return replace(
-            self,
-            links={link.name: link for link in links},
-            joints={joint.name: joint for joint in joints},
-            root=prefix + self.root,
-            prefix=prefix + self.prefix,
-        )
+        links, joints = {}, {}
+        for link in self.links.values():
+            name, collision, visual = prefix + link.name, named(link.collision), named(link.visual)
+            links[name] = replace(link, name=name, collision=collision, visual=visual)
+        for joint in self.joints.values():
+            name, parent, child = prefix + joint.name, prefix + joint.parent, prefix + joint.child
+            mimic = joint.mimic and replace(joint.mimic, joint=prefix + joint.mimic.joint)
+            joints[name] = replace(joint, name=name, parent=parent, child=child, mimic=mimic)
+        return replace(self, links=links, joints=joints, root=prefix + self.root, prefix=prefix + self.prefix)
 
     @property
     def movable_joints(self) -> tuple[UrdfJoint, ...]:
@@ -249,17 +228,12 @@ class UrdfModel:
             for index, piece in enumerate(link.geometry(geometry)):
                 name = link.name
                 if index > 0:
-                    unique = piece.name is not None and named[piece.name] == 1 and piece.name not in taken
-                    name = piece.name if unique and piece.name else _numbered(link.name, index + 1, taken)
+                    own = piece.name if named[piece.name] == 1 and piece.name not in taken else None
+                    numbered = (f"{link.name}_{number}" for number in count(index + 1))
+                    name = own or next(other for other in numbered if other not in taken)
                 taken.add(name)
                 parts.append(Part(name, link.name, piece.resolved_shape(self.path, resolve), piece.X_LG))
         return tuple(parts)
-
-
-def _numbered(name: str, number: int, taken: set[str]) -> str:
-    while f"{name}_{number}" in taken:
-        number += 1
-    return f"{name}_{number}"
 
 
 TOOL_BODY, TOOL_TIP = "tool_body", "tool_tip"
@@ -276,82 +250,6 @@ def tool_of_boxes(
     """
     solid = tuple(LinkGeometry(None, Box(size), read_only(X_BG), place) for size, X_BG in boxes)
     links = {TOOL_BODY: UrdfLink(TOOL_BODY, solid, (), None, place), TOOL_TIP: UrdfLink(TOOL_TIP, (), (), None, place)}
-    tip = UrdfJoint(
-        name=f"{TOOL_TIP}_joint",
-        type="fixed",
-        parent=TOOL_BODY,
-        child=TOOL_TIP,
-        X_PJ=read_only(X_BT),
-        axis=read_only([1.0, 0.0, 0.0]),
-        place=place,
-    )
-    return UrdfModel("tool", path, links, {tip.name: tip}, TOOL_BODY)
-
-
-MOST_TURNS = 100
-"""Largest position limit of a turning joint [turns]; larger ones mean "no limit" and are clipped to this."""
-
-NAMED = 5
-"""Most links or joints that a warning names."""
-
-LEAST_MOMENT = 1e-9
-"""Moments of inertia below this are rounding [kg m^2]."""
-
-ROUNDING = 1e-4
-"""Share of the largest principal moment by which another may be below 0: exported moments are rounded."""
-
-TRIANGLE_ROUNDING = 0.05
-"""Share by which a principal moment may be above the sum of the others, likewise."""
-
-_Named = TypeVar("_Named", UrdfLink, UrdfJoint)
-
-
-def as_meant(model: UrdfModel) -> UrdfModel:
-    """The description with limits of at most `MOST_TURNS`, and warnings about all doubtful values.
-
-    That many turns are as good as no limit, and joint positions keep their precision.
-    """
-    most = 2 * math.pi * MOST_TURNS
-    joints = model.joints.values()
-    endless = [j for j in joints if j.type == "revolute" and max(-j.lower, j.upper) > most]
-    blocked = [joint for joint in joints if joint.movable and joint.lower == joint.upper and not joint.mimic]
-    clipped = {j.name: replace(j, lower=max(j.lower, -most), upper=min(j.upper, most)) for j in endless}
-    clips = f"position limits of {MOST_TURNS} turns ({most:.0f} rad) or more, which are taken as {MOST_TURNS} turns"
-    warnings = [
-        *_warning("no-limit", "joint", endless, clips, 'a joint without limits has the type "continuous"'),
-        *_warning("no-motion", "joint", blocked, "a `lower` that is its `upper` limit, and cannot move",
-                  'state both limits, or make it a joint of the type "fixed"'),
-        *_doubtful_inertias(model),
-    ]  # fmt: skip
-    return replace(model, joints={**model.joints, **clipped}, warnings=tuple(warnings))
-
-
-def _warning(code: str, kind: str, found: Sequence[_Named], doubt: str, mend: str) -> Iterator[Problem]:
-    """One warning that names all links or joints found, at the place of the first; none without any."""
-    if found:
-        names = ", ".join(f"`{item.name}`" for item in found[:NAMED])
-        more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
-        message = f"{kind}{'s' * (len(found) > 1)} {names}{more} {'have' if len(found) > 1 else 'has'} {doubt}"
-        yield Problem(code, message, found[0].place, severity="warning", mend=mend)
-
-
-def _doubtful_inertias(model: UrdfModel) -> Iterator[Problem]:
-    """Warnings about moving solid bodies with a mass of 0, and about impossible moments of inertia.
-
-    No principal moment of a body is below 0 or above the sum of the others (the triangle rule). Exported products of
-    inertia sometimes break it, so it is not an error. Links fixed to each other make one body.
-    """
-    stated = [(link, link.inertial) for link in model.links.values() if link.inertial is not None]
-    sound = {model.root, *(model.body_of[link.name] for link, inertial in stated if inertial.mass > 0.0)}
-    weightless = [link for link, _ in stated if link.collision and model.body_of[link.name] not in sound]
-    impossible = [link for link, inertial in stated if _breaks_triangle_rule(inertial)]
-    doubt = "a mass of 0 kg although solid and moving, simulated as 500 kg/m^3"
-    yield from _warning("no-mass", "link", weightless, doubt, "state the mass, usually 0.01 kg to 1000 kg")
-    doubt = "a principal moment of inertia below 0 or above the sum of the other two, which no body has"
-    yield from _warning("doubtful-inertia", "link", impossible, doubt, "check units and signs of <inertia>, in kg m^2")
-
-
-def _breaks_triangle_rule(inertial: Inertial) -> bool:
-    least, middle, most = np.linalg.eigvalsh(inertial.inertia).tolist()
-    too_large = most > (1.0 + TRIANGLE_ROUNDING) * (least + middle) + LEAST_MOMENT
-    return bool(too_large or least < -ROUNDING * max(most, 0.0) - LEAST_MOMENT)
+    name, X_PJ, axis = f"{TOOL_TIP}_joint", read_only(X_BT), read_only([1.0, 0.0, 0.0])
+    tip = UrdfJoint(name=name, type="fixed", parent=TOOL_BODY, child=TOOL_TIP, X_PJ=X_PJ, axis=axis, place=place)
+    return UrdfModel("tool", path, links, {name: tip}, TOOL_BODY)

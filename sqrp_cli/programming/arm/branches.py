@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -41,8 +41,12 @@ class BranchChoice:
     """
 
     def __str__(self) -> str:
-        words = {"elbow": self.elbow, "shoulder": self.shoulder, "wrist": self.wrist}
-        return ", ".join(f"{name} {word}" for name, word in words.items() if word not in (ANY, FASTEST))
+        return ", ".join(f"{name} {word}" for name, word in self.chosen.items())
+
+    @property
+    def chosen(self) -> dict[str, str]:
+        """The wanted word for each name, of those that do not accept all."""
+        return {name: word for name, word in vars(self).items() if word not in (ANY, FASTEST)}
 
 
 def chosen_branches(model: RobotModel, q: Array, choice: BranchChoice) -> Mask:
@@ -52,10 +56,13 @@ def chosen_branches(model: RobotModel, q: Array, choice: BranchChoice) -> Mask:
     the arm.
     """
     wanted = np.ones(len(q), dtype=bool)
-    chosen = {name: word for name, word in asdict(choice).items() if word not in (ANY, FASTEST)}
+    chosen = choice.chosen
     if not chosen:
         return wanted
-    _check(model, choice)
+    for name, why in _senseless(model).items():
+        if name in chosen:
+            message = f"`{name}={chosen[name]}` has no meaning for this arm: {why}"
+            raise bad_input("unknown-branch", message, mend=f"leave it at `{name}=any`")
     for row, words in enumerate(_words(model, q)):
         wanted[row] = all(words[name] == word for name, word in chosen.items())
     return wanted
@@ -113,14 +120,6 @@ def _dot(a: Array, b: Array) -> Array:
 def _bend(axes: Array) -> Array:
     """Signed bend of the fifth joint by the axes, (m, n, 3): 0 where those of the fourth and the sixth are parallel."""
     return _dot(cross(axes[:, 3], axes[:, 5]), axes[:, 4])
-
-
-def _check(model: RobotModel, choice: BranchChoice) -> None:
-    """Raises InputError if a wanted name has no meaning for the arm."""
-    for name, why in _senseless(model).items():
-        if (word := getattr(choice, name)) not in (ANY, FASTEST):
-            message = f"`{name}={word}` has no meaning for this arm: {why}"
-            raise bad_input("unknown-branch", message, mend=f"leave it at `{name}=any`")
 
 
 def _senseless(model: RobotModel) -> Mapping[str, str]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -99,8 +99,6 @@ closed form. The fourth is none of them: an elbow is bent by how far away the po
 MOST_KEPT = 64
 """Most cached results of each robot."""
 
-_Question = tuple[bytes, int, int]
-
 NOMINAL_ANGLE = 2e-2
 """Axes of a calibrated arm within this angle of an axis of its root count as parallel to it [rad]."""
 
@@ -124,7 +122,7 @@ class IkResult:
     """Why there is no solution; None if there are some."""
 
 
-_answers: WeakKeyDictionary[RobotModel, dict[_Question, IkResult]] = WeakKeyDictionary()
+_answers: WeakKeyDictionary[RobotModel, dict[tuple[bytes, int, int], IkResult]] = WeakKeyDictionary()
 """Cached results of robots still in use, the oldest first."""
 
 
@@ -246,7 +244,17 @@ def _branches(model: RobotModel, X_WT: Array) -> Array:
     every = np.ones(len(model.arm), dtype=bool)
     seeds = approximate_solutions(model, X_WT)
     if len(seeds):
-        found = _distinct(model, _solutions_near(model, X_WT, seeds))
+        errors = pose_errors(model.tool_poses(seeds), X_WT)
+        if (errors**2).sum(axis=1).max() <= FOLLOWED:
+            solutions, solved = _polished(model, X_WT, seeds)
+            found = _distinct(model, solutions[solved])
+        else:
+            # Seeds of a large error are EAIK's least-squares results. Their branch may have no solution here, but may
+            # also be singular, and they may lie where the error has no gradient: points around them are tried, too.
+            rough = np.abs(errors).max(axis=1) > NEARLY_SOLVED
+            around = SEED_SPREAD * (2 * halton(SEED_STARTS, len(model.arm)) - 1)
+            starts = np.concatenate([seeds, *(seed + around for seed in seeds[rough])])
+            found = _distinct(model, _solutions_from(model, X_WT, starts, SEED_STEPS))
         if len(found) and _smallest_singular_values(model, found, every).min() > NEAR_SINGULAR:
             return found
     spread, found = spread_starts(model, STARTS), np.empty((0, len(model.arm)))
@@ -259,22 +267,6 @@ def _branches(model: RobotModel, X_WT: Array) -> Array:
         if len(found) and len(found) == before:
             break
     return found
-
-
-def _solutions_near(model: RobotModel, X_WT: Array, seeds: Array) -> Array:
-    """The solutions near approximate ones (m, n), searched also from points around very inexact ones.
-
-    Those are EAIK's least-squares results. Their branch may have no solution here, but may also be singular, and they
-    may lie where the pose error is large but has zero gradient.
-    """
-    errors = pose_errors(model.tool_poses(seeds), X_WT)
-    if (errors**2).sum(axis=1).max() <= FOLLOWED:
-        solutions, solved = _polished(model, X_WT, seeds)
-        return solutions[solved]
-    rough = np.abs(errors).max(axis=1) > NEARLY_SOLVED
-    around = SEED_SPREAD * (2 * halton(SEED_STARTS, len(model.arm)) - 1)
-    starts = np.concatenate([seeds, *(seed + around for seed in seeds[rough])])
-    return _solutions_from(model, X_WT, starts, SEED_STEPS)
 
 
 def _solutions_from(
@@ -388,11 +380,12 @@ def approximate_solutions(model: RobotModel, X_WT: Array, positions: Array | Non
     return q
 
 
-class _Solver:
+class _Solver(NamedTuple):
     """EAIK's decomposition of an arm. X_BW: world in the arm's root frame. X_TE: turns the tool frame into EAIK's."""
 
-    def __init__(self, decomposition: Any, X_BW: Array, X_TE: Array) -> None:  # noqa: ANN401
-        self.decomposition, self.X_BW, self.X_TE = decomposition, X_BW, X_TE
+    decomposition: Any
+    X_BW: Array
+    X_TE: Array
 
 
 @lru_cache(maxsize=64)

@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sqrp_cli.errors import Place, bad_input, expected_names
-from sqrp_cli.geometry import Array, Indices, Mask, cross, inverse, read_only
-from sqrp_cli.knowledge.robot.joint_tree import Couplings, JointTree, Mount, driving_joints
+from sqrp_cli.errors import Place, bad_input
+from sqrp_cli.geometry import Array, Mask, cross, inverse, read_only
+from sqrp_cli.knowledge.robot.joint_tree import Couplings, JointTree, driving_joints
 from sqrp_cli.knowledge.robot.robot import JointLimits, Robot
 from sqrp_cli.knowledge.robot.urdf import UrdfJoint
 from sqrp_cli.shapes import Part
@@ -143,22 +143,41 @@ class RobotModel:
     _chain_tree: JointTree
     """Of the joints that carry the tool frame."""
     _chain_couplings: Couplings
-    """Of these joints to those of the arm."""
+    """Of the joints of that chain to those of the arm."""
 
     @staticmethod
     def load(robot: Robot) -> RobotModel:
         """Put robot and tool together.
 
-        Raises InputError for a name that robot and tool share, an unknown link, a joint without limits, or a tool
-        frame that no joint moves.
+        Names are as `RobotReader` checks them. Raises InputError for a joint without limits, or a tool frame that no
+        joint moves.
         """
-        _check_names(robot)
         tree = JointTree.of(robot)
         chain = tree.chain(robot.tool_frame)
         arm = [tree.index(joint.name) for joint in driving_joints([tree.joints[k] for k in chain], tree.joints)]
         if not arm:
             raise bad_input("no-arm", f"no joint moves the tool frame `{robot.tool_frame}`", Place(robot.urdf.path))
-        fingers = _fingers(robot, tree)
+        names = tuple(robot.fingers.open) if robot.fingers else ()
+        opened, closed = (robot.fingers.open, robot.fingers.closed) if robot.fingers else ({}, {})
+        driving = {
+            index
+            for index, joint in enumerate(tree.joints)
+            if joint.name in names or (joint.mimic is not None and joint.mimic.joint in names)
+        }
+        fingers = FingerModel(
+            joints=names,
+            open=read_only([opened[name] for name in names]),
+            closed=read_only([closed[name] for name in names]),
+            **_limit_arrays([tree.joints[tree.index(name)] for name in names], robot),
+            links=frozenset(link for link in tree.mounts if driving.intersection(tree.chain(link))),
+            width=None if robot.fingers is None else robot.fingers.width,
+        )
+        carried = sorted({(part.parent, tree.mounts[part.parent].joint) for part in robot.parts})
+        adjacent = frozenset(
+            (one, other)
+            for (one, a), (other, b) in combinations(carried, 2)
+            if a == b or (a >= 0 and tree.parents[a] == b) or (b >= 0 and tree.parents[b] == a)
+        )
         return RobotModel(
             arm=tuple(tree.joints[index].name for index in arm),
             turns=tree.turns[arm],
@@ -168,7 +187,7 @@ class RobotModel:
             tool_links=frozenset(robot.tool.urdf.links if robot.tool else ()),
             tool_frame=robot.tool_frame,
             parts=robot.parts,
-            adjacent_pairs=_adjacent_pairs(robot.parts, tree),
+            adjacent_pairs=adjacent,
             angle_tolerance=robot.angle_tolerance,
             tree=tree,
             couplings=Couplings.of(tree.joints, [*arm, *map(tree.index, fingers.joints)], robot.rest),
@@ -208,17 +227,6 @@ class RobotModel:
         """World pose X_WL of every link with the arm at home and the fingers open, shape (4, 4) each."""
         return {link: X_WL[0] for link, X_WL in self.link_poses(self.home[None]).items()}
 
-    @cached_property
-    def _offset_links(self) -> tuple[tuple[str, ...], Indices, Array]:
-        """The L links with an offset from the frame of their joint, the joints, (L,), and X_JL, (L, 4, 4)."""
-        offset = {
-            link: mount
-            for link, mount in self.tree.mounts.items()
-            if mount.joint >= 0 and not np.array_equal(mount.X_JL, np.eye(4))
-        }
-        joints = np.array([mount.joint for mount in offset.values()], dtype=np.intp)
-        return tuple(offset), joints, np.array([mount.X_JL for mount in offset.values()]).reshape(-1, 4, 4)
-
     def with_fingers(self, q: Array, fingers: Array | None = None) -> Array:
         """Positions of all driven joints, shape (..., n + f), from those of the arm, (..., n), unless q has all.
 
@@ -235,15 +243,17 @@ class RobotModel:
         With those of the arm alone, shape (m, n), the fingers are open.
         """
         X_WJ = self.tree.poses(self.couplings.positions(self.with_fingers(q)))
-        links, joints, X_JL = self._offset_links
-        offset = dict(zip(links, (X_WJ[:, joints] @ X_JL).swapaxes(0, 1), strict=True))
+        poses = {}
+        for link, mount in self.tree.mounts.items():
+            X_WL = np.broadcast_to(mount.X_JL, (len(q), 4, 4)) if mount.joint < 0 else X_WJ[:, mount.joint]
+            poses[link] = X_WL @ mount.X_JL if link in self._offset_links else X_WL
+        return poses
 
-        def poses(link: str, mount: Mount) -> Array:
-            if mount.joint < 0:
-                return np.broadcast_to(mount.X_JL, (len(q), 4, 4))
-            return offset[link] if link in offset else X_WJ[:, mount.joint]
-
-        return {link: poses(link, mount) for link, mount in self.tree.mounts.items()}
+    @cached_property
+    def _offset_links(self) -> frozenset[str]:
+        """The links that are elsewhere than the frame of the joint that carries them."""
+        mounts, eye = self.tree.mounts, np.eye(4)
+        return frozenset(one for one, on in mounts.items() if on.joint >= 0 and not np.array_equal(on.X_JL, eye))
 
     def frame_poses(self, q: Array) -> Array:
         """World poses X_WF of the frames of all joints of `tree`, and of the world as the last (or index -1).
@@ -292,10 +302,7 @@ class RobotModel:
         return all(joint.mimic is None for joint in self._chain_tree.joints)
 
     def joint_lines(self, q: Array) -> JointLines:
-        """The axes of the arm's joints, in the world.
-
-        q: m arm positions, shape (m, n).
-        """
+        """The axes of the arm's joints, in the world, at m arm positions, shape (m, n)."""
         X_WJ = self._chain_tree.poses(self._chain_couplings.positions(q))
         own = (self._chain_couplings.ratios != 0.0).argmax(axis=0)  # the first that a joint of the arm moves
         axes = (X_WJ[:, :, :3, :3] @ self._chain_tree.axes[:, :, None])[..., 0]
@@ -328,42 +335,6 @@ class RobotModel:
         return {joint.name: value for joint, value in zip(self.tree.joints, positions, strict=True)}
 
 
-def _check_names(robot: Robot) -> None:
-    urdf, tool = robot.urdf, robot.tool
-    links = [link for model in robot.urdfs for link in model.links]
-    if tool is not None:
-        if tool.link not in urdf.links:
-            message = f"unknown link `{tool.link}` for the tool; {expected_names(tool.link, urdf.links)}"
-            raise bad_input("unknown-link", message, Place(urdf.path))
-        places = [(link.name, link.place) for link in tool.urdf.links.values() if link.name in urdf.links]
-        places += [(joint.name, joint.place) for joint in tool.urdf.joints.values() if joint.name in urdf.joints]
-        for name, place in places:
-            message = f"`{name}` is also a name in the robot's URDF, {urdf.path}"
-            raise bad_input("duplicate-name", message, place, mend="rename it in the tool's URDF")
-    if robot.tool_frame not in links:
-        message = f"unknown tool frame `{robot.tool_frame}`; {expected_names(robot.tool_frame, links)}"
-        raise bad_input("unknown-link", message, Place(urdf.path))
-
-
-def _fingers(robot: Robot, tree: JointTree) -> FingerModel:
-    names = tuple(robot.fingers.open) if robot.fingers else ()
-    leading = set(names)
-    driving = {
-        index
-        for index, joint in enumerate(tree.joints)
-        if joint.name in leading or (joint.mimic is not None and joint.mimic.joint in leading)
-    }
-    opened, closed = (robot.fingers.open, robot.fingers.closed) if robot.fingers else ({}, {})
-    return FingerModel(
-        joints=names,
-        open=read_only([opened[name] for name in names]),
-        closed=read_only([closed[name] for name in names]),
-        **_limit_arrays([tree.joints[tree.index(name)] for name in names], robot),
-        links=frozenset(link for link in tree.mounts if driving.intersection(tree.chain(link))),
-        width=None if robot.fingers is None else robot.fingers.width,
-    )
-
-
 def _limit_arrays(joints: Sequence[UrdfJoint], robot: Robot) -> dict[str, Array]:
     """Each of the limits of some joints."""
     for joint in joints:
@@ -371,11 +342,3 @@ def _limit_arrays(joints: Sequence[UrdfJoint], robot: Robot) -> dict[str, Array]
             raise bad_input("missing-limit", f"no limits are given for joint `{joint.name}`", joint.place)
     limits = [robot.limits[joint.name] for joint in joints]
     return {part.name: read_only([getattr(one, part.name) for one in limits]) for part in fields(JointLimits)}
-
-
-def _adjacent_pairs(parts: Sequence[Part], tree: JointTree) -> frozenset[tuple[str, str]]:
-    def meet(first: int, second: int) -> bool:
-        return first == second or (first >= 0 and tree.parents[first] == second)
-
-    carried = sorted({(part.parent, tree.mounts[part.parent].joint) for part in parts})
-    return frozenset((a, b) for (a, on), (b, by) in combinations(carried, 2) if meet(on, by) or meet(by, on))

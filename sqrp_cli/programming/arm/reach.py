@@ -45,7 +45,8 @@ class OutOfReach:
     """
 
     def __str__(self) -> str:
-        return f"{_metres(self.distance)} too {'close' if self.too_close else 'far'}"
+        distance = f"{self.distance:.2f} m" if self.distance >= 0.01 else f"{1e3 * self.distance:.2g} mm"
+        return f"{distance} too {'close' if self.too_close else 'far'}"
 
 
 @dataclass(frozen=True)
@@ -68,11 +69,8 @@ class PastLimit:
     turns: bool
 
     def __str__(self) -> str:
-        amount = (
-            f"{np.degrees(self.excess):.3g} deg"
-            if self.turns
-            else (f"{round(self.excess, 3):g} m" if self.excess >= 0.01 else f"{1e3 * self.excess:.2g} mm")
-        )
+        amount = f"{round(self.excess, 3):g} m" if self.excess >= 0.01 else f"{1e3 * self.excess:.2g} mm"
+        amount = f"{np.degrees(self.excess):.3g} deg" if self.turns else amount
         return f"joint `{self.joint}` {amount} past its limit"
 
     @classmethod
@@ -105,9 +103,19 @@ def why_unreachable(model: RobotModel, X_WT: Array, branches: Array | None = Non
     if not held.any():
         return WrongWayRound(float(angles.min()))
     closest = int(np.where(held, distances, np.inf).argmin())
-    outside = beyond_reach(model, X_WT) > 0.0
-    in_hole = not outside and _is_in_hole(model, X_WT, q[closest], errors[closest, :3])
-    return OutOfReach(float(distances[closest]), in_hole)
+    if beyond_reach(model, X_WT) > 0.0:
+        return OutOfReach(float(distances[closest]), too_close=False)
+    # It is in a hole if the arm can reach places beyond it, in the direction in which it lies from the closest one.
+    q, missing = q[closest], errors[closest, :3]
+    legs = np.diff(np.concatenate([model.joint_origins(q), model.tool_pose(q)[None, :3, 3]]), axis=0)
+    ways = np.linspace(0.0, 2 * float(np.linalg.norm(legs, axis=1).sum()), PLACES_BEYOND)
+    beyond = np.tile(X_WT, (PLACES_BEYOND, 1, 1))
+    beyond[:, :3, 3] += ways[:, None] * missing / max(float(np.linalg.norm(missing)), 1e-12)
+    starts = np.concatenate([q[None], spread_starts(model, STARTS_BEYOND - 1)])
+    targets, starts = np.repeat(beyond, STARTS_BEYOND, axis=0), np.tile(starts, (PLACES_BEYOND, 1))
+    _, errors = descend(model, targets, starts, STEPS)
+    reached = np.abs(errors).max(axis=1) < max(1e-6, 2.0 * model.angle_tolerance)
+    return OutOfReach(float(distances[closest]), bool(reached.any()))
 
 
 def closest_turns(model: RobotModel, q: Array) -> Array:
@@ -122,27 +130,6 @@ def closest_turns(model: RobotModel, q: Array) -> Array:
 def limit_excess(model: RobotModel, q: Array) -> Array:
     """Excess of positions (m, n) over the limits, shape (m, n) [rad or m]; 0 within them."""
     return np.maximum(np.maximum(model.lower - q, q - model.upper), 0.0)
-
-
-def _is_in_hole(model: RobotModel, X_WT: Array, q: Array, missing: Array) -> bool:
-    """Whether the arm can reach places beyond X_WT in the direction `missing` in which it lies from the closest one.
-
-    q: where the arm is closest, shape (n,). Nothing lies beyond a place that is too far.
-    """
-    legs = np.diff(np.concatenate([model.joint_origins(q), model.tool_pose(q)[None, :3, 3]]), axis=0)
-    farthest = 2 * float(np.linalg.norm(legs, axis=1).sum())
-    beyond = np.tile(X_WT, (PLACES_BEYOND, 1, 1))
-    beyond[:, :3, 3] += (
-        np.linspace(0.0, farthest, PLACES_BEYOND)[:, None] * missing / max(float(np.linalg.norm(missing)), 1e-12)
-    )
-    starts = np.concatenate([q[None], spread_starts(model, STARTS_BEYOND - 1)])
-    targets, starts = np.repeat(beyond, STARTS_BEYOND, axis=0), np.tile(starts, (PLACES_BEYOND, 1))
-    _, errors = descend(model, targets, starts, STEPS)
-    return bool((np.abs(errors).max(axis=1) < max(1e-6, 2.0 * model.angle_tolerance)).any())
-
-
-def _metres(distance: float) -> str:
-    return f"{distance:.2f} m" if distance >= 0.01 else f"{1e3 * distance:.2g} mm"
 
 
 def beyond_reach(model: RobotModel, X_WT: Array) -> float:

@@ -10,10 +10,9 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.knowledge.robot import xacro_file
+from sqrp_cli.knowledge.robot import robot_xml
 from sqrp_cli.knowledge.robot.read_urdf import read_urdf
-from sqrp_cli.knowledge.robot.robot_source import RobotSource
-from sqrp_cli.knowledge.robot.robot_xml import read_robot_xml
+from sqrp_cli.knowledge.robot.robot_xml import RobotSource, read_robot_xml
 from sqrp_cli.knowledge.robot.srdf import read_srdf
 from sqrp_cli.knowledge.robot.urdf import UrdfModel
 
@@ -276,7 +275,7 @@ def test_warnings_of_the_file_are_kept(package: Path) -> None:
 def test_an_expression_that_takes_long_ends_by_the_limit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, expression: str
 ) -> None:
-    monkeypatch.setattr(xacro_file, "MAX_SECONDS", 1)
+    monkeypatch.setattr(robot_xml, "MAX_SECONDS", 1)
     (tmp_path / "long.xacro").write_text(f'<robot name="r" {XMLNS}><link name="${{{expression}}}"/></robot>')
     with pytest.raises(InputError, match="too much time or memory") as caught:
         read_robot_xml(tmp_path / "long.xacro")
