@@ -93,11 +93,7 @@ class JointTree:
 
     def index(self, joint: str) -> int:
         """The index of a joint by its name."""
-        return self._indices[joint]
-
-    @cached_property
-    def _indices(self) -> dict[str, int]:
-        return {joint.name: index for index, joint in enumerate(self.joints)}
+        return [one.name for one in self.joints].index(joint)
 
     def chain(self, link: str) -> list[int]:
         """Indices of the joints that carry a link, from the world outwards."""
