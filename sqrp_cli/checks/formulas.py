@@ -155,10 +155,6 @@ def intervals_outside(found: Iterable[Timed]) -> tuple[Problem, ...]:
     warnings: list[Problem] = []
     for members in feasible.values():
         skill = members[0][0].candidate.skill
-        mend = (
-            "give times in seconds, or from the start or end of a primitive, "
-            f"such as `[{skill.primitives[0].name}.start, {skill.primitives[-1].name}.end]`"
-        )
         for index, requirement in enumerate(skill.requirements):
             fault = f"fault `{requirement.name}`, " if requirement.name is not None else ""
             for number, operator in enumerate(operators(requirement.formula)):
@@ -172,6 +168,9 @@ def intervals_outside(found: Iterable[Timed]) -> tuple[Problem, ...]:
                     f"`{requirement.formula}` lies in the motion, so it is never looked at: the motion{of} lasts "
                     f"{lasts} s"
                 )
+                first, last = skill.primitives[0].name, skill.primitives[-1].name
+                mend = "give times in seconds, or from the start or end of a primitive, "
+                mend += f"such as `[{first}.start, {last}.end]`"
                 code, origin = "interval-outside-the-motion", operator.interval.start.origin
                 problem = origin.problem(code, message) if origin else Problem(code, message, requirement.place)
                 warnings.append(replace(problem, severity="warning", mend=mend))

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import islice
+from typing import TypeVar
 
 from sqrp_cli.errors import bad_input
 from sqrp_cli.geometry import Array
@@ -13,6 +15,8 @@ from sqrp_cli.knowledge.skill.skill import JointMove, Skill
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.conditions import UnmetPart, apply_effect, failing_literals
 from sqrp_cli.logic.literal import Atom
+
+Value = TypeVar("Value")
 
 THEN = " then "
 """Between the steps of a task of several."""
@@ -109,8 +113,8 @@ def split_steps(text: str) -> list[str]:
     parts = [part.strip() for part in _BETWEEN.split(text)]
     if len(parts) > 1 and not all(parts):
         index = parts.index("")
-        where = "stands before the first `then`" if index == 0 else f"follows `then` number {index}"
-        where = "follows `then`" if len(parts) == 2 and index else where
+        where = f"follows `then` number {index}" if len(parts) > 2 else "follows `then`"
+        where = where if index else "stands before the first `then`"
         mend = "leave this `then` out, or name a step there: `pickup peg1 then insert peg1 socket`"
         raise bad_input("empty-task", f"nothing {where} in `{text.strip()}`", mend=mend)
     return parts
@@ -123,23 +127,28 @@ def whole_task(text: str, steps: Sequence[Task], workspace: Workspace, facts: fr
     """
     facts = workspace.state if facts is None else facts
     skill = whole_skill([step.skill for step in steps])
-    found = [whole_candidate(skill, chosen) for chosen in _limited(_possible(steps, workspace, facts))]
-    if not found:
-        first = next(_possible(steps, workspace, None))
-        found = [whole_candidate(skill, first)]
-    return Task(text, skill, tuple(found))
+    found = list(islice(_possible(steps, workspace, facts), MOST_WHOLE + 1)) or [
+        next(_possible(steps, workspace, None))
+    ]
+    if len(found) > MOST_WHOLE:
+        message = f"the task has more than {MOST_WHOLE:,} candidates, as its steps go together in so many ways"
+        raise bad_input("too-many-candidates", message, mend="name fewer objects or values in its steps")
+    return Task(text, skill, tuple(whole_candidate(skill, chosen) for chosen in found))
 
 
 def whole_candidate(skill: Skill, steps: Sequence[Candidate]) -> Candidate:
     """One choice for all steps as a candidate, whose parameters say which step they belong to: `2.peg`."""
-    numbered = list(enumerate(steps, 1))
+
+    def numbered(of_steps: Iterable[Mapping[str, Value]]) -> dict[str, Value]:
+        return {f"{number}.{key}": value for number, one in enumerate(of_steps, 1) for key, value in one.items()}
+
     return Candidate(
         skill=skill,
-        binding={f"{n}.{key}": value for n, step in numbered for key, value in step.binding.items()},
-        values={f"{n}.{key}": value for n, step in numbered for key, value in step.values.items()},
+        binding=numbered(step.binding for step in steps),
+        values=numbered(step.values for step in steps),
         name=THEN.join(f"{step.skill.name} {step.name}" for step in steps),
-        vias={f"{n}.{key}": value for n, step in numbered for key, value in step.vias.items()},
-        branch={f"{n}.{key}": value for n, step in numbered for key, value in step.branch.items()},
+        vias=numbered(step.vias for step in steps),
+        branch=numbered(step.branch for step in steps),
         steps=tuple(steps),
     )
 
@@ -177,12 +186,3 @@ def _possible(
             after = apply_effect(candidate.skill.action, candidate.binding, facts)
         for others in _possible(steps[1:], workspace, after):
             yield (candidate, *others)
-
-
-def _limited(choices: Iterator[tuple[Candidate, ...]]) -> Iterator[tuple[Candidate, ...]]:
-    for number, chosen in enumerate(choices):
-        if number >= MOST_WHOLE:
-            message = f"the task has more than {MOST_WHOLE:,} candidates, as its steps go together in so many ways"
-            mend = "name fewer objects or values in its steps"
-            raise bad_input("too-many-candidates", message, mend=mend)
-        yield chosen

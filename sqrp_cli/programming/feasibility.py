@@ -23,10 +23,8 @@ def feasible_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | 
 def impossible_start(cell: Cell, candidate: Candidate, world: World) -> Infeasible | None:
     """Why a candidate cannot even begin in a world; None if it can."""
     unready = unready_world(cell, candidate, world)
-    if unready is not None:
-        return unready
-    contact = cell.collision.contact_in(world)
-    return Infeasible((f"{contact} before anything moves",)) if contact else None
+    contact = cell.collision.contact_in(world) if unready is None else None
+    return Infeasible((f"{contact} before anything moves",)) if contact else unready
 
 
 def unready_world(cell: Cell, candidate: Candidate, world: World) -> Infeasible | None:
@@ -81,17 +79,13 @@ def possibilities(cell: Cell, world: World) -> Iterator[Possibility]:
             if len(set(objects)) == len(objects):
                 ways.setdefault(objects, []).append(candidate)
         for found in ways.values():
-            yield _possibility(cell, found, world)
-
-
-def _possibility(cell: Cell, ways: list[Candidate], world: World) -> Possibility:
-    task, skill = ways[0].task, ways[0].skill.name
-    if unmet := unmet_preconditions(cell, ways[0], world):
-        return Possibility(task=task, skill=skill, time=None, allowed=False, reason=unmet[0])
-    reason = ""
-    for candidate in ways[:MOST_WAYS]:
-        motion = feasible_motion(cell, candidate, world)
-        if not isinstance(motion, Infeasible):
-            return Possibility(task=task, skill=skill, time=motion.time, allowed=True, reason="")
-        reason = reason or motion.reasons[0]
-    return Possibility(task=task, skill=skill, time=None, allowed=True, reason=reason)
+            unmet = unmet_preconditions(cell, found[0], world)
+            time, reasons = None, list(unmet)
+            for way in () if unmet else found[:MOST_WAYS]:
+                motion = feasible_motion(cell, way, world)
+                if not isinstance(motion, Infeasible):
+                    time, reasons = motion.time, [""]
+                    break
+                reasons += motion.reasons
+            task = found[0].task
+            yield Possibility(task=task, skill=skill, time=time, allowed=not unmet, reason=reasons[0])

@@ -11,13 +11,12 @@ from sqrp_cli.knowledge.camera.detector import Detector
 from sqrp_cli.knowledge.frames import TOOL, FrameName, frame_poses, link_called
 from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill.target_box import BoxSpec, TargetSpec
+from sqrp_cli.knowledge.skill.target_box import BoxSpec
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.formula import Formula
 from sqrp_cli.logic.formula_check import argument_lists, bind
 from sqrp_cli.logic.formula_time import ground_operators, operators_outside
-from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.waypoints import WaypointGrounder
@@ -92,19 +91,20 @@ class TargetGrounder:
 
     def targets(self, formulas: Sequence[GroundFormula]) -> tuple[Target, ...]:
         """The targets of every atom in the formulas, in order of first appearance."""
-        atoms = dict.fromkeys(literal.atom for formula in formulas for literal in formula.operator.literals)
-        return tuple(self._target(atom) for atom in atoms)
+        lists = argument_lists(self.candidate.skill.action)
+        found: list[Target] = []
+        for atom in dict.fromkeys(literal.atom for formula in formulas for literal in formula.operator.literals):
+            spec = self.candidate.skill.targets[atom.predicate]
+            named = zip(lists[atom.predicate][0], atom.arguments, strict=True)
+            binding = {**self.candidate.binding, **dict(named)}
+            boxes = (self._box(box, binding).with_color(str(atom), self.objects) for box in spec.boxes)
+            found.append(Target(atom, spec.cameras, tuple(boxes)))
+        return tuple(found)
 
-    def _target(self, atom: Atom) -> Target:
-        spec: TargetSpec = self.candidate.skill.targets[atom.predicate]
-        names = argument_lists(self.candidate.skill.action)[atom.predicate][0]
-        binding = {**self.candidate.binding, **dict(zip(names, atom.arguments, strict=True))}
-        return Target(atom, spec.cameras, tuple(self._box(atom, box, binding) for box in spec.boxes))
-
-    def _box(self, atom: Atom, spec: BoxSpec, binding: Mapping[str, str]) -> SoughtBox:
+    def _box(self, spec: BoxSpec, binding: Mapping[str, str]) -> SoughtBox:
         name = self.model.tool_frame if spec.frame == TOOL else spec.frame.owner
         owner = binding.get(name, name)
-        frame = FrameName.at_start_of(owner) if spec.frame.at_start else owner
+        frame: str = FrameName.at_start_of(owner) if spec.frame.at_start else owner
         size, X_FB = spec.size, spec.X_FB
         if spec.fits is not None:
             fitted = binding.get(spec.fits, spec.fits)
@@ -114,6 +114,11 @@ class TargetGrounder:
                 X_FB = self._pose_in(frame, fitted, spec.at, binding) @ X_FB
         if size is None:
             raise ValueError(f"box {spec.name} has neither a size nor something that it fits")
+        enclosed = {owner} & self.objects.keys()
+        if spec.encloses is not None:
+            enclosed = {link_called(binding.get(n, n), self.model.links) for n in spec.encloses if n != TOOL}
+            parts = self.model.parts if TOOL in spec.encloses else ()
+            enclosed |= {part.name for part in parts if part.parent in self.model.hand_links}
         frame, X_FB = on_robot(self.robot, self.model, frame, X_FB)
         return completed(
             SoughtBox,
@@ -122,8 +127,8 @@ class TargetGrounder:
             frame=FrameName(frame),
             size=size,
             X_FB=X_FB,
-            encloses=self._enclosed(spec, owner, binding),
-        ).with_color(str(atom), self.objects)
+            encloses=tuple(sorted(enclosed)),
+        )
 
     def _pose_in(self, frame: str, name: str, waypoint: str, binding: Mapping[str, str]) -> Array:
         """Pose X_FO, in a frame, of an object that is held at a waypoint.
@@ -133,14 +138,13 @@ class TargetGrounder:
         held = {p.held: p.X_TO for p in self.motion.primitives if p.held is not None and p.X_TO is not None}
         if frame == self.model.tool_frame and name in held:
             return held[name]
-        skill, X_WH = self.candidate.skill, self.model.tool_pose(self.model.home)
         X_WO = self.world.X_WO
         waypoints = WaypointGrounder(
-            waypoints=skill.waypoints,
+            waypoints=self.candidate.skill.waypoints,
             binding=binding,
             values=self.candidate.values,
             objects=self.objects,
-            X_WH=X_WH,
+            X_WH=self.model.tool_pose(self.model.home),
             X_WO=X_WO,
             X_TO=held,
         )

@@ -5,19 +5,17 @@ A failed step is planned again in the same way, from the world after its fault.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, pairwise
+from itertools import chain
 
 import numpy as np
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.skill.settings import ANY
-from sqrp_cli.knowledge.skill.skill import PrimitiveAction, Requirement, RetryEntry
+from sqrp_cli.knowledge.skill.skill import RetryEntry
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.conditions import apply_effect
-from sqrp_cli.logic.formula import Formula
 from sqrp_cli.logic.formula_check import argument_lists, bind
 from sqrp_cli.logic.formula_time import with_times
 from sqrp_cli.logic.literal import Literal
@@ -28,9 +26,8 @@ from sqrp_cli.programming.coverage.fault_sights import distinguishing
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.coverage.timeline import Watch, observe
 from sqrp_cli.programming.coverage.verdict import verdict
-from sqrp_cli.programming.motion.plan_motion import Motion, TimedPrimitive
+from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.sensing.observer import Observer, sees_all
-from sqrp_cli.programming.targets import Target
 from sqrp_cli.programming.task import Candidate
 
 
@@ -52,19 +49,10 @@ class StepReplanner:
             candidate = way_with_seen_paths(self.cell, candidate, world)
         found = study(self.cell, candidate, world, Adaptive(), full=True)
         if isinstance(found, Infeasible):
-            # A way with the words that its skill leaves free.
-            free = {
-                name
-                for name, value in candidate.skill.defaults.items()
-                if value == ANY and isinstance(candidate.values[name], str)
-            }
-            found = study(
-                self.cell,
-                replace(candidate, values={**candidate.values, **dict.fromkeys(free, ANY)}, branch={}, vias={}),
-                world,
-                Adaptive(),
-                full=True,
-            )
+            left_free = (name for name, value in candidate.skill.defaults.items() if value == ANY)
+            free = {name: ANY for name in left_free if isinstance(candidate.values[name], str)}
+            candidate = replace(candidate, values={**candidate.values, **free}, branch={}, vias={})
+            found = study(self.cell, candidate, world, Adaptive(), full=True)
         if isinstance(found, Infeasible):
             return None
         cameras = tuple(camera.name for camera in self.cell.observer.cameras)
@@ -88,6 +76,58 @@ def make_step(task: str, study: Study, assessment: Assessment, cameras: tuple[st
     cameras: names in the order of the study's verdicts.
     """
     candidate, motion = study.candidate, study.motion
+    lists = argument_lists(candidate.skill.action)
+    spans = {primitive.name: (primitive.start, primitive.end) for primitive in motion.primitives}
+    formulas = list[record.ProgramFormula]()
+    for requirement in candidate.skill.requirements:
+        response, when = requirement.stated.response, requirement.retry_when
+        if isinstance(response, RetryEntry):
+            seen = None if when is None else str(bind(when, candidate.binding, lists))
+            answer = record.ProgramResponse(action="retry", retries=response.retry, when=seen)
+        else:
+            answer = record.ProgramResponse(action=response)
+        formulas.append(
+            record.ProgramFormula(
+                formula=str(with_times(bind(requirement.formula, candidate.binding, lists), spans)),
+                fault=requirement.name,
+                settle=requirement.stated.settle,
+                response=answer,
+            )
+        )
+    observation, t = study.timeline.observation, study.timeline.samples.t
+    targets = dict[str, record.ProgramTarget]()
+    for column, target in enumerate(study.targets):
+        sees = sees_all(observation.full_matrix[column]) & observation.required[:, column, None]
+        targets[str(target.atom)] = record.ProgramTarget(
+            cameras=target.cameras,
+            boxes=target.boxes,
+            seen={name: _intervals(t, sees[:, index]) for index, name in enumerate(cameras)},
+        )
+    sights = {
+        fault: record.ProgramSight(
+            windows=tuple(record.ProgramWindow(**window._asdict()) for window in windows),
+            onsets=tuple(
+                record.ProgramOnset(x=tuple(onset.x.tolist()), shown=tuple(onset.shown.tolist()))
+                for onset in study.onsets[fault]
+            ),
+        )
+        for fault, windows in study.windows.items()
+    }
+    primitives = tuple(
+        record.ProgramPrimitive(
+            name=timed.name,
+            does=action.words,
+            action=type(action).__name__,
+            start=timed.start,
+            end=timed.end,
+            held=timed.held,
+            trajectory=timed.trajectory,
+            guard=None
+            if timed.guard is None
+            else record.ProgramGuard(force=timed.guard.force, trajectory=timed.guard.trajectory),
+        )
+        for timed, action in zip(motion.primitives, candidate.skill.primitives, strict=True)
+    )
     return record.Step(
         task=task,
         skill=candidate.skill.name,
@@ -97,39 +137,12 @@ def make_step(task: str, study: Study, assessment: Assessment, cameras: tuple[st
         q_eoi=assessment.q_eoi,
         faults=assessment.faults,
         verdict=assessment.verdict,
-        primitives=tuple(
-            _primitive(timed, action)
-            for timed, action in zip(motion.primitives, candidate.skill.primitives, strict=True)
-        ),
-        formulas=_formulas(study),
-        targets={str(target.atom): _target(study, column, cameras) for column, target in enumerate(study.targets)},
+        primitives=primitives,
+        formulas=tuple(formulas),
+        targets=targets,
         before=study.world,
         after=world_after(candidate, motion, study.world),
-        sights={fault: _sight(study, fault) for fault in study.windows},
-    )
-
-
-def _primitive(timed: TimedPrimitive, action: PrimitiveAction) -> record.ProgramPrimitive:
-    guard = timed.guard
-    return record.ProgramPrimitive(
-        name=timed.name,
-        does=action.words,
-        action=type(action).__name__,
-        start=timed.start,
-        end=timed.end,
-        held=timed.held,
-        trajectory=timed.trajectory,
-        guard=None if guard is None else record.ProgramGuard(force=guard.force, trajectory=guard.trajectory),
-    )
-
-
-def _sight(study: Study, fault: str) -> record.ProgramSight:
-    return record.ProgramSight(
-        windows=tuple(record.ProgramWindow(**window._asdict()) for window in study.windows[fault]),
-        onsets=tuple(
-            record.ProgramOnset(x=tuple(onset.x.tolist()), shown=tuple(onset.shown.tolist()))
-            for onset in study.onsets[fault]
-        ),
+        sights=sights,
     )
 
 
@@ -138,54 +151,21 @@ def world_after(candidate: Candidate, motion: Motion, world: World) -> World:
     return replace(motion.final, facts=apply_effect(candidate.skill.action, candidate.binding, world.facts))
 
 
-def _formulas(study: Study) -> tuple[record.ProgramFormula, ...]:
-    candidate = study.candidate
-    lists = argument_lists(candidate.skill.action)
-    spans = {primitive.name: (primitive.start, primitive.end) for primitive in study.motion.primitives}
-
-    def bound(formula: Formula) -> Formula:
-        return bind(formula, candidate.binding, lists)
-
-    return tuple(
-        record.ProgramFormula(
-            formula=str(with_times(bound(requirement.formula), spans)),
-            fault=requirement.name,
-            settle=requirement.stated.settle,
-            response=_response(requirement, bound),
-        )
-        for requirement in candidate.skill.requirements
-    )
-
-
-def _response(requirement: Requirement, bound: Callable[[Formula], Formula]) -> record.ProgramResponse:
-    stated, when = requirement.stated.response, requirement.retry_when
-    if not isinstance(stated, RetryEntry):
-        return record.ProgramResponse(action=stated)
-    return record.ProgramResponse(action="retry", retries=stated.retry, when=None if when is None else str(bound(when)))
-
-
-def _target(study: Study, column: int, cameras: tuple[str, ...]) -> record.ProgramTarget:
-    target: Target = study.targets[column]
-    observation, t = study.timeline.observation, study.timeline.samples.t
-    sees = sees_all(observation.full_matrix[column])
-    sees &= observation.required[:, column, None]
-    return record.ProgramTarget(
-        cameras=target.cameras,
-        boxes=target.boxes,
-        seen={name: _intervals(t, sees[:, index]) for index, name in enumerate(cameras)},
-    )
-
-
 def with_usual_images(step: record.Step, study: Study, observer: Observer) -> record.Step:
     """The step of a study with the times of usual images, which take as long to find as the study."""
-    cameras = [replace(observer, cameras=(camera,)) for camera in observer.cameras]
-    names = [camera.name for camera in observer.cameras]
     confirming = [(target,) for target in study.targets]
     refuting = [
         distinguishing(target, Literal(target.atom, positive=False), study.stage.X_WO) for target in study.targets
     ]
-    found = [_usually_seen(study, confirming + refuting, camera) for camera in cameras]
-    usual = [dict(zip(names, of_cameras, strict=True)) for of_cameras in zip(*found, strict=True)]
+    asked = list(dict.fromkeys(chain(*confirming, *refuting)))
+    watch = Watch.of_each(study, study.stage, [replace(target, cameras=1).usual for target in asked])
+    usual: list[dict[str, tuple[tuple[float, float], ...]]] = [{} for _ in (*confirming, *refuting)]
+    for camera in observer.cameras:
+        found = observe(watch, replace(observer, cameras=(camera,)), Adaptive(), full=False)
+        sees = found.observation.covered.T
+        for intervals, any_of in zip(usual, confirming + refuting, strict=True):
+            shown = np.logical_or.reduce(sees[[asked.index(target) for target in any_of]])
+            intervals[camera.name] = _intervals(found.samples.t, shown)
     targets = {}
     for column, (atom, target) in enumerate(step.targets.items()):
         refuted = {} if refuting[column] == confirming[column] else usual[len(confirming) + column]
@@ -193,26 +173,13 @@ def with_usual_images(step: record.Step, study: Study, observer: Observer) -> re
     return step.model_copy(update={"targets": targets})
 
 
-def _usually_seen(
-    study: Study, questions: Sequence[tuple[Target, ...]], camera: Observer
-) -> list[tuple[tuple[float, float], ...]]:
-    """Intervals in which the images of one camera usually show any of the targets of each question [s]."""
-    asked = list(dict.fromkeys(chain(*questions)))
-    usual = [replace(target, cameras=1).usual for target in asked]
-    found = observe(Watch.of_each(study, study.stage, usual), camera, Adaptive(), full=False)
-    sees = found.observation.covered.T
-    columns = ([asked.index(target) for target in any_of] for any_of in questions)
-    return [_intervals(found.samples.t, np.logical_or.reduce(sees[of])) for of in columns]
-
-
 def _intervals(t: Array, seen: Mask) -> tuple[tuple[float, float], ...]:
     """Intervals of sight: from the first to the last of neighbouring samples at times t in which it is seen [s]."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], seen, [False]]).astype(np.int8)))
-    intervals = [(float(t[first]), float(t[last - 1])) for first, last in edges.reshape(-1, 2)]
-    merged: list[tuple[float, float]] = intervals[:1]
-    for (_, end), (start, later) in pairwise(intervals):
-        if start == end:
-            merged[-1] = (merged[-1][0], later)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], seen, [False]]).astype(np.int8))).reshape(-1, 2)
+    merged: list[tuple[float, float]] = []
+    for start, end in ((float(t[first]), float(t[last - 1])) for first, last in edges):
+        if merged and merged[-1][1] == start:
+            merged[-1] = (merged[-1][0], end)
         else:
-            merged.append((start, later))
+            merged.append((start, end))
     return tuple(merged)

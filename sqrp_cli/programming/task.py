@@ -10,11 +10,11 @@ from math import comb, prod
 
 from sqrp_cli.errors import InputError, Problem, bad_input, counted, expected_names
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill.settings import MotionValue
+from sqrp_cli.knowledge.skill.settings import MotionParameter, MotionValue
 from sqrp_cli.knowledge.skill.skill import JointMove, Skill, named_skill
 from sqrp_cli.knowledge.text import units
 from sqrp_cli.knowledge.text.units import expected_quantity, read_quantity
-from sqrp_cli.knowledge.workspace.workspace import ExpectedTask, Workspace
+from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.conditions import rules_out
 from sqrp_cli.logic.domain import Parameter
 from sqrp_cli.logic.literal import Atom
@@ -48,19 +48,51 @@ def _read_step(text: str, workspace: Workspace) -> Task:
     are for the parameters in order, each for one. Raises InputError if nothing matches.
     """
     words = text.split()
-    skill = _skill(words, workspace)
-    branch = _solutions(words[1:], skill)
-    settings = _settings([word for word in words[1:] if "=" in word and word.split("=")[0] not in branch], skill)
-    filters = [word for word in words[1:] if "=" not in word]
+    if not words:
+        skills = ", ".join(f"`{name}`" for name in workspace.skills)
+        raise bad_input("empty-task", f"the task is empty; expected a skill ({skills}) and what to do it with")
+    skill = named_skill(words[0], workspace.skills)
+    if skill is None:
+        known = expected_names(words[0], workspace.skills)
+        place = workspace.places.get("skills", workspace.whole_file)
+        raise bad_input("unknown-skill", f"there is no skill `{words[0]}` under `skills`; {known}", place)
+    names = [*(p.name for p in skill.action.parameters), *(p.name for p in skill.motion_parameters)]
+    moves = {f"{primitive.name}.solution" for primitive in skill.primitives if isinstance(primitive, JointMove)}
+    settings, branch = dict[str, str](), dict[str, MotionValue]()
+    for name, value in (word.split("=", 1) for word in words[1:] if "=" in word):
+        if name in moves:  # a solution of inverse kinematics by its number, such as `a1.solution=3`
+            if not value.isdecimal():
+                raise bad_input("wrong-value", f"`{name}={value}`: expected the number of a solution, from 0 on")
+            branch[name] = float(value)
+            continue
+        if name not in names:
+            message = f"skill `{skill.name}` has no parameter `{name}`; {expected_names(name, names)}"
+            raise bad_input("unknown-parameter", message)
+        if name in settings:
+            raise bad_input("repeated-parameter", f"`{name}` is set twice: {settings[name]} and {value}")
+        settings[name] = value
     try:
-        choices = _object_choices(skill, workspace, settings, filters)
+        choices = _object_choices(skill, workspace, settings, [word for word in words[1:] if "=" not in word])
     except InputError as error:
-        raise InputError(
-            *(replace(problem, mend=problem.mend or _unit_hint(words, skill, workspace)) for problem in error.problems)
-        ) from error
-    motion = [_motion_values(skill, name, settings) for name in (p.name for p in skill.motion_parameters)]
-    _check_count(skill, list(map(len, [*choices, *motion])))
-    return Task(text, skill, tuple(replace(one, branch=branch) for one in _candidates(skill, choices, motion)))
+        hint = _unit_hint(words, skill, workspace)
+        raise InputError(*(replace(problem, mend=problem.mend or hint) for problem in error.problems)) from error
+    motion = {p.name: _motion_values(p, settings.get(p.name)) for p in skill.motion_parameters}
+    counts = [*map(len, choices), *map(len, motion.values())]
+    if prod(counts) > MAX_CANDIDATES:
+        most = max(range(len(counts)), key=counts.__getitem__)
+        message = f"the task has {counted(prod(counts))} candidates, the limit is {MAX_CANDIDATES:,}"
+        message += f"; name fewer objects or values, most of all for `{names[most]}` of `{skill.name}`"
+        raise bad_input("too-many-candidates", f"{message}, with {counts[most]:,}")
+    bindings = [dict(zip(names, objects, strict=False)) for objects in product(*choices)]
+    # One that can never be, such as a part on itself, is a candidate only where nothing else is asked for.
+    possible = [one for one in bindings if not rules_out(skill.action.precondition, one)]
+    found: list[Candidate] = []
+    for binding, values in product(possible or bindings, product(*motion.values())):
+        bound = dict(zip(motion, values, strict=True))
+        shown = in_words(skill, {name: value for name, value in bound.items() if len(motion[name]) > 1})
+        own = [*binding.values(), *(f"{name}={value.replace(' ', '')}" for name, value in shown.items())]
+        found.append(Candidate(skill, binding, bound, " ".join(own) or skill.name, branch=branch))
+    return Task(text, skill, tuple(found))
 
 
 def following_words(text: str, workspace: Workspace) -> list[str]:
@@ -128,8 +160,17 @@ def impossible_tasks(workspace: Workspace) -> Iterator[Problem]:
             mend = "name an object that the task can use, or correct `task`"
             place = workspace.places.get(f"{path}.winner")
             yield Problem("impossible-winner", message, place, severity="warning", mend=mend)
-        if expected.feasible is False:
-            yield from _against_infeasible(workspace, path, expected)
+        # Expectations of the best candidate of a task that is expected to be infeasible.
+        names = [field.name for field in fields(expected) if field.name not in ("task", "steps", "feasible")]
+        stated = [name for name in names if getattr(expected, name) is not None]
+        if expected.feasible is False and stated:
+            keys = ", ".join(f"`{name}`" for name in stated)
+            message = (
+                f"`{path}`: {keys} expected of the best candidate, but `feasible: false` expects that there is none"
+            )
+            place = workspace.places.get(f"{path}.{stated[0]}")
+            mend = f"remove `feasible: false`, or {keys}"
+            yield Problem("contradictory-expectations", message, place, severity="warning", mend=mend)
 
 
 def in_words(skill: Skill, parameters: Mapping[str, MotionValue]) -> dict[str, str]:
@@ -145,72 +186,6 @@ def in_words(skill: Skill, parameters: Mapping[str, MotionValue]) -> dict[str, s
         return f"{value:.6g}"
 
     return {name: in_units(name, value) for name, value in parameters.items()}
-
-
-def _skill(words: Sequence[str], workspace: Workspace) -> Skill:
-    """The skill that the first word of a task names."""
-    if not words:
-        skills = ", ".join(f"`{name}`" for name in workspace.skills)
-        raise bad_input("empty-task", f"the task is empty; expected a skill ({skills}) and what to do it with")
-    skill = named_skill(words[0], workspace.skills)
-    if skill is None:
-        known = expected_names(words[0], workspace.skills)
-        place = workspace.places.get("skills", workspace.whole_file)
-        raise bad_input("unknown-skill", f"there is no skill `{words[0]}` under `skills`; {known}", place)
-    return skill
-
-
-def _check_count(skill: Skill, counts: Sequence[int]) -> None:
-    """Refuse too many candidates; counts: the choices for each parameter of the skill, objects first."""
-    names = [*(p.name for p in skill.action.parameters), *(p.name for p in skill.motion_parameters)]
-    if prod(counts) > MAX_CANDIDATES:
-        most = max(range(len(counts)), key=counts.__getitem__)
-        message = f"the task has {counted(prod(counts))} candidates, the limit is {MAX_CANDIDATES:,}"
-        message += f"; name fewer objects or values, most of all for `{names[most]}` of `{skill.name}`"
-        raise bad_input("too-many-candidates", f"{message}, with {counts[most]:,}")
-
-
-def _candidates(
-    skill: Skill, choices: Sequence[Sequence[str]], motion: Sequence[Sequence[MotionValue]]
-) -> Iterator[Candidate]:
-    varying = [
-        parameter.name for parameter, values in zip(skill.motion_parameters, motion, strict=True) if len(values) > 1
-    ]
-    names = [parameter.name for parameter in skill.action.parameters]
-    bindings = [dict(zip(names, objects, strict=True)) for objects in product(*choices)]
-    # One that can never be, such as a part on itself, is a candidate only where nothing else is asked for.
-    possible = [one for one in bindings if not rules_out(skill.action.precondition, one)]
-    for binding in possible or bindings:
-        for values in product(*motion):
-            bound = {parameter.name: value for parameter, value in zip(skill.motion_parameters, values, strict=True)}
-            shown = {name: value.replace(" ", "") for name, value in in_words(skill, bound).items()}
-            words = [*binding.values(), *(f"{name}={shown[name]}" for name in varying)]
-            yield Candidate(skill, binding, bound, " ".join(words) or skill.name)
-
-
-def _solutions(words: Sequence[str], skill: Skill) -> dict[str, MotionValue]:
-    """The solutions of inverse kinematics that a task states by their numbers, such as `a1.solution=3`."""
-    moves = {f"{primitive.name}.solution" for primitive in skill.primitives if isinstance(primitive, JointMove)}
-    stated = dict(word.split("=", 1) for word in words if word.split("=", 1)[0] in moves)
-    for name, number in stated.items():
-        if not number.isdecimal():
-            raise bad_input("wrong-value", f"`{name}={number}`: expected the number of a solution, from 0 on")
-    return {name: float(number) for name, number in stated.items()}
-
-
-def _settings(words: Sequence[str], skill: Skill) -> dict[str, str]:
-    """The parameters that a task sets, by name."""
-    valid = [*(p.name for p in skill.action.parameters), *(p.name for p in skill.motion_parameters)]
-    settings: dict[str, str] = {}
-    for word in words:
-        name, value = word.split("=", 1)
-        if name not in valid:
-            message = f"skill `{skill.name}` has no parameter `{name}`; {expected_names(name, valid)}"
-            raise bad_input("unknown-parameter", message)
-        if name in settings:
-            raise bad_input("repeated-parameter", f"`{name}` is set twice: {settings[name]} and {value}")
-        settings[name] = value
-    return settings
 
 
 def _unit_hint(words: Sequence[str], skill: Skill, workspace: Workspace) -> str | None:
@@ -233,19 +208,19 @@ def _unit_hint(words: Sequence[str], skill: Skill, workspace: Workspace) -> str 
     return None
 
 
-def _motion_values(skill: Skill, name: str, settings: Mapping[str, str]) -> tuple[MotionValue, ...]:
-    parameter = next(parameter for parameter in skill.motion_parameters if parameter.name == name)
-    if name not in settings:
+def _motion_values(parameter: MotionParameter, setting: str | None) -> tuple[MotionValue, ...]:
+    """The values of a motion parameter that a task sets, such as `0.5,0.7`; of one that it does not, all."""
+    if setting is None:
         return parameter.values
     values: dict[MotionValue, None] = {}
-    for text in settings[name].split(","):
+    for text in setting.split(","):
         value = read_quantity(text) or text
         for kind in parameter.kinds:
             if (complaint := kind.complaint(value)) is not None:
-                raise bad_input(complaint.code, f"`{name}={settings[name]}`: {complaint.message}")
+                raise bad_input(complaint.code, f"`{parameter.name}={setting}`: {complaint.message}")
         plain = value if isinstance(value, str) else value.value
         if plain in values:
-            raise bad_input("repeated-value", f"`{name}={settings[name]}`: a value is given twice")
+            raise bad_input("repeated-value", f"`{parameter.name}={setting}`: a value is given twice")
         values[plain] = None
     return tuple(values)
 
@@ -260,33 +235,32 @@ def _object_choices(
         for parameter in parameters
     }
     for name, value in settings.items():
-        if name in fitting:
-            fitting[name] = _named(value.split(","), name, fitting[name], skill)
+        stated = value.split(",") if name in fitting else []
+        for index, one in enumerate(stated):
+            if one not in fitting[name]:
+                known = expected_names(one, fitting[name])
+                raise bad_input("unknown-object", f"`{one}` cannot be the {name} of `{skill.name}`; {known}")
+            if one in stated[:index]:
+                raise bad_input("repeated-value", f"`{name}={value}`: `{one}` is named twice")
+        fitting.update({name: stated} if stated else {})
     open_names = [parameter.name for parameter in parameters if parameter.name not in settings]
     if open_names and len(open_names) * comb(len(filters) + len(open_names) - 1, len(filters)) > MAX_CANDIDATES:
         words = f"{len(filters)} word{'s' * (len(filters) != 1)}"
         message = f"{words} may be meant for {len(open_names):,} parameters of `{skill.name}` in too many ways"
         raise bad_input("ambiguous-task", message, mend="say which parameter each is for: `name=object`")
+
+    def matching(names: Sequence[str], words: Sequence[str]) -> list[str]:
+        return [name for name in names if all(word.lower() in _words_for(workspace.objects[name]) for word in words)]
+
     matches = [
         chosen
         for groups in _splits(filters, len(open_names))
-        if all(chosen := [_matching(workspace, fitting[n], g) for n, g in zip(open_names, groups, strict=True)])
+        if all(chosen := [matching(fitting[name], group) for name, group in zip(open_names, groups, strict=True)])
     ]
     if not matches:
         raise bad_input("no-match", _no_match(skill, workspace, fitting, filters))
     found = dict(zip(open_names, matches[0], strict=True))
     return [found.get(parameter.name, fitting[parameter.name]) for parameter in parameters]
-
-
-def _named(names: Sequence[str], parameter: str, fitting: Sequence[str], skill: Skill) -> list[str]:
-    """Objects that a task names for a parameter, each of which must fit it."""
-    for index, name in enumerate(names):
-        if name not in fitting:
-            message = f"`{name}` cannot be the {parameter} of `{skill.name}`; {expected_names(name, fitting)}"
-            raise bad_input("unknown-object", message)
-        if name in names[:index]:
-            raise bad_input("repeated-value", f"`{parameter}={','.join(names)}`: `{name}` is named twice")
-    return list(names)
 
 
 def _splits(words: Sequence[str], count: int) -> Iterator[list[Sequence[str]]]:
@@ -300,10 +274,6 @@ def _splits(words: Sequence[str], count: int) -> Iterator[list[Sequence[str]]]:
         for cuts in combinations_with_replacement(range(len(words) + 1), count - 1)
     ]
     yield from sorted(ways, key=lambda groups: sum(not group for group in groups))
-
-
-def _matching(workspace: Workspace, names: Sequence[str], words: Sequence[str]) -> list[str]:
-    return [name for name in names if all(word.lower() in _words_for(workspace.objects[name]) for word in words)]
 
 
 def _words_for(obj: SceneObject) -> set[str]:
@@ -329,15 +299,3 @@ def _no_match(skill: Skill, workspace: Workspace, fitting: Mapping[str, Sequence
         for name, names in fitting.items()
     )
     return f"nothing matches `{wanted}`; `{skill.name}` can use {usable}"
-
-
-def _against_infeasible(workspace: Workspace, path: str, expected: ExpectedTask) -> Iterator[Problem]:
-    """Expectations of the best candidate of a task that is expected to be infeasible."""
-    names = [field.name for field in fields(expected) if field.name not in ("task", "steps", "feasible")]
-    stated = [name for name in names if getattr(expected, name) is not None]
-    if stated:
-        keys = ", ".join(f"`{name}`" for name in stated)
-        message = f"`{path}`: {keys} expected of the best candidate, but `feasible: false` expects that there is none"
-        place = workspace.places.get(f"{path}.{stated[0]}")
-        mend = f"remove `feasible: false`, or {keys}"
-        yield Problem("contradictory-expectations", message, place, severity="warning", mend=mend)
