@@ -38,7 +38,7 @@ ROOMS = {
     "study": ("programming/coverage programming/seen " + " ".join(_STUDY), 4_427),
     "search": ("programming/advice programming/placing", 4_642),
     "checks": ("checks", 1_379),
-    "run": ("runtime", 9_020),
+    "run": ("runtime", 8_939),
     "field": ("ros runtime/audit runtime/serve calibrating", 3_496),
     "score": ("scoring", 2_920),
     "show": ("terminal report", 7_318),

@@ -49,10 +49,9 @@ class Background:
         if self._surroundings is not None:
             return
         fresh: Mask = self._unknown & ~covered
-        if fresh.any():
-            self._picture[fresh] = image[fresh]
-            self._unknown &= covered
-            self._news |= fresh
+        self._picture[fresh] = image[fresh]
+        self._unknown &= covered
+        self._news |= fresh
 
     def guess_again(self, crop: Crop) -> None:
         """Guess what is still unknown in a crop by what was learned there since it was guessed last."""

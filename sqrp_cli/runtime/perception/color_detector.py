@@ -21,8 +21,7 @@ from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.runtime.perception.background import Background
 from sqrp_cli.runtime.perception.detections import NO_OUTLINE, BoxDetection, MissReason
-from sqrp_cli.runtime.perception.expected_view import ExpectedView
-from sqrp_cli.runtime.perception.projected import ProjectedBox, ProjectedObject
+from sqrp_cli.runtime.perception.projected import ExpectedView, ProjectedBox, ProjectedObject
 from sqrp_cli.runtime.perception.vision import Crop, blobs, color_mask, dilated, direction, displacement
 
 
@@ -73,17 +72,6 @@ class _Place:
         return BoxDetection(box.name, evidence, self.share, outline, because)
 
 
-class _Colors(NamedTuple):
-    """What the colours of pixels show, one mask each."""
-
-    own: Mask
-    """The object."""
-    background: Mask
-    """What is behind it, also of the robot."""
-    same: Mask
-    """Where the background has the object's own colour, the image cannot tell the two apart: a shade is no object."""
-
-
 class ColorSight(NamedTuple):
     """What is seen of the boxes in which an object may be, and where it is."""
 
@@ -111,7 +99,8 @@ class ColorDetector:
             if position is None:
                 evidence = Truth.FALSE if place.filled <= detector.EMPTY else Truth.UNKNOWN
             else:
-                inside = i in held if at_tool[i] else _is_inside(position, poses[i], box)
+                offset = (position - poses[i][:3, 3]) @ poses[i][:3, :3]
+                inside = i in held if at_tool[i] else (np.abs(offset) <= 0.5 * np.array(box.size)).all()
                 evidence = Truth.TRUE if inside else Truth.FALSE
             found.append(place.detect(box, evidence, self._view.cell.detectors[box.detector].min_visible))
         return ColorSight(found, position)
@@ -119,9 +108,12 @@ class ColorDetector:
     def _resting(self, places: Sequence[_Place], poses: Sequence[Array], at_tool: Sequence[bool]) -> Array | None:
         """Where the object rests that the tool does not hold [m]: in one of its boxes, else anywhere."""
         in_box = [i for i, place in enumerate(places) if not at_tool[i] and place.filled > detector.FULL / 2]
-        if in_box:
+        if in_box:  # as high as it would at the pose, by the ray to its patch
             best = max(in_box, key=lambda i: places[i].filled)
-            return self._on_support(places[best], poses[best])
+            projected, shift, at_rest = places[best].projected, places[best].shift, poses[best][:3, 3]
+            assert projected is not None and shift is not None  # noqa: S101, PT018 - what is filled is there
+            position = self._at_height(projected.box.center + shift, float(at_rest[2]))
+            return at_rest if position is None else position
         if any(place.filled > detector.EMPTY for place in places):
             return None
         on_table = [X for X, tool in zip(poses, at_tool, strict=True) if not tool]
@@ -129,47 +121,48 @@ class ColorDetector:
 
     def _place(self, box: TargetBox) -> _Place:
         """What the image shows where the object would be if it were in a box."""
-        X_WO = self._view.pose(box)
-        projected = self._view.projected(self._object.name, X_WO)
+        view, background, X_WO = self._view, self._background, self._view.pose(box)
+        projected = view.projected(self._object.name, X_WO)
         if projected is None:
             return _Place(None)
         margin = max(6, round(0.6 * projected.box.area**0.5))
-        crop = self._view.crop(projected.box.polygon, margin)
+        crop = view.crop(projected.box.polygon, margin)
         if crop is None or projected.area <= 0.0:
             return _Place(projected)
-        silhouette, colors = projected.mask(crop), self._colors(crop, projected.box)
+        silhouette = projected.mask(crop)
+        background.guess_again(crop)
+        shown = background.matches(view.image, crop)
+        # Where the background has the object's own colour, the image cannot tell the two apart: a shade is no object.
+        same = background.has_hue(view.image, crop, self._object.color or "")
+        own = self._colored[crop] & ~shown & ~same
+        behind = view.robot.mask(crop, projected.box, behind=True) & background.robot_colored(view.image, crop)
         before = self._in_front(X_WO, projected.box, crop, without=box.encloses)
         hiding = dilated(before, 1)
-        enclosed = dilated(self._view.robot.mask(crop, projected.box, links=box.encloses), 1)
+        enclosed = dilated(view.robot.mask(crop, projected.box, links=box.encloses), 1)
         front = hiding | enclosed
         hidden = min(float((silhouette & front).sum()) / projected.area, 1.0)
-        alike = float((silhouette & ~front & colors.same).sum()) / projected.area
-        telling = ~front & ~colors.same
+        alike = float((silhouette & ~front & same).sum()) / projected.area
+        telling = ~front & ~same
         decided = int((silhouette & telling).sum())
         if not decided:
             return _Place(projected, hidden=hidden, alike=alike)
-        judged = telling & (colors.own | colors.background)
+        judged = telling & (own | shown | behind)
         # What else hides, the enclosed parts do not hide from being asked.
         askable = max(projected.area - float((silhouette & enclosed & ~hiding).sum()), detector.LEAST_PIXELS**2)
+        outline, shift = projected.outline(crop), None
+        if (dilated(outline, margin // 2) & judged & own).any():
+            # It fills a place from `FULL / 2` on, so that it may lie beside that by the rest of its length.
+            most = round((1.0 - detector.FULL / 2) * float(np.ptp(projected.box.polygon, axis=0).max())) + 2
+            shift = displacement(own, judged, lambda by: projected.mask(crop.wider(by)), (margin // 2, most))
         return _Place(
             projected,
             share=min(float((silhouette & judged).sum()) / askable, 1.0),
             hidden=hidden,
             edge=float((silhouette & hiding & ~before).sum()) / askable,
             alike=alike,
-            filled=min(float((projected.outline(crop) & judged & colors.own).sum() / decided), 1.0),
-            shift=_shift(projected, crop, margin, colors.own, judged),
+            filled=min(float((outline & judged & own).sum() / decided), 1.0),
+            shift=shift,
         )
-
-    def _colors(self, crop: Crop, outline: ProjectedBox) -> _Colors:
-        """What the colours in a crop show where the object would be seen with an outline."""
-        image, robot = self._view.image, self._view.robot
-        self._background.guess_again(crop)
-        background = self._background.matches(image, crop)
-        same = self._background.has_hue(image, crop, self._object.color or "")
-        own = self._colored[crop] & ~background & ~same
-        behind = robot.mask(crop, outline, behind=True) & self._background.robot_colored(image, crop)
-        return _Colors(own, background | behind, same)
 
     def _in_front(self, X_WO: Array, outline: ProjectedBox, crop: Crop, without: Collection[str]) -> Mask:
         """What of the robot, without some links, and of other objects is before the object at a pose, in a crop."""
@@ -183,12 +176,6 @@ class ColorDetector:
                 blocking = view.blocking(name, points)
                 mask |= True if blocking is None else blocking.mask(crop)
         return mask
-
-    def _on_support(self, place: _Place, X_WO: Array) -> Array:
-        """Position of an object that rests as high as it would at a pose, by the ray to its patch [m]."""
-        assert place.projected is not None and place.shift is not None  # noqa: S101, PT018
-        position = self._at_height(place.projected.box.center + place.shift, float(X_WO[2, 3]))
-        return X_WO[:3, 3] if position is None else position
 
     def _at_height(self, pixel: Array, height: float) -> Array | None:
         """Where the ray of a pixel is at a height [m]; None if it never is."""
@@ -205,7 +192,7 @@ class ColorDetector:
         """
         if not self._colored.any():
             return None
-        found = blobs(self._colored & ~self._background.matches(self._view.image, self._view.posed_camera.whole))
+        found = blobs(self._colored & ~self._background.matches(self._view.image, self._view.whole))
         height = float(X_WO[2, 3])
         position = self._at_height(found[0].center, height) if found else None
         if position is None:
@@ -216,17 +203,3 @@ class ColorDetector:
         if expected is None or found[0].area < detector.LEAST_SHARE * expected.area:
             return None
         return self._at_height(found[0].center - expected.offset, height)
-
-
-def _shift(projected: ProjectedObject, crop: Crop, margin: int, own: Mask, judged: Mask) -> Array | None:
-    """See `_Place`; margin: of the crop around the object. own: pixels with its colour. judged: those that count."""
-    if not (dilated(projected.outline(crop), margin // 2) & judged & own).any():
-        return None
-    # It fills a place from `FULL / 2` on, so that it may lie beside that by the rest of its length.
-    most = round((1.0 - detector.FULL / 2) * float(np.ptp(projected.box.polygon, axis=0).max())) + 2
-    return displacement(own, judged, lambda by: projected.mask(crop.wider(by)), (margin // 2, most))
-
-
-def _is_inside(position: Array, X_WB: Array, box: TargetBox) -> bool:
-    offset = (position - X_WB[:3, 3]) @ X_WB[:3, :3]
-    return bool((np.abs(offset) <= 0.5 * np.array(box.size)).all())

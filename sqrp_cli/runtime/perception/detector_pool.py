@@ -6,7 +6,7 @@ import os
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from sqrp_cli.errors import SqrpError
 from sqrp_cli.platform.processes import Context, Worker, WorkerDied, fresh
@@ -26,8 +26,7 @@ class PerceptionError(SqrpError):
         self.cameras = tuple(cameras)
 
 
-@dataclass(frozen=True, eq=False)
-class _ImageTask:
+class _ImageTask(NamedTuple):
     image: CameraImage
     believed: BelievedState
 
@@ -55,34 +54,40 @@ class DetectorPool(AbstractContextManager["DetectorPool"]):
     def get_ready(self) -> None:
         """Wait until all processes have answered what they were asked. Raises PerceptionError if one has crashed."""
         for worker in self._workers:
-            worker.answer_all()
+            while worker.unanswered:
+                worker.take()
 
     def is_free(self, camera: str) -> bool:
         """Whether the process that looks through a camera has nothing to do, so that `submit` returns at once."""
-        return self._of_camera[camera].is_free()
+        worker = self._of_camera[camera]
+        worker.take_all()
+        return not worker.unanswered
 
     def is_ready(self, camera: str) -> bool:
         """Whether `collect` would answer at once. Raises PerceptionError if the process has crashed."""
-        return self._of_camera[camera].is_ready(camera)
+        worker = self._of_camera[camera]
+        while not worker.ready[camera] and worker.process.answered():
+            worker.take()
+        return bool(worker.ready[camera])
 
     def collect(self, camera: str) -> Detection:
         """What the oldest image of a camera that has not been collected shows.
 
         Waits until it is known. Raises PerceptionError if the process has crashed.
         """
-        return self._of_camera[camera].receive(camera)
+        worker = self._of_camera[camera]
+        while not worker.ready[camera]:
+            worker.take()
+        return worker.ready[camera].popleft()
 
     def crash(self, camera: str) -> None:
         """Kill the process that looks through a camera, for trials."""
-        self._of_camera[camera].kill()
-
-    def close(self) -> None:
-        """End the processes."""
-        for worker in self._workers:
-            worker.close()
+        self._of_camera[camera].process.kill()
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        """End the processes."""
+        for worker in self._workers:
+            worker.process.close()
 
 
 class _Worker:
@@ -90,53 +95,30 @@ class _Worker:
 
     def __init__(self, context: Context, cell: CellModel, cameras: list[str]) -> None:
         self.cameras = cameras
-        self._process = Worker[DetectionTargets | _ImageTask, Detection | None](context, _detectors, cell, cameras)
-        self._ready: dict[str, deque[Detection]] = {name: deque() for name in cameras}
-        self._unanswered = 0
+        self.process = Worker[DetectionTargets | _ImageTask, Detection | None](context, _detectors, cell, cameras)
+        self.ready: dict[str, deque[Detection]] = {name: deque() for name in cameras}
+        self.unanswered = 0
 
     def send(self, message: DetectionTargets | _ImageTask) -> None:
-        while self._process.answered():  # else both ends could wait for the other to read
-            self._take()
-        self._process.send(message)
-        self._unanswered += 1
+        self.take_all()  # else both ends could wait for the other to read
+        self.process.send(message)
+        self.unanswered += 1
 
-    def answer_all(self) -> None:
-        while self._unanswered:
-            self._take()
+    def take_all(self) -> None:
+        while self.process.answered():
+            self.take()
 
-    def is_free(self) -> bool:
-        while self._process.answered():
-            self._take()
-        return not self._unanswered
-
-    def is_ready(self, camera: str) -> bool:
-        while not self._ready[camera] and self._process.answered():
-            self._take()
-        return bool(self._ready[camera])
-
-    def receive(self, camera: str) -> Detection:
-        waiting = self._ready[camera]
-        while not waiting:
-            self._take()
-        return waiting.popleft()
-
-    def _take(self) -> None:
+    def take(self) -> None:
         try:
-            detection = self._process.receive(ANSWER_WITHIN)
+            detection = self.process.receive(ANSWER_WITHIN)
         except Exception as error:  # it died, or found what it cannot cope with
-            self.kill()
+            self.process.kill()
             why = str(error) if isinstance(error, WorkerDied) else "has ended"
             why += f": {error}" if isinstance(error, PluginError) else ""
             raise PerceptionError(self.cameras, why) from error
-        self._unanswered -= 1
+        self.unanswered -= 1
         if detection is not None:
-            self._ready[detection.camera].append(detection)
-
-    def kill(self) -> None:
-        self._process.kill()
-
-    def close(self) -> None:
-        self._process.close()
+            self.ready[detection.camera].append(detection)
 
 
 def _detectors(cell: CellModel, cameras: Sequence[str]) -> Callable[[DetectionTargets | _ImageTask], Detection | None]:
@@ -147,7 +129,7 @@ def _detectors(cell: CellModel, cameras: Sequence[str]) -> Callable[[DetectionTa
 
     def answer(message: DetectionTargets | _ImageTask) -> Detection | None:
         if isinstance(message, _ImageTask):
-            return detectors[message.image.camera].look(message.image, message.believed)
+            return detectors[message.image.camera].look(*message)
         for detector in detectors.values():
             detector.watch(message)
         return None

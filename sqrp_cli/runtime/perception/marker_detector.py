@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.runtime.image import ImageArray
 from sqrp_cli.runtime.perception.background import Background
 from sqrp_cli.runtime.perception.detections import NO_OUTLINE, BoxDetection, MissReason
-from sqrp_cli.runtime.perception.expected_view import ExpectedView
-from sqrp_cli.runtime.perception.projected import ProjectedBox
-from sqrp_cli.runtime.perception.vision import Crop, FoundMarker, dilated, filled, markers_beside
+from sqrp_cli.runtime.perception.projected import ExpectedView, ProjectedBox
+from sqrp_cli.runtime.perception.vision import FoundMarker, dilated, filled, markers_beside
 from sqrp_cli.runtime.robot_body import OPEN_SHARE
 
 ABSENT_SHARE = 0.9
@@ -23,13 +21,6 @@ ABSENT_SHARE = 0.9
 
 AROUND = 0.5
 """How much of the image around a marker is looked at again, as a share of the marker's size in it."""
-
-
-class _Hiding(NamedTuple):
-    """What of the robot is before a marker or beside it, in a part of the image."""
-
-    crop: Crop
-    mask: Mask
 
 
 class _FingerWay(NamedTuple):
@@ -61,11 +52,12 @@ class MarkerDetector:
 
     def detect(self, atom: str, box: TargetBox) -> BoxDetection:
         """What is seen of a box with a marker."""
-        outline = self._view.posed_camera.outline(self._view.pose(box), box.size)
+        view = self._view
+        outline = view.posed_camera.outline(view.pose(box), box.size)
         if outline is None:
             return BoxDetection(box.name, Truth.UNKNOWN, 0.0, NO_OUTLINE)
-        wanted = self._view.marker(atom, box)
-        way = self._finger_way(box, outline) if box.frame in self._view.cell.markers else None
+        wanted = view.marker(atom, box)
+        way = self._finger_way(box, outline) if box.frame in view.cell.markers else None
 
         def nearest(markers: Iterable[FoundMarker]) -> FoundMarker | None:
             """The marker of the box among several: that on a finger lies where the fingers can carry it."""
@@ -73,10 +65,17 @@ class MarkerDetector:
             carried = (marker for marker in alike if way is None or way.carries(marker, outline))
             return min(carried, key=lambda marker: np.hypot(*(_center(marker) - outline.center)), default=None)
 
-        found = None if wanted is None else nearest(self._view.markers(wanted.dictionary))
-        hiding = self._hiding(box, outline) if found is None else None
-        if wanted is not None and hiding is not None:
-            found = nearest(_beside(self._view.image, hiding, wanted.dictionary))
+        found, because = None if wanted is None else nearest(view.markers(wanted.dictionary)), MissReason.DETECTOR
+        crop = view.crop(outline.polygon, round(AROUND * outline.area**0.5)) if found is None else None
+        if crop is not None:
+            # What of the robot is before the box, other than what carries the marker, may touch this in the image.
+            others = {surface.parent for surface in view.cell.robot.surfaces} - {box.frame, *box.encloses}
+            hiding = dilated(view.robot.mask(crop, outline, links=others), 1)
+            if (hiding & filled(crop, [outline.corners])).any():
+                if wanted is not None:
+                    beside = markers_beside(view.image[crop], hiding, wanted.dictionary)
+                    found = nearest(FoundMarker(one.id, one.corners + crop.origin) for one in beside)
+                because = MissReason.MASK if found is None else because
         share = 0.0 if found is None else 1.0
         if way is not None:
             evidence = Truth.UNKNOWN if found is None else self._on_finger(atom, way, found)
@@ -86,17 +85,7 @@ class MarkerDetector:
         else:
             share = self._background_share(outline)
             evidence = Truth.FALSE if share >= ABSENT_SHARE else Truth.UNKNOWN
-        because = MissReason.DETECTOR if found is not None or hiding is None else MissReason.MASK
         return BoxDetection(box.name, evidence, share, outline.polygon, because)
-
-    def _hiding(self, box: TargetBox, outline: ProjectedBox) -> _Hiding | None:
-        """What of the robot is taken to hide some of a box, other than what carries the marker; None if nothing is."""
-        crop = self._view.crop(outline.polygon, round(AROUND * outline.area**0.5))
-        if crop is None:
-            return None
-        others = {surface.parent for surface in self._view.cell.robot.surfaces} - {box.frame, *box.encloses}
-        mask = dilated(self._view.robot.mask(crop, outline, links=others), 1)
-        return _Hiding(crop, mask) if (mask & filled(crop, [outline.corners])).any() else None
 
     def _finger_way(self, box: TargetBox, outline: ProjectedBox) -> _FingerWay:
         """The way in the image on which the fingers carry a marker; a point where they do not move it."""
@@ -130,12 +119,6 @@ class MarkerDetector:
         background = filled(crop, [outline.corners]) & self._background.matches(self._view.image, crop)
         background &= ~dilated(self._view.robot.mask(crop, outline), 1)
         return min(1.0, float(background.sum()) / max(outline.area, 1.0))
-
-
-def _beside(image: ImageArray, hiding: _Hiding, dictionary: str) -> Iterator[FoundMarker]:
-    """Markers that are not found because a part of the robot touches them in the image."""
-    for marker in markers_beside(image[hiding.crop], hiding.mask, dictionary):
-        yield FoundMarker(marker.id, marker.corners + hiding.crop.origin)
 
 
 def _center(marker: FoundMarker) -> Array:

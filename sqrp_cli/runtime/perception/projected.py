@@ -1,4 +1,4 @@
-"""Where boxes, objects and the robot are in an image, by the robot's encoders and the camera's calibration.
+"""Where boxes, objects and the robot are expected in an image, by the robot's encoders and the camera's calibration.
 
 What a part of an object leaves empty of its box, such as the hole of a ring, shows what is behind whether the part is
 there or not: it is evidence of neither.
@@ -6,15 +6,33 @@ there or not: it is evidence of neither.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sqrp_cli.geometry import Array, Mask, box_corners, inverse, transform
 from sqrp_cli.knowledge.camera.projection import Projection
-from sqrp_cli.runtime.perception.vision import Corners, Crop, area_of, convex_outline, corners_of, filled, middle
+from sqrp_cli.knowledge.frames import frame_poses
+from sqrp_cli.knowledge.markers import Marker
+from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.knowledge.skill.target_box import TargetBox, object_of
+from sqrp_cli.runtime.image import ImageArray
+from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, DetectionTargets
+from sqrp_cli.runtime.perception.vision import (
+    Corners,
+    Crop,
+    FoundMarker,
+    area_of,
+    color_mask,
+    convex_outline,
+    corners_of,
+    filled,
+    find_markers,
+    middle,
+)
 from sqrp_cli.runtime.surface import Surface
+from sqrp_cli.shapes import Box
 
 TOUCH = 1e-3
 """A piece that touches a far face of a box may reach this deep into it and still is behind it [m]."""
@@ -56,6 +74,25 @@ class ProjectedBox:
 
 
 @dataclass(frozen=True, eq=False)
+class _ProjectedPart:
+    """A part of a link or an object as p convex pieces."""
+
+    parent: str
+    corners: Corners
+    """Of the pieces, (p, n, 2)."""
+    depths: Array
+    """Of their middles [m], (p,)."""
+    points: Array
+    """Their corners in the optical frame, (p, k, 3) [m]."""
+    low: Array
+    """Upper left corners of the rectangles around them [pixels], (p, 2)."""
+    high: Array
+    """Lower right corners of those, (p, 2)."""
+    hull: Corners
+    """Around all of them."""
+
+
+@dataclass(frozen=True, eq=False)
 class ProjectedParts:
     """Solid parts in an image, as convex pieces: those of the robot, or of an object."""
 
@@ -89,31 +126,6 @@ class ProjectedParts:
     def cover(self, crop: Crop) -> Mask:
         """Pixels of a crop that hold all of the robot, and a little more: the hull of each part."""
         return filled(crop, [part.hull for part in self.parts])
-
-
-@dataclass(frozen=True, eq=False)
-class _ProjectedPart:
-    """A part of a link or an object as p convex pieces."""
-
-    parent: str
-    corners: Corners
-    """Of the pieces, (p, n, 2)."""
-    depths: Array
-    """Of their middles [m], (p,)."""
-    points: Array
-    """Their corners in the optical frame, (p, k, 3) [m]."""
-    low: Array
-    """Upper left corners of the rectangles around them [pixels], (p, 2)."""
-    high: Array
-    """Lower right corners of those, (p, 2)."""
-    hull: Corners
-    """Around all of them."""
-
-    @classmethod
-    def of(cls, parent: str, polygons: Array, points: Array) -> _ProjectedPart:
-        hull = corners_of(convex_outline(polygons.reshape(-1, 2)))
-        depths = points[:, :, 2].mean(axis=1)
-        return cls(parent, corners_of(polygons), depths, points, polygons.min(axis=1), polygons.max(axis=1), hull)
 
 
 class PosedCamera:
@@ -162,7 +174,10 @@ class PosedCamera:
                 points = _cut(points[triangles]).reshape(-1, 3)
                 triangles = np.arange(len(points)).reshape(-1, 3)
             pixels, visible = self.projection.pixels(points)
-            if not visible.any() or not (beyond or self._reaches_image(pixels[visible])):
+            if not visible.any():
+                continue
+            low, high = pixels[visible].min(axis=0), pixels[visible].max(axis=0)
+            if not beyond and not ((high >= -1.0).all() and (low <= (self.camera.width, self.camera.height)).all()):
                 continue
             if triangles is None:
                 polygons, corners = convex_outline(pixels)[None], points[None]
@@ -170,13 +185,17 @@ class PosedCamera:
                 whole = triangles[visible[triangles].any(axis=1)]
                 polygons, corners = pixels[whole], points[whole]
             if len(polygons):
-                parts.append(_ProjectedPart.of(surface.parent, polygons, corners))
+                part = _ProjectedPart(
+                    parent=surface.parent,
+                    corners=corners_of(polygons),
+                    depths=corners[:, :, 2].mean(axis=1),
+                    points=corners,
+                    low=polygons.min(axis=1),
+                    high=polygons.max(axis=1),
+                    hull=corners_of(convex_outline(polygons.reshape(-1, 2))),
+                )
+                parts.append(part)
         return ProjectedParts(tuple(parts))
-
-    def _reaches_image(self, pixels: Array) -> bool:
-        """Whether the rectangle around pixels (n, 2) meets the image."""
-        size = (self.camera.width, self.camera.height)
-        return bool((pixels.max(axis=0) >= -1.0).all() and (pixels.min(axis=0) <= size).all())
 
     def hides(self, X_WB: Array, size: Sequence[float], points_W: Array) -> bool:
         """Whether a box of full extents `size` stands between the camera and any of some points (n, 3) [m]."""
@@ -240,13 +259,12 @@ class ProjectedObject:
         first, extent = corners_of(box.polygon.min(axis=0)), np.ptp(box.polygon, axis=0)
         scale = min(1.0, FINEST / float(extent.max()))
         width, height = (np.ceil(extent * scale).astype(int) + 1).tolist()
-
-        def drawn(polygons: Iterable[Corners]) -> Mask:
-            scaled = (np.rint((corners - first) * scale).astype(np.int32) for corners in polygons)
-            return filled(Crop.whole(height, width), scaled)
-
-        outline = drawn([box.corners])
-        covered = outline & drawn(piece.corners for piece in parts.parts)
+        picture = Crop.whole(height, width)
+        outline, covered = (
+            filled(picture, [np.rint((corners - first) * scale).astype(np.int32) for corners in polygons])
+            for polygons in ([box.corners], [piece.corners for piece in parts.parts])
+        )
+        covered &= outline
         if not covered.any():
             return cls(box, parts, 0.0, np.zeros(2))
         area = box.area * float(covered.sum() / outline.sum())
@@ -259,3 +277,114 @@ class ProjectedObject:
     def outline(self, crop: Crop) -> Mask:
         """The pixels of a crop that the box covers."""
         return filled(crop, [self.box.corners])
+
+
+class ExpectedView:
+    """One image of one camera, with what is expected in it: where the robot stood, and where boxes would be."""
+
+    def __init__(
+        self,
+        cell: CellModel,
+        projection: Projection,
+        sought: DetectionTargets,
+        image: ImageArray,
+        believed: BelievedState,
+    ) -> None:
+        camera = projection.camera
+        self.camera, self.cell, self.sought = camera, cell, sought
+        self.image, self.believed = image, believed
+        self._X_WL = cell.robot.link_poses(believed.joints)
+        self._markers: dict[str, list[FoundMarker]] = {}
+        self._X_WF = frame_poses(self._X_WL, believed.X_WO, sought.starts)
+        self.posed_camera = PosedCamera(projection, self._X_WF[camera.frame] @ camera.X_FC)
+        self.whole = self.posed_camera.whole
+        """All of the image."""
+        self.robot: ProjectedParts = self.posed_camera.silhouette(cell.robot.surfaces, self._X_WL)
+        """The silhouette that the robot has in it, by its encoders."""
+
+    def markers(self, dictionary: str) -> list[FoundMarker]:
+        """The markers of a dictionary in the image."""
+        if dictionary not in self._markers:
+            self._markers[dictionary] = find_markers(self.image, dictionary)
+        return self._markers[dictionary]
+
+    def boxes(self) -> Iterator[tuple[str, TargetBox]]:
+        """All boxes to look at, each with its atom."""
+        for atom, target in self.sought.targets.items():
+            for box in target.boxes:
+                yield atom, box
+
+    def object_of(self, atom: str, box: TargetBox) -> SceneObject | None:
+        """The object that a box is for."""
+        name = object_of(atom, box, self.cell.objects)
+        return None if name is None else self.cell.objects[name]
+
+    def marker(self, atom: str, box: TargetBox) -> Marker | None:
+        """The marker that a box is for: on a link that it encloses or moves with, or on its object."""
+        on_links = [self.cell.markers[name] for name in (*box.encloses, box.frame) if name in self.cell.markers]
+        obj = self.object_of(atom, box)
+        return on_links[0] if on_links else obj.printed_marker if obj else None
+
+    def is_at_tool(self, box: TargetBox) -> bool:
+        """Whether a box moves with the robot."""
+        return box.frame in self._X_WL
+
+    def pose(self, box: TargetBox) -> Array:
+        """World pose of a box, (4, 4)."""
+        return self._X_WF[box.frame] @ box.X_FB
+
+    def projected(self, name: str, X_WO: Array) -> ProjectedObject | None:
+        """An object at a pose (4, 4); None where some of its box is behind the camera or beyond what the lens shows."""
+        box = self.posed_camera.outline(X_WO, self.cell.objects[name].size)
+        if box is None or box.area <= 0.0:
+            return None
+        return ProjectedObject.of(
+            box, self.posed_camera.silhouette(self.cell.surfaces[name], {name: X_WO}, beyond=True)
+        )
+
+    def blocking(self, name: str, points_W: Array) -> ProjectedParts | None:
+        """The parts of an object, where it is believed to be, that stand before any of some points (n, 3) [m].
+
+        None if such a part may cover anything, as some of the object is behind the camera.
+        """
+        obj, X_WO = self.cell.objects[name], self.believed.X_WO[name]
+        found = []
+        for part, surface in zip(obj.parts, self.cell.surfaces[name], strict=True):
+            box = (X_WO @ part.X_PG, part.shape.size) if isinstance(part.shape, Box) else (X_WO, obj.size)
+            if self.posed_camera.hides(*box, points_W):
+                found.append(surface)
+        if found and self.posed_camera.outline(X_WO, obj.size) is None:
+            return None
+        return self.posed_camera.silhouette(found, {name: X_WO})
+
+    def crop(self, polygon: Array, margin: int) -> Crop | None:
+        """The part of the image around a polygon (n, 2), with a margin [pixels]; None if they do not meet."""
+        (left, top), (right, bottom) = polygon.min(axis=0) - margin, polygon.max(axis=0) + margin
+        rows = slice(max(0, int(top)), min(self.camera.height, int(bottom) + 1))
+        columns = slice(max(0, int(left)), min(self.camera.width, int(right) + 1))
+        return Crop(rows, columns) if rows.start < rows.stop and columns.start < columns.stop else None
+
+    def sought_mask(self) -> Mask:
+        """The pixels that the objects which are looked for may cover, wherever they may be.
+
+        At a tool that was commanded to hold nothing, only those that have the colour of the object. The others show
+        what is behind it, which cannot be guessed from its surroundings where there is an edge, such as a table's.
+        """
+        anyway, of_tool = list[Corners](), dict[str, list[Corners]]()
+        for atom, box in self.boxes():
+            obj = self.object_of(atom, box)
+            outline = self.posed_camera.outline(self.pose(box), obj.size if obj else box.size)
+            if outline is not None:
+                empty = obj is not None and self.is_at_tool(box) and not self.believed.holding
+                color = obj.color if obj is not None and empty else None
+                (anyway if color is None else of_tool.setdefault(color, [])).append(outline.corners)
+        mask = filled(self.whole, anyway)
+        for color, corners in of_tool.items():
+            mask |= filled(self.whole, corners) & color_mask(self.image, color)
+        return mask
+
+    def movables_mask(self) -> Mask:
+        """The pixels that movable objects cover where they are believed to be."""
+        objects = ((self.cell.objects[name], X) for name, X in self.believed.X_WO.items())
+        outlines = (self.posed_camera.outline(X, obj.size) for obj, X in objects if not obj.fixed)
+        return filled(self.whole, [outline.corners for outline in outlines if outline is not None])

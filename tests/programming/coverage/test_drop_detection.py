@@ -22,8 +22,7 @@ from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.targets import SoughtBox
 from sqrp_cli.runtime.perception.background import Background
 from sqrp_cli.runtime.perception.color_detector import ColorDetector
-from sqrp_cli.runtime.perception.expected_view import ExpectedView
-from sqrp_cli.runtime.perception.projected import PosedCamera, ProjectedObject, ProjectedParts
+from sqrp_cli.runtime.perception.projected import ExpectedView, PosedCamera, ProjectedObject, ProjectedParts
 from sqrp_cli.runtime.perception.vision import filled
 from sqrp_cli.runtime.surface import Surface
 from tests.runtime.cell.scenes import camera, thing

@@ -131,8 +131,8 @@ def test_reading_a_workspace_runs_nothing_of_a_package(monkeypatch: pytest.Monke
 
 def test_a_question_says_what_the_robot_does_not_cover() -> None:
     from sqrp_cli.knowledge.camera.projection import Projection
-    from sqrp_cli.runtime.perception.expected_view import ExpectedView
     from sqrp_cli.runtime.perception.image_detector import question_about
+    from sqrp_cli.runtime.perception.projected import ExpectedView
 
     stage = stage_with("as_at_first")
     image, believed = stage.frame("cam", 0.0).image, BelievedState({}, False, {"plate": PLACE})
