@@ -24,7 +24,7 @@ MOST_SIMULATED_TOGETHER = 64_000_000
 MOST_RECORDED = 64_000_000
 """Most pixels of a recorded image that is looked at."""
 
-NEEDED = ("cv2", "sqrp_cli.runtime.perception.image_detector", "sqrp_cli.runtime.cell.simulated_cell")
+NEEDED = ("cv2", "sqrp_cli.runtime.perception.image_detector", "sqrp_cli.runtime.cell.render_pool")
 """What processes that draw and look at images import, for `platform.processes.fresh`.
 
 MuJoCo is not among it: what it opens to draw must not be shared.

@@ -30,8 +30,8 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.targets import SoughtBox, Target
-from sqrp_cli.runtime.cell.physics import Physics
 from sqrp_cli.runtime.cell.renderer import Renderer
+from sqrp_cli.runtime.cell.simulated_cell import Physics
 from sqrp_cli.runtime.perception.vision import color_mask
 from tests.light.cells import coloured_cell
 

@@ -22,8 +22,8 @@ from sqrp_cli.programming.ranking import rank
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.runtime.cell.engine import mujoco
 from sqrp_cli.runtime.cell.mujoco_model import build_model, quaternion
-from sqrp_cli.runtime.cell.physics import placed_objects
 from sqrp_cli.runtime.cell.renderer import Renderer
+from sqrp_cli.runtime.cell.simulated_cell import placed_objects
 from sqrp_cli.runtime.image import CameraImage
 from sqrp_cli.runtime.monitor.nominal_step import NominalStep, values_when_open
 from sqrp_cli.runtime.monitor.step_monitor import StepMonitor

@@ -20,8 +20,8 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Program
 from sqrp_cli.ros.bag import BagWriter
 from sqrp_cli.runtime.cell.mujoco_model import build_model
-from sqrp_cli.runtime.cell.physics import placed_objects
 from sqrp_cli.runtime.cell.renderer import Renderer
+from sqrp_cli.runtime.cell.simulated_cell import placed_objects
 from sqrp_cli.runtime.monitor.nominal_step import NominalStep, planned_joints
 from sqrp_cli.runtime.record.packed_image import png_of
 from sqrp_cli.runtime.robot_body import RobotBody

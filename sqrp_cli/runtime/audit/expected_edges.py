@@ -19,8 +19,8 @@ from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.robot.joint_tree import Couplings
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.runtime.cell.mujoco_model import build_model
-from sqrp_cli.runtime.cell.physics import placed_objects
 from sqrp_cli.runtime.cell.renderer import PixelSolids, Renderer
+from sqrp_cli.runtime.cell.simulated_cell import placed_objects
 from sqrp_cli.runtime.robot_body import RobotBody
 
 SMOOTHED = 1.5

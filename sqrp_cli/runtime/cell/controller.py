@@ -54,7 +54,12 @@ class Controller:
         self._joint_ids, self._efforts = joint_ids, model.jnt_actfrcrange[joint_ids].copy()
         self._position, self._velocity = model.jnt_qposadr[joint_ids], model.jnt_dofadr[joint_ids]
         self._followers = followers(model)
-        self._moved = self._motion_by_motors()
+        # How fast each degree of freedom moves with each motor, (nv, motors): followers as their leaders do.
+        self._moved = np.zeros((model.nv, model.nu))
+        self._moved[self._velocity, np.arange(model.nu)] = 1.0
+        for one in self._followers:
+            leader = model.jnt_dofadr[one.leader]
+            self._moved[model.jnt_dofadr[one.joint]] = one.multiplier * self._moved[leader]
         inertia = np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, data, inertia)
         self._stiffness = BANDWIDTH**2 * np.diag(self._moved.T @ inertia @ self._moved)
@@ -123,15 +128,6 @@ class Controller:
             mujoco.mj_jac(model, scratch, jacobian, None, self._data.xipos[payload.obj], payload.carrier)
             torque -= model.body_mass[payload.obj] * model.opt.gravity @ jacobian
         return self._moved.T @ torque
-
-    def _motion_by_motors(self) -> Array:
-        """How fast each degree of freedom moves with each motor, (nv, motors): followers as their leaders do."""
-        moved = np.zeros((self._model.nv, self._model.nu))
-        moved[self._velocity, np.arange(self._model.nu)] = 1.0
-        velocity = self._model.jnt_dofadr
-        for one in self._followers:
-            moved[velocity[one.joint]] = one.multiplier * moved[velocity[one.leader]]
-        return moved
 
 
 def followers(model: mujoco.MjModel) -> tuple[Follower, ...]:

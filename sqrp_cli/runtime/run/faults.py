@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple, cast
 
 import numpy as np
 
@@ -14,12 +14,14 @@ from sqrp_cli.knowledge.text.units import TIME, expected_quantity, read_quantity
 from sqrp_cli.program.check import SAME_TIME
 from sqrp_cli.program.record import ProgramPrimitive, Step
 from sqrp_cli.runtime.cell.interface import RunnableCell
-from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 from sqrp_cli.runtime.monitor.attempt import Attempt, predicted_delay
 from sqrp_cli.runtime.monitor.step_monitor import Alarm
 from sqrp_cli.runtime.perception.streams import ImageStreams, Streams
 from sqrp_cli.runtime.record.events import EventPublisher, FaultHappened, FaultInjected, FaultSeen
 from sqrp_cli.runtime.record.report import FaultRecord, MonitoringLost
+
+if TYPE_CHECKING:
+    from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell  # MuJoCo is not needed to command a real cell
 
 FaultKind = Literal[
     "slip", "miss-pick", "camera-loss", "frozen", "latency", "perception-crash", "joints-loss", "joints-frozen",
@@ -303,9 +305,8 @@ class FaultTracker:
 
     def inject(self, fault: InjectedFault, t: float, attempt: Attempt) -> None:
         """Inject a fault."""
-        cell, streams, camera = self._cell, self._streams, fault.camera or ""
-        assert isinstance(cell, SimulatedCell), "nobody can make a fault happen to a real cell"  # noqa: S101
-        assert isinstance(streams, ImageStreams)  # noqa: S101 - of a simulated cell
+        assert isinstance(self._streams, ImageStreams), "nobody can make a fault happen to a real cell"  # noqa: S101
+        cell, streams, camera = cast("SimulatedCell", self._cell), self._streams, fault.camera or ""
         match fault.kind:
             case "slip":
                 cell.slip()

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import count
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,11 +18,13 @@ from sqrp_cli.ros.messages import Message, MessageError, nanoseconds, transform_
 from sqrp_cli.ros.transport import Inbox, Send, Topic, Transport
 from sqrp_cli.runtime.cell.robot_file import ImageTopicEntry, RobotFile, ToolTopicEntry, TrajectoryEntry
 from sqrp_cli.runtime.cell.ros_cell import CLOCK
-from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 from sqrp_cli.runtime.image import ImageArray
 from sqrp_cli.runtime.record.bag_recorder import camera_info, optical_frame
 from sqrp_cli.runtime.run.faults import InjectedFault
 from sqrp_cli.runtime.serve.followed import FollowedTrajectory, RefusedTrajectory
+
+if TYPE_CHECKING:
+    from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 
 STEP = 0.004
 """How far the cell is simulated at a time [s]; its clock is published as often."""

@@ -21,9 +21,9 @@ from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.runtime.cell.mujoco_model import build_model
-from sqrp_cli.runtime.cell.physics import Physics
+from sqrp_cli.runtime.cell.render_pool import RenderPool
 from sqrp_cli.runtime.cell.renderer import Renderer
-from sqrp_cli.runtime.cell.simulated_cell import RenderPool
+from sqrp_cli.runtime.cell.simulated_cell import Physics
 from sqrp_cli.runtime.perception.vision import find_markers
 from sqrp_cli.shapes import Sphere
 from tests.runtime.cell.scenes import TABLE, camera, cell, empty, thing, workspace, world

@@ -18,8 +18,7 @@ from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.solids import load_solid
 from sqrp_cli.runtime.cell.engine import mujoco
-from sqrp_cli.runtime.cell.physics import Physics
-from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
+from sqrp_cli.runtime.cell.simulated_cell import Physics, SimulatedCell
 from sqrp_cli.shapes import Mesh
 from tests.programming.robots import REAL_ARMS, ROBOTS, robot
 from tests.runtime.cell.scenes import TABLE, Quintic, Rest, camera, cell, thing, workspace, world

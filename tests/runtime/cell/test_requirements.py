@@ -140,9 +140,9 @@ def test_without_the_extra_only_what_needs_it_says_so(
     assert said in done.stderr
 
 
-def test_the_cell_can_be_named_without_loading_a_simulator() -> None:
+def test_what_processes_that_draw_share_loads_no_simulator() -> None:
     script = (
-        "import sys, sqrp_cli.runtime.cell.simulated_cell as cell\n"
+        "import sys, sqrp_cli.runtime.cell.render_pool\n"
         "print([name for name in ('mujoco', 'cv2') if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)

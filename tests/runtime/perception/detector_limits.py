@@ -23,8 +23,8 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.runtime.cell.mujoco_model import quaternion
-from sqrp_cli.runtime.cell.physics import Physics
 from sqrp_cli.runtime.cell.renderer import Renderer
+from sqrp_cli.runtime.cell.simulated_cell import Physics
 from sqrp_cli.runtime.image import CameraImage
 from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, DetectionTargets
 from sqrp_cli.runtime.perception.image_detector import ImageDetector

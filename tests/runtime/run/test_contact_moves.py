@@ -14,7 +14,7 @@ from sqrp_cli.geometry import Array, pose
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.program.file import load_program
 from sqrp_cli.program.record import Program
-from sqrp_cli.runtime.cell.physics import Physics
+from sqrp_cli.runtime.cell.simulated_cell import Physics
 from sqrp_cli.runtime.run.arm_motion import ArmMotion
 
 CELLS = Path(__file__).parents[2] / "cases" / "contact"
