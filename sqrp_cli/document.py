@@ -26,15 +26,15 @@ Pose = list[list[float]]
 """A 4x4 pose as nested rows, frame in parent."""
 
 LEFT_OUT: Mapping[str, bool] = {"left out": True}
-"""Metadata of a field, None by default, that a document has only where it is not None."""
+"""Metadata of a field, None or empty by default, that a document has only where it is neither."""
 
 LIVE: Mapping[str, bool] = {"live": True}
 """Metadata of a field that no document has; see `live`."""
 
 
-def live() -> Any:  # noqa: ANN401 - a field of any type
-    """A field that is known only in the process that found the result: None in a result that was read."""
-    return field(default=None, metadata=LIVE, repr=False, compare=False)
+def live(default: Any = None) -> Any:  # noqa: ANN401 - a field of any type
+    """A field that is known only in the process that found the result: its default in a result that was read."""
+    return field(default=default, metadata=LIVE, repr=False, compare=False)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,7 +121,7 @@ def plain(record: object) -> dict[str, Any]:
     """The fields of a record, or the entries of a mapping, one level deep."""
     if is_dataclass(record) and not isinstance(record, type):
         found = ((name, getattr(record, name), optional) for name, optional in _names(type(record)))
-        return {name: value for name, value, optional in found if value is not None or not optional}
+        return {name: value for name, value, optional in found if not optional or value not in (None, ())}
     if isinstance(record, Mapping):
         return dict(record)
     raise TypeError(f"{type(record).__name__} is no part of a document")

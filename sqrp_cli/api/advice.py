@@ -28,9 +28,9 @@ from sqrp_cli.programming.advice.change import KINDS, Advice, Kind, Miss, Propos
 from sqrp_cli.programming.advice.question import Effects, Question, TaskWays, is_fastest
 from sqrp_cli.programming.advice.wish import Wish, read_wish, wish_of
 from sqrp_cli.programming.candidate import THEN
-from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.pipeline import assess_all
 from sqrp_cli.programming.ranking import rank
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.suggestion import Suggester, with_first_steps
 from sqrp_cli.programming.task import Candidate, in_words, read_task
 from sqrp_cli.programming.ways.grips import first_grip
@@ -62,9 +62,9 @@ class TaskAdvice(Answer[AdviceDocument]):
     wish: Wish
     way: Candidate
     """That changes of objects and cameras start from."""
-    before: Assessment
+    before: CandidateResult
     """Without any change, as `--ways fastest` has it; in its best way if that misses the wish alone."""
-    best: Assessment
+    best: CandidateResult
     """Without any change, in the way that `rank` and `score` take."""
     answers: Sequence[tuple[Advice, ...] | Miss]
     """Of each kind that was searched."""
@@ -316,7 +316,7 @@ def _question(
     cell, assignment = session.cell, session.assignment
     world, sampling = assignment.world, assignment.sampling
     assessments = list(assess(session, jobs, progress))
-    best = choose_candidate(rank(assessments, "q_eoi"), choose).assessment
+    best = choose_candidate(rank(assessments, "q_eoi"), choose)
     return Question(
         task=session.task.text,
         cell=cell,
@@ -339,7 +339,7 @@ def _expected(session: Session) -> ExpectedTask | None:
     return next((task for task in session.workspace.tasks if task.task == session.task.text), None)
 
 
-def _kept(session: Session, results: Results, wish: Wish, best: Assessment) -> KeptSearches:
+def _kept(session: Session, results: Results, wish: Wish, best: CandidateResult) -> KeptSearches:
     """The searches that a folder keeps, by all that they depend on."""
     workspace, assignment = session.workspace, session.assignment
     world, sampling = assignment.world, assignment.sampling
@@ -360,7 +360,9 @@ def _kept(session: Session, results: Results, wish: Wish, best: Assessment) -> K
     return KeptSearches(results, about, workspace.skills)
 
 
-def _listed(session: Session, assessments: Sequence[Assessment], chosen: Assessment, jobs: int) -> tuple[TaskWays, ...]:
+def _listed(
+    session: Session, assessments: Sequence[CandidateResult], chosen: CandidateResult, jobs: int
+) -> tuple[TaskWays, ...]:
     """Every task of the workspace, and the one that was asked for, with the ways in which candidates are done.
 
     Tasks that need others first are done with these, as `score` does.

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sqrp_cli.api.results import Check, Explanation, Ranking, Scene, Scores
+from sqrp_cli.api.results import Check, Explanation, Scene, Scores
 from sqrp_cli.ask import values
 from sqrp_cli.ask.request import question
 from sqrp_cli.ask.requests import (
@@ -21,6 +21,7 @@ from sqrp_cli.ask.requests import (
     TaskRequest,
 )
 from sqrp_cli.errors import InputError, Problem, bad_option
+from sqrp_cli.programming.result import Ranking
 
 if TYPE_CHECKING:
     from sqrp_cli.api.advice import TaskAdvice
@@ -44,11 +45,9 @@ def open_cell(path: str | Path, *, seed: int = 0) -> OpenCell:
 def ranked(cell: OpenCell, ask: RankRequest) -> Ranking:
     """The candidates of a task in order."""
     from sqrp_cli.api.session import Session, assess
-    from sqrp_cli.programming.ranking import rank
 
     session = Session.begin(cell.cell, ask)
-    found = rank(list(assess(session, ask.jobs, ask.progress)), ask.by)
-    return Ranking(session, found, ask.by, all_ways=ask.ways == "all")
+    return session.ranking(list(assess(session, ask.jobs, ask.progress)), ask)
 
 
 def explained(cell: OpenCell, ask: ExplainRequest) -> Explanation:

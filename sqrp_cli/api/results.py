@@ -16,17 +16,15 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 from sqrp_cli.ask import values
 from sqrp_cli.document import Document, as_text, how_many
-from sqrp_cli.errors import Place, Problem, bad_input, bad_option
+from sqrp_cli.errors import Place, Problem, bad_input
 
 if TYPE_CHECKING:
     from sqrp_cli.api.session import Session
     from sqrp_cli.programming.cell import Cell
-    from sqrp_cli.programming.coverage.assessment import Assessment
     from sqrp_cli.programming.pipeline import Explained
-    from sqrp_cli.programming.ranking import Criterion, Ranked
+    from sqrp_cli.programming.result import CandidateResult
     from sqrp_cli.programming.suggestion import Feasibility, SuggestedStep
     from sqrp_cli.programming.whole_study import StepShown
-    from sqrp_cli.report.documents.candidates import CandidateFigures, RankDocument
     from sqrp_cli.report.documents.checks import CheckDocument, CheckedCandidate
     from sqrp_cli.report.documents.explanation import CandidateStudy, ExplainAllDocument, ExplainDocument
     from sqrp_cli.report.documents.scene import ShowDocument
@@ -35,25 +33,25 @@ if TYPE_CHECKING:
 
 
 KINDS: Mapping[str, str] = {
-    "rank": "candidates:RankDocument",
-    "explain": "explanation:ExplainDocument",
-    "explain --all": "explanation:ExplainAllDocument",
-    "advise": "advice:AdviceDocument",
-    "place": "placing:PlaceDocument",
-    "check": "checks:CheckDocument",
-    "rules": "checks:RulesDocument",
-    "program": "programs:ProgramDocument",
-    "run": "runs:RunDocument",
-    "run --sweep": "runs:SweepDocument",
-    "audit": "runs:AuditDocument",
-    "calibrate": "runs:CalibrateDocument",
-    "score": "scores:ScoreDocument",
-    "diff": "scores:ScoreDocument",
-    "score --vary": "scores:VaryDocument",
-    "show": "scene:ShowDocument",
-    "init": "scene:InitDocument",
+    "rank": "sqrp_cli.programming.result:Ranking",
+    "explain": "sqrp_cli.report.documents.explanation:ExplainDocument",
+    "explain --all": "sqrp_cli.report.documents.explanation:ExplainAllDocument",
+    "advise": "sqrp_cli.report.documents.advice:AdviceDocument",
+    "place": "sqrp_cli.report.documents.placing:PlaceDocument",
+    "check": "sqrp_cli.report.documents.checks:CheckDocument",
+    "rules": "sqrp_cli.report.documents.checks:RulesDocument",
+    "program": "sqrp_cli.report.documents.programs:ProgramDocument",
+    "run": "sqrp_cli.report.documents.runs:RunDocument",
+    "run --sweep": "sqrp_cli.report.documents.runs:SweepDocument",
+    "audit": "sqrp_cli.report.documents.runs:AuditDocument",
+    "calibrate": "sqrp_cli.report.documents.runs:CalibrateDocument",
+    "score": "sqrp_cli.report.documents.scores:ScoreDocument",
+    "diff": "sqrp_cli.report.documents.scores:ScoreDocument",
+    "score --vary": "sqrp_cli.report.documents.scores:VaryDocument",
+    "show": "sqrp_cli.report.documents.scene:ShowDocument",
+    "init": "sqrp_cli.report.documents.scene:InitDocument",
 }
-"""Of each `document` its record, a class in `sqrp_cli.report.documents`."""
+"""Of each `document` its record."""
 
 LARGEST = 1 << 30
 """Most bytes of a file with a result."""
@@ -87,7 +85,7 @@ def read_result(path: str | Path) -> Document:
         message = f"this {told}, so no table can be drawn from it; expected the JSON of {', '.join(KINDS)}"
         raise bad_input("no-result", message, Place(file), mend=again)
     module, name = KINDS[kind].split(":")
-    record: type[Document] = getattr(import_module(f"sqrp_cli.report.documents.{module}"), name)
+    record: type[Document] = getattr(import_module(module), name)
     try:
         found = record.read(text)
     except ValidationError as error:
@@ -141,104 +139,13 @@ class Answer(ABC, Generic[AnyDocument]):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Ranking(Answer["RankDocument"]):
-    """The candidates of a task, best first.
-
-    ranked: the candidates, infeasible ones last. interrupted: whether some are missing because of Ctrl-C. all_ways:
-    whether it is shown with all Pareto-optimal ways of each candidate. all_rows: whether a long one is shown whole.
-    """
-
-    session: Session
-    ranked: Sequence[Ranked]
-    by: Criterion
-    interrupted: bool = False
-    all_ways: bool = False
-    all_rows: bool = False
-
-    @property
-    def candidates(self) -> tuple[CandidateFigures, ...]:
-        """The candidates with their figures, best first, infeasible ones last."""
-        return self.document.candidates
-
-    @property
-    def best(self) -> CandidateFigures | None:
-        """The first candidate, None if none is feasible."""
-        return next((one for one in self.candidates if one.feasible), None)
-
-    @property
-    def brief(self) -> str:
-        """Its main figures, in a line."""
-        best = next((one.assessment for one in self.ranked if one.rank is not None), None)
-        first = "none feasible" if best is None else f"best {_figures(best)}"
-        cut = ", interrupted" if self.interrupted else ""
-        return f"{self.session.named}: {how_many(self.ranked, 'candidate')}, {first}{cut}"
-
-    @cached_property
-    def document(self) -> RankDocument:
-        """The document of `sqrp rank`."""
-        from sqrp_cli.report.documents.candidates import (
-            CandidateFigures,
-            RankDocument,
-            Recalibrated,
-            SamplingDone,
-        )
-
-        assignment = self.session.assignment
-        # In the order of the task: of equal candidates the first one wins a draw.
-        order = {id(candidate): place for place, candidate in enumerate(self.session.task.candidates)}
-        assessments = sorted((one.assessment for one in self.ranked), key=lambda one: order[id(one.candidate)])
-        return RankDocument(
-            workspace=self.session.workspace.name,
-            task=self.session.task.text,
-            by=self.by,
-            sampling=SamplingDone.of(assignment.sampling, assessments),
-            calibration=Recalibrated.of(assignment, assessments, self.by),
-            interrupted=self.interrupted or None,
-            candidates=tuple(CandidateFigures.of(one) for one in self.ranked),
-        )
-
-    def write(self, path: str | Path, choose: str = "best") -> None:
-        """Append a candidate to a program file, which is created if it does not exist.
-
-        choose: the candidate's name, or `best` for the first. Raises InputError where it is infeasible, or does not
-        begin where the program ends.
-        """
-        from sqrp_cli.api.session import add_steps, check_choice, choose_candidate, steps_of
-
-        file, session = values.PATH.read(path, "path"), self.session
-        values.text("the name of a candidate, or `best`").read(choose, "choose")
-        check_choice(session.task, choose)
-        chosen = choose_candidate(self.ranked, choose).assessment
-        if not chosen.feasible:
-            raise bad_option(f"{chosen.candidate.name} is infeasible ({chosen.reasons[0]}), so {file} was not written")
-        add_steps(session.cell, steps_of(session, chosen), session.assignment.sampling, file)
-
-    def show(self) -> None:
-        """Print the table of `sqrp rank`."""
-        from sqrp_cli.terminal.console import say
-        from sqrp_cli.terminal.rank_table import print_ranking
-
-        print_ranking(
-            self.session.task.text,
-            self.session.assignment,
-            self.ranked,
-            self.by,
-            all_ways=self.all_ways,
-            all_rows=self.all_rows,
-        )
-        if self.interrupted:
-            done = f"{len(self.ranked)} of {how_many(self.session.task.candidates, 'candidate')}"
-            say(f"Interrupted at {done}: another one may be better.", "yellow")
-
-
-@dataclass(frozen=True, eq=False, repr=False)
 class Explanation(Answer["ExplainDocument | ExplainAllDocument"]):
     """Some candidates over time."""
 
     session: Session
     task: str
     """Its text."""
-    ranking: Sequence[Ranked]
+    ranking: Sequence[CandidateResult]
     """Of all candidates."""
     explained: Sequence[Explained]
     """The requested ones."""
@@ -260,7 +167,7 @@ class Explanation(Answer["ExplainDocument | ExplainAllDocument"]):
         """Its main figures, in a line."""
         if self.several:
             return f"{self.session.named}: {how_many(self.explained, 'candidate')}"
-        return f"{self.session.named}: {_figures(self.explained[0].ranked.assessment)}"
+        return f"{self.session.named}: {self.explained[0].result.brief}"
 
     @cached_property
     def document(self) -> ExplainDocument | ExplainAllDocument:
@@ -269,14 +176,14 @@ class Explanation(Answer["ExplainDocument | ExplainAllDocument"]):
 
         cell, sampling, name = self.session.cell, self.session.assignment.sampling, self.session.workspace.name
         studies = [
-            CandidateStudy.infeasible(one.ranked)
+            CandidateStudy.without(one.result)
             if one.study is None
-            else CandidateStudy.of_study(cell, one.study, one.ranked, sampling)
+            else CandidateStudy.of_study(cell, one.study, one.result, sampling)
             for one in self.explained
         ]
         if self.several:
             return ExplainAllDocument(workspace=name, task=self.task, candidates=studies)
-        return ExplainDocument(workspace=name, task=self.task, **{**vars(studies[0]), **self._step})
+        return ExplainDocument(workspace=name, **{**vars(studies[0]), **self._step, "task": self.task})
 
     @property
     def _step(self) -> dict[str, int | bool | None]:
@@ -425,11 +332,3 @@ class Difference(Scores):
         from sqrp_cli.terminal.score_table import print_difference
 
         print_difference(self.findings)
-
-
-def _figures(assessment: Assessment) -> str:
-    """A candidate and its quality."""
-    name, quality = assessment.candidate.name, assessment.q_eoi
-    if not assessment.feasible:
-        return f"{name}, infeasible"
-    return name if quality is None else f"{name}, Q_eoi {100 * quality:.1f} %"

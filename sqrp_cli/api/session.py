@@ -7,24 +7,27 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from sqrp_cli.ask import values
 from sqrp_cli.errors import Infeasible, Place, bad_input, bad_option, expected_names
+from sqrp_cli.knowledge.camera.camera import assumed_latency
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.platform.files import alone, check_writable, real_path
 from sqrp_cli.program.check import flaws
 from sqrp_cli.program.file import check_program, load_program, made_for, new_program, save_program
 from sqrp_cli.program.record import Program
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment, study
+from sqrp_cli.programming.coverage.assessment import study
 from sqrp_cli.programming.coverage.sampling import Sampling
-from sqrp_cli.programming.pipeline import Assignment, StepDone, assess_all
+from sqrp_cli.programming.pipeline import Assignment, assess_all, described, recalibrated, sampling_done
 from sqrp_cli.programming.program_update import make_step, with_usual_images
-from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.programming.ranking import rank
+from sqrp_cli.programming.result import CandidateResult, Ranking
 from sqrp_cli.programming.task import Task, read_task
 from sqrp_cli.programming.ways.grips import first_grip
 from sqrp_cli.programming.whole_study import StepShown, worst_seen
 
 if TYPE_CHECKING:
-    from sqrp_cli.ask.requests import TaskRequest
+    from sqrp_cli.ask.requests import RankRequest, TaskRequest
     from sqrp_cli.programming.suggestion import SuggestedStep
     from sqrp_cli.scoring.scorecard import Progress
 
@@ -67,8 +70,38 @@ class Session:
             task = replace(task, candidates=tuple(map(first_grip, task.candidates)))
         return cls(task, Assignment(**vars(inquiry), cell=cell, world=world))
 
+    def ranking(self, found: Sequence[CandidateResult], ask: RankRequest, *, interrupted: bool = False) -> Ranking:
+        """What is found of the candidates, ranked; interrupted: whether some are missing."""
+        assignment = self.assignment
+        drawn = None
+        if assignment.calibration is not None:
+            drawn = recalibrated(found, ask.by, assignment.calibration)
+        return Ranking(
+            workspace=self.workspace.name,
+            task=self.task.text,
+            by=ask.by,
+            ways=ask.ways,
+            sampling=sampling_done(assignment.sampling, found),
+            calibration=drawn,
+            interrupted=interrupted or None,
+            of=len(self.task.candidates),
+            assumed=assumed_latency(self.cell.observer.cameras),
+            candidates=tuple(map(described, rank(found, ask.by))),
+            session=self,
+        )
 
-def assess(session: Session, jobs: int, progress: Progress) -> Iterator[Assessment]:
+    def write(self, ranking: Ranking, path: str | Path, choose: str) -> None:
+        """Append a candidate of a ranking to a program file; see `Ranking.write`."""
+        file = values.PATH.read(path, "path")
+        values.text("the name of a candidate, or `best`").read(choose, "choose")
+        check_choice(self.task, choose)
+        chosen = choose_candidate(ranking.candidates, choose)
+        if not chosen.feasible:
+            raise bad_option(f"{chosen.name} is infeasible ({chosen.reasons[0]}), so {file} was not written")
+        add_steps(self.cell, steps_of(self, chosen), self.assignment.sampling, file)
+
+
+def assess(session: Session, jobs: int, progress: Progress) -> Iterator[CandidateResult]:
     """The assessments of all candidates, in order, with the progress shown."""
     with progress(f"Assessing {session.task.text}", len(session.task.candidates)) as advance:
         for assessment in assess_all(session.assignment, session.task.candidates, jobs):
@@ -91,14 +124,14 @@ def check_choice(task: Task, choice: str) -> None:
         raise bad_input("unknown-candidate", f"there is no candidate `{choice}`; {expected_names(choice, names)}")
 
 
-def choose_candidate(ranking: Sequence[Ranked], choice: str) -> Ranked:
+def choose_candidate(ranking: Sequence[CandidateResult], choice: str) -> CandidateResult:
     """The candidate that `choice` means: the first in the ranking, the first whose name has all its words, or a place.
 
     Candidates that cannot be done follow those that can, without a place of their own.
     """
     if choice == "best":
         return ranking[0]
-    named = (ranked for ranked in ranking if _is_meant(ranked.assessment.candidate.name, choice))
+    named = (ranked for ranked in ranking if _is_meant(ranked.candidate.name, choice))
     return next(named, None) or ranking[int(choice) - 1]
 
 
@@ -134,20 +167,17 @@ class ChosenStep:
     """A feasible candidate to append to a program, with its task and the world that it starts from."""
 
     task: str
-    assessment: Assessment
+    assessment: CandidateResult
     world: World
 
 
-def steps_of(session: Session, chosen: Assessment) -> list[ChosenStep]:
+def steps_of(session: Session, chosen: CandidateResult) -> list[ChosenStep]:
     """What a feasible candidate appends to a program: a step, or several."""
     assignment = session.assignment
     if not chosen.candidate.steps:
         return [ChosenStep(session.task.text, chosen, assignment.world)]
-    return [ChosenStep(one.assessment.candidate.task, one.assessment, one.before) for one in _done(session, chosen)]
-
-
-def _done(session: Session, chosen: Assessment) -> list[StepDone]:
-    return session.assignment.steps_done(chosen.candidate)
+    done = assignment.steps_done(chosen.candidate)
+    return [ChosenStep(one.assessment.candidate.task, one.assessment, one.before) for one in done]
 
 
 class StepInWorld(NamedTuple):
@@ -155,30 +185,30 @@ class StepInWorld(NamedTuple):
 
     session: Session
     """In the world that the steps before it leave."""
-    ranked: Ranked
+    result: CandidateResult
     """By itself: the only one of its task."""
     place: StepShown
 
 
-def at_step(session: Session, chosen: Ranked, number: int | None, option: str) -> StepInWorld:
+def at_step(session: Session, chosen: CandidateResult, number: int | None, option: str) -> StepInWorld:
     """A step of a candidate of several as a task of its own, in the world that the steps before it leave.
 
     number: from 1; None for the step that is seen worst. option: what gives it, for messages. Raises InputError if
     there is no such step.
     """
-    done = _done(session, chosen.assessment)
+    done = session.assignment.steps_done(chosen.candidate)
     if number is None:
         number = 1 + worst_seen([one.assessment for one in done])
     if not 1 <= number <= len(done):
-        name = chosen.assessment.candidate.name
+        name = chosen.candidate.name
         raise bad_option(f"{option} is {number}, expected a step of {name}: 1 to {len(done)}")
     step = done[number - 1]
     candidate = step.assessment.candidate
     task = Task(candidate.task, candidate.skill, (candidate,))
     one = Session(task, replace(session.assignment, world=step.before))
-    ranked = Ranked(step.assessment, rank=1 if step.assessment.feasible else None, pareto=True)
-    place = StepShown(number, len(chosen.assessment.candidate.steps), candidate.task, chosen)
-    return StepInWorld(one, ranked, place)
+    result = replace(step.assessment, rank=1 if step.assessment.feasible else None, pareto=True)
+    place = StepShown(number, len(chosen.candidate.steps), candidate.task, chosen)
+    return StepInWorld(one, result, place)
 
 
 def check_one_step(session: Session) -> None:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.coverage.robustness import Calibration
     from sqrp_cli.programming.coverage.sampling import Sampling
     from sqrp_cli.programming.pipeline import Inquiry
-    from sqrp_cli.programming.ranking import Criterion
+    from sqrp_cli.programming.result import Criterion
     from sqrp_cli.programming.ways.find import TimeLimit
     from sqrp_cli.runtime.record.events import Listener
 

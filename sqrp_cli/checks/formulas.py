@@ -131,7 +131,7 @@ def formulas_against_the_action(skill: Skill) -> Iterator[Problem]:
 
 
 class Timed(Protocol):
-    """A candidate with the duration of its motion: an `Assessment` or a `Feasibility`; None if infeasible."""
+    """A candidate with the duration of its motion: an `CandidateResult` or a `Feasibility`; None if infeasible."""
 
     @property
     def candidate(self) -> Candidate:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from sqrp_cli.api.cell import OpenCell
 from sqrp_cli.api.program import OpenProgram
+from sqrp_cli.document import Document
 from sqrp_cli.errors import InputError, Place, Problem, bad_option
 from sqrp_cli.platform.memory import keep_all_so_far
 
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from sqrp_cli.api.results import Answer, AnyDocument
-    from sqrp_cli.document import Document
 
 
 class Patches(NamedTuple):
@@ -124,15 +124,15 @@ def check_report(path: Path) -> None:
     check_libraries()
 
 
-def answer(result: Answer[AnyDocument] | Document, *, as_json: bool) -> None:
-    """Print a result, for people or as a document."""
+def answer(result: Answer[AnyDocument] | Document, *, as_json: bool, **how: bool) -> None:
+    """Print a result, for people or as a document; how: see `Document.show`."""
     from sqrp_cli.cli.watch import is_shown_again
     from sqrp_cli.terminal.console import say_raw
 
     if as_json:
         say_raw(result.to_json())
     elif not is_shown_again(result):
-        result.show()
+        result.show(**how) if isinstance(result, Document) else result.show()
 
 
 def _print_warnings(cell: OpenCell) -> None:

@@ -8,24 +8,19 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import typer
 
-from sqrp_cli.api.results import Check, Explanation, Ranking, Scores
+from sqrp_cli.api.results import Check, Explanation, Scores
 from sqrp_cli.errors import ExitCode, bad_option
 
 if TYPE_CHECKING:
     from sqrp_cli.api.results import Answer, AnyDocument
     from sqrp_cli.document import Document
-    from sqrp_cli.programming.coverage.quality import Figures
-    from sqrp_cli.report.documents.candidates import CandidateFigures
+    from sqrp_cli.figures import Figures
+    from sqrp_cli.programming.result import CandidateResult
     from sqrp_cli.report.documents.explanation import CandidateStudy, Sample
-
-Watch = Annotated[
-    bool,
-    typer.Option("--watch", help="Again whenever a file of the cell is saved, old and new side by side, until Ctrl-C."),
-]
 
 EXECUTE = "sqrp.execute"
 """Where a context keeps the function that runs a command line."""
@@ -179,20 +174,19 @@ def _against(old: str, new: str) -> str:
 
 def view_of(answer: Answer[AnyDocument] | Document) -> AnswerView:
     """What of an answer is compared."""
+    from sqrp_cli.programming.result import Ranking
+
     match answer:
         case Ranking():
-            rows = {
-                one.assessment.candidate.name: _candidate(shown)
-                for one, shown in zip(answer.ranked, answer.candidates, strict=True)
-            }
+            rows = {one.name: _candidate(one) for one in answer.candidates}
             return AnswerView(("candidate", "#", *_TITLES), rows, _first(answer.candidates))
         case Explanation(several=True):
-            names = [one.ranked.assessment.candidate.name for one in answer.explained]
+            names = [one.result.candidate.name for one in answer.explained]
             rows = {name: _candidate(shown) for name, shown in zip(names, answer.candidates, strict=True)}
             return AnswerView(("candidate", "#", *_TITLES), rows)
         case Explanation():
             (study,) = answer.candidates
-            return AnswerView(("", answer.explained[0].ranked.assessment.candidate.name), _study(study), _why(study))
+            return AnswerView(("", answer.explained[0].result.candidate.name), _study(study), _why(study))
         case Check():
             verdicts = {
                 one.candidate.name: ("can be done" if one.feasible else one.reasons[0],) for one in answer.found
@@ -213,7 +207,7 @@ _TITLES = ("Q_eoi [%]", "Q_avg [%]", "time [s]", "seen [s]", "at worst")
 _SHOWN_NONE = ("–",) * len(_TITLES)
 
 
-def _candidate(found: CandidateFigures) -> tuple[str, ...]:
+def _candidate(found: CandidateResult) -> tuple[str, ...]:
     """Place and figures."""
     return ("infeasible" if found.rank is None else f"{found.rank}", *_figures(found))
 
@@ -234,12 +228,12 @@ def _seconds(value: float | None) -> str:
     return "–" if value is None else f"{value:.2f}"
 
 
-def _first(candidates: Sequence[CandidateFigures]) -> str:
+def _first(candidates: Sequence[CandidateResult]) -> str:
     """What is said about the first of a ranking."""
     return _why(candidates[0]) if candidates else ""
 
 
-def _why(found: CandidateFigures) -> str:
+def _why(found: CandidateResult) -> str:
     return found.verdict if found.feasible else found.reasons[0]
 
 

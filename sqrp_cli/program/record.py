@@ -7,7 +7,7 @@ camera covers what when, and the world before and after. `Totals` sums up the st
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from itertools import pairwise
 from math import inf
 from typing import Annotated, Literal, Protocol
@@ -16,10 +16,10 @@ import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 from pydantic_core import PydanticCustomError
 
-from sqrp_cli.geometry import check_finite
+from sqrp_cli.figures import FaultMetrics, Seconds, Share
 from sqrp_cli.knowledge.skill.settings import ANY, FASTEST
 from sqrp_cli.knowledge.skill.target_box import TargetBox
-from sqrp_cli.knowledge.text.entries import Entry, Finite, Stored, Written
+from sqrp_cli.knowledge.text.entries import Entry, Finite, Written
 from sqrp_cli.knowledge.text.units import read_quantity
 from sqrp_cli.knowledge.workspace.understood import Plain
 from sqrp_cli.knowledge.workspace.workspace import World
@@ -27,8 +27,6 @@ from sqrp_cli.logic.image_time import Onset, Window, delays
 from sqrp_cli.trajectory import Trajectory
 
 Numbers = tuple[Finite, ...]
-Share = Annotated[float, Field(ge=0, le=1)]
-Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
 class _PathNumbers(Entry):
@@ -200,26 +198,6 @@ class ProgramSight(Entry):
         at = Onset(np.array([x, x]), np.array([shown, shown]))
         windows = [Window(w.start, w.end, w.period, w.lag) for w in self.windows]
         return delays(windows, at, lambda t: t, np.empty(0)).worst
-
-
-@dataclass(frozen=True)
-class FaultMetrics(Stored):
-    """The cost of a fault at a time x, uniform over its interval."""
-
-    delay_mean: Seconds | None
-    """From x until it is noticed, mean over the x after which it is [s]; null if it never is."""
-    delay_worst: Seconds | None
-    """From x until it is noticed, supremum [s]; null where `unseen` is more than 0."""
-    blind_longest: Seconds
-    """Longest stretch of the interval in which it cannot be seen [s]."""
-    unseen: Share
-    """Share of x after which it may never be noticed, as no image is sure to show it, in 0..1."""
-    expected_time: Seconds | None
-    """Mean time from the start of the skill to its end after one retry [s]; null where `unseen` is more than 0."""
-
-    def __post_init__(self) -> None:
-        """Raises ValueError if a figure is not finite."""
-        check_finite("a fault", *astuple(self))
 
 
 class Step(Entry):

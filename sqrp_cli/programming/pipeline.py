@@ -2,23 +2,35 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import chain
 from typing import NamedTuple, TypeVar
 from weakref import WeakKeyDictionary
 
+import numpy as np
+
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment, Study, WaysFound, study
-from sqrp_cli.programming.coverage.robustness import Calibration, expected_quality, under_calibration_errors
-from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling
+from sqrp_cli.programming.coverage.assessment import Study, study
+from sqrp_cli.programming.coverage.robustness import DRAWS, Calibration, expected_quality, under_calibration_errors
+from sqrp_cli.programming.coverage.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.programming.coverage.verdict import verdict, verdicts
 from sqrp_cli.programming.program_update import world_after
-from sqrp_cli.programming.ranking import Ranked
-from sqrp_cli.programming.task import Candidate
+from sqrp_cli.programming.ranking import winners
+from sqrp_cli.programming.result import (
+    CandidateResult,
+    Criterion,
+    Recalibrated,
+    RecalibratedCandidate,
+    SamplingDone,
+    WaysFound,
+)
+from sqrp_cli.programming.task import Candidate, in_words
 from sqrp_cli.programming.ways.find import BestWay, Plans, WantedWay, find_ways
+from sqrp_cli.programming.ways.grips import choice_in_words, way_in_words
 from sqrp_cli.programming.whole_study import assessment_of_all, world_left
 
 Item = TypeVar("Item")
@@ -34,7 +46,7 @@ TOGETHER = 8
 class ExplainedStep(NamedTuple):
     """A feasible step with all that its figures were computed from."""
 
-    ranked: Ranked
+    result: CandidateResult
     """With the figures of the study."""
     study: Study
 
@@ -42,7 +54,7 @@ class ExplainedStep(NamedTuple):
 class Explained(NamedTuple):
     """A candidate of one step or several, with all that its figures were computed from."""
 
-    ranked: Ranked
+    result: CandidateResult
     """With the figures of the studies."""
     steps: tuple[ExplainedStep, ...]
     """Each step, also where there is only one; none if the candidate is infeasible."""
@@ -57,7 +69,7 @@ class Explained(NamedTuple):
 class StepDone:
     """A step in its best way, and what it leaves behind."""
 
-    assessment: Assessment
+    assessment: CandidateResult
     before: World
     after: World | None
     """None if it is infeasible."""
@@ -88,11 +100,11 @@ class Assignment(Inquiry):
     plans: Plans | None = None
     """The motions of candidates in this world, if they are to be kept for other cameras."""
 
-    def assess(self, candidate: Candidate) -> Assessment:
+    def assess(self, candidate: Candidate) -> CandidateResult:
         """The figures of one candidate in the wanted way, or why it is infeasible."""
         return self.assess_together([candidate])[0]
 
-    def assess_together(self, candidates: Sequence[Candidate]) -> list[Assessment]:
+    def assess_together(self, candidates: Sequence[Candidate]) -> list[CandidateResult]:
         """As `assess` of each of several candidates, which is faster together."""
         alone = iter(self._assess_alone([one for one in candidates if not one.steps]))
         return [
@@ -100,7 +112,7 @@ class Assignment(Inquiry):
             for one in candidates
         ]
 
-    def _assess_alone(self, candidates: Sequence[Candidate]) -> list[Assessment]:
+    def _assess_alone(self, candidates: Sequence[Candidate]) -> list[CandidateResult]:
         """As `assess_together`, of candidates of one step."""
         found = find_ways(self.cell, candidates, self.world, self.sampling, self.wanted, self.plans)
         feasible = (one.study for one in found if isinstance(one, BestWay))
@@ -110,7 +122,7 @@ class Assignment(Inquiry):
             for candidate, one in zip(candidates, found, strict=True)
         ]
 
-    def _assessment(self, candidate: Candidate, found: BestWay, verdict: str) -> Assessment:
+    def _assessment(self, candidate: Candidate, found: BestWay, verdict: str) -> CandidateResult:
         study = found.study
         assessment = replace(
             found.assessment,
@@ -145,39 +157,109 @@ class Assignment(Inquiry):
             before = done[-1].after
         return done
 
-    def explain(self, ranked: Ranked) -> Explained:
+    def explain(self, known: CandidateResult) -> Explained:
         """A candidate with the full study of each of its steps, and the figures from these."""
-        known = ranked.assessment
-        if ranked.rank is None:
-            return Explained(ranked, ())
+        if not known.feasible:
+            return Explained(described(known), ())
         if not known.steps:
-            alone = self._explained(ranked)
-            return Explained(alone.ranked, (alone,))
+            alone = self._explained(known)
+            return Explained(alone.result, (alone,))
         steps: list[ExplainedStep] = []
         world = self.world
         for step in known.steps:
-            steps.append(replace(self, world=world)._explained(Ranked(step, rank=1, pareto=True)))
+            steps.append(replace(self, world=world)._explained(replace(step, rank=1, pareto=True)))
             world = world_after(step.way, steps[-1].study.motion, world)
-        figures = assessment_of_all(known.candidate, [step.ranked.assessment for step in steps])
-        return Explained(replace(ranked, assessment=replace(figures, best_way=known.best_way)), tuple(steps))
+        found = assessment_of_all(known.candidate, [step.result for step in steps])
+        result = replace(found, best_way=known.best_way, rank=known.rank, pareto=known.pareto, ways=known.ways)
+        return Explained(described(result), tuple(steps))
 
-    def _explained(self, ranked: Ranked) -> ExplainedStep:
+    def _explained(self, known: CandidateResult) -> ExplainedStep:
         """A feasible candidate of one step with the full study of its way, and the figures from that."""
-        known = ranked.assessment
         found = study(self.cell, known.way, self.world, self.sampling, full=True)
         if isinstance(found, Infeasible):
             raise ValueError(f"{known.candidate.name} was feasible a moment ago")
-        assessment = replace(
+        result = replace(
             found.assessment(verdict(self.cell, found)),
             candidate=known.candidate,
             best_way=known.best_way,
+            rank=known.rank,
+            pareto=known.pareto,
             ways=known.ways,
             q_expected=expected_quality(self.cell, found),
         )
-        return ExplainedStep(replace(ranked, assessment=assessment), found)
+        return ExplainedStep(described(result), found)
 
 
-def assess_all(assignment: Assignment, candidates: Sequence[Candidate], jobs: int) -> Iterator[Assessment]:
+def described(one: CandidateResult) -> CandidateResult:
+    """A result with all that is said of it in words, as documents have it; also its steps and its ways."""
+    candidate, way = one.candidate, one.way
+    words = in_words(candidate.skill, candidate.all_parameters)
+    does = {part.name: f"{part.words} ({part.name})" for part in candidate.skill.primitives}
+    ways = one.ways and replace(
+        one.ways,
+        pareto=tuple(
+            replace(found, words=way_in_words(candidate.skill, candidate.parameters, found.parameters))
+            for found in one.ways.pareto
+        ),
+    )
+    steps = (replace(described(step), task=step.candidate.task, parameters=step.way.parameters) for step in one.steps)
+    return replace(
+        one,
+        parameters=candidate.parameters,
+        name=candidate.name,
+        objects=dict(candidate.binding),
+        settings={name: value for name, value in words.items() if name not in candidate.binding},
+        choice=choice_in_words(candidate, way) if one.feasible else "",
+        why=tuple(re.sub(r"^\w+(?=:| to )", lambda name: does.get(name[0], name[0]), said) for said in one.reasons),
+        ways=ways,
+        steps=tuple(steps),
+    )
+
+
+def recalibrated(results: Sequence[CandidateResult], by: Criterion, calibration: Calibration) -> Recalibrated:
+    """How often each candidate is first among draws of camera poses, and the spread of its qualities.
+
+    results: of all candidates, with the qualities of each draw, in the order of the task: of equal ones the first wins.
+    """
+    feasible = [one for one in results if one.feasible]
+    firsts = winners(feasible, by)
+
+    def span(name: str, one: CandidateResult) -> list[float] | None:
+        """The 5th and 95th percentile of a quality, None where it is undefined."""
+        drawn = [getattr(quality, name) for quality in one.recalibrated]
+        return None if not drawn or None in drawn else [float(end) for end in np.percentile(drawn, [5, 95])]
+
+    return Recalibrated(
+        position=calibration.position,
+        rotation=calibration.rotation,
+        seed=calibration.seed,
+        draws=DRAWS,
+        candidates=tuple(
+            RecalibratedCandidate(
+                parameters=one.candidate.parameters,
+                q_avg=span("q_avg", one),
+                q_eoi=span("q_eoi", one),
+                first=firsts[one.candidate.name],
+            )
+            for one in feasible
+        ),
+    )
+
+
+def sampling_done(sampling: Sampling, results: Sequence[CandidateResult]) -> SamplingDone:
+    """How the motions of some candidates were sampled; errors and gaps are the largest of all."""
+    error = max((one.error for one in results if one.error is not None), default=None)
+    gap = max((one.largest_gap for one in results if one.largest_gap is not None), default=None)
+    match sampling:
+        case FixedCount(samples):
+            return SamplingDone(mode="samples", samples=samples, error=error, max_gap=gap)
+        case FixedStep(dt):
+            return SamplingDone(mode="dt", dt=dt, error=error, max_gap=gap)
+        case Adaptive(tolerance):
+            return SamplingDone(mode="adaptive", tolerance=tolerance, max_motion=MAX_MOTION, error=error, max_gap=gap)
+
+
+def assess_all(assignment: Assignment, candidates: Sequence[Candidate], jobs: int) -> Iterator[CandidateResult]:
     """The assessments in the order of the candidates, each as soon as it and those before it are done.
 
     jobs: number of processes at most.
@@ -203,6 +285,6 @@ def _mapped(work: Callable[[Item], Result], items: Sequence[Item], processes: in
     return in_processes(work, items, processes)
 
 
-def _infeasible(candidate: Candidate, why: Infeasible) -> Assessment:
+def _infeasible(candidate: Candidate, why: Infeasible) -> CandidateResult:
     ways = WaysFound(tried=why.tried, feasible=0, pareto=())
-    return Assessment.infeasible(candidate, why.reasons, verdict=why.reasons[0], ways=ways)
+    return CandidateResult.infeasible(candidate, why.reasons, verdict=why.reasons[0], ways=ways)

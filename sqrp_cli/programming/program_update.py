@@ -21,12 +21,13 @@ from sqrp_cli.logic.formula_time import with_times
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.program import record
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
+from sqrp_cli.programming.coverage.assessment import Study, study
 from sqrp_cli.programming.coverage.fault_sights import distinguishing
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.coverage.timeline import Watch, observe
 from sqrp_cli.programming.coverage.verdict import verdict
 from sqrp_cli.programming.motion.plan_motion import Motion
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.sensing.observer import Observer, sees_all
 from sqrp_cli.programming.task import Candidate
 
@@ -70,7 +71,7 @@ def candidate_of(step: record.Step, cell: Cell) -> Candidate:
     return Candidate(skill, binding, values, " ".join(binding.values()) or skill.name, branch=branch)
 
 
-def make_step(task: str, study: Study, assessment: Assessment, cameras: tuple[str, ...]) -> record.Step:
+def make_step(task: str, study: Study, assessment: CandidateResult, cameras: tuple[str, ...]) -> record.Step:
     """The step of a program from a full study.
 
     cameras: names in the order of the study's verdicts.

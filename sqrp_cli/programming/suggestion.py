@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from sqrp_cli.errors import Infeasible
+from sqrp_cli.figures import NO_FIGURES
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.logic.domain import merge_domains
 from sqrp_cli.logic.literal import Atom
@@ -15,12 +16,11 @@ from sqrp_cli.logic.planner import AlreadySatisfied, GaveUp, Plan, Planner, Plan
 from sqrp_cli.logic.planning_task import PlanStep
 from sqrp_cli.programming.candidate import THEN, Candidate, Task
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment
-from sqrp_cli.programming.coverage.quality import NO_FIGURES
 from sqrp_cli.programming.feasibility import unmet_preconditions
 from sqrp_cli.programming.grounding import formulas_outside
 from sqrp_cli.programming.pipeline import Assignment, assess_all
 from sqrp_cli.programming.ranking import rank
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.programming.ways.find import WantedWay, some_motion
 from sqrp_cli.programming.ways.grips import first_grip
@@ -37,11 +37,11 @@ class SuggestedStep:
     """The same as planners write it."""
     world: World | None
     """The world that it starts from; None if a step before it is infeasible."""
-    assessment: Assessment | None
+    assessment: CandidateResult | None
     """Of its best candidate, or of the first if none is feasible."""
 
     @classmethod
-    def of(cls, assessment: Assessment, world: World) -> SuggestedStep:
+    def of(cls, assessment: CandidateResult, world: World) -> SuggestedStep:
         """The step of a candidate assessed in a world."""
         candidate = assessment.candidate
         action = PlanStep(candidate.skill.action.name, tuple(candidate.binding.values()))
@@ -124,12 +124,13 @@ class Suggester:
         figures = [self._figures(step) for suggestion in suggestions if (step := suggestion.last) is not None]
         if not figures:
             return None
-        best = suggestions[figures.index(rank(figures, "q_eoi")[0].assessment)]
+        first = rank(figures, "q_eoi")[0].candidate
+        best = suggestions[next(index for index, one in enumerate(figures) if one.candidate is first)]
         if not self._wanted.fastest or best.last is None or best.last.assessment is None:
             return best
         return Suggester(self.cell, self.world, self._planner, self.jobs).suggest(best.last.assessment.candidate)
 
-    def _figures(self, step: SuggestedStep) -> Assessment:
+    def _figures(self, step: SuggestedStep) -> CandidateResult:
         """The assessment of the last step of a suggestion."""
         assert step.assessment is not None  # noqa: S101 - it can be done
         assert step.world is not None  # noqa: S101
@@ -175,7 +176,7 @@ class Suggester:
         if world is None:
             return SuggestedStep(task.text, str(step), None, None), None
         assignment = Assignment(cell=self.cell, world=world, wanted=self._wanted)
-        best = rank(tuple(assess_all(assignment, task.candidates, self.jobs)), "q_eoi")[0].assessment
+        best = rank(tuple(assess_all(assignment, task.candidates, self.jobs)), "q_eoi")[0]
         return SuggestedStep.of(best, world), world_left(self.cell, best, world)
 
     def _after_all(self, candidate: Candidate, world: World | None) -> SuggestedStep:
@@ -185,7 +186,7 @@ class Suggester:
         if self._wanted.fastest:
             motion = some_motion(self.cell, candidate, world)
             reasons = motion.reasons if isinstance(motion, Infeasible) else ()
-            possible = Assessment(candidate, feasible=not reasons, reasons=reasons, **vars(NO_FIGURES))
+            possible = CandidateResult(candidate=candidate, feasible=not reasons, reasons=reasons, **vars(NO_FIGURES))
             return SuggestedStep.of(possible, world)
         return SuggestedStep.of(Assignment(cell=self.cell, world=world).assess(candidate), world)
 
@@ -294,7 +295,7 @@ def best_suggestion(found: Sequence[Feasibility], suggester: Suggester) -> tuple
     now = [feasibility.candidate for feasibility in found if feasibility.feasible]
     if now:
         assignment = Assignment(cell=suggester.cell, world=suggester.world)
-        best = rank(tuple(assess_all(assignment, now, suggester.jobs)), "q_eoi")[0].assessment
+        best = rank(tuple(assess_all(assignment, now, suggester.jobs)), "q_eoi")[0]
         done = assignment.steps_done(best.candidate)
         return tuple(SuggestedStep.of(one.assessment, one.before) for one in done) or (
             SuggestedStep.of(best, suggester.world),

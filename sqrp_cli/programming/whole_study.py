@@ -10,22 +10,16 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 from sqrp_cli.errors import Infeasible
+from sqrp_cli.figures import Figures, Qualities
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.candidate import Candidate, whole_candidate
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import (
-    Assessment,
-    Study,
-    Watched,
-    all_watched,
-    rehearsal,
-    with_delays,
-)
-from sqrp_cli.programming.coverage.quality import Figures, Qualities, average_quality, interest_quality
+from sqrp_cli.programming.coverage.assessment import Study, Watched, all_watched, rehearsal, with_delays
+from sqrp_cli.programming.coverage.quality import average_quality, interest_quality
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.program_update import world_after
-from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.programming.result import CandidateResult
 
 
 class StepShown(NamedTuple):
@@ -37,7 +31,7 @@ class StepShown(NamedTuple):
     """How many there are."""
     task: str
     """The skill and its objects."""
-    whole: Ranked | None
+    whole: CandidateResult | None
     """The candidate of all steps in its ranking; None in a program, which has no ranking."""
 
 
@@ -48,7 +42,7 @@ def reasons_of_step(candidate: Candidate, number: int, reasons: Sequence[str]) -
     return tuple(f"step {number}, {candidate.steps[number - 1].task}: {reason}" for reason in reasons)
 
 
-def assessment_of_all(candidate: Candidate, done: Sequence[Assessment]) -> Assessment:
+def assessment_of_all(candidate: Candidate, done: Sequence[CandidateResult]) -> CandidateResult:
     """The figures of a candidate over all its steps, or why the last of them is infeasible.
 
     done: the steps in order, up to the first infeasible one.
@@ -56,10 +50,10 @@ def assessment_of_all(candidate: Candidate, done: Sequence[Assessment]) -> Asses
     last = done[-1]
     if not last.feasible:
         reasons = reasons_of_step(candidate, len(done), last.reasons)
-        return replace(Assessment.infeasible(candidate, reasons, reasons[0]), steps=tuple(done))
+        return replace(CandidateResult.infeasible(candidate, reasons, reasons[0]), steps=tuple(done))
     times = [one.time or 0.0 for one in done]
     seen = mean_qualities(done, done)
-    return Assessment(
+    return CandidateResult(
         candidate=candidate,
         feasible=True,
         time=sum(times),
@@ -75,6 +69,7 @@ def assessment_of_all(candidate: Candidate, done: Sequence[Assessment]) -> Asses
             for number, one in enumerate(done, 1)
             for name, fault in one.faults.items()
         },
+        retried=tuple(f"{number}.{name}" for number, one in enumerate(done, 1) for name in one.retried),
         states=sum(one.states or 0 for one in done),
         error=max((one.error for one in done if one.error is not None), default=None),
         largest_gap=max((one.largest_gap for one in done if one.largest_gap is not None), default=None),
@@ -106,7 +101,7 @@ def worst_seen(steps: Sequence[SeenStep]) -> int:
     return min(range(len(steps)), key=lambda index: (_worth(steps[index].q_eoi), _worth(steps[index].q_avg)))
 
 
-def world_left(cell: Cell, assessment: Assessment, world: World) -> World | None:
+def world_left(cell: Cell, assessment: CandidateResult, world: World) -> World | None:
     """The world that a candidate leaves which begins in another one; None if it cannot be done."""
     if not assessment.feasible:
         return None
@@ -130,7 +125,7 @@ def mean_qualities(seen: Sequence[SeenStep], steps: Sequence[Figures]) -> Qualit
     )
 
 
-def _verdict(done: Sequence[Assessment]) -> str:
+def _verdict(done: Sequence[CandidateResult]) -> str:
     """The verdicts of the steps, the worst seen first; of several that miss nothing one stands for all."""
     numbered = sorted(enumerate(done, 1), key=lambda one: (_worth(one[1].q_eoi), _worth(one[1].q_avg), one[0]))
     losing = [(n, one) for n, one in numbered if min(_worth(one.q_eoi), _worth(one.q_avg)) < 1.0]
@@ -153,7 +148,7 @@ class WholeStudy:
     """At least one."""
 
     @property
-    def assessment(self) -> Assessment:
+    def assessment(self) -> CandidateResult:
         """The figures of the whole, without a sentence."""
         each = [step.assessment("") for step in self.steps]
         return assessment_of_all(self.candidate, each) if self.candidate.steps else each[0]

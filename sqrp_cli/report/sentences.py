@@ -7,11 +7,8 @@ from collections.abc import Mapping, Sequence
 from math import ceil, degrees, inf
 from typing import TYPE_CHECKING
 
-from sqrp_cli.programming.coverage.assessment import Assessment
-from sqrp_cli.programming.coverage.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
-from sqrp_cli.programming.ranking import Criterion, Ranked, criterion_figure
-from sqrp_cli.programming.task import Candidate
-from sqrp_cli.programming.ways.grips import choice_in_words
+from sqrp_cli.programming.ranking import criterion_figure
+from sqrp_cli.programming.result import CandidateResult, Criterion, SamplingDone
 
 if TYPE_CHECKING:
     from sqrp_cli.programming.advice.change import Kind, ProposedChange
@@ -61,65 +58,46 @@ _INTERVAL = re.compile(r"\b(?:always|eventually)\[[^\]]*\]")
 _TIME = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e-?\d+)?(?!\w)")
 
 
-def summary(ranking: Sequence[Ranked], by: Criterion) -> str:
+def summary(candidates: Sequence[CandidateResult], by: Criterion) -> str:
     """How many candidates can be done, and how they are ordered."""
-    feasible = sum(ranked.rank is not None for ranked in ranking)
+    feasible = sum(one.feasible for one in candidates)
     order = f", {_CRITERION_WORDS[by]}" if feasible > 1 else ""
-    return f"{feasible} of {len(ranking)} candidates can be done{order}"
+    return f"{feasible} of {len(candidates)} candidates can be done{order}"
 
 
-def why_first(feasible: Sequence[Ranked], by: Criterion) -> str:
-    """One sentence about why the first is first."""
-    first = feasible[0].assessment
-    name = first.candidate.name
+def why_first(feasible: Sequence[CandidateResult], by: Criterion) -> str:
+    """One sentence about why the first is first, and by how much: by the criterion, or by what broke the tie."""
+    first = feasible[0]
+    seen = []
+    if first.q_eoi is not None:
+        seen.append(f"the cameras see {100 * first.q_eoi:.1f} % of the events of interest")
+    if first.q_avg is not None:
+        seen.append(f"{100 * first.q_avg:.1f} % of all that must be seen")
+    strengths = f"{' and '.join(seen) or 'nothing has to be seen'} in {first.time:.1f} s"
     if len(feasible) == 1:
-        return f"{name} can be done: {_strengths(first)}."
-    second = feasible[1].assessment
-    margin = _margin(first, second, by)
-    return f"{name} is best: {_strengths(first)}; {margin}."
-
-
-def _strengths(assessment: Assessment) -> str:
-    parts = []
-    if assessment.q_eoi is not None:
-        parts.append(f"the cameras see {100 * assessment.q_eoi:.1f} % of the events of interest")
-    if assessment.q_avg is not None:
-        parts.append(f"{100 * assessment.q_avg:.1f} % of all that must be seen")
-    seen = " and ".join(parts) or "nothing has to be seen"
-    return f"{seen} in {assessment.time:.1f} s"
-
-
-def _margin(first: Assessment, second: Assessment, by: Criterion) -> str:
-    """The first compared with the second, by the criterion or by what broke the tie."""
-    rival = second.candidate.name
-    for criterion in (by, "q_avg", "time"):
+        return f"{first.name} can be done: {strengths}."
+    second = feasible[1]
+    margin = f"{second.name} is as good"
+    criteria: tuple[Criterion, ...] = (by, "q_avg", "time")
+    for criterion in criteria:
+        label, scale, pattern = _SHOWN[criterion]
         own, other = criterion_figure(first, criterion), criterion_figure(second, criterion)
         if own is None or other is None:
             continue
-        label, scale, pattern = _SHOWN[criterion]
         if own < other == inf:
-            return f"next comes {rival}, of which a fault may never be noticed"
+            margin = f"next comes {second.name}, of which a fault may never be noticed"
+            break
         if pattern.format(scale * own) != pattern.format(scale * other):
-            return f"next comes {rival} with {label} {pattern.format(scale * other)}"
-    return f"{rival} is as good"
+            margin = f"next comes {second.name} with {label} {pattern.format(scale * other)}"
+            break
+    return f"{first.name} is best: {strengths}; {margin}."
 
 
-def differing_parameters(candidates: Sequence[Candidate]) -> list[str]:
+def differing_parameters(candidates: Sequence[CandidateResult]) -> list[str]:
     """Names of the parameters in which candidates differ; the first one if they are all the same."""
-    names = list(candidates[0].all_parameters)
-    differing = [name for name in names if len({candidate.all_parameters[name] for candidate in candidates}) > 1]
-    return differing or names[:1]
-
-
-def way_of(assessment: Assessment) -> str:
-    """The way behind the figures of a candidate, in a few words."""
-    return choice_in_words(assessment.candidate, assessment.way)
-
-
-def reasons_by_doing(assessment: Assessment) -> list[str]:
-    """Why a candidate is infeasible; an action is called by what it does, as in `approach (a1) to above: too far`."""
-    does = {one.name: f"{one.words} ({one.name})" for one in assessment.candidate.skill.primitives}
-    return [re.sub(r"^\w+(?=:| to )", lambda name: does.get(name[0], name[0]), one) for one in assessment.reasons]
+    words = [{**one.objects, **one.settings} for one in candidates]
+    differing = [name for name in words[0] if len({each[name] for each in words}) > 1]
+    return differing or list(words[0])[:1]
 
 
 def part_shares_in_words(parts: Sequence[Occluder]) -> str:
@@ -146,25 +124,22 @@ def what_to_move(found: Sequence[ObjectToMove]) -> str:
     )
 
 
-def accuracy(sampling: Sampling, feasible: Sequence[Ranked]) -> str:
-    """One sentence about how finely motions were sampled, and what that leaves open."""
-    error = max(ranked.assessment.error or 0.0 for ranked in feasible)
-    gap = max(ranked.assessment.largest_gap or 0.0 for ranked in feasible)
-    within = f"Q is within {_two_digits(min(max(100 * error, 0.001), 100.0))} points"
-    match sampling:
-        case Adaptive():
-            # Rounded up, as it is a bound.
-            longest_gap = f"{_two_digits(ceil(round(1000 * gap, 3)))} ms"
-            missed = f", save for gains and losses of sight shorter than {longest_gap}; no longer one is missed"
-            how = f"Sampled every {1000 * MAX_MOTION:.0f} mm" + (f" and {longest_gap}" if gap else "")
-            return f"{how} or closer: {within}{missed if gap else ''}."
-        case FixedCount(samples):
-            how = f"Sampled {samples} times per primitive"
-        case FixedStep(dt):
-            # There are always samples where something begins or ends; with a long step, no others.
-            longest = max(ranked.assessment.time or 0.0 for ranked in feasible)
-            how = f"Sampled every {dt:g} s and" if dt < longest else "Sampled only"
-            how += " where a primitive or formula begins or ends"
+def accuracy(done: SamplingDone, feasible: Sequence[CandidateResult]) -> str:
+    """One sentence about how finely the motions of candidates were sampled, and what that leaves open."""
+    gap = done.max_gap or 0.0
+    within = f"Q is within {_two_digits(min(max(100 * (done.error or 0.0), 0.001), 100.0))} points"
+    if done.max_motion is not None:  # adaptive
+        longest_gap = f"{_two_digits(ceil(round(1000 * gap, 3)))} ms"  # rounded up, as it is a bound
+        missed = f", save for gains and losses of sight shorter than {longest_gap}; no longer one is missed"
+        how = f"Sampled every {1000 * done.max_motion:.0f} mm" + (f" and {longest_gap}" if gap else "")
+        return f"{how} or closer: {within}{missed if gap else ''}."
+    if done.dt is None:
+        how = f"Sampled {done.samples} times per primitive"
+    else:
+        # There are always samples where something begins or ends; with a long step, no others.
+        longest = max(one.time or 0.0 for one in feasible)
+        how = f"Sampled every {done.dt:g} s and" if done.dt < longest else "Sampled only"
+        how += " where a primitive or formula begins or ends"
     # The bound covers the changes that were found: samples this far apart may miss others.
     apart = f"up to {_two_digits(gap)} s apart" if gap else "and nothing moves between"
     return f"{how}, {apart}: {within} if coverage changes at most once between two samples."

@@ -90,7 +90,7 @@ def _case(suite: Xml.Element, result: ComparedScore, name: str) -> None:
         element = Xml.SubElement(case, kind, message=one_line(score.reasons[0]), type=score.status)
         element.text = "\n".join(map(one_line, score.reasons))
     if score.best is not None:
-        best = score.best.assessment
+        best = score.best
         qualities = [("Q_eoi", best.q_eoi), ("Q_avg", best.q_avg)]
         lines = [f"{label}: {100 * quality:.1f} %" for label, quality in qualities if quality is not None]
         lines = [f"best: {best.candidate.name}", *lines, f"time: {best.time:.2f} s"]
@@ -101,7 +101,7 @@ def _row(result: ComparedScore) -> str:
     score = result.score
     cells = [score.workspace, score.task or "", "", "", "", "", "", score.status]
     if score.best is not None:
-        best = score.best.assessment
+        best = score.best
         figures = [None if q is None else 100 * q for q in (best.q_eoi, best.q_avg)]
         cells[2:7] = [
             best.candidate.name,

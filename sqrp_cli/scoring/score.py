@@ -15,10 +15,10 @@ from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask, Workspace
 from sqrp_cli.knowledge.workspace.workspace_file import WORKSPACE_FILE, workspace_file
 from sqrp_cli.programming.candidate import THEN
-from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.quality import falls_short
-from sqrp_cli.programming.coverage.verdict import HELP, NOTHING_MISSING
-from sqrp_cli.programming.ranking import Ranked, rank
+from sqrp_cli.programming.coverage.verdict import HELP
+from sqrp_cli.programming.ranking import rank
+from sqrp_cli.programming.result import NOTHING_MISSING, CandidateResult
 from sqrp_cli.programming.suggestion import with_first_steps
 from sqrp_cli.programming.task import Candidate, Task, read_task
 from sqrp_cli.scoring.work.compute import Computer, Wanted
@@ -161,9 +161,9 @@ class TaskScore:
     status: Status
     reasons: tuple[str, ...]
     """One sentence each: what is not good enough, or what the error is."""
-    best: Ranked | None = None
+    best: CandidateResult | None = None
     """The first in the ranking; None if none is feasible."""
-    ways: Mapping[str, Ranked] = field(default_factory=dict)
+    ways: Mapping[str, CandidateResult] = field(default_factory=dict)
     """The best candidate for every choice of objects, by `way_name`; infeasible where none of them is feasible."""
     content: str = ""
     """Digest of the workspace, see `identity.content_digest`."""
@@ -224,13 +224,13 @@ def _task_score(cell: ScoredCell, task: ScoredTask, computer: Computer) -> TaskS
             return None
         assessments.append(outcome.assessment)
     ranking = rank(assessments, "q_eoi")
-    ways: dict[str, Ranked] = {}
+    ways: dict[str, CandidateResult] = {}
     for ranked in ranking:
-        ways.setdefault(way_name(ranked.assessment.candidate), ranked)
+        ways.setdefault(way_name(ranked.candidate), ranked)
     best = ranking[0] if ranking[0].rank is not None else None
-    first = ranking[0].assessment
+    first = ranking[0]
     why_none = f"{first.candidate.name}: {first.reasons[0]}" if best is None else ""
-    reasons = shortcomings(None if best is None else best.assessment, task.expected, why_none)
+    reasons = shortcomings(None if best is None else best, task.expected, why_none)
     return TaskScore(
         workspace=cell.name,
         task=task.text,
@@ -246,7 +246,7 @@ def _sentences(problems: Sequence[Problem]) -> tuple[str, ...]:
     return tuple(f"{problem}" + (f"; to mend it: {problem.mend}" if problem.mend else "") for problem in problems)
 
 
-def shortcomings(best: Assessment | None, expected: ExpectedTask, why_none: str) -> tuple[str, ...]:
+def shortcomings(best: CandidateResult | None, expected: ExpectedTask, why_none: str) -> tuple[str, ...]:
     """One sentence for each expectation that is not met; none if all are.
 
     best: the first in the ranking; None if no candidate is feasible, and then `why_none` says why. A task is expected
@@ -257,7 +257,7 @@ def shortcomings(best: Assessment | None, expected: ExpectedTask, why_none: str)
     return tuple(_shortcomings(best, expected))
 
 
-def _shortcomings(best: Assessment, expected: ExpectedTask) -> Iterator[str]:
+def _shortcomings(best: CandidateResult, expected: ExpectedTask) -> Iterator[str]:
     name = best.candidate.name
     lost = best.verdict.split(HELP)[0]
     if expected.feasible is False:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.workspace.workspace_file import workspace_file
 from sqrp_cli.programming.coverage.blind_spans import Coverage
-from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.scoring.baselines.baseline import Baseline, TaskRecord, VanishedTask, baseline_of, identified, vanished
 from sqrp_cli.scoring.baselines.changes import Change, workspace_changes
 from sqrp_cli.scoring.baselines.comparison import Comparison, changed_ways, compare
@@ -82,20 +82,20 @@ class CoverageLookup:
         self._workspaces = {cell.name: cell.workspace for cell in cells if cell.workspace is not None}
         self._computer = computer
 
-    def prepare(self, ways: Sequence[tuple[TaskScore, Ranked]], progress: Progress) -> None:
+    def prepare(self, ways: Sequence[tuple[TaskScore, CandidateResult]], progress: Progress) -> None:
         """Compute the coverage of feasible ways. Raises InputError where results cannot be kept."""
         wanted = [self._wanted(result, way) for result, way in ways if way.rank is not None]
         if wanted:
             with progress("Looking up causes", len(wanted)) as advance:
                 self._computer.compute(wanted, advance, coverage=True)
 
-    def __call__(self, result: TaskScore, way: Ranked) -> Coverage | None:
+    def __call__(self, result: TaskScore, way: CandidateResult) -> Coverage | None:
         """The coverage of a way of doing a task; None where it is infeasible or was not prepared."""
         outcome = self._computer.outcome(self._wanted(result, way), coverage=True)
         return None if outcome is None else outcome.coverage
 
-    def _wanted(self, result: TaskScore, way: Ranked) -> Wanted:
-        return Wanted(self._workspaces[result.workspace], result.content, way.assessment.way)
+    def _wanted(self, result: TaskScore, way: CandidateResult) -> Wanted:
+        return Wanted(self._workspaces[result.workspace], result.content, way.way)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +142,7 @@ def compare_with(
 
 def _ways_to_explain(
     pairs: Sequence[tuple[TaskScore, TaskRecord | None]], allowance: float
-) -> Iterator[tuple[TaskScore, Ranked]]:
+) -> Iterator[tuple[TaskScore, CandidateResult]]:
     """The ways whose losses are looked up, each with its task; pairs: every task, and what the baseline says of it."""
     for one, record in pairs:
         if record is not None:

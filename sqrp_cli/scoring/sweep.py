@@ -264,7 +264,7 @@ def most_margin(equal: Sequence[bool], values: Sequence[Values], shape: tuple[in
 def _scored(variant: Variant, findings: Scorecard) -> ScoredVariant:
     if findings.count("error"):
         return ScoredVariant(variant, findings)
-    ways = [way.assessment for result in findings.results for way in result.score.ways.values()]
+    ways = [way for result in findings.results for way in result.score.ways.values()]
     feasible = [way for way in ways if way.feasible]
 
     def mean(name: str) -> float | None:

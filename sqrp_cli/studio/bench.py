@@ -23,11 +23,11 @@ from sqrp_cli.platform.memory import give_back_memory, keep_all_so_far
 from sqrp_cli.platform.processes import Worker, forked
 from sqrp_cli.programming.candidate import Candidate
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment, rehearsal
+from sqrp_cli.programming.coverage.assessment import rehearsal
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.program_update import world_after
-from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.sensing.sight_memory import SightMemory
 from sqrp_cli.programming.ways.find import Plans, WantedWay
 from sqrp_cli.report.documents.playback import Positions
@@ -71,7 +71,7 @@ class _Bench:
         self._task: tuple[str, Session] | None = None
         """The last task with plans, as it was asked for; None once anything but cameras has changed."""
         self._run: RankingRun | None = None
-        self._ranking: list[Ranked] = []
+        self._ranking: list[CandidateResult] = []
         self._session: Session | None = None
         self._chosen = ""
         self._explaining: Worker[str, str] | None = None
@@ -190,7 +190,7 @@ class _Bench:
 
     def _ranked(self, run: RankingRun) -> None:
         ranking = run.ranking()
-        details = ["" if one.assessment.feasible else None for one in ranking]
+        details = ["" if one.feasible else None for one in ranking]
         rows = [row(one) for one in candidate_rows(ranking, details)]
         fields = {"task": run.asked.task, "by": run.asked.by, "number": run.asked.number, "entries": rows}
         if run.asked.of_saved:
@@ -199,13 +199,13 @@ class _Bench:
         self._ranking, self._session = ranking, run.session
         self.say("ranking", summary=f"{summary(ranking, run.asked.by)}.", **fields)
         if self._find(self._chosen) is None:
-            self._chosen = ranking[0].assessment.candidate.name
+            self._chosen = ranking[0].candidate.name
         self._explain()
 
     # The chosen candidate
 
-    def _find(self, name: str) -> Ranked | None:
-        return next((one for one in self._ranking if one.assessment.candidate.name == name), None)
+    def _find(self, name: str) -> CandidateResult | None:
+        return next((one for one in self._ranking if one.candidate.name == name), None)
 
     def _explain(self) -> None:
         """Show the chosen candidate over time, once another process has computed that."""
@@ -231,9 +231,9 @@ class _Bench:
         """The chosen candidate's motions with all verdicts of the cell as it is written."""
         if self._chosen not in self._sketches and self._session is not None:
             chosen = self._find(self._chosen)
-            if chosen is None or not chosen.assessment.feasible:
+            if chosen is None or not chosen.feasible:
                 return None
-            found = _steps(self._session.cell, chosen.assessment)
+            found = _steps(self._session.cell, chosen)
             if found is None:
                 return None
             self._sketches = {self._chosen: found}
@@ -278,7 +278,7 @@ def _all_but_cameras(workspace: Workspace) -> object:
     return values, files
 
 
-def _explainer(assignment: Assignment, ranked: Ranked) -> Callable[[str], str]:
+def _explainer(assignment: Assignment, ranked: CandidateResult) -> Callable[[str], str]:
     let_others_go_first()
 
     def explain(name: str) -> str:
@@ -289,7 +289,7 @@ def _explainer(assignment: Assignment, ranked: Ranked) -> Callable[[str], str]:
     return explain
 
 
-def _steps(cell: Cell, assessment: Assessment) -> Steps | None:
+def _steps(cell: Cell, assessment: CandidateResult) -> Steps | None:
     """The motions of a feasible candidate in a cell; None if it has none there."""
     world, sketches = cell.initial_world, list[Sketch]()
     for step in assessment.steps or (assessment,):

@@ -21,7 +21,7 @@ from sqrp_cli.studio.messages import findings, kind_of, message
 from sqrp_cli.studio.server import Live
 
 if TYPE_CHECKING:
-    from sqrp_cli.programming.ranking import Criterion
+    from sqrp_cli.programming.result import Criterion
 
 
 IMAGE_SPACING = 0.2

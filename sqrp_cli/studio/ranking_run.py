@@ -11,9 +11,9 @@ from sqrp_cli.api.session import Session
 from sqrp_cli.errors import bad_input
 from sqrp_cli.platform.processes import Worker, WorkerDied, forked
 from sqrp_cli.programming.candidate import Candidate
-from sqrp_cli.programming.coverage.assessment import Assessment
-from sqrp_cli.programming.pipeline import Assignment
-from sqrp_cli.programming.ranking import Ranked, rank
+from sqrp_cli.programming.pipeline import Assignment, described
+from sqrp_cli.programming.ranking import rank
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.sensing.sight_memory import Seen, SightMemory
 from sqrp_cli.studio.requests import Rank
 
@@ -25,7 +25,7 @@ LOWER_PRIORITY = 10
 class _Assessed:
     """The answer of a process."""
 
-    assessment: Assessment
+    assessment: CandidateResult
     seen: Sequence[Seen]
     """What it learnt of what cameras see."""
 
@@ -38,7 +38,7 @@ class RankingRun:
         self.asked, self.session, self._memory = asked, session, memory
         candidates = session.task.candidates
         memory.learnt.clear()  # by this process, which need not be told; the others begin with what it knows
-        self._left, self._found = deque(range(len(candidates))), dict[int, Assessment]()
+        self._left, self._found = deque(range(len(candidates))), dict[int, CandidateResult]()
         workers = [
             Worker(forked(), _assessor, session.assignment, candidates, memory)
             for _ in range(min(jobs, len(candidates)))
@@ -77,9 +77,9 @@ class RankingRun:
             self._memory.take(seen)
         self._hand_out(worker)
 
-    def ranking(self) -> list[Ranked]:
+    def ranking(self) -> list[CandidateResult]:
         """All candidates, once they are assessed."""
-        return list(rank([self._found[index] for index in range(self.count)], self.asked.by))
+        return [*map(described, rank([self._found[index] for index in range(self.count)], self.asked.by))]
 
     def end(self) -> None:
         """End all processes at once."""

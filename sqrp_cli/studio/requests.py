@@ -11,7 +11,7 @@ from sqrp_cli.errors import bad_option
 from sqrp_cli.studio.moves import Move
 
 if TYPE_CHECKING:
-    from sqrp_cli.programming.ranking import Criterion
+    from sqrp_cli.programming.result import Criterion
 
 
 Words = Annotated[str, Field(max_length=2000, pattern=r"^[^\x00]*$")]

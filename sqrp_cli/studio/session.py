@@ -30,7 +30,7 @@ from sqrp_cli.studio.rankings import Rankings
 from sqrp_cli.studio.server import Live, Tell
 
 if TYPE_CHECKING:
-    from sqrp_cli.programming.ranking import Criterion
+    from sqrp_cli.programming.result import Criterion
 
 LOOK_EVERY = 0.4
 """How often files are looked at for changes of others [s]."""

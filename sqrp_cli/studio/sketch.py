@@ -16,7 +16,7 @@ from sqrp_cli.geometry import Mask
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.blind_spans import by_name
 from sqrp_cli.programming.coverage.observation import observation_of
-from sqrp_cli.programming.coverage.quality import Qualities
+from sqrp_cli.programming.coverage.quality import qualities_over
 from sqrp_cli.programming.coverage.sampling import FixedStep, first_samples
 from sqrp_cli.programming.coverage.timeline import Rehearsal, SampledScene, Timeline
 from sqrp_cli.programming.sensing.limits import Cause
@@ -111,7 +111,7 @@ class Sketch(SampledScene):
             )
             for column, (target, boxes) in enumerate(zip(self.scene.targets, matrix, strict=True))
         }
-        qualities = Qualities.of(timeline)
+        qualities = qualities_over(timeline)
         return CoverageShown(
             t=self.samples.t.tolist(),
             covered=_where(timeline.covered, timeline.monitored),

@@ -42,7 +42,10 @@ def print_candidates(
         print_suggested(suggested)
         say()
     blocked = [one for one in found if not one.feasible]
-    print_infeasible((one.candidate, "; ".join(filter(None, [*one.reasons, one.suggestion.words]))) for one in blocked)
+    print_infeasible(
+        (one.candidate.name, one.candidate.binding, "; ".join(filter(None, [*one.reasons, one.suggestion.words])))
+        for one in blocked
+    )
     around = [f"{one.candidate.name}: {', '.join(one.remarks)}" for one in shown if one.remarks]
     for number, line in enumerate(around):
         say(f"\n{line}" if number == 0 else line)

@@ -7,10 +7,11 @@ import shlex
 from collections.abc import Collection
 from pathlib import Path
 
+from sqrp_cli.figures import FaultMetrics
 from sqrp_cli.knowledge.workspace.workspace_file import shortest_path, workspace_name
 from sqrp_cli.program.file import workspace_path
 from sqrp_cli.program.joint_trajectory import tool_commands
-from sqrp_cli.program.record import FaultMetrics, Program, Totals
+from sqrp_cli.program.record import Program, Totals
 from sqrp_cli.terminal.console import Cell, Column, Share, Styled, joined, numbers, plain, print_table, say, say_command
 
 """Shares of times up to this are rounded from none."""

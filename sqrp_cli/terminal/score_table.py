@@ -153,7 +153,7 @@ def _row(result: ComparedScore) -> list[Styled]:
     status = plain(score.status, _STYLES[score.status])
     if score.best is None:
         return [score.workspace, score.task or "", "", "", "", "", "", status]
-    best = score.best.assessment
+    best = score.best
     figures = [percent(best.q_eoi), percent(best.q_avg), seconds(best.time), delay(best.delay_worst, best.unseen)]
     return [score.workspace, score.task or "", best.candidate.name, *figures, status]
 

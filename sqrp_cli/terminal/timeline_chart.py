@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 
 from sqrp_cli.knowledge.camera.camera import assumed_latency
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment, Study
+from sqrp_cli.programming.coverage.assessment import Study
 from sqrp_cli.programming.coverage.blind_spans import CauseTotal, cause_totals, first_failures
 from sqrp_cli.programming.coverage.in_the_way import hidden_views, in_the_way, to_move
 from sqrp_cli.programming.coverage.robustness import without_each_camera
 from sqrp_cli.programming.coverage.sampling import Sampling
-from sqrp_cli.programming.pipeline import Explained
-from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.programming.pipeline import Explained, sampling_done
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.whole_study import StepShown
-from sqrp_cli.report.sentences import accuracy, part_shares_in_words, way_of, what_to_move
+from sqrp_cli.report.sentences import accuracy, part_shares_in_words, what_to_move
 from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table, say, terminal_width, unbroken
 
 MOST_SIGNS = 50
@@ -71,8 +71,8 @@ def print_study(cell: Cell, explained: Explained, sampling: Sampling, step: Step
 
     For an infeasible candidate, the reasons. step: that it is, of a task of several or of a program.
     """
-    ranked, study = explained.ranked, explained.study
-    assessment = ranked.assessment
+    ranked, study = explained.result, explained.study
+    assessment = ranked
     if study is None:
         say(f"{_title(assessment, step)} is infeasible:")
         for reason in assessment.reasons:
@@ -97,7 +97,7 @@ def print_study(cell: Cell, explained: Explained, sampling: Sampling, step: Step
         )
     in_the_way_of = _print_occluders(cell, study)
     say(f"\n{assessment.verdict}{in_the_way_of}")
-    say(plain(accuracy(sampling, [ranked]), "dim"))
+    say(plain(accuracy(sampling_done(sampling, [ranked]), [ranked]), "dim"))
 
 
 def _doings(study: Study) -> Styled:
@@ -105,34 +105,34 @@ def _doings(study: Study) -> Styled:
     return unbroken(f"{one.name} {one.words}" for one in study.candidate.skill.primitives)
 
 
-def _print_head(ranked: Ranked, step: StepShown | None) -> None:
+def _print_head(ranked: CandidateResult, step: StepShown | None) -> None:
     """The name of a feasible candidate, its place and figures."""
-    assessment = ranked.assessment
+    assessment = ranked
     figures = [] if step is not None else [_rank_of(ranked)]
     if assessment.has_choice:
-        figures.append(f"way {way_of(assessment)}")
+        figures.append(f"way {assessment.choice}")
     figures.append(f"time {assessment.time:.2f} s")
     for label, quality in (("Q_eoi", assessment.q_eoi), ("Q_avg", assessment.q_avg)):
         figures.append(f"{label} {'-' if quality is None else f'{100 * quality:.1f} %'}")
     if step is None:
         say(joined([(_title(assessment, step), "bold"), ": ", unbroken(figures), "\n"]))
         return
-    of = "" if step.whole is None else f"; the whole, {step.whole.assessment.candidate.name}, is {_rank_of(step.whole)}"
+    of = "" if step.whole is None else f"; the whole, {step.whole.candidate.name}, is {_rank_of(step.whole)}"
     say(joined([(_title(assessment, step), "bold"), of]))
     say(joined([unbroken(figures), "\n"]))
 
 
-def _title(assessment: Assessment, step: StepShown | None) -> str:
+def _title(assessment: CandidateResult, step: StepShown | None) -> str:
     """What a study is about: a candidate, or a step."""
     return assessment.candidate.name if step is None else f"Step {step.number} of {step.steps}, {step.task}"
 
 
-def _rank_of(ranked: Ranked) -> str:
+def _rank_of(ranked: CandidateResult) -> str:
     """The place in a ranking."""
     return "infeasible" if ranked.rank is None else f"rank {ranked.rank}" + ", Pareto-optimal" * ranked.pareto
 
 
-def _print_faults(assessment: Assessment) -> None:
+def _print_faults(assessment: CandidateResult) -> None:
     """When each fault is noticed."""
     for name, fault in assessment.faults.items():
         retried = name in assessment.candidate.skill.retried_faults and fault.expected_time is not None
@@ -161,16 +161,16 @@ def _print_occluders(cell: Cell, study: Study) -> str:
 
 def print_comparison(explained: Sequence[Explained], sampling: Sampling) -> None:
     """The coverage of every candidate on one time scale, a row each, and the verdicts."""
-    pairs = [(one.ranked, one.study) for one in explained]
+    pairs = [(one.result, one.study) for one in explained]
     longest = max((study.motion.time for _, study in pairs if study is not None), default=0.0)
     say(plain(" " * LABEL + _axis(longest)))
     for ranked, study in pairs:
-        name = ranked.assessment.candidate.name
+        name = ranked.candidate.name
         if study is None:
-            say(joined([*_label(name, ""), (f"infeasible: {ranked.assessment.reasons[0]}", "red")]))
+            say(joined([*_label(name, ""), (f"infeasible: {ranked.reasons[0]}", "red")]))
             continue
         chart = _Chart(study, longest)
-        figures = f" {_percent(ranked.assessment.q_eoi)} {_percent(ranked.assessment.q_avg)}"
+        figures = f" {_percent(ranked.q_eoi)} {_percent(ranked.q_avg)}"
         say(joined([*_label(name), *chart.state_signs(), figures]))
         say(plain(" " * LABEL + chart.primitives_row()))
     say(
@@ -182,9 +182,9 @@ def print_comparison(explained: Sequence[Explained], sampling: Sampling) -> None
         say(plain(_doings(shown), "dim"))
     for ranked, study in pairs:
         if study is not None:
-            say(f"\n{ranked.assessment.candidate.name}: {ranked.assessment.verdict}")
+            say(f"\n{ranked.candidate.name}: {ranked.verdict}")
     if feasible := [ranked for ranked, study in pairs if study is not None]:
-        say(plain(f"\n{accuracy(sampling, feasible)}", "dim"))
+        say(plain(f"\n{accuracy(sampling_done(sampling, feasible), feasible)}", "dim"))
 
 
 def _label(name: str, style: str = "bold") -> list[Styled | tuple[str, str]]:
@@ -206,7 +206,7 @@ def _axis(time: float) -> str:
     return "0".ljust(_width() - len(end)) + end
 
 
-def _camera_failures(cell: Cell, study: Study, assessment: Assessment) -> str:
+def _camera_failures(cell: Cell, study: Study, assessment: CandidateResult) -> str:
     """One sentence about the cost of each camera's failure."""
     needed, spare = [], []
     if assessment.q_avg == 0.0:

@@ -20,12 +20,13 @@ from sqrp_cli.geometry import look_at
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.advice.advise import Adviser
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment, study
+from sqrp_cli.programming.coverage.assessment import study
 from sqrp_cli.programming.coverage.quality import interest_quality
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.coverage.timeline import observe
 from sqrp_cli.programming.feasibility import skill_use
 from sqrp_cli.programming.motion.plan_motion import plan_branches
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.programming.ways.grips import grips
@@ -404,7 +405,7 @@ def test_a_way_is_found_for_a_delay(sqrp):
     assert none.document["kinds"][0]["why"] == "none of 32 meets the wish"
 
 
-def all_ways(task: str) -> list[Assessment]:
+def all_ways(task: str) -> list[CandidateResult]:
     """The figures of every way of the only candidate of a task of the tabletop, from its grips and branches."""
     cell = Cell.load(load_workspace(TABLETOP))
     (candidate,) = read_task(task, cell.workspace).candidates

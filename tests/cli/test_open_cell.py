@@ -208,7 +208,7 @@ def test_a_new_cell_is_that_of_init_and_can_be_opened(sqrp, started, tmp_path):
     assert "--no-run" in running
     assert steps[looking] == (1, 7)  # of four heights and three places of the table, the first was enough
     ranked = open_cell(made.path).rank(made.document.task)
-    assert steps[ranking] == (len(ranked.document.candidates),) * 2
+    assert steps[ranking] == (len(ranked.candidates),) * 2
     assert steps[running] == (int(ranked.best.time),) * 2
     assert str(made).replace("/one", "/two") == printed(sqrp, "init", tmp_path / "two")
     assert repr(made) == f"NewCell({tmp_path / 'one'}: {made.document.task})"

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from sqrp_cli.figures import FaultMetrics
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.program.record import FaultMetrics
-from sqrp_cli.report.documents.candidates import CandidateFigures
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.report.pages.page import PageContent, PageRow, page
 from sqrp_cli.report.pages.run_page import RunCell, story, write_run
 from sqrp_cli.runtime.record.events import EvidenceSeen, PrimitiveBegan, ShownAtom
@@ -19,14 +19,14 @@ FAULTS = {"slip": (0.2, 0.5), "popped_out": (1.1, 4.4), "dropped": (0.3, 0.9)}
 """Mean and worst delay [s]."""
 
 
-def figures(name: str, time: float) -> CandidateFigures:
+def figures(name: str, time: float) -> CandidateResult:
     faults = {
         fault: FaultMetrics(delay_mean=mean, delay_worst=worst, blind_longest=0.1, unseen=0.0, expected_time=2 * time)
         for fault, (mean, worst) in FAULTS.items()
     }
     known = dict.fromkeys(("t_total", "t_eoi", "states", "ways"), None)
     shown = {"parameters": {"object": name}, "feasible": True, "rank": 1, "reasons": (), "pareto": False, "verdict": ""}
-    return CandidateFigures(**known, **shown, time=time, q_avg=0.9, q_eoi=0.8, faults=faults)
+    return CandidateResult(**known, **shown, time=time, q_avg=0.9, q_eoi=0.8, faults=faults)
 
 
 def wide(tmp_path, labels: int):

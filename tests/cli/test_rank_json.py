@@ -62,7 +62,18 @@ def watch_ranked(sqrp, watch):
 def test_the_document_has_the_fields_of_the_contract(ranked, tabletop):
     assert (ranked.code, ranked.err) == (0, "")
     document = ranked.document
-    assert set(document) == {"schema", "document", "workspace", "task", "by", "sampling", "candidates"}
+    assert set(document) == {
+        "schema",
+        "document",
+        "workspace",
+        "task",
+        "by",
+        "of",
+        "ways",
+        "assumed",
+        "sampling",
+        "candidates",
+    }
     assert document["schema"] == 1
     assert (document["workspace"], document["task"], document["by"]) == (tabletop.name, "pickup green", "q_eoi")
     assert document["sampling"]
@@ -102,8 +113,8 @@ def test_candidates_have_exactly_the_fields_and_types_of_the_contract(ranked, wa
     for candidate in (*ranked.document["candidates"], *watch_ranked["candidates"]):
         assert set(candidate) == {
             "parameters", "feasible", "rank", "reasons", "time", "q_avg", "q_eoi", "t_total", "t_eoi", "faults",
-            "states", "pareto", "verdict", "ways",
-        }  # fmt: skip
+            "states", "pareto", "verdict", "ways", "name", "objects", "settings", "choice", "retried", "remarks",
+        } | ({"why"} if candidate["reasons"] else set())  # fmt: skip
         assert type(candidate["feasible"]) is bool
         assert type(candidate["pareto"]) is bool
         assert isinstance(candidate["verdict"], str)

@@ -501,9 +501,8 @@ def watch_documents(watch) -> tuple[list[tuple[dict, dict]], dict, dict]:
     from sqrp_cli.knowledge.workspace.load import load_workspace
     from sqrp_cli.programming.cell import Cell
     from sqrp_cli.programming.coverage.sampling import Adaptive
-    from sqrp_cli.programming.pipeline import assess_all
+    from sqrp_cli.programming.pipeline import assess_all, described
     from sqrp_cli.programming.ranking import rank
-    from sqrp_cli.report.documents.candidates import CandidateFigures
     from sqrp_cli.report.documents.explanation import CandidateStudy
     from sqrp_cli.report.documents.playback import PlayedCandidate
     from sqrp_cli.report.documents.scene import ShowDocument
@@ -515,10 +514,10 @@ def watch_documents(watch) -> tuple[list[tuple[dict, dict]], dict, dict]:
     explained = [session.assignment.explain(ranked) for ranked in rank(assessments, "q_eoi")]
     ranked = [
         (
-            tidy(CandidateFigures.of(ranked)),
+            tidy(described(ranked)),
             tidy(PlayedCandidate.of_candidate(CandidateStudy.of_study(session.cell, study, ranked, Adaptive()))),
         )
-        for ranked, study in ((one.ranked, one.study) for one in explained)
+        for ranked, study in ((one.result, one.study) for one in explained)
         if study is not None
     ]
     return ranked, tidy(ShowDocument.of(session.cell)), tidy(SceneModel.of(session.cell))

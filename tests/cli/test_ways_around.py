@@ -36,7 +36,7 @@ def test_every_command_names_what_goes_around_what(sqrp: Callable[..., Outcome],
     assert "On the way a1 goes around wall, a5 goes around wall." in " ".join(
         sqrp("explain", walled, "pickup", "--ways", "fastest").out.split()
     )
-    (candidate,) = ranking.document.candidates
+    (candidate,) = ranking.candidates
     assert candidate.verdict.endswith("On the way a1 goes around wall, a5 goes around wall.")
 
 

@@ -52,7 +52,7 @@ def best_of(cell: Cell, task: str) -> Study | None:
         if not isinstance(result, Infeasible):
             found[candidate.name] = result
     ranked = rank([one.assessment(verdict(cell, one)) for one in found.values()], "q_eoi")
-    return found[ranked[0].assessment.candidate.name] if ranked else None
+    return found[ranked[0].candidate.name] if ranked else None
 
 
 def step_of(cell: Cell, result: Study, task: str) -> Step:

@@ -157,7 +157,7 @@ def test_a_camera_in_the_way_of_the_arm_is_a_finding(position: str, hit: bool, t
     cell = open_cell(tabletop_with(tmp_path, f"pose: {{position: {position}, look_at: [0, 0, 0]}}"))
     checked = cell.check("pickup g2 approach_yaw=0deg")
     assert ["camera-in-the-way"] * hit == [one.code for one in checked.problems if one.code == "camera-in-the-way"]
-    best = cell.rank("pickup g2 approach_yaw=0deg").ranked[0].assessment
+    best = cell.rank("pickup g2 approach_yaw=0deg").best
     found = [one.message for one in swept_cameras(cell.cell, cell.cell.initial_world, [best.way])]
     assert [message.startswith("camera `more` stands where `") for message in found] == [True] * hit
 

@@ -5,29 +5,28 @@ import dataclasses
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from sqrp_cli.figures import FaultMetrics, Qualities
 from sqrp_cli.knowledge.workspace.load import load_workspace
-from sqrp_cli.program.record import FaultMetrics
-from sqrp_cli.programming.coverage.assessment import Assessment
-from sqrp_cli.programming.coverage.quality import Qualities
-from sqrp_cli.programming.ranking import CRITERIA, Criterion, contenders, criterion_figure, rank, winners
+from sqrp_cli.programming.ranking import contenders, criterion_figure, rank, winners
+from sqrp_cli.programming.result import CRITERIA, CandidateResult, Criterion
 from sqrp_cli.programming.task import Candidate, read_task
 from tests.conftest import TABLETOP
 
 CANDIDATES: tuple[Candidate, ...] = read_task("pickup green", load_workspace(TABLETOP)).candidates
 
 
-def assessed(index: int, q_eoi: float | None, q_avg: float | None, time: float, delay: float = 1.0) -> Assessment:
+def assessed(index: int, q_eoi: float | None, q_avg: float | None, time: float, delay: float = 1.0) -> CandidateResult:
     fault = FaultMetrics(delay, 2 * delay, delay, 0.0, time + delay)
-    figures = {"time": time, "q_avg": q_avg, "q_eoi": q_eoi, "faults": {"slip": fault}}
-    return dataclasses.replace(Assessment.infeasible(CANDIDATES[index], ()), feasible=True, **figures)
+    figures = {"time": time, "q_avg": q_avg, "q_eoi": q_eoi, "faults": {"slip": fault}, "retried": ("slip",)}
+    return dataclasses.replace(CandidateResult.infeasible(CANDIDATES[index], ()), feasible=True, **figures)
 
 
-def infeasible(index: int) -> Assessment:
-    return Assessment.infeasible(CANDIDATES[index], ("too far",))
+def infeasible(index: int) -> CandidateResult:
+    return CandidateResult.infeasible(CANDIDATES[index], ("too far",))
 
 
-def names(assessments: list[Assessment], by: str = "q_eoi") -> list[str]:
-    return [ranked.assessment.candidate.name for ranked in rank(assessments, by)]  # type: ignore[arg-type]
+def names(assessments: list[CandidateResult], by: str = "q_eoi") -> list[str]:
+    return [ranked.candidate.name for ranked in rank(assessments, by)]  # type: ignore[arg-type]
 
 
 def test_the_criterion_counts_first() -> None:
@@ -83,7 +82,7 @@ def test_a_quality_of_nothing_is_nought_and_has_no_sign() -> None:
 
 def test_infeasible_candidates_come_last_without_a_rank() -> None:
     ranking = rank([infeasible(0), assessed(1, 0.1, 0.1, 9.0), infeasible(2)], "q_eoi")
-    assert [(ranked.assessment.candidate.name, ranked.rank) for ranked in ranking] == [
+    assert [(ranked.candidate.name, ranked.rank) for ranked in ranking] == [
         ("g2", 1),
         ("g1", None),
         ("g3", None),
@@ -98,7 +97,7 @@ figures = st.tuples(st.integers(0, 10), st.integers(0, 10), st.integers(1, 5))
 def test_pareto_is_whoever_nobody_beats(rows: list[tuple[int, int, int]], by: str) -> None:
     assessments = [assessed(i, eoi / 10, avg / 10, float(time)) for i, (eoi, avg, time) in enumerate(rows)]
     for ranked in rank(assessments, by):  # type: ignore[arg-type]
-        eoi, avg, time = rows[CANDIDATES.index(ranked.assessment.candidate)]
+        eoi, avg, time = rows[CANDIDATES.index(ranked.candidate)]
         beaten = any(e >= eoi and a >= avg and t <= time and (e, a, t) != (eoi, avg, time) for e, a, t in rows)
         assert ranked.pareto == (not beaten)
 
@@ -119,10 +118,10 @@ def test_whatever_its_delays_no_other_than_a_contender_is_first_or_pareto_optima
     rows: list[tuple[int, int, int, int]], by: Criterion
 ) -> None:
     found = [assessed(i, e / 2, a / 2, 5.0 + t, 1.0 + late) for i, (e, a, t, late) in enumerate(rows)]
-    kept = contenders([dataclasses.replace(one, faults={}) for one in found], by)
+    kept = contenders([dataclasses.replace(one, faults={}, retried=()) for one in found], by)
     whole, less = rank(found, by), rank([one for one, named in zip(found, kept, strict=True) if named], by)
-    assert less[0].assessment is whole[0].assessment
-    optimal = [[one.assessment for one in ranking if one.pareto] for ranking in (whole, less)]
+    assert less[0].candidate is whole[0].candidate
+    optimal = [[one.candidate for one in ranking if one.pareto] for ranking in (whole, less)]
     assert optimal[0] == optimal[1]
 
 

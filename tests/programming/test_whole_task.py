@@ -10,10 +10,10 @@ import pytest
 
 from sqrp_cli.api.cell import OpenCell, open_cell
 from sqrp_cli.api.program import open_program
-from sqrp_cli.api.results import Ranking
 from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.program.file import load_program, stale
+from sqrp_cli.programming.result import Ranking
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.report.documents.programs import ProgramDocument
 from sqrp_cli.terminal.program_table import print_program
@@ -86,7 +86,7 @@ def test_a_program_of_the_whole_has_its_steps_and_each_can_be_explained(
     assert [step.short_task for step in program.program.steps] == ["pickup peg1", "insert peg1 socket"]
     second = program.explain(2)
     assert second.task == "insert peg1 socket"
-    figures = second.explained[0].ranked.assessment
+    figures = second.explained[0].result
     assert figures.time == pytest.approx(program.program.steps[1].time)
     assert figures.q_avg == pytest.approx(program.program.steps[1].q_avg)
     second.show()

@@ -14,9 +14,10 @@ from sqrp_cli.knowledge.frames import FrameName
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
+from sqrp_cli.programming.coverage.assessment import Study, study
 from sqrp_cli.programming.coverage.sampling import Adaptive, FixedCount, Sampling
 from sqrp_cli.programming.ranking import rank
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.scene_states import SceneStates, fixed_frame
 from sqrp_cli.programming.targets import Target
@@ -69,7 +70,7 @@ class Picking:
 
     done: Mapping[str, Study]
     g1: Mapping[str, Study]
-    not_done: Mapping[str, Assessment]
+    not_done: Mapping[str, CandidateResult]
 
     @classmethod
     def of(cls, cell: Cell) -> Picking:
@@ -81,7 +82,7 @@ class Picking:
             {name: one for name, one in found.items() if isinstance(one, Study)},
             {name: feasible_study(cell, g1, sampling) for name, sampling in SAMPLINGS.items()},
             {
-                name: Assessment.infeasible(_candidates(cell)[name], one.reasons)
+                name: CandidateResult.infeasible(_candidates(cell)[name], one.reasons)
                 for name, one in found.items()
                 if isinstance(one, Infeasible)
             },
@@ -97,7 +98,7 @@ class Picking:
         return Simulation(
             of={name: Summary.of(one) for name, one in done.items()},
             why_not_g6=" ".join(self.not_done["g6"].reasons),
-            first=rank(assessments, "q_eoi")[0].assessment.candidate.name,
+            first=rank(assessments, "q_eoi")[0].candidate.name,
             sampled={name: Summary.of(one).q_avg for name, one in sampled.items()},
             hide_g1=always_in_interest(cell, g1, None, Cause.NONE, Cause.HIDDEN)
             & hidden_by_the_robot(cell, g1, "hold"),

@@ -8,7 +8,7 @@ import numpy as np
 
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study, study
-from sqrp_cli.programming.coverage.quality import Qualities
+from sqrp_cli.programming.coverage.quality import qualities_over
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.timeline import observe
 from sqrp_cli.programming.sensing.limits import Cause
@@ -26,7 +26,7 @@ class Summary:
     @classmethod
     def of(cls, found: Study) -> Summary:
         """The summary of a study that has both qualities."""
-        qualities = Qualities.of(found.timeline)
+        qualities = qualities_over(found.timeline)
         assert qualities.q_avg is not None
         assert qualities.q_eoi is not None
         return cls(100 * qualities.q_avg, 100 * qualities.q_eoi, found.motion.time)

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from sqrp_cli.figures import FaultMetrics
 from sqrp_cli.geometry import axis_rotation, pose
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.program.file import load_program, save_program
-from sqrp_cli.program.record import FaultMetrics, Program, Step
+from sqrp_cli.program.record import Program, Step
 from tests.runtime.steps import step
 
 X_WO = pose(axis_rotation(2, 0.3), (0.1, 0.2, 0.3))

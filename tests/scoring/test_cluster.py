@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.programming.coverage.assessment import Assessment
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.scoring.work.job import read_answers
 from sqrp_cli.scoring.work.results import Outcome
 
@@ -217,12 +217,12 @@ def test_figures_of_another_type_are_no_result() -> None:
 
     workspace = load_workspace(ROOT / "tests" / "cases" / "watch")
     candidate = read_task("watch seen", workspace).candidates[0]
-    good = Outcome(Assessment.infeasible(candidate, ("too far",)), None)
+    good = Outcome(CandidateResult.infeasible(candidate, ("too far",)), None)
     assert Outcome.from_text(good.to_text(), candidate).assessment.reasons == ("too far",)
     for name, wrong in (("time", "1"), ("reasons", {"@": "tuple", "of": [5]}), ("feasible", 1), ("ways", {"a": 1})):
         plain = {**plain_of(good.assessment), name: wrong}
         text = as_line({"@": "tuple", "of": [plain, None]})
-        with pytest.raises(ValueError, match=f"Assessment.{name} is no"):
+        with pytest.raises(ValueError, match=f"CandidateResult.{name} is no"):
             from_line(text, [candidate.skill])
 
 

@@ -12,7 +12,7 @@ from sqrp_cli.logic.formula_time import union_length
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import study
 from sqrp_cli.programming.coverage.blind_spans import coverage_of, difference, intersection
-from sqrp_cli.programming.coverage.quality import Qualities
+from sqrp_cli.programming.coverage.quality import qualities_over
 from sqrp_cli.programming.coverage.sampling import Adaptive, FixedCount
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.scoring.work.results import CoverageRecord, Outcome
@@ -36,7 +36,7 @@ def test_the_time_in_which_every_literal_is_covered_is_q_avg(cell, found):
     monitored = [stretch for target in targets for stretch in target.required]
     lost = [stretch for target in targets for stretch in difference(target.required, target.covered)]
     length = union_length(monitored)
-    quality = Qualities.of(found.timeline).q_avg
+    quality = qualities_over(found.timeline).q_avg
     assert 1 - union_length(lost) / length == pytest.approx(quality, abs=2 * found.timeline.transition_error + 1e-6)
 
 

@@ -5,20 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
+from sqrp_cli.figures import FaultMetrics
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask
-from sqrp_cli.program.record import FaultMetrics
-from sqrp_cli.programming.coverage.assessment import Assessment
-from sqrp_cli.programming.coverage.verdict import NOTHING_MISSING
+from sqrp_cli.programming.result import NOTHING_MISSING, CandidateResult
 from sqrp_cli.scoring.score import shortcomings
 
 EXPECTED = ExpectedTask(task="pickup", max_delay=0.1)
 
 
-def assessed(*, blind: float) -> Assessment:
+def assessed(*, blind: float) -> CandidateResult:
     candidate = SimpleNamespace(name="g1", objects={"object": "g1"})
     slip = FaultMetrics(0.15 + blind / 2, 0.15 + blind, blind, 0.0, 20.0)
     verdict = "cam1 cannot see hold(g1) behind forearm_link."
-    without = Assessment.infeasible(candidate, (), verdict)
+    without = CandidateResult.infeasible(candidate, (), verdict)
     return replace(without, feasible=True, time=9.0, faults={"slip": slip}, why_late="tool and part have to part")
 
 

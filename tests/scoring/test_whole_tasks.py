@@ -35,7 +35,7 @@ def outcome() -> Outcome:
         computer.compute([first], lambda _: None)
         best = computer.outcome(first)
         assert best is not None
-        way = replace(first, candidate=best.assessment.way)
+        way = replace(first, candidate=best.way)
         computer.compute([way], lambda _: None, coverage=True)
         found = computer.outcome(way, coverage=True)
     assert found is not None
@@ -74,5 +74,5 @@ def test_what_a_narrower_camera_no_longer_sees_is_said_with_the_step(compared: S
     assert ("2.inserted(peg2)", "left") in losses
     assert {"1.hold(peg2)", "2.hold(peg2)"} <= {literal for literal, _ in losses}
     best = change.losses[0].stretch
-    first = result.score.ways[change.way].assessment.steps[0].time
+    first = result.score.ways[change.way].steps[0].time
     assert best.start > first

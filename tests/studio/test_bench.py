@@ -22,7 +22,7 @@ def explained():
         "pickup g1", ways="fastest", sampling=FixedStep(SHORTEST)
     )
     assignment = ranking.session.assignment
-    return assignment, assignment.explain(ranking.ranked[0])
+    return assignment, assignment.explain(ranking.candidates[0])
 
 
 def test_what_is_shown_briefly_is_what_is_shown_in_full_but_for_boxes(explained):
@@ -39,7 +39,7 @@ def test_a_sketch_of_the_cell_as_it_is_has_the_verdicts_of_these_samples(explain
     study = whole.steps[0].study
     shown = Sketch.of(assignment.cell, study).seen_by(assignment.cell)
     assert shown.t == study.timeline.samples.t.tolist()
-    assert shown.q_avg == pytest.approx(whole.ranked.assessment.q_avg)
+    assert shown.q_avg == pytest.approx(whole.result.q_avg)
     exact = tidy(played(*explained, brief=True), digits=None)["samples"]
     for index, sample in enumerate(exact):
         assert shown.covered[index] == sample["covered"]
@@ -55,15 +55,15 @@ def test_steps_one_after_another_have_the_verdicts_and_qualities_of_these_sample
         "pickup g1 then place g1 crate", ways="fastest", sampling=FixedStep(SHORTEST)
     )
     assignment = ranking.session.assignment
-    whole = assignment.explain(ranking.ranked[0])
+    whole = assignment.explain(ranking.candidates[0])
     assert len(whole.steps) == 2
-    sketch = _steps(assignment.cell, ranking.ranked[0].assessment)
+    sketch = _steps(assignment.cell, ranking.candidates[0])
     assert sketch is not None
     shown, exact = sketch.shown, tidy(played(assignment, whole, brief=True), digits=None)["samples"]
     assert shown.t == pytest.approx([sample["t"] for sample in exact])
     assert shown.covered == [sample["covered"] for sample in exact]
-    assert shown.q_avg == pytest.approx(whole.ranked.assessment.q_avg)
-    assert shown.q_eoi == pytest.approx(whole.ranked.assessment.q_eoi)
+    assert shown.q_avg == pytest.approx(whole.result.q_avg)
+    assert shown.q_eoi == pytest.approx(whole.result.q_eoi)
     for index, sample in enumerate(exact):
         for literal, found in sample["literals"].items():
             atom = shown.atoms[literal.removeprefix("not ")]

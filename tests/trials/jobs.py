@@ -84,7 +84,7 @@ def write_programs(folder: Path) -> list[str]:
         path = folder / f"{candidate.name}.yaml"
         step = make_step(TASK, result, assessment, tuple(workspace.cameras))
         save_program(new_program(workspace, cell.model.arm, path).with_steps([step]), path)
-    return [ranked.assessment.candidate.name for ranked in rank(assessments, "q_eoi")]
+    return [ranked.candidate.name for ranked in rank(assessments, "q_eoi")]
 
 
 def fingerprint(folder: Path, name: str) -> str:

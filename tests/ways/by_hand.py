@@ -11,8 +11,7 @@ import numpy as np
 
 from sqrp_cli import open_cell
 from sqrp_cli.api.cell import OpenCell
-from sqrp_cli.programming.coverage.assessment import WayFigures
-from sqrp_cli.report.documents.candidates import CandidateFigures
+from sqrp_cli.programming.result import CandidateResult, WayFigures
 from tests.cells import ROOT, read_cell, write_cell
 from tests.random_cell import Crowd, random_cell
 
@@ -55,19 +54,19 @@ class Cell(NamedTuple):
     task: str
     yaws: tuple[int, ...]
 
-    def stated(self) -> list[CandidateFigures]:
+    def stated(self) -> list[CandidateResult]:
         """Every way that can be done, with all settings stated in a task of its own."""
         tasks = (
             f"{self.task} approach_yaw={yaw}deg elbow={elbow} shoulder={shoulder} wrist={wrist}"
             for yaw, elbow, shoulder, wrist in product(self.yaws, ELBOWS, SHOULDERS, WRISTS)
         )
-        found = (self.cell.rank(task, ways="fastest").document.candidates[0] for task in tasks)
+        found = (self.cell.rank(task, ways="fastest").candidates[0] for task in tasks)
         return [way for way in found if way.feasible]
 
     def ways(self) -> Ways:
         """What is said of the only candidate, and all its ways."""
         free = " ".join(f"{name}=any" for name in ("approach_yaw", "elbow", "shoulder", "wrist"))
-        (row,) = self.cell.rank(f"{self.task} {free}").document.candidates
+        (row,) = self.cell.rank(f"{self.task} {free}").candidates
         return Ways(
             shown=compared(row) if row.feasible else None,
             optimal=sorted(map(compared, row.ways.pareto)) if row.ways else [],
@@ -117,7 +116,7 @@ def cell_with_ways(folder: Path, seed: int) -> Cell:
     return Cell(open_cell(path), task, YAWS if starter else (0, 180))
 
 
-def compared(way: CandidateFigures | WayFigures) -> Figures:
+def compared(way: CandidateResult | WayFigures) -> Figures:
     """The figures of a way as they are compared."""
     assert way.q_eoi is not None
     assert way.q_avg is not None

@@ -91,7 +91,7 @@ def explain(context: Any, ask: ExplainCommand) -> ExitCode:  # noqa: ANN401 - Ty
     workspace, after = Start.of(ask.workspace, ask.after)
     cell = open_with_warnings(workspace, ask.seed)
     explanation = explained(cell, ask.but(after=after, choose=None if ask.all else ask.choose, progress=progress))
-    print_problems((*cell_warnings(cell.cell), *intervals_outside(one.assessment for one in explanation.ranking)))
+    print_problems((*cell_warnings(cell.cell), *intervals_outside(one for one in explanation.ranking)))
     answer(explanation, as_json=ask.json)
     if not ask.json:
         _say_more(explanation, workspace, after, ask)
@@ -138,7 +138,7 @@ def _say_more(explanation: Explanation, workspace: Path, after: Path | None, ask
     from sqrp_cli.terminal.console import say_command
     from sqrp_cli.terminal.rank_table import print_ways
 
-    found = explanation.explained[0].ranked.assessment
+    found = explanation.explained[0].result
     if not explanation.several and HELP in found.verdict:
         lost = "q_eoi" if found.q_eoi is not None and falls_short(found.q_eoi, 1.0) else "q_avg"
         listed = next((one for one in explanation.session.workspace.tasks if one.task == ask.task), None)
@@ -153,7 +153,7 @@ def _say_more(explanation: Explanation, workspace: Path, after: Path | None, ask
         words += ["--after", str(after)] if after is not None else []
         say_command("\nHow much of that is enough, and what it costs:", shlex.join(words))
     if ask.ways == "all":
-        print_ways([one.ranked.assessment for one in explanation.explained])
+        print_ways([one.result for one in explanation.explained])
 
 
 def _write_images(cell: Cell, studies: Sequence[Study], images: Path, *, several: bool) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sqrp_cli.api.session import ChosenStep, Session, add_steps, assess, chosen_steps
+from sqrp_cli.ask.requests import RankRequest
 from sqrp_cli.ask.values import cores
 from sqrp_cli.cli.options import open_with_warnings
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem
@@ -18,13 +19,12 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.feasibility import Possibility, possibilities
 from sqrp_cli.programming.pipeline import Assignment
-from sqrp_cli.programming.ranking import Ranked, rank
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.suggestion import Suggester, best_suggestion, check_candidate
 from sqrp_cli.programming.task import Task, read_task
 from sqrp_cli.terminal.check_table import print_suggested
 from sqrp_cli.terminal.console import Column, ask, note, print_problems, print_table, progress, say
 from sqrp_cli.terminal.program_table import print_program
-from sqrp_cli.terminal.rank_table import print_ranking
 
 
 def make_program(path: Path) -> ExitCode:
@@ -140,22 +140,22 @@ class _Dialog:
     def _choose(self, task: Task) -> list[ChosenStep]:
         """Rank the ways of a task and ask for one; if there is none, propose what to do first."""
         session = Session(task, Assignment(cell=self.cell, world=self.world))
-        ranking = rank(list(assess(session, cores(), progress)), "q_eoi")
+        ranking = session.ranking(list(assess(session, cores(), progress)), RankRequest(task.text))
         say()
-        print_ranking(task.text, session.assignment, ranking, "q_eoi", all_rows=True)
+        ranking.show(all_rows=True)
         say()
-        if ranking[0].rank is None:
+        if ranking.best is None:
             suggester = Suggester(self.cell, self.world, jobs=cores())
             suggested = best_suggestion([check_candidate(c, suggester) for c in task.candidates], suggester)
             if not suggested:
                 return []
             print_suggested(suggested)
             return chosen_steps(suggested) if (ask("\nTake these steps [yes]: ").lower() in ("", "y", "yes")) else []
-        chosen = _chosen([ranked for ranked in ranking if ranked.rank is not None])
-        return [] if chosen is None else [ChosenStep(task.text, chosen.assessment, self.world)]
+        chosen = _chosen(ranking.feasible)
+        return [] if chosen is None else [ChosenStep(task.text, chosen, self.world)]
 
 
-def _chosen(feasible: Sequence[Ranked]) -> Ranked | None:
+def _chosen(feasible: Sequence[CandidateResult]) -> CandidateResult | None:
     """The way that the user chooses; None: none of them."""
     while True:
         answer = ask("Which one becomes the step, by its #; 0 for none [1]: ") or "1"

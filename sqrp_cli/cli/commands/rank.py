@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sqrp_cli.api.results import Ranking
 from sqrp_cli.ask import requests
 from sqrp_cli.ask.request import option
 from sqrp_cli.ask.values import FLAG, PATH
@@ -16,13 +15,11 @@ from sqrp_cli.cli.options import answer, open_to_write, page_is_written
 from sqrp_cli.cli.start import Start
 from sqrp_cli.cli.watch import watched
 from sqrp_cli.errors import ExitCode
+from sqrp_cli.programming.result import Ranking
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from sqrp_cli.api.session import Session
-    from sqrp_cli.programming.coverage.assessment import Assessment
-    from sqrp_cli.programming.ranking import Ranked
+    from sqrp_cli.programming.result import CandidateResult, Ranking
 
 NAME = "rank"
 
@@ -53,7 +50,6 @@ def rank(context: Any, ask: RankCommand) -> ExitCode:  # noqa: ANN401 - Typer's 
     from sqrp_cli.checks.cell_warnings import cell_warnings, swept_cameras
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.platform.files import check_distinct
-    from sqrp_cli.programming.ranking import rank
     from sqrp_cli.terminal.console import note, print_problems, say_command
 
     if ask.watch:
@@ -69,26 +65,22 @@ def rank(context: Any, ask: RankCommand) -> ExitCode:  # noqa: ANN401 - Typer's 
     if not assessments:
         return ExitCode.INTERRUPTED
     print_problems(intervals_outside(assessments))
-    ranked = rank(assessments, ask.by)
-    if ranked[0].rank is not None:
-        best = ranked[0].assessment
-        ways = (one.way for one in best.steps or (best,))
+    found = session.ranking(assessments, ask, interrupted=interrupted)
+    if found.best is not None:
+        ways = (one.way for one in found.best.steps or (found.best,))
         print_problems(swept_cameras(session.cell, session.assignment.world, ways))
     # Written before the output, because its reader may leave early.
-    code, message = (
-        (ExitCode.INTERRUPTED, "") if interrupted else _write_chosen(session, ranked, ask.choose, ask.program)
-    )
+    code, message = (ExitCode.INTERRUPTED, "") if interrupted else _write_chosen(found, ask)
     if ask.report is not None and not interrupted:
         from sqrp_cli.report.pages.candidate_page import write_ranking
 
-        write = partial(write_ranking, session.task.text, session.assignment, ranked, ask.by)
+        write = partial(write_ranking, found, session.assignment)
         if not page_is_written(ask.report, write, context.obj, ask.jobs):
             code = ExitCode.INTERRUPTED
-    found = Ranking(session, ranked, ask.by, interrupted, all_ways=ask.ways == "all", all_rows=ask.all)
-    answer(found, as_json=ask.json)
+    answer(found, as_json=ask.json, all_rows=ask.all)
     if message:
         note(message)
-    if not ask.json and ranked[0].rank is None and _lacks_a_precondition(session):
+    if not ask.json and found.best is None and _lacks_a_precondition(session):
         words = [str(workspace), ask.task, *([] if before is None else ["--after", str(before)])]
         say_command("\nTo see whether something done first helps:", f"sqrp check {shlex.join(words)}")
     return code
@@ -102,12 +94,12 @@ def _lacks_a_precondition(session: Session) -> bool:
     return any(unmet_preconditions(session.cell, one, session.assignment.world) for one in one_step)
 
 
-def _assess(session: Session, jobs: int) -> tuple[list[Assessment], bool]:
+def _assess(session: Session, jobs: int) -> tuple[list[CandidateResult], bool]:
     """The assessments of all candidates, or at Ctrl-C of the finished ones; and whether it was interrupted."""
     from sqrp_cli.api.session import assess
     from sqrp_cli.terminal.console import note, progress
 
-    assessments: list[Assessment] = []
+    assessments: list[CandidateResult] = []
     try:
         assessments.extend(assess(session, jobs, progress))  # keeps those that came before an exception
     except KeyboardInterrupt:
@@ -116,30 +108,27 @@ def _assess(session: Session, jobs: int) -> tuple[list[Assessment], bool]:
     return assessments, False
 
 
-def _write_chosen(
-    session: Session, ranking: Sequence[Ranked], choose: str, program: Path | None
-) -> tuple[ExitCode, str]:
+def _write_chosen(found: Ranking, ask: RankCommand) -> tuple[ExitCode, str]:
     """Append the chosen candidate to a program, if one was named, unless it is infeasible.
 
     Returns the exit code and a message.
     """
     from sqrp_cli.api.session import add_steps, choose_candidate, steps_of
 
-    chosen = choose_candidate(ranking, choose)
-    if chosen.rank is None:
-        if ranking[0].rank is None and program is None:
+    chosen, program, session = choose_candidate(found.candidates, ask.choose), ask.program, found.session
+    if not chosen.feasible:
+        if found.best is None and program is None:
             return ExitCode.NONE_FEASIBLE, ""
         consequence = "" if program is None else f", so {program} was not written"
-        name, reason = chosen.assessment.candidate.name, chosen.assessment.reasons[0]
-        why = "no candidate can be done" if choose == "best" else f"{name} is infeasible ({reason})"
+        infeasible = f"{chosen.name} is infeasible ({chosen.reasons[0]})"
+        why = "no candidate can be done" if ask.choose == "best" else infeasible
         return ExitCode.NONE_FEASIBLE, f"{why}{consequence}"
     if program is None:
-        message = "" if choose == "best" else f"{chosen.assessment.candidate.name} is chosen; --program FILE writes it"
-        return ExitCode.OK, message
-    steps = steps_of(session, chosen.assessment)
+        return ExitCode.OK, "" if ask.choose == "best" else f"{chosen.name} is chosen; --program FILE writes it"
+    steps = steps_of(session, chosen)
     add_steps(session.cell, steps, session.assignment.sampling, program)
     where = "the last step" if len(steps) == 1 else f"the last {len(steps)} steps"
-    return ExitCode.OK, f"{chosen.assessment.candidate.name} is now {where} of {program}"
+    return ExitCode.OK, f"{chosen.name} is now {where} of {program}"
 
 
 command = command_of(RankCommand, rank)

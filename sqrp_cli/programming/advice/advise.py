@@ -31,8 +31,8 @@ from sqrp_cli.programming.advice.change import (
 from sqrp_cli.programming.advice.motion_search import MotionSearch, MotionsOfSteps
 from sqrp_cli.programming.advice.object_search import moved_objects
 from sqrp_cli.programming.advice.question import Found, Met, Question, assessed
-from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.feasibility import unready_world
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.whole_study import WholeStudy, whole_study
 
@@ -234,7 +234,7 @@ class Adviser:
     question: Question
 
     @cached_property
-    def before(self) -> Assessment:
+    def before(self) -> CandidateResult:
         """The candidate without any change, as with `--ways fastest`; in its best way if that misses the wish alone."""
         question = self.question
         found = whole_study(question.cell, question.fastest, question.world, question.sampling, full=False)
@@ -338,7 +338,7 @@ class Adviser:
             advice.append(Advice(change=met.change, found=found, margin=margin, effects=effects))
         return tuple(advice)
 
-    def _effects(self, change: ProposedChange, found: Assessment) -> tuple[EffectOnTask, ...]:
+    def _effects(self, change: ProposedChange, found: CandidateResult) -> tuple[EffectOnTask, ...]:
         """On all tasks; another motion of the candidate is nothing for others, nor for other tasks."""
         question = self.question
         if change.kind not in MOTION:
@@ -347,6 +347,6 @@ class Adviser:
         candidates = tuple(CandidateEffect(before=before, after=after) for before, after in pairs)
         return (EffectOnTask(task=question.task, candidates=candidates),)
 
-    def _of_candidate(self, found: Assessment) -> Assessment:
+    def _of_candidate(self, found: CandidateResult) -> CandidateResult:
         """The figures of a way as those of the candidate."""
         return replace(found, candidate=self.question.best.candidate, best_way=found.candidate)

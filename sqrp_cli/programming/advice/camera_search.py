@@ -19,11 +19,12 @@ from sqrp_cli.programming.advice.look import CameraLook, WishedSamples
 from sqrp_cli.programming.advice.question import Met, Near, finely_met, seen_by
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment, Study
+from sqrp_cli.programming.coverage.assessment import Study
 from sqrp_cli.programming.coverage.quality import interest_quality
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.coverage.timeline import Timeline, observe
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.whole_study import WholeStudy, mean_quality
 
@@ -225,7 +226,7 @@ class CameraSearch:
             return None
         return self._decided(lens.change(steps))
 
-    def decide(self, change: ProposedChange) -> Assessment | None:
+    def decide(self, change: ProposedChange) -> CandidateResult | None:
         """The candidate's figures with a change if they meet the wish, from the exact timeline."""
         if not self._may_be_there(change) or self._fails(change):
             return None

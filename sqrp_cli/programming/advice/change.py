@@ -15,8 +15,8 @@ from sqrp_cli.knowledge.skill.settings import MotionValue
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.advice.aiming import Aim
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.ranking import rank
+from sqrp_cli.programming.result import CandidateResult
 
 Kind = Literal["way", "path", "object", "aim", "position", "lens", "camera"]
 Unit = Literal["m", "rad", "camera", ""]
@@ -93,8 +93,8 @@ class Margin:
 class CandidateEffect:
     """A candidate of a task before and after a change."""
 
-    before: Assessment
-    after: Assessment
+    before: CandidateResult
+    after: CandidateResult
 
     @property
     def worse(self) -> tuple[str, ...]:
@@ -118,12 +118,12 @@ class EffectOnTask:
     """In the order of the task."""
 
     @property
-    def first_before(self) -> Assessment | None:
+    def first_before(self) -> CandidateResult | None:
         """The first-ranked candidate without the change; None if none can be done."""
         return _first([one.before for one in self.candidates])
 
     @property
-    def first_after(self) -> Assessment | None:
+    def first_after(self) -> CandidateResult | None:
         """The same with the change."""
         return _first([one.after for one in self.candidates])
 
@@ -133,16 +133,16 @@ class EffectOnTask:
         return tuple(one for one in self.candidates if one.worse)
 
 
-def _first(assessments: Sequence[Assessment]) -> Assessment | None:
+def _first(assessments: Sequence[CandidateResult]) -> CandidateResult | None:
     ranking = rank(assessments, "q_eoi")
-    return ranking[0].assessment if ranking and ranking[0].rank is not None else None
+    return ranking[0] if ranking and ranking[0].rank is not None else None
 
 
 _COMPARED = (("q_eoi", 1.0, 1e-3), ("q_avg", 1.0, 1e-3), ("time", -1.0, 0.01), ("delay_worst", -1.0, 0.01))
 """Figures that are compared, whether more is better, and what counts as a difference, as in rankings and sweeps."""
 
 
-def _worse(before: Assessment, after: Assessment, name: str, sign: float, step: float) -> bool:
+def _worse(before: CandidateResult, after: CandidateResult, name: str, sign: float, step: float) -> bool:
     old, new = (one.latest if name == "delay_worst" else getattr(one, name) for one in (before, after))
     if old is None or new is None:
         return False
@@ -154,7 +154,7 @@ class Advice:
     """A change that meets the wish."""
 
     change: ProposedChange
-    found: Assessment
+    found: CandidateResult
     """The candidate with it."""
     margin: Margin | None
     """None where there is nothing to measure."""
@@ -177,7 +177,7 @@ class Miss:
     tried: bool = True
     nearest: ProposedChange | None = None
     """What comes nearest, if anything was tried."""
-    found: Assessment | None = None
+    found: CandidateResult | None = None
     """The candidate with that."""
     limit: str = ""
     """Which limit then stands in the way, in a sentence."""

@@ -16,8 +16,9 @@ from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.advice.change import Miss, ProposedChange
 from sqrp_cli.programming.advice.question import Found, Met, Near, Question, finely_met
 from sqrp_cli.programming.candidate import whole_candidate
-from sqrp_cli.programming.coverage.assessment import Study, WayFigures, study
+from sqrp_cli.programming.coverage.assessment import Study, study
 from sqrp_cli.programming.program_update import world_after
+from sqrp_cli.programming.result import WayFigures
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.find import TimeLimit, WantedWay, find_way, studied_ways
 from sqrp_cli.programming.ways.grips import choice_in_words

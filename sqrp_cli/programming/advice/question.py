@@ -14,9 +14,10 @@ from sqrp_cli.programming.advice.aiming import Aim
 from sqrp_cli.programming.advice.change import CandidateEffect, EffectOnTask, Kind, Margin, Miss, ProposedChange
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment, observed_again
+from sqrp_cli.programming.coverage.assessment import observed_again
 from sqrp_cli.programming.coverage.sampling import Sampling
-from sqrp_cli.programming.coverage.verdict import HELP, NOTHING_MISSING, verdict
+from sqrp_cli.programming.coverage.verdict import HELP, verdict
+from sqrp_cli.programming.result import NOTHING_MISSING, CandidateResult
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.grips import first_grip
 from sqrp_cli.programming.whole_study import WholeStudy, reasons_of_step, whole_study, worst_seen
@@ -69,12 +70,12 @@ class Effects:
         return CandidateEffect(before=assessed(way, found), after=assessed(way, after))
 
 
-def assessed(way: Candidate, found: WholeStudy | Infeasible) -> Assessment:
+def assessed(way: Candidate, found: WholeStudy | Infeasible) -> CandidateResult:
     """The figures of a way, or why it cannot be done."""
-    return found.assessment if isinstance(found, WholeStudy) else Assessment.infeasible(way, found.reasons)
+    return found.assessment if isinstance(found, WholeStudy) else CandidateResult.infeasible(way, found.reasons)
 
 
-def is_fastest(found: Assessment) -> bool:
+def is_fastest(found: CandidateResult) -> bool:
     """Whether the figures of a candidate are those with `--ways fastest`."""
     first = first_grip(found.candidate)
     return found.way.parameters == first.parameters and not found.way.vias
@@ -99,7 +100,7 @@ class Met(NamedTuple):
     """A change that meets the wish."""
 
     change: ProposedChange
-    found: Assessment
+    found: CandidateResult
     """The way with it."""
 
 
@@ -129,9 +130,9 @@ class Question:
     sampling: Sampling
     fastest: Candidate
     """The candidate as `--ways fastest` has it."""
-    best: Assessment
+    best: CandidateResult
     """The candidate by its best way; by the fastest one where the motion is fixed."""
-    assessments: Sequence[Assessment]
+    assessments: Sequence[CandidateResult]
     """Of all candidates of the task, `best` among them."""
     wish: Wish
     aims: Mapping[str, Aim]

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from math import inf
 
 from sqrp_cli.errors import InputError, bad_option, expected_names
+from sqrp_cli.figures import Qualities
 from sqrp_cli.knowledge.text.units import SHARE, TIME, read_quantity
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask
-from sqrp_cli.programming.coverage.assessment import Assessment
-from sqrp_cli.programming.coverage.quality import Qualities, falls_short
+from sqrp_cli.programming.coverage.quality import falls_short
+from sqrp_cli.programming.result import CandidateResult
 
 QUALITIES = ("q_eoi", "q_avg")
 TIMES = ("time", "delay")
@@ -52,13 +53,13 @@ class Wish:
         keys = {"q_eoi": "min_q_eoi", "q_avg": "min_q_avg", "time": "max_time", "delay": "max_delay"}
         return {keys[name]: value for name, value in self._stated(NAMES)}
 
-    def missed(self, found: Assessment) -> tuple[str, ...]:
+    def missed(self, found: CandidateResult) -> tuple[str, ...]:
         """One short text for each part that a candidate does not meet, such as `Q_eoi is 0.0 %, not 100 %`."""
         if not found.feasible:
             return (f"it cannot be done: {found.reasons[0]}",)
         return tuple(self._missed(found))
 
-    def met(self, found: Assessment) -> bool:
+    def met(self, found: CandidateResult) -> bool:
         """Whether a candidate meets all of it."""
         return not self.missed(found)
 
@@ -67,7 +68,7 @@ class Wish:
         pairs = ((getattr(seen, name), least) for name, least in self._stated(QUALITIES))
         return not any(quality is None or falls_short(quality, least) for quality, least in pairs)
 
-    def shortfall(self, found: Assessment | None) -> float:
+    def shortfall(self, found: CandidateResult | None) -> float:
         """By how much a candidate misses it: qualities and shares of times, added up; infinite if infeasible."""
         if found is None or not found.feasible:
             return float("inf")
@@ -80,7 +81,7 @@ class Wish:
             missing += found.unseen or 0.0
         return missing
 
-    def is_nearer(self, found: Assessment | None, start: Assessment) -> bool:
+    def is_nearer(self, found: CandidateResult | None, start: CandidateResult) -> bool:
         """Whether a candidate misses it by less than another one, so that the figures show it."""
         shown = found is not None and self.missed(found) != self.missed(start)
         return shown and self.shortfall(found) < self.shortfall(start)
@@ -88,7 +89,7 @@ class Wish:
     def _stated(self, names: tuple[str, ...]) -> Iterator[tuple[str, float]]:
         yield from ((name, value) for name in names if (value := getattr(self, name)) is not None)
 
-    def _missed(self, found: Assessment) -> Iterator[str]:
+    def _missed(self, found: CandidateResult) -> Iterator[str]:
         for name, least in self._stated(QUALITIES):
             quality = figure(found, name)
             if quality is None:
@@ -104,7 +105,7 @@ class Wish:
                 yield f"{SHOWN[name]} is {time:.2f} s, not {most:.4g} s"
 
 
-def figure(found: Assessment, name: str) -> float | None:
+def figure(found: CandidateResult, name: str) -> float | None:
     """The figure of a candidate that a wish calls `name`; a delay is infinite where a fault may never be noticed."""
     return found.latest if name == "delay" else getattr(found, name)
 

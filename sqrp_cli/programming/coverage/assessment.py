@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sqrp_cli.errors import Infeasible, bad_input
+from sqrp_cli.figures import FaultMetrics
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.logic.image_time import Onset, Window, delays
-from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming import pieces
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.fault_sights import all_fault_windows, fault_onsets
-from sqrp_cli.programming.coverage.quality import NO_FIGURES, Figures, Qualities, figures_of
+from sqrp_cli.programming.coverage.quality import figures_of
 from sqrp_cli.programming.coverage.sampling import MAX_SAMPLES, Sampling, sample_count
 from sqrp_cli.programming.coverage.stage import Stage
 from sqrp_cli.programming.coverage.timeline import Rehearsal, Timeline, observe, observe_all
@@ -26,6 +26,7 @@ from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.grounding import TargetGrounder, formulas_outside, ground_formulas
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.stop_and_return import Recovery, recovery_over
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.task import Candidate
 
 _PROMPT = 1e-3
@@ -75,105 +76,6 @@ def longest_gap(windows: Sequence[Window], interval: Stretch) -> float:
     return max(found, interval.end - until)
 
 
-@dataclass(frozen=True, kw_only=True)
-class WayFigures:
-    """One way of doing what a candidate says."""
-
-    parameters: Mapping[str, float | str]
-    """Those of the candidate, with a value for each that it leaves free."""
-    vias: Mapping[str, list[list[float]]]
-    """By the name of a joint move, the joint positions that it bends around, in the order of the arm's joints; direct
-    moves have none [rad or m]."""
-    time: float
-    """Duration of the whole motion [s]."""
-    q_avg: float | None
-    """Q_avg in 0..1; null where no formula applies."""
-    q_eoi: float | None
-    """Q_eoi in 0..1; null where there is no event of interest."""
-    delay_worst: float | None
-    """The longest time that any fault may remain unnoticed [s]; null without faults, and where one may never be
-    noticed."""
-    unseen: float | None
-    """The largest share of times after which a fault may never be noticed, in 0..1; null without faults."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class BlindEnd:
-    """An end of a joint move at which the cameras do not cover the state, whatever the path of the move."""
-
-    primitive: str
-    """Name of the joint move."""
-    at: str
-    """The waypoint there."""
-    seconds: float
-    """How long the state is not covered between there and where the cameras see it first [s]; the whole move, named
-    where it begins, if they never do."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class WaysFound:
-    """The ways of doing what a candidate says."""
-
-    tried: int
-    """How many there are, by all that the candidate leaves free."""
-    feasible: int
-    """How many of them can be done, within `--max-time` if that is given."""
-    pareto: tuple[WayFigures, ...]
-    """The way that the candidate's own figures are about, then the others that are Pareto-optimal in q_eoi, q_avg and
-    time, the best first."""
-    blind_ends: tuple[BlindEnd, ...] = ()
-    """The ends of joint moves that no path can make seen, of the first way; empty if all paths have to be direct."""
-
-
-@dataclass(frozen=True, eq=False)
-class Assessment(Figures):
-    """What is reported of one candidate."""
-
-    candidate: Candidate
-    feasible: bool
-    reasons: tuple[str, ...] = ()
-    """Why it is infeasible, most useful first."""
-    error: float | None = None
-    """Bound on the error of Q from bisection, in 0..1."""
-    q_expected: float | None = None
-    """How likely images show all that must be seen, mean over T, in 0..1; None without detectors that have curves."""
-    largest_gap: float | None = None
-    """Between samples, see `Timeline.largest_gap` [s]."""
-    remarks: tuple[str, ...] = ()
-    """Detours and speeds that are not reached, such as `a1 goes around wall` and `a4 reaches 3.4 of 5 cm/s`."""
-    outside: tuple[tuple[int, int], ...] = ()
-    """The temporal operators that are never checked, see `grounding.formulas_outside`."""
-    verdict: str = ""
-    """One or two sentences."""
-    recalibrated: tuple[Qualities, ...] = ()
-    """The qualities for random camera poses, if requested."""
-    ways: WaysFound | None = None
-    """The ways in which it can be done; None where its motion was not asked for."""
-    best_way: Candidate | None = None
-    """The way behind the figures, if the candidate leaves something free."""
-    why_late: str = ""
-    """What takes so long until the fault with the longest delay is noticed, in a few words; empty without faults."""
-    steps: tuple[Assessment, ...] = ()
-    """Of a task of several steps: those of the steps that were looked at."""
-
-    @property
-    def way(self) -> Candidate:
-        """The way that has these figures: the candidate itself if it leaves nothing free."""
-        return self.best_way or self.candidate
-
-    @classmethod
-    def infeasible(
-        cls, candidate: Candidate, reasons: tuple[str, ...], verdict: str = "", ways: WaysFound | None = None
-    ) -> Assessment:
-        """The assessment of a candidate that cannot be done."""
-        return cls(candidate, feasible=False, reasons=reasons, verdict=verdict, ways=ways, **vars(NO_FIGURES))
-
-    @property
-    def has_choice(self) -> bool:
-        """Whether there is more than one way of doing it."""
-        return self.ways is not None and self.ways.tried > 1
-
-
 @dataclass(frozen=True, eq=False)
 class Watched(Rehearsal):
     """A feasible candidate with what the cameras see of it, but not yet how late faults are noticed."""
@@ -181,9 +83,11 @@ class Watched(Rehearsal):
     timeline: Timeline
 
     @property
-    def without_delays(self) -> Assessment:
+    def without_delays(self) -> CandidateResult:
         """Its figures, without faults."""
-        return Assessment(self.candidate, feasible=True, **vars(figures_of(self.timeline, self.motion.time, {})))
+        return CandidateResult(
+            candidate=self.candidate, feasible=True, **vars(figures_of(self.timeline, self.motion.time, {}))
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +100,7 @@ class Study(Watched):
     onsets: Mapping[str, tuple[Onset, ...]]
     """From when on images show each fault, for each interval in which it may happen, by its name."""
 
-    def assessment(self, verdict: str) -> Assessment:
+    def assessment(self, verdict: str) -> CandidateResult:
         """The figures of the candidate."""
         timeline, time = self.timeline, self.motion.time
         faults = {
@@ -204,7 +108,7 @@ class Study(Watched):
             for fault, windows in self.windows.items()
         }
         latest = max(faults, key=lambda fault: (faults[fault].unseen, faults[fault].delay_worst or 0.0), default=None)
-        return Assessment(
+        return CandidateResult(
             candidate=self.candidate,
             feasible=True,
             **vars(figures_of(timeline, time, faults)),
@@ -213,6 +117,7 @@ class Study(Watched):
             remarks=self.motion.remarks,
             outside=formulas_outside(self.candidate, self.motion),
             verdict=verdict,
+            retried=tuple(name for name in faults if name in self.candidate.skill.retried_faults),
             why_late="" if latest is None else why_late(faults[latest], self.windows[latest], self.onsets[latest]),
         )
 

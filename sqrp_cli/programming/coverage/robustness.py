@@ -10,10 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sqrp_cli.figures import Qualities
 from sqrp_cli.geometry import Array, displacement
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study
-from sqrp_cli.programming.coverage.quality import Qualities
+from sqrp_cli.programming.coverage.quality import qualities_over
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.timeline import Timeline, observe
 from sqrp_cli.programming.sensing.likelihood import BoxLikelihood, Shutter, at_least, likelihoods
@@ -45,7 +46,7 @@ def without_each_camera(cell: Cell, study: Study) -> dict[str, Qualities]:
             enough = np.delete(sees_all(boxes), index, axis=1).sum(axis=1) >= target.cameras
             covered[:, column] = observation.required[:, column] & enough
         timeline = replace(study.timeline, observation=replace(observation, covered=covered))
-        qualities[camera.name] = Qualities.of(timeline)
+        qualities[camera.name] = qualities_over(timeline)
     return qualities
 
 
@@ -55,7 +56,7 @@ def under_calibration_errors(
     """The qualities of a candidate for `DRAWS` draws of camera poses; draw i is the same for every candidate."""
     drawn = (perturbed(cell.observer, calibration, draw) for draw in range(DRAWS))
     timelines = (observe(study, observer, sampling, full=False) for observer in drawn)
-    return tuple(map(Qualities.of, timelines))
+    return tuple(map(qualities_over, timelines))
 
 
 def perturbed(observer: Observer, calibration: Calibration, draw: int) -> Observer:

@@ -21,6 +21,7 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study
 from sqrp_cli.programming.coverage.blind_spans import by_name, first_failing
 from sqrp_cli.programming.coverage.stage import states_of
+from sqrp_cli.programming.result import NOTHING_MISSING
 from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, sees_all
 from sqrp_cli.programming.targets import Target
@@ -32,8 +33,6 @@ of them."""
 _MOST_TURN, _TURNS = 30, 3
 """By how much a camera may be turned to close a gap [deg], and how many cameras are tried, the least turn first."""
 
-NOTHING_MISSING = "Every literal is covered all the time."
-"""The verdict on a candidate without loss."""
 
 HELP = ". It would help to "
 """Separates the sentence about the loss from the one about the remedy."""

@@ -17,13 +17,14 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment, Study, Watched
+from sqrp_cli.programming.coverage.assessment import Study, Watched
 from sqrp_cli.programming.placing.problem import Late, Problem, Requirements, Selection, obstacle
 from sqrp_cli.programming.placing.program import Limits, PlacementProgram, Watch
 from sqrp_cli.programming.placing.refine import Pair, refined
 from sqrp_cli.programming.placing.sites import Installation, blocked
 from sqrp_cli.programming.placing.table import PlaceQuestion, Progress, UnseenTarget, VisibilityTable
 from sqrp_cli.programming.ranking import compared_quality
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.find import BestWay, TimeLimit, WantedWay, find_ways, with_branch
 
@@ -60,8 +61,8 @@ class JudgedCandidate:
 
     task: str
     candidate: Candidate
-    found: Assessment
-    ranked: Assessment | None = None
+    found: CandidateResult
+    ranked: CandidateResult | None = None
     """The way that `rank` takes with these cameras, if that is another one with other figures."""
 
 
@@ -94,7 +95,7 @@ class Solution:
     """What came of a question."""
 
     question: PlaceQuestion
-    infeasible: tuple[tuple[str, Assessment], ...]
+    infeasible: tuple[tuple[str, CandidateResult], ...]
     """Candidates that cannot be done, with their tasks; they count for nothing."""
     ways: int
     """How many ways were looked at."""
@@ -308,7 +309,7 @@ class CameraPlacer:
             late = {Late(selection.options, way) for way, one in pairs if not only.met(one.assessment(""))}
         return self._value(wanted, [one.without_delays for one in found]), found, late
 
-    def _value(self, wanted: Requirements, figures: Sequence[Assessment]) -> float:
+    def _value(self, wanted: Requirements, figures: Sequence[CandidateResult]) -> float:
         """The quality that counts first."""
         return wanted.value([(one.q_eoi, one.q_avg) for one in figures], self.table.weights)
 

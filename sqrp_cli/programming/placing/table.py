@@ -16,7 +16,7 @@ from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.knowledge.workspace.mounts import LensChoice, MountEntry, Mounts, Spot
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment, Study, Watched, all_watched, with_delays
+from sqrp_cli.programming.coverage.assessment import Study, Watched, all_watched, with_delays
 from sqrp_cli.programming.coverage.fault_sights import least_fault_delays
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.stage import Samples
@@ -39,6 +39,7 @@ from sqrp_cli.programming.placing.sites import (
     view_batches,
     views_at,
 )
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.task import Task
 from sqrp_cli.programming.ways.find import Plans, TimeLimit
 
@@ -109,7 +110,7 @@ class VisibilityTable:
         """All ways of the candidates."""
         self.candidates: list[tuple[int, ...]] = []
         """Of each candidate, which of the ways are its own."""
-        self.infeasible: list[tuple[str, Assessment]] = []
+        self.infeasible: list[tuple[str, CandidateResult]] = []
         self.others: list[list[Rehearsal]] = []
         """Of each candidate, ways that are looked at only where they may be better."""
         self.too_slow = False
@@ -143,7 +144,7 @@ class VisibilityTable:
                     scenes = TimeLimit(wish.time).within(scenes)
                     self.too_slow |= isinstance(scenes, Infeasible)
                 if isinstance(scenes, Infeasible):
-                    self.infeasible.append((task.text, Assessment.infeasible(candidate, scenes.reasons)))
+                    self.infeasible.append((task.text, CandidateResult.infeasible(candidate, scenes.reasons)))
                     continue
                 (first, *others), of_first_grip = varied(scenes)
                 self.candidates.append((len(self.ways),))

@@ -16,7 +16,7 @@ from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.knowledge.skill.skill import HOME
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import BlindEnd, Study, study
+from sqrp_cli.programming.coverage.assessment import Study, study
 from sqrp_cli.programming.coverage.observation import Look, look_at
 from sqrp_cli.programming.coverage.quality import average_quality
 from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling
@@ -26,6 +26,7 @@ from sqrp_cli.programming.feasibility import skill_use
 from sqrp_cli.programming.motion.ground_primitives import ground_primitives
 from sqrp_cli.programming.motion.paths.position_limits import near_limits
 from sqrp_cli.programming.motion.timing import MotionLimits
+from sqrp_cli.programming.result import BlindEnd
 from sqrp_cli.programming.seen.move_search import (
     COST_DECIMALS,
     EXACTLY,

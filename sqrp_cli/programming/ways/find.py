@@ -10,27 +10,19 @@ from math import inf
 import numpy as np
 
 from sqrp_cli.errors import Infeasible, bad_option
+from sqrp_cli.figures import Qualities
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.knowledge.text.units import TIME, expected_quantity, read_quantity
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import (
-    Assessment,
-    BlindEnd,
-    Study,
-    Watched,
-    WayFigures,
-    WaysFound,
-    all_watched,
-    rehearsal,
-    with_delays,
-)
-from sqrp_cli.programming.coverage.quality import Qualities
+from sqrp_cli.programming.coverage.assessment import Study, Watched, all_watched, rehearsal, with_delays
+from sqrp_cli.programming.coverage.quality import qualities_over
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.timeline import Rehearsal
 from sqrp_cli.programming.feasibility import feasible_motion, impossible_start, skill_use
 from sqrp_cli.programming.motion.plan_motion import Motion, no_such_branch, plan_branches, plan_motion
-from sqrp_cli.programming.ranking import Criterion, Ranked, compared_quality, compared_time, contenders, rank
+from sqrp_cli.programming.ranking import compared_quality, compared_time, contenders, rank
+from sqrp_cli.programming.result import BlindEnd, CandidateResult, Criterion, WayFigures, WaysFound
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.grips import first_grip, grips
 
@@ -83,7 +75,7 @@ class BestWay:
     """The best way of a candidate, and what became of the others."""
 
     study: Study
-    assessment: Assessment
+    assessment: CandidateResult
     """The figures of the study, without a sentence."""
     ways: WaysFound
 
@@ -189,7 +181,7 @@ def _worth_naming(
 def _best(ways: _Allowed, studies: Sequence[Study], wanted: WantedWay) -> BestWay:
     """The best of the ways that are worth naming."""
     ranked = rank([study.assessment("") for study in studies], wanted.by)
-    best = ranked[0].assessment
+    best = ranked[0]
     chosen = next(study for study in studies if study.candidate is best.candidate)
     found = WaysFound(
         tried=ways.tried,
@@ -223,7 +215,7 @@ def studied_ways(
         seen = [one for by in ("q_eoi", "q_avg") for one in _seen(cell, allowed, sampling, longest, by)]
         watched = [*(replace(one, candidate=one.candidate.with_paths({})) for one in watched), *seen]
     for one in sorted(watched, key=lambda way: compared_time(way.motion.time)):
-        if worth(Qualities.of(one.timeline)):
+        if worth(qualities_over(one.timeline)):
             yield from with_delays(cell, [one], sampling)
 
 
@@ -327,10 +319,10 @@ def _blind_ends(candidate: Candidate, study: Study) -> tuple[BlindEnd, ...]:
     return blind_ends(study, candidate.open_paths)
 
 
-def _optimal(ranked: Iterable[Ranked]) -> tuple[WayFigures, ...]:
+def _optimal(ranked: Iterable[CandidateResult]) -> tuple[WayFigures, ...]:
     """The figures of the first way, and of all that are Pareto-optimal, one of those that are equal."""
-    optimal = (one.assessment for one in ranked if one.pareto or one.rank == 1)
-    found: dict[tuple[float, ...], Assessment] = {}
+    optimal = (one for one in ranked if one.pareto or one.rank == 1)
+    found: dict[tuple[float, ...], CandidateResult] = {}
     for one in optimal:
         found.setdefault(
             (compared_quality(one.q_eoi), compared_quality(one.q_avg), compared_time(one.time or 0.0)), one

@@ -10,7 +10,7 @@ from sqrp_cli.document import LEFT_OUT, Record, TaskDocument
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.programming.advice.change import MOTION, Advice, EffectOnTask, Kind, Miss, ProposedChange
 from sqrp_cli.programming.advice.wish import Wish
-from sqrp_cli.programming.coverage.assessment import Assessment
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.report.sentences import change_in_words
 
 
@@ -45,7 +45,7 @@ class AdvisedFigures(Record):
     """The largest share of times after which a fault may never be noticed, in 0..1; null without faults."""
 
     @classmethod
-    def of(cls, found: Assessment | None) -> AdvisedFigures:
+    def of(cls, found: CandidateResult | None) -> AdvisedFigures:
         """The figures of a candidate; None: there is none that can be done."""
         if found is None:
             return cls(q_eoi=None, q_avg=None, time=None, delay_worst=None, unseen=None)
@@ -171,7 +171,7 @@ class ChangeFound(AdvisedFigures):
     """The change as an instruction, such as `move cam1 10.9 cm, mostly -z, and turn it 5.2 deg`."""
 
     @classmethod
-    def of_change(cls, change: ProposedChange, found: Assessment) -> ChangeFound:
+    def of_change(cls, change: ProposedChange, found: CandidateResult) -> ChangeFound:
         """A change with what was found."""
         values = change.values if change.parameters is None else dict(change.parameters)
         return completed(cls, found, change, change=values, words=change_in_words(change))

@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from sqrp_cli.document import LEFT_OUT, Pose, Record, TaskDocument
+from sqrp_cli.figures import Qualities
 from sqrp_cli.geometry import Array, box_corners, transform
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.programming.cell import Cell
@@ -22,15 +23,14 @@ from sqrp_cli.programming.coverage.in_the_way import (
     in_the_way,
     to_move,
 )
-from sqrp_cli.programming.coverage.quality import Qualities
 from sqrp_cli.programming.coverage.robustness import Expectation, expectation, without_each_camera
 from sqrp_cli.programming.coverage.sampling import Sampling
-from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.programming.pipeline import sampling_done
+from sqrp_cli.programming.result import CandidateResult, SamplingDone
 from sqrp_cli.programming.sensing.limits import Cause, CauseLabel
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, Occluder
 from sqrp_cli.programming.targets import Target
 from sqrp_cli.report.documents import requirements
-from sqrp_cli.report.documents.candidates import CandidateFigures, SamplingDone
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,7 +155,7 @@ class Sample(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CandidateStudy(CandidateFigures):
+class CandidateStudy(CandidateResult):
     """A candidate over time."""
 
     sampling: SamplingDone | None
@@ -183,7 +183,7 @@ class CandidateStudy(CandidateFigures):
 
     @classmethod
     def of_study(
-        cls, cell: Cell, study: Study, ranked: Ranked, sampling: Sampling, *, brief: bool = False
+        cls, cell: Cell, study: Study, ranked: CandidateResult, sampling: Sampling, *, brief: bool = False
     ) -> CandidateStudy:
         """A feasible candidate with everything computed about it.
 
@@ -191,8 +191,8 @@ class CandidateStudy(CandidateFigures):
         """
         views = {} if brief else hidden_views(cell, study)
         return cls(
-            **vars(CandidateFigures.of(ranked)),
-            sampling=SamplingDone.of(sampling, [ranked.assessment]),
+            **vars(ranked),
+            sampling=sampling_done(sampling, [ranked]),
             primitives=[
                 requirements.Span(name=timed.name, start=timed.start, end=timed.end, does=stated.words)
                 for timed, stated in zip(study.motion.primitives, study.candidate.skill.primitives, strict=True)
@@ -214,10 +214,10 @@ class CandidateStudy(CandidateFigures):
         )
 
     @classmethod
-    def infeasible(cls, ranked: Ranked) -> CandidateStudy:
+    def without(cls, ranked: CandidateResult) -> CandidateStudy:
         """An infeasible candidate, with the same fields as a feasible one."""
         return cls(
-            **vars(CandidateFigures.of(ranked)),
+            **vars(ranked),
             sampling=None,
             primitives=[],
             formulas=[],
@@ -240,6 +240,8 @@ class ExplainDocument(CandidateStudy, TaskDocument):
     """
 
     document: Literal["explain"] = "explain"
+    task: str
+    """As it was asked for."""
     step: int | None = field(default=None, metadata=LEFT_OUT)
     """Which step, from 1: of a task of several, or of a program."""
 

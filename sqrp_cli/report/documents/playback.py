@@ -9,8 +9,8 @@ from typing import Literal
 
 from sqrp_cli.document import Pose, Record
 from sqrp_cli.programming.coverage.quality import falls_short
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.whole_study import mean_qualities, worst_seen
-from sqrp_cli.report.documents.candidates import CandidateFigures
 from sqrp_cli.report.documents.explanation import CandidateStudy, Sample
 from sqrp_cli.report.documents.requirements import Formula, Span
 
@@ -54,7 +54,7 @@ class PlayedCandidate(CandidateStudy):
         return cls(**slim, still=still, played=played)
 
     @classmethod
-    def of_steps(cls, figures: CandidateFigures, steps: Sequence[CandidateStudy]) -> PlayedCandidate:
+    def of_steps(cls, figures: CandidateResult, steps: Sequence[CandidateStudy]) -> PlayedCandidate:
         """What a page needs of a candidate of several steps, which follow each other without a pause."""
         starts = list(accumulate((step.time or 0.0 for step in steps), initial=0.0))
         shifts = [_Shift(f"{number}.", start) for number, start in enumerate(starts[:-1], 1)]
@@ -79,9 +79,7 @@ class PlayedCandidate(CandidateStudy):
         return cls.of_candidate(joined, tuple(_played(figures, steps, starts)))
 
 
-def _played(
-    figures: CandidateFigures, steps: Sequence[CandidateStudy], starts: Sequence[float]
-) -> Iterator[PlayedStep]:
+def _played(figures: CandidateResult, steps: Sequence[CandidateStudy], starts: Sequence[float]) -> Iterator[PlayedStep]:
     """The steps with their times; starts: of each, and the end of the last."""
     worst = worst_seen(steps)
     qualities = (steps[worst].q_eoi, steps[worst].q_avg)

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Literal
 
 from sqrp_cli.document import Document, Record
+from sqrp_cli.figures import FaultMetrics
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.knowledge.workspace.workspace_file import workspace_name
 from sqrp_cli.program.file import workspace_path
 from sqrp_cli.program.joint_trajectory import ToolCommand, action_name, tool_commands
-from sqrp_cli.program.record import FaultMetrics, Program, Step, Totals
+from sqrp_cli.program.record import Program, Step, Totals
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import inspect
 from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
 from functools import cache
 from itertools import pairwise
 from textwrap import dedent
@@ -19,8 +20,8 @@ from sqrp_cli.knowledge.skill.skill import SkillFile
 from sqrp_cli.knowledge.text.entries import Entry
 from sqrp_cli.knowledge.workspace.mounts import PlaceFile
 from sqrp_cli.knowledge.workspace.workspace import WorkspaceFile
+from sqrp_cli.programming.result import Ranking
 from sqrp_cli.report.documents.advice import AdviceDocument
-from sqrp_cli.report.documents.candidates import RankDocument
 from sqrp_cli.report.documents.checks import CheckDocument, RulesDocument
 from sqrp_cli.report.documents.explanation import ExplainAllDocument, ExplainDocument
 from sqrp_cli.report.documents.placing import PlaceDocument
@@ -48,7 +49,7 @@ _RECORD_NAMES: Mapping[str, str] = {
 """Names of renamed records in the schemas, kept so that references to their definitions stay valid."""
 
 DOCUMENTS: Mapping[str, Any] = {
-    "rank": RankDocument,
+    "rank": Ranking,
     "explain": ExplainDocument | ExplainAllDocument,
     "advise": AdviceDocument,
     "place": PlaceDocument,
@@ -96,6 +97,9 @@ class _Described(GenerateJsonSchema):
 
 
 def _described(schema: JsonSchemaValue, record: type) -> JsonSchemaValue:
+    if is_dataclass(record):
+        for hidden in (part.name for part in fields(record) if part.metadata.get("live")):
+            schema["properties"].pop(hidden)
     for name, value in schema.get("properties", {}).items():
         owners = [base for base in record.__mro__ if name in inspect.get_annotations(base)]
         text = next((texts[name] for texts in map(_texts, owners) if name in texts), None)

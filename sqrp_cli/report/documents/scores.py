@@ -8,7 +8,8 @@ from typing import Literal
 
 from sqrp_cli.document import LEFT_OUT, Document, Record, WorkspaceDocument
 from sqrp_cli.knowledge.text.entries import completed
-from sqrp_cli.report.documents.candidates import CandidateFigures
+from sqrp_cli.programming.pipeline import described
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.scoring.baselines.baseline import VanishedTask
 from sqrp_cli.scoring.baselines.changes import Change
 from sqrp_cli.scoring.baselines.comparison import Comparison, Shift, Verdict, WayChange
@@ -93,7 +94,7 @@ class TaskResult(Record):
     """Null where the workspace itself cannot be used."""
     status: Status
     """Failed if the task is not good enough or got worse; error if it cannot be ranked."""
-    best: CandidateFigures | None
+    best: CandidateResult | None
     """The first in the ranking; null if none is feasible."""
     reasons: list[str]
     """What is not good enough or got worse, or what the error is, in a sentence each."""
@@ -107,7 +108,7 @@ class TaskResult(Record):
         return completed(
             cls,
             score,
-            best=None if score.best is None else CandidateFigures.of(score.best),
+            best=None if score.best is None else described(score.best),
             reasons=list(score.reasons),
             baseline=None if result.comparison is None else ComparedTask.of(result.comparison),
         )

@@ -13,11 +13,9 @@ import numpy as np
 from sqrp_cli.document import Pose, Record
 from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.pipeline import Assignment, Explained
-from sqrp_cli.programming.ranking import Criterion, Ranked
-from sqrp_cli.programming.task import in_words
+from sqrp_cli.programming.pipeline import Assignment, Explained, described
+from sqrp_cli.programming.result import CandidateResult, Ranking
 from sqrp_cli.report import sentences
-from sqrp_cli.report.documents.candidates import CandidateFigures
 from sqrp_cli.report.documents.explanation import CandidateStudy
 from sqrp_cli.report.documents.playback import PlayedCandidate
 from sqrp_cli.report.documents.scene import ShowDocument
@@ -39,25 +37,18 @@ Result = TypeVar("Result")
 
 
 def write_ranking(
-    task: str,
-    assignment: Assignment,
-    ranking: Sequence[Ranked],
-    by: Criterion,
-    path: Path,
-    *,
-    arguments: Sequence[str],
-    jobs: int,
-    progress: Progress,
+    found: Ranking, assignment: Assignment, path: Path, *, arguments: Sequence[str], jobs: int, progress: Progress
 ) -> None:
     """Write the page about a ranking. arguments: of the command. jobs: processes to use at most."""
-    cell = assignment.cell
-    details = computed(lambda ranked: _detail(assignment, ranked), ranking, min(jobs, len(ranking) // 2), progress)
-    entries = candidate_rows(ranking, list(details))
+    cell, candidates = assignment.cell, found.candidates
+    details = computed(lambda one: _detail(assignment, one), candidates, min(jobs, len(candidates) // 2), progress)
+    entries = candidate_rows(candidates, list(details))
     about = origin(arguments, cell.workspace)
-    if feasible := [ranked for ranked in ranking if ranked.rank is not None]:
-        about.append(("accuracy", sentences.accuracy(assignment.sampling, feasible)))
-    title = f"{task} in {cell.workspace.name}"
-    said = f"{sentences.summary(ranking, by)}. {sentences.why_first(feasible, by) if feasible else ''}".strip()
+    said = f"{sentences.summary(candidates, found.by)}."
+    if found.feasible:
+        about.append(("accuracy", sentences.accuracy(found.sampling, found.feasible)))
+        said += f" {sentences.why_first(found.feasible, found.by)}"
+    title = f"{found.task} in {cell.workspace.name}"
     write_page(PageContent(title, said, "Candidates", about, entries, [cell_scene(cell)]), path)
 
 
@@ -100,54 +91,36 @@ def _scored(scored: ScoredCell, scores: Sequence[TaskScore], means: Means) -> tu
     return cell_scene(cell), [_score(score, 0, detail) for score, detail in zip(scores, details, strict=True)]
 
 
-def candidate_rows(ranking: Sequence[Ranked], details: Sequence[str | None]) -> list[PageRow]:
+def candidate_rows(ranking: Sequence[CandidateResult], details: Sequence[str | None]) -> list[PageRow]:
     """The rows of the candidates of a task. details: of each, see `PageRow`."""
-    differing = sentences.differing_parameters([ranked.assessment.candidate for ranked in ranking])
-    choice = any(ranked.assessment.has_choice for ranked in ranking)
-    return [
-        _candidate(ranked, differing, detail, choice=choice) for ranked, detail in zip(ranking, details, strict=True)
-    ]
-
-
-def _candidate(ranked: Ranked, differing: Sequence[str], detail: str | None, *, choice: bool) -> PageRow:
-    """The row of a candidate. choice: whether some can be done in several ways."""
-    assessment = ranked.assessment
-    mark = "infeasible" if ranked.rank is None else f"{ranked.rank}"
-    words = in_words(assessment.candidate.skill, assessment.candidate.all_parameters)
-    labels = {name: words[name] for name in differing}
-    if choice:
-        labels["way"] = sentences.way_of(assessment) if assessment.feasible else ""
-    return PageRow(
-        assessment.candidate.name,
-        mark,
-        labels,
-        CandidateFigures.of(ranked),
-        sentences.reasons_by_doing(assessment),
-        0,
-        detail,
-        retried=assessment.candidate.skill.retried_faults,
-    )
+    differing = sentences.differing_parameters(ranking)
+    choice = any(one.has_choice for one in ranking)
+    rows = []
+    for one, detail in zip(ranking, details, strict=True):
+        labels = {name: {**one.objects, **one.settings}[name] for name in differing}
+        mark = "infeasible" if one.rank is None else f"{one.rank}"
+        labels |= {"way": one.choice} if choice else {}
+        rows.append(PageRow(one.name, mark, labels, one, one.why, 0, detail, retried=one.retried))
+    return rows
 
 
 def _score(score: TaskScore, scene: int | None, detail: str | None) -> PageRow:
-    best = score.best
-    task = score.task or ""
+    best = None if score.best is None else described(score.best)
     labels = {
         "workspace": score.workspace,
-        "task": task,
-        "best": "" if best is None else best.assessment.candidate.name,
+        "task": score.task or "",
+        "best": "" if best is None else best.name,
     }
-    # The other rows are about other tasks, so a comparison within this one says nothing about them.
-    candidate = None if best is None else replace(CandidateFigures.of(best), pareto=False)
     return PageRow(
         ", ".join(filter(None, labels.values())),
         score.status,
         labels,
-        candidate,
+        # The other rows are about other tasks, so a comparison within this one says nothing about them.
+        None if best is None else replace(best, pareto=False),
         score.reasons,
         scene,
         detail,
-        retried=frozenset() if best is None else best.assessment.candidate.skill.retried_faults,
+        retried=() if best is None else best.retried,
     )
 
 
@@ -178,14 +151,14 @@ def playback(assignment: Assignment, explained: Explained) -> str | None:
 def played(assignment: Assignment, explained: Explained, *, brief: bool = False) -> PlayedCandidate:
     """What is shown of a feasible candidate beside its figures; brief: see `CandidateStudy.of_study`."""
     cell, sampling = assignment.cell, assignment.sampling
-    studies = [CandidateStudy.of_study(cell, one.study, one.ranked, sampling, brief=brief) for one in explained.steps]
+    studies = [CandidateStudy.of_study(cell, one.study, one.result, sampling, brief=brief) for one in explained.steps]
     several = len(studies) > 1
-    figures = CandidateFigures.of(explained.ranked)
+    figures = explained.result
     return PlayedCandidate.of_steps(figures, studies) if several else PlayedCandidate.of_candidate(studies[0])
 
 
-def _detail(assignment: Assignment, ranked: Ranked) -> str | None:
-    return playback(assignment, assignment.explain(ranked))
+def _detail(assignment: Assignment, one: CandidateResult) -> str | None:
+    return playback(assignment, assignment.explain(one))
 
 
 STEP = 1e-4

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from sqrp_cli.document import Record, plain
 from sqrp_cli.platform.files import write_atomically
-from sqrp_cli.report.documents.candidates import CandidateFigures
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.report.documents.placing import CameraPlaced
 from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.assembly import assembled, asset, packed
@@ -39,7 +39,7 @@ class PageRow:
     name: str
     mark: str
     labels: Mapping[str, str]
-    candidate: CandidateFigures | None
+    candidate: CandidateResult | None
     reasons: Sequence[str]
     scene: int | None
     detail: str | None

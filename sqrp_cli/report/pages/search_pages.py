@@ -10,17 +10,15 @@ from typing import NamedTuple
 from sqrp_cli.programming.advice.change import Advice
 from sqrp_cli.programming.advice.question import is_fastest
 from sqrp_cli.programming.advice.wish import Wish
-from sqrp_cli.programming.coverage.assessment import Assessment
-from sqrp_cli.programming.pipeline import Assignment
+from sqrp_cli.programming.pipeline import Assignment, described, sampling_done
 from sqrp_cli.programming.placing.place import JudgedCandidate, Solution
-from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.report.documents import placing
 from sqrp_cli.report.documents.advice import AdviceDocument, costs, held_ways, nearest_in_words
-from sqrp_cli.report.documents.candidates import CandidateFigures
 from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.candidate_page import cell_scene, computed, origin, playback
 from sqrp_cli.report.pages.page import CellScene, MountShown, PageContent, PageRow, PlacementShown, write_page
-from sqrp_cli.report.sentences import KIND_WORDS, accuracy, reasons_by_doing, way_of
+from sqrp_cli.report.sentences import KIND_WORDS, accuracy
 from sqrp_cli.scoring.scorecard import Progress
 
 
@@ -32,7 +30,7 @@ class AdviceShown:
     wish: Wish
     assignment: Assignment
     """The cell and the world without any change."""
-    before: Assessment
+    before: CandidateResult
     """The candidate without any change."""
     advice: Sequence[Advice]
     """Those of the document, in its order."""
@@ -43,7 +41,7 @@ class _Row(NamedTuple):
 
     row: PageRow
     """Without figures, cell and playback."""
-    found: Assessment
+    found: CandidateResult
     assignment: Assignment
     """The cell and the world with the change."""
 
@@ -61,8 +59,8 @@ def write_advice(shown: AdviceShown, path: Path, *, arguments: Sequence[str], jo
             scenes.append(CellScene(ShowDocument.of(assignment.cell), scenes[0].model))  # cameras are no solids
         entries.append(replace(row, scene=0 if same else len(scenes) - 1))
     about = origin(arguments, original.cell.workspace)
-    if feasible := [Ranked(row.found, 1, pareto=False) for row in rows if row.found.feasible]:
-        about.append(("accuracy", accuracy(original.sampling, feasible)))
+    if feasible := [row.found for row in rows if row.found.feasible]:
+        about.append(("accuracy", accuracy(sampling_done(original.sampling, feasible), feasible)))
     about += [(KIND_WORDS[kind.kind], kind.why) for kind in document.kinds if kind.why is not None]
     title = f"What would help: {document.task} in {document.workspace}"
     write_page(PageContent(title, _summary(shown), "Changes", about, entries, scenes), path)
@@ -89,10 +87,10 @@ def _rows(shown: AdviceShown) -> Iterator[_Row]:
     document, before, assignment = shown.document, shown.before, shown.assignment
     several = any(one.found.way.parameters != before.way.parameters for one in shown.advice)
 
-    def row(name: str, mark: str, kind: str, found: Assessment, reasons: Sequence[str]) -> PageRow:
+    def row(name: str, mark: str, kind: str, found: CandidateResult, reasons: Sequence[str]) -> PageRow:
         labels = {"change": name, "kind": kind}
         if several:
-            labels["way"] = "fastest" if is_fastest(found) else way_of(found)
+            labels["way"] = "fastest" if is_fastest(found) else described(found).choice
         retried = found.candidate.skill.retried_faults
         return PageRow(name, mark, labels, None, reasons, None, None, retried=retried)
 
@@ -106,15 +104,15 @@ def _rows(shown: AdviceShown) -> Iterator[_Row]:
         yield _Row(row(one.words, mark, one.kind, advice.found, reasons), advice.found, changed)
 
 
-def studied(row: PageRow, found: Assessment, assignment: Assignment, wish: Wish | None) -> PageRow:
+def studied(row: PageRow, found: CandidateResult, assignment: Assignment, wish: Wish | None) -> PageRow:
     """A row with figures that are known, and the playback of their way, with the verdict on that.
 
     Playback has samples where any camera's verdict changes, so it may show what the figures are too coarse for.
     """
-    ranked = Ranked(found, 1 if found.feasible else None, pareto=False)
+    ranked = replace(found, rank=1 if found.feasible else None, pareto=False)
     explained = assignment.explain(ranked)
-    shown = explained.ranked.assessment
-    figures = CandidateFigures.of(replace(ranked, assessment=replace(found, verdict=shown.verdict)))
+    shown = explained.result
+    figures = described(replace(ranked, verdict=shown.verdict))
     short = wish.missed(shown) if wish is not None and wish.met(found) else ()
     reasons = [*row.reasons, *(f"{missed}, if sampled as finely as the timeline below" for missed in short)]
     return replace(row, candidate=figures, reasons=reasons, detail=playback(assignment, explained))
@@ -141,8 +139,8 @@ def write_placement(
     about += [("compared", placing.compared_in_words(document)), ("proof", placing.scope_in_words(document))]
     about += [("to have it", "add --patch FILE to the command")] if document.patch else []
     if found.candidates:
-        judged = [Ranked(one.found, 1, pareto=False) for one in found.candidates]
-        about.append(("accuracy", accuracy(question.sampling, judged)))
+        judged = [one.found for one in found.candidates]
+        about.append(("accuracy", accuracy(sampling_done(question.sampling, judged), judged)))
     title = f"Where cameras go: {', '.join(document.tasks)} in {document.workspace}"
     said = (
         placing.unmet_in_words(document, question.requirements.wish),
@@ -187,7 +185,7 @@ def _row(found: Solution, document: placing.PlaceDocument, one: JudgedCandidate)
     mark = "" if wish is None else "short" if missed else "met"
     labels = _labels(found, one.task, one.candidate.name)
     if not found.question.fastest:
-        labels["way"] = way_of(one.found)
+        labels["way"] = described(one.found).choice
     retried = one.candidate.skill.retried_faults
     return PageRow(
         _name(found, one.task, one.candidate.name), mark, labels, None, [*missed, *unseen], 0, None, retried=retried
@@ -199,13 +197,13 @@ def _infeasible(found: Solution) -> Iterator[PageRow]:
     for task, one in found.infeasible:
         name, labels = _name(found, task, one.candidate.name), _labels(found, task, one.candidate.name)
         labels |= {} if found.question.fastest else {"way": ""}
-        figures = CandidateFigures.of(Ranked(one, None, pareto=False))
+        figures = described(one)
         yield PageRow(
             name,
             "" if found.question.requirements.wish is None else "infeasible",
             labels,
             figures,
-            reasons_by_doing(one),
+            figures.why,
             None,
             None,
         )

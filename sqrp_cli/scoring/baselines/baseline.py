@@ -21,7 +21,7 @@ from sqrp_cli.knowledge.text.validation import problems_of
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.programming.coverage.blind_spans import Coverage
 from sqrp_cli.programming.coverage.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount, FixedStep, Sampling
-from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.ways.grips import choice_in_words
 from sqrp_cli.scoring.baselines.changes import WORKSPACE, fields_of
 from sqrp_cli.scoring.score import ScoredCell, TaskScore
@@ -90,9 +90,9 @@ class WayRecord(Entry):
         return None if self.coverage is None else self.coverage.coverage()
 
     @staticmethod
-    def of(ranked: Ranked, coverage: Coverage | None) -> WayRecord:
+    def of(ranked: CandidateResult, coverage: Coverage | None) -> WayRecord:
         """The record of a candidate."""
-        assessment = ranked.assessment
+        assessment = ranked
         return WayRecord(
             candidate=assessment.candidate.name,
             choice=choice_in_words(assessment.candidate, assessment.way) if assessment.feasible else None,
@@ -139,7 +139,7 @@ class Baseline(Entry):
 def baseline_of(
     cells: Sequence[ScoredCell],
     scores: Sequence[TaskScore],
-    coverage: Callable[[TaskScore, Ranked], Coverage | None],
+    coverage: Callable[[TaskScore, CandidateResult], Coverage | None],
     sampling: Sampling,
 ) -> Baseline:
     """The baseline of these scores, without workspaces and tasks that have errors."""
@@ -154,7 +154,7 @@ def baseline_of(
                 fields[digest] = fields_of(cell.workspace, role)
         tasks = {
             result.task: TaskRecord(
-                best=None if result.best is None else result.best.assessment.candidate.name,
+                best=None if result.best is None else result.best.candidate.name,
                 ways={name: WayRecord.of(way, coverage(result, way)) for name, way in result.ways.items()},
             )
             for result in scores

@@ -11,7 +11,7 @@ import numpy as np
 
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.programming.coverage.blind_spans import BlindSpan, Coverage, TargetCoverage, difference, intersection
-from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.ways.grips import NOTHING_SPECIAL
 from sqrp_cli.scoring.baselines.baseline import TaskRecord, WayRecord
 from sqrp_cli.scoring.score import TaskScore
@@ -186,7 +186,7 @@ def compare(
     before: TaskRecord | None,
     now: TaskScore,
     allowance: float,
-    coverage: Callable[[TaskScore, Ranked], Coverage | None],
+    coverage: Callable[[TaskScore, CandidateResult], Coverage | None],
 ) -> Comparison:
     """Compare a task with its baseline, the worst change first; None without one. coverage: of a way now."""
     if before is None:

@@ -25,10 +25,10 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.platform.memory import collect_seldom, keep_freed_memory
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.blind_spans import coverage_of, coverage_of_steps
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.pipeline import Assignment
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.whole_study import whole_study
 from sqrp_cli.scoring.work.identity import program_digest
@@ -116,7 +116,7 @@ def _outcome(cell: Cell, job: Job, candidate: Candidate) -> Outcome:
         return Outcome(Assignment(job.sampling, cell=cell, world=world).assess(candidate), None)
     found = whole_study(cell, candidate, world, job.sampling, full=True)
     if isinstance(found, Infeasible):
-        return Outcome(Assessment.infeasible(candidate, found.reasons), None)
+        return Outcome(CandidateResult.infeasible(candidate, found.reasons), None)
     coverage = [coverage_of(cell, step) for step in found.steps]
     return Outcome(found.assessment, coverage_of_steps(coverage) if candidate.steps else coverage[0])
 

@@ -22,6 +22,7 @@ import numpy as np
 from pydantic import Field
 
 from sqrp_cli.errors import InputError, Place, bad_input
+from sqrp_cli.figures import FaultMetrics, Qualities
 from sqrp_cli.geometry import Mask, read_only
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.skill.skill import Skill
@@ -30,13 +31,11 @@ from sqrp_cli.knowledge.text.input_file import read_text
 from sqrp_cli.knowledge.text.json_file import parse_json
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.platform.files import make_folder, naming, write_atomically
-from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.advice.aiming import Aim
 from sqrp_cli.programming.advice.change import Advice, CandidateEffect, EffectOnTask, Kind, Margin, Miss, ProposedChange
 from sqrp_cli.programming.candidate import THEN, whole_skill
-from sqrp_cli.programming.coverage.assessment import Assessment, BlindEnd, WayFigures, WaysFound
 from sqrp_cli.programming.coverage.blind_spans import BlindSpan, Coverage, TargetCoverage
-from sqrp_cli.programming.coverage.quality import Qualities
+from sqrp_cli.programming.result import BlindEnd, CandidateResult, WayFigures, WaysFound
 from sqrp_cli.programming.sensing.limits import Cause, CauseLabel
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.scoring.work.identity import digest_of, program_digest
@@ -49,7 +48,7 @@ if TYPE_CHECKING:
 _RECORDS = {
     record.__name__: record
     for record in (
-        *(Advice, Aim, Assessment, BlindEnd, Camera, Candidate, CandidateEffect, EffectOnTask, FaultMetrics),
+        *(Advice, Aim, CandidateResult, BlindEnd, Camera, Candidate, CandidateEffect, EffectOnTask, FaultMetrics),
         *(Margin, Miss, ProposedChange, Qualities, WayFigures, WaysFound),
     )
 }
@@ -175,7 +174,7 @@ _NOT_KEPT = "results cannot be kept in this folder"
 class Outcome:
     """A computed candidate."""
 
-    assessment: Assessment
+    assessment: CandidateResult
     coverage: Coverage | None
     """None if it was not requested, or the candidate is infeasible."""
 

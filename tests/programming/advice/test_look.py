@@ -13,9 +13,9 @@ from sqrp_cli.programming.advice.look import CameraLook, WishedSamples
 from sqrp_cli.programming.advice.question import seen_by
 from sqrp_cli.programming.advice.wish import read_wish
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.coverage.stage import Samples
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.sensing.observer import Observer, sees_all
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.programming.whole_study import WholeStudy, whole_study
@@ -44,7 +44,7 @@ def moved(camera, rng, count: int) -> np.ndarray:
 
 
 @pytest.fixture(scope="module", params=["cam2", "cam6", pytest.param("cam5", marks=pytest.mark.trial)])
-def elsewhere(request, cell, studied) -> tuple[str, np.ndarray, list[Assessment]]:
+def elsewhere(request, cell, studied) -> tuple[str, np.ndarray, list[CandidateResult]]:
     """A camera, other poses of it, and the exact figures of the candidate with each."""
     entry = cell.workspace.cameras[request.param]
     poses = moved(entry, np.random.default_rng(0), 30)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from sqrp_cli.errors import Infeasible
+from sqrp_cli.figures import FaultMetrics
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.logic.image_time import Onset, Window
-from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study, observed_again
 from sqrp_cli.programming.coverage.sampling import Adaptive

@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, Trajectory
 
 from sqrp_cli.errors import Infeasible
+from sqrp_cli.figures import FaultMetrics
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.logic.image_time import Onset, Window
 from sqrp_cli.logic.literal import Literal
-from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study, fault_metrics, why_late
 from sqrp_cli.programming.coverage.fault_sights import FaultWatch, fault_windows

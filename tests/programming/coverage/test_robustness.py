@@ -5,11 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
+from sqrp_cli.figures import Qualities
 from sqrp_cli.geometry import inverse
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study, study
-from sqrp_cli.programming.coverage.quality import Qualities
+from sqrp_cli.programming.coverage.quality import qualities_over
 from sqrp_cli.programming.coverage.robustness import (
     DRAWS,
     Calibration,
@@ -45,11 +46,11 @@ def test_a_failed_camera_leaves_the_qualities_of_a_cell_without_it(cell: Cell, f
         candidate, world = found.candidate, cell.initial_world
         again = study(smaller, candidate, world, SAMPLING, full=False)
         assert isinstance(again, Study)
-        assert told[camera.name] == Qualities.of(again.timeline)
+        assert told[camera.name] == qualities_over(again.timeline)
 
 
 def test_losing_a_camera_never_helps_and_losing_some_hurts(cell: Cell, found: Study) -> None:
-    now = Qualities.of(found.timeline)
+    now = qualities_over(found.timeline)
     told = without_each_camera(cell, found).values()
     assert all(left.q_avg <= now.q_avg and left.q_eoi <= now.q_eoi for left in told)
     assert any(left.q_eoi < now.q_eoi for left in told)
@@ -57,7 +58,7 @@ def test_losing_a_camera_never_helps_and_losing_some_hurts(cell: Cell, found: St
 
 def test_an_exact_calibration_changes_nothing(cell: Cell, found: Study) -> None:
     draws = under_calibration_errors(cell, found, SAMPLING, Calibration(0.0, 0.0, 0))
-    assert draws == (Qualities.of(found.timeline),) * DRAWS
+    assert draws == (qualities_over(found.timeline),) * DRAWS
 
 
 def test_draws_are_seeded(cell: Cell, found: Study) -> None:

@@ -20,11 +20,12 @@ from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming import pipeline
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
+from sqrp_cli.programming.coverage.assessment import Study, study
 from sqrp_cli.programming.coverage.quality import average_quality, interest_quality
 from sqrp_cli.programming.coverage.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount
 from sqrp_cli.programming.coverage.stage import Stage
 from sqrp_cli.programming.pipeline import Assignment, assess_all
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.sensing.limits import SIDES, Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, CoveredStates, Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates
@@ -456,6 +457,6 @@ def test_candidates_assessed_together_have_the_figures_that_each_has_alone(table
     assert sum(one["feasible"] is True for one in together) > 3
 
 
-def figures(assessment: Assessment) -> dict[str, object]:
+def figures(assessment: CandidateResult) -> dict[str, object]:
     every = {field.name: getattr(assessment, field.name) for field in fields(assessment)}
     return {**every, "candidate": assessment.candidate.name}

@@ -8,12 +8,11 @@ from typing import get_type_hints
 import numpy as np
 import pytest
 
+from sqrp_cli.figures import NO_FIGURES, FaultMetrics, Figures, Qualities
 from sqrp_cli.geometry import Array, pose
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.program.record import FaultMetrics
-from sqrp_cli.programming.coverage.assessment import Assessment
-from sqrp_cli.programming.coverage.quality import NO_FIGURES, Figures, Qualities
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates
@@ -96,9 +95,9 @@ def _spoilt(X: Array) -> Array:
         lambda: Qualities(NAN, None),
         lambda: FaultMetrics(0.1, NAN, 0.0, 0.0, 1.0),
         *(lambda name=name: replace(NO_FIGURES, **{name: NAN}) for name in FIGURES),
-        *(lambda name=name: replace(Assessment.infeasible(None, ()), **{name: NAN}) for name in FIGURES),
-        lambda: replace(Assessment.infeasible(None, ()), error=NAN),
-        lambda: replace(Assessment.infeasible(None, ()), largest_gap=NAN),
+        *(lambda name=name: replace(CandidateResult.infeasible(None, ()), **{name: NAN}) for name in FIGURES),
+        lambda: replace(CandidateResult.infeasible(None, ()), error=NAN),
+        lambda: replace(CandidateResult.infeasible(None, ()), largest_gap=NAN),
     ],
 )
 def test_no_record_takes_a_pose_or_figure_that_is_not_finite(make: object) -> None:

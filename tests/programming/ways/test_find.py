@@ -11,7 +11,7 @@ from sqrp_cli.api.cell import OpenCell
 from sqrp_cli.errors import InputError
 from sqrp_cli.program.file import load_program
 from sqrp_cli.programming.program_update import StepReplanner
-from sqrp_cli.report.documents.candidates import CandidateFigures
+from sqrp_cli.programming.result import CandidateResult
 from tests.conftest import TABLETOP
 from tests.ways.by_hand import SLOW_LIFT, YAWS, Cell, Ways, cell_with_ways, compared
 
@@ -21,7 +21,7 @@ def cell() -> OpenCell:
     return open_cell(TABLETOP)
 
 
-def only(cell: OpenCell, task: str, **options: str) -> CandidateFigures:
+def only(cell: OpenCell, task: str, **options: str) -> CandidateResult:
     (found,) = cell.rank(task, **options).candidates  # type: ignore[arg-type]
     return found
 
@@ -34,12 +34,12 @@ def name(request: pytest.FixtureRequest) -> str:
 
 
 @pytest.fixture(scope="module")
-def one_by_one(cell: OpenCell, name: str) -> list[CandidateFigures]:
+def one_by_one(cell: OpenCell, name: str) -> list[CandidateResult]:
     """Every way that can be done, with all settings stated in the task."""
     return Cell(cell, f"pickup {name} via=direct", YAWS).stated()
 
 
-def test_the_best_way_is_the_best_of_all_by_hand(cell: OpenCell, name: str, one_by_one: list[CandidateFigures]) -> None:
+def test_the_best_way_is_the_best_of_all_by_hand(cell: OpenCell, name: str, one_by_one: list[CandidateResult]) -> None:
     best = only(cell, f"pickup {name}")
     assert best.ways is not None
     assert (best.ways.tried, best.ways.feasible) == (32, len(one_by_one))
@@ -79,12 +79,12 @@ def test_advice_finds_the_only_way_that_meets_a_wish(slow_lift: OpenCell) -> Non
     assert (found.kind, round(found.q_eoi or 0.0, 3)) == ("way", 0.186)
 
 
-def test_by_time_the_fastest_way_is_the_best(cell: OpenCell, name: str, one_by_one: list[CandidateFigures]) -> None:
+def test_by_time_the_fastest_way_is_the_best(cell: OpenCell, name: str, one_by_one: list[CandidateResult]) -> None:
     assert only(cell, f"pickup {name}", by="time").time == pytest.approx(min(way.time for way in one_by_one), abs=1e-6)
 
 
 def test_a_limit_of_time_leaves_the_best_of_the_ways_that_keep_it(
-    cell: OpenCell, name: str, one_by_one: list[CandidateFigures]
+    cell: OpenCell, name: str, one_by_one: list[CandidateResult]
 ) -> None:
     longest = 1.25 * min(way.time for way in one_by_one)
     kept = [way for way in one_by_one if way.time <= longest]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from sqrp_cli.programming.coverage.quality import NO_FIGURES
-from sqrp_cli.report.documents.candidates import CandidateFigures, StepFigures
+from sqrp_cli.figures import NO_FIGURES
+from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.report.documents.explanation import BoxCoverage, BoxVerdict, CandidateStudy, LiteralCoverage, Sample
 from sqrp_cli.report.documents.playback import PlayedCandidate
 from sqrp_cli.report.documents.requirements import Formula, Span
@@ -59,9 +59,10 @@ def step_of(x: float, q_avg: float) -> CandidateStudy:
 
 def test_steps_follow_each_other_under_names_with_their_numbers() -> None:
     steps = tuple(
-        StepFigures(**vars(NO_FIGURES), task=task, parameters={}, feasible=True, verdict="") for task in ("pick", "put")
+        CandidateResult(**vars(NO_FIGURES), task=task, parameters={}, feasible=True, verdict="")
+        for task in ("pick", "put")
     )
-    figures = CandidateFigures(
+    figures = CandidateResult(
         **vars(NO_FIGURES), parameters={}, feasible=True, rank=1, reasons=(), pareto=True, verdict="", ways=None,
         steps=steps,
     )  # fmt: skip

@@ -73,7 +73,7 @@ def test_no_camera_is_blamed_where_the_robot_moves_in_another_way():
     (result,) = found.results
     assert result.comparison is not None
     (change,) = result.comparison.ways
-    assert result.score.ways["g4"].assessment.way.values["approach_yaw"] == pytest.approx(-math.pi / 2)
+    assert result.score.ways["g4"].way.values["approach_yaw"] == pytest.approx(-math.pi / 2)
     assert (change.worse, change.another_way, change.losses) == (True, True, ())
     (reason,) = result.score.reasons
     assert "g4 now goes another way: left, flipped, -90 deg instead of left, flipped, 90 deg" in reason

@@ -1,0 +1,95 @@
+"""Figures of what the cameras see: of a fault, the qualities, and all of a candidate.
+
+SI units, shares in 0..1. Nothing of the program but its foundations is imported.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import astuple, dataclass, fields
+from math import inf
+from typing import Annotated
+
+from pydantic import Field
+
+from sqrp_cli.document import Record
+from sqrp_cli.geometry import check_finite
+from sqrp_cli.knowledge.text.entries import Stored
+
+Share = Annotated[float, Field(ge=0, le=1)]
+Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+@dataclass(frozen=True)
+class FaultMetrics(Stored):
+    """The cost of a fault at a time x, uniform over its interval."""
+
+    delay_mean: Seconds | None
+    """From x until it is noticed, mean over the x after which it is [s]; null if it never is."""
+    delay_worst: Seconds | None
+    """From x until it is noticed, supremum [s]; null where `unseen` is more than 0."""
+    blind_longest: Seconds
+    """Longest stretch of the interval in which it cannot be seen [s]."""
+    unseen: Share
+    """Share of x after which it may never be noticed, as no image is sure to show it, in 0..1."""
+    expected_time: Seconds | None
+    """Mean time from the start of the skill to its end after one retry [s]; null where `unseen` is more than 0."""
+
+    def __post_init__(self) -> None:
+        """Raises ValueError if a figure is not finite."""
+        check_finite("a fault", *astuple(self))
+
+
+@dataclass(frozen=True)
+class Qualities(Record):
+    """Q_avg and Q_eoi."""
+
+    q_avg: float | None
+    """Q_avg in 0..1; null where no formula applies."""
+    q_eoi: float | None
+    """Q_eoi in 0..1; null where there is no event of interest."""
+
+    def __post_init__(self) -> None:
+        """Raises ValueError if a figure is not finite, also one of a subclass."""
+        check_finite("a figure", *(value for value in vars(self).values() if isinstance(value, float)))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Figures(Qualities):
+    """The figures of a candidate. All are None, and `faults` is empty, where it is infeasible."""
+
+    time: float | None
+    """Duration of the whole motion [s]."""
+    t_total: float | None
+    """T, the time that formulas monitor [s]."""
+    t_eoi: float | None
+    """T_eoi, the time of the events of interest [s]."""
+    faults: Mapping[str, FaultMetrics]
+    """By the fault's name."""
+    states: int | None
+    """Samples that hold literals."""
+
+    __eq__ = object.__eq__
+    __hash__ = object.__hash__
+
+    @property
+    def unseen(self) -> float | None:
+        """The largest share of times after which a fault may never be noticed, in 0..1; None without faults."""
+        return max((fault.unseen for fault in self.faults.values()), default=None)
+
+    @property
+    def latest(self) -> float | None:
+        """The longest time until a fault is noticed [s]: infinite where one may never be, None without faults."""
+        worst = [inf if fault.delay_worst is None else fault.delay_worst for fault in self.faults.values()]
+        return max(worst, default=None)
+
+    @property
+    def delay_worst(self) -> float | None:
+        """The same; None where a fault may never be noticed."""
+        return None if self.latest == inf else self.latest
+
+
+NO_FIGURES = Figures(
+    **{part.name: {} if part.name == "faults" else None for part in fields(Figures)}  # type: ignore[arg-type]
+)
+"""Those of an infeasible candidate."""
