@@ -23,7 +23,13 @@ RECORD_FIELDS = {
 LONG = 30
 """Lines of a function, without its docstring, that are many."""
 
-_STUDY = ("programming/pieces", "programming/pipeline", "programming/ranking", "programming/whole_study")
+_STUDY = (
+    "programming/pieces",
+    "programming/pipeline",
+    "programming/ranking",
+    "programming/result",
+    "programming/whole_study",
+)
 ROOMS = {
     "foundations": ("errors geometry shapes trajectory shown version", 1_050),
     "files": ("knowledge/text", 2_428),
@@ -31,18 +37,18 @@ ROOMS = {
     "camera": ("knowledge/camera knowledge/light knowledge/markers knowledge/paint", 2_473),
     "cell": ("knowledge programming/cell programming/solids", 4_139),
     "logic": ("logic", 2_885),
-    "skill, program": ("knowledge/skill program", 2_135),
-    "task": ("programming", 1_871),
+    "skill, program": ("knowledge/skill program", 2_113),
+    "task": ("programming", 1_865),
     "motion": ("programming/motion", 3_345),
     "sight": ("sight programming/sensing", 1_291),
-    "study": ("programming/coverage programming/seen " + " ".join(_STUDY), 4_427),
-    "search": ("programming/advice programming/placing", 4_642),
+    "study": ("programming/coverage programming/seen " + " ".join(_STUDY), 4_583),
+    "search": ("programming/advice programming/placing", 4_648),
     "checks": ("checks", 1_379),
     "run": ("runtime", 8_852),
     "field": ("ros runtime/audit runtime/serve calibrating", 3_499),
-    "score": ("scoring", 2_920),
-    "show": ("terminal report", 7_318),
-    "ask": ("ask api cli __init__ __main__", 7_114),
+    "score": ("scoring", 2_919),
+    "show": ("terminal report document figures", 7_184),
+    "ask": ("ask api cli __init__ __main__", 7_027),
     "studio": ("studio", 2_294),
     "starter, platform": ("starter platform", 2_077),
 }
