@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, Indices, Mask
-from sqrp_cli.knowledge.camera.curve import COEFFICIENTS, BoxSights, Curve
-from sqrp_cli.knowledge.camera.detector import Detector
+from sqrp_cli.knowledge.camera.detector import COEFFICIENTS, BoxSights, Curve, Detector
 
 FOLDS = 5
 """Parts of the frames of which each is judged by the curve that the others teach."""

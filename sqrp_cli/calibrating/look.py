@@ -12,7 +12,7 @@ import numpy as np
 from sqrp_cli.calibrating.fit import DetectorLooks
 from sqrp_cli.calibrating.labelled import LabelledImage, LabelledImages
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.camera.curve import COEFFICIENTS, BoxSights, Curve
+from sqrp_cli.knowledge.camera.detector import COEFFICIENTS, BoxSights, Curve
 from sqrp_cli.knowledge.frames import frame_poses
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.logic.literal import Atom

@@ -15,7 +15,7 @@ from sqrp_cli.checks.placement import floating_objects, overlapping_objects
 from sqrp_cli.errors import Problem, expected_names, first_names
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.frames import WORLD, FrameName
-from sqrp_cli.knowledge.paint import COLORS, hue_of, look_alike
+from sqrp_cli.knowledge.light import COLORS, hue_of, look_alike
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.skill import Grasp, Skill
 from sqrp_cli.knowledge.skill.target_box import BoxSpec

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sqrp_cli.knowledge.camera.marker_range import marker_ranges
+from sqrp_cli.knowledge.camera.detector import marker_ranges
 from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from sqrp_cli.calibrating.fit import FOLDS, DetectorLooks, fit, held_out, judge, tell
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.camera.curve import BoxSights, Curve
-from sqrp_cli.knowledge.camera.detector import Detector
+from sqrp_cli.knowledge.camera.detector import BoxSights, Curve, Detector
 
 TRUE = Curve(bias=-18.0, pixels=6.0, incidence=3.0, visible=5.0, blur=8.0, most=0.97)
 DETECTOR = Detector(kind="aruco", distance=(0.1, 3.0), max_incidence=1.0, min_pixels=16.0)

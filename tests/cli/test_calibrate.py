@@ -10,7 +10,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from sqrp_cli.knowledge.camera.curve import Curve
+from sqrp_cli.knowledge.camera.detector import Curve
 from sqrp_cli.knowledge.workspace.edits import with_curve
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document

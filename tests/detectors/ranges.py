@@ -9,9 +9,7 @@ import numpy as np
 from sqrp_cli.calibrating.fit import DetectorLooks, fit
 from sqrp_cli.geometry import look_at, pose
 from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.knowledge.camera.curve import BoxSights
-from sqrp_cli.knowledge.camera.detector import Detector
-from sqrp_cli.knowledge.camera.marker_range import MarkerRange
+from sqrp_cli.knowledge.camera.detector import BoxSights, Detector, MarkerRange
 from sqrp_cli.knowledge.markers import DICTIONARIES, ObjectMarker
 from sqrp_cli.runtime.perception.vision import find_markers
 from tests.runtime.cell.scenes import camera, thing

@@ -22,7 +22,7 @@ os.environ["LP_NUM_THREADS"] = "0"
 import numpy as np
 
 from sqrp_cli.geometry import Array, pose
-from sqrp_cli.knowledge.paint import hue_of
+from sqrp_cli.knowledge.light import hue_of
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.logic.literal import Atom

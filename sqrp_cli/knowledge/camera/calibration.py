@@ -15,9 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, nearest
-from sqrp_cli.geometry import Array, read_only
+from sqrp_cli.geometry import read_only
 from sqrp_cli.knowledge.camera import calibration_formats as formats
-from sqrp_cli.knowledge.camera.calibration_text import CalibrationText, no_calibration, part_of, read_calibration_text
 from sqrp_cli.knowledge.camera.camera import DISTORTION_LENGTHS, CalibrationFile, DistortionModel, Intrinsics, PixelSize
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument
 from sqrp_cli.knowledge.text.validation import misspelt, validate
@@ -85,17 +84,23 @@ def read_calibration(
     and where file and workspace contradict each other.
     """
     wanted = wanted or CalibrationFile(file=str(path))
-    text = read_calibration_text(path, formats.TOP_KEYS)
+    text = formats.read_calibration_text(path, formats.TOP_KEYS)
     part, title, model = _chosen(text, wanted, asked)
     camera = validate(part, model)
     width, height = _size(camera, part, wanted, asked)
     stated = camera.lens(part)
-    matrix = _camera_matrix(part, stated)
+    K, rows = np.array(stated.K).reshape(3, 3), "[fx, 0, cx, 0, fy, cy, 0, 0, 1]"
+    if K[0, 0] <= 0 or K[1, 1] <= 0:
+        message = f"found focal lengths {K[0, 0]:g} and {K[1, 1]:g}, expected positive ones: {rows}"
+        raise part.error("wrong-value", stated.K_at, message)
+    if np.abs([K[0, 1], K[1, 0], K[2, 0], K[2, 1], K[2, 2] - 1.0]).max() > 1e-6:
+        message = f"found skew or a last row that is not 0, 0, 1; expected {rows}"
+        raise part.error("wrong-value", stated.K_at, message)
     distortion_model, coefficients = _distortion(part, stated)
     intrinsics = Intrinsics(
         width=width,
         height=height,
-        matrix=matrix,
+        matrix=read_only(K),
         distortion_model=distortion_model,
         distortion=read_only(coefficients),
         lens_file=title,
@@ -113,17 +118,20 @@ class _Found(NamedTuple):
     model: type[formats.StatedCamera]
 
 
-def _chosen(text: CalibrationText, wanted: CalibrationFile, asked: str) -> _Found:
+def _chosen(text: formats.CalibrationText, wanted: CalibrationFile, asked: str) -> _Found:
     """The wanted camera of a file."""
     document, found = text.document, dict(_cameras(text.document.data, ()))
     if () in found or not found:
         if not found and not any(key in document.data for key in formats.TOP_KEYS):
-            raise InputError(no_calibration(document.path))
+            raise InputError(formats.no_calibration(document.path))
         known, own = found.get((), formats.CAMERA_INFO), _own_name(document.data)
         if wanted.camera not in (None, own):
             raise InputError(_unknown_camera(document, str(wanted.camera), [] if own is None else [own], asked))
         return _Found(document, _title(known, document, text.syntax), known.model)
-    names = {_name(document, at): at for at in found}
+    names = {}  # a camera of a list is called by its own name, any other by its key
+    for at in found:
+        own = _own_name(document.at(at)) if isinstance(at[-1], int) else None
+        names[own or str(at[-1])] = at
     if wanted.camera is None and len(names) > 1:
         message = f"the file has the cameras {', '.join(f'`{name}`' for name in names)}"
         mend = f"say which: `{asked}: {{file: {wanted.file}, camera: {next(iter(names))}}}`"
@@ -131,7 +139,7 @@ def _chosen(text: CalibrationText, wanted: CalibrationFile, asked: str) -> _Foun
     name = wanted.camera or next(iter(names))
     if name not in names:
         raise InputError(_unknown_camera(document, name, list(names), asked))
-    part = part_of(document, names[name])
+    part = formats.part_of(document, names[name])
     known = found[names[name]]
     return _Found(part, f"{_title(known, part, text.syntax)}: {name}", known.model)
 
@@ -163,12 +171,6 @@ def _title(known: formats.CalibrationFormat, part: SourceDocument, syntax: str) 
     matrix = next((part.data[key] for key in formats.K_KEYS if key in part.data), None)
     of_opencv = syntax in ("XML", "JSON") or (isinstance(matrix, dict) and "dt" in matrix)
     return f"OpenCV FileStorage ({syntax})" if of_opencv else f"ROS camera_info ({syntax})"
-
-
-def _name(document: SourceDocument, at: KeyPath) -> str:
-    """What a camera of a file is called: its `camera_name` in a list, else its key."""
-    own = _own_name(document.at(at))
-    return own if isinstance(at[-1], int) and own is not None else str(at[-1])
 
 
 def _own_name(camera: Mapping[str, Any]) -> str | None:
@@ -203,40 +205,31 @@ def doubtful_projection(found: CameraCalibration) -> Iterator[Problem]:
     The projection matrix describes the rectified image, which has the same size: `camera_calibration` scales the focal
     lengths to keep more or less of the image, and hardly moves its centre.
     """
-    document = found.part
-    key = next((key for key in P_KEYS if key in document.data), None)
-    P = _projection(document.data[key]) if key is not None else None
-    if key is None or P is None:
-        return
-    why = _why_another(P, found.intrinsics)
-    if why is not None:
-        message = f"{why}; expected that of the rectified image of this camera. It is not used, `camera_matrix` is"
-        problem = document.problem("doubtful-projection", (key,), message, "is the file put together from two cameras?")
-        yield replace(problem, severity="warning")
-
-
-def _projection(entry: object) -> Array | None:
-    """A projection matrix, shape (3, 4); None if malformed or all zeros, which is how drivers write unknown ones."""
+    document, K = found.part, found.intrinsics.matrix
+    key = next((key for key in P_KEYS if key in document.data), "")
+    entry = document.data.get(key)
     numbers = formats.flat(entry.get("data") if isinstance(entry, dict) else entry)
     if not isinstance(numbers, list) or len(numbers) != 12 or not all(isinstance(n, int | float) for n in numbers):
-        return None
-    return np.array(numbers, dtype=float).reshape(3, 4) if any(numbers) else None
-
-
-def _why_another(P: Array, intrinsics: Intrinsics) -> str | None:
-    K = intrinsics.matrix
-    focal, known = P[[0, 1], [0, 1]], K[[0, 1], [0, 1]]
+        return
+    if not any(numbers):  # as drivers write an unknown one
+        return
+    P = np.array(numbers, dtype=float).reshape(3, 4)
+    size = np.array([found.intrinsics.width, found.intrinsics.height])
+    focal, known, why = P[[0, 1], [0, 1]], K[[0, 1], [0, 1]], ""
+    lengths = f"found focal lengths {focal[0]:g} and {focal[1]:g}"
     if (focal <= 0).any():
-        return f"found focal lengths {focal[0]:g} and {focal[1]:g}, expected positive ones"
-    if not ((focal / known < MOST_SCALED) & (known / focal < MOST_SCALED)).all():
-        return f"found focal lengths {focal[0]:g} and {focal[1]:g}, `camera_matrix` has {known[0]:g} and {known[1]:g}"
-    size = np.array([intrinsics.width, intrinsics.height])
-    if (np.abs(P[:2, 2] - K[:2, 2]) > MOST_MOVED * size).any():
-        return (
+        why = f"{lengths}, expected positive ones"
+    elif not ((focal / known < MOST_SCALED) & (known / focal < MOST_SCALED)).all():
+        why = f"{lengths}, `camera_matrix` has {known[0]:g} and {known[1]:g}"
+    elif (np.abs(P[:2, 2] - K[:2, 2]) > MOST_MOVED * size).any():
+        why = (
             f"found the principal point ({P[0, 2]:g}, {P[1, 2]:g}), `camera_matrix` has ({K[0, 2]:g}, {K[1, 2]:g}) "
             f"in an image of {size[0]} x {size[1]} pixels"
         )
-    return None
+    if why:
+        message = f"{why}; expected that of the rectified image of this camera. It is not used, `camera_matrix` is"
+        problem = document.problem("doubtful-projection", (key,), message, "is the file put together from two cameras?")
+        yield replace(problem, severity="warning")
 
 
 def check_image(document: SourceDocument, path: KeyPath, image: Intrinsics) -> None:
@@ -261,27 +254,24 @@ def _check_count(document: SourceDocument, path: KeyPath, name: str, count: int,
         raise document.error("wrong-length", path, message)
 
 
-def _camera_matrix(document: SourceDocument, stated: formats.StatedLens) -> Array:
-    K, path = np.array(stated.K).reshape(3, 3), stated.K_at
-    if K[0, 0] <= 0 or K[1, 1] <= 0:
-        message = (
-            f"found focal lengths {K[0, 0]:g} and {K[1, 1]:g}, expected positive ones: [fx, 0, cx, 0, fy, cy, 0, 0, 1]"
-        )
-        raise document.error("wrong-value", path, message)
-    if np.abs([K[0, 1], K[1, 0], K[2, 0], K[2, 1], K[2, 2] - 1.0]).max() > 1e-6:
-        message = "found skew or a last row that is not 0, 0, 1; expected [fx, 0, cx, 0, fy, cy, 0, 0, 1]"
-        raise document.error("wrong-value", path, message)
-    return read_only(K)
-
-
 def _distortion(document: SourceDocument, stated: formats.StatedLens) -> tuple[DistortionModel, list[float]]:
     """The distortion model and all of its coefficients."""
     _, counts = _MODELS.get((stated.model or "").lower(), ("none", (8,)))
     count = len(stated.D)
     while count > max(counts) and not stated.D[count - 1]:  # OpenCV writes zeros of models with 12 and 14
         count -= 1
+    if not stated.model and count == 4:
+        message = "with 4 distortion coefficients the file must say `distortion_model`"
+        how = "add `distortion_model: radtan` (k1, k2, p1, p2) or `distortion_model: fisheye` (k1, k2, k3, k4)"
+        raise document.error("missing-key", stated.D_at, message, how)
+    if not stated.model and count not in _OPENCV_MODELS:
+        message, mend = f"found {len(stated.D)} distortion coefficients, expected 4, 5 or 8", None
+        if count > 8:
+            message += f", with zeros after them; number {count} is {stated.D[count - 1]:g}"
+            mend = "calibrate without OpenCV's flags `CALIB_THIN_PRISM_MODEL` and `CALIB_TILTED_MODEL`"
+        raise document.error("wrong-length", stated.D_at, message, mend)
     if not stated.model:
-        return _unnamed(document, stated, count), list(stated.D[:count])
+        return _OPENCV_MODELS[count], list(stated.D[:count])
     if stated.model.lower() not in _MODELS:
         expected = expected_names(stated.model, stated.models)
         message = f"found `{stated.model}`, which is no known distortion model; {expected}"
@@ -289,18 +279,3 @@ def _distortion(document: SourceDocument, stated: formats.StatedLens) -> tuple[D
     model, counts = _MODELS[stated.model.lower()]
     _check_count(document, stated.D_at, stated.model, count, counts)
     return model, [*stated.D[:count], *[0.0] * (DISTORTION_LENGTHS[model] - count)]
-
-
-def _unnamed(document: SourceDocument, stated: formats.StatedLens, count: int) -> DistortionModel:
-    """The model of a file that names none."""
-    if count == 4:
-        message = "with 4 distortion coefficients the file must say `distortion_model`"
-        how = "add `distortion_model: radtan` (k1, k2, p1, p2) or `distortion_model: fisheye` (k1, k2, k3, k4)"
-        raise document.error("missing-key", stated.D_at, message, how)
-    if count not in _OPENCV_MODELS:
-        message, mend = f"found {len(stated.D)} distortion coefficients, expected 4, 5 or 8", None
-        if count > 8:
-            message += f", with zeros after them; number {count} is {stated.D[count - 1]:g}"
-            mend = "calibrate without OpenCV's flags `CALIB_THIN_PRISM_MODEL` and `CALIB_TILTED_MODEL`"
-        raise document.error("wrong-length", stated.D_at, message, mend)
-    return _OPENCV_MODELS[count]

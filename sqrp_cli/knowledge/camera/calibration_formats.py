@@ -1,18 +1,201 @@
-"""The formats of calibration files: each is a model of one camera in it, which gives a `StatedLens`."""
+"""Calibration files: the text of each syntax as keys and values, and the formats of a camera in it.
+
+Syntaxes are recognised by content: YAML (with OpenCV's header and tags), JSON, OpenCV's XML, the INI files of
+`camera_calibration` (`ost.txt`) and COLMAP's `cameras.txt`. A format is a model of one camera, which gives a
+`StatedLens`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+import re
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 from pydantic import AliasChoices, BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from sqrp_cli.errors import expected_names
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names
 from sqrp_cli.knowledge.camera.camera import PixelCount, PixelSize, check_pixels
 from sqrp_cli.knowledge.text.entries import ForeignEntry, MappingOr, Number
-from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument
+from sqrp_cli.knowledge.text.input_file import decoded, read_input
+from sqrp_cli.knowledge.text.json_file import json_document, parse_json
+from sqrp_cli.knowledge.text.source import Data, KeyPath, SourceDocument, not_finite
+from sqrp_cli.knowledge.text.xml_file import Element, parse_xml
+from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, parse_yaml, top_key
+
+_INI = re.compile(r"^[ \t]*\[[\w/. -]+\][ \t\r]*$", re.MULTILINE)
+_INI_KEYS = re.compile(r"^[ \t]*(camera matrix|distortion)[ \t\r]*$", re.MULTILINE)
+_INI_NAME = re.compile(r"(?!nan\b|inf\b)[a-z][a-z_ ]*")
+_COLMAP_LINE = re.compile(r"\s*(?:#.*\n\s*)*\d+[ \t]+(?:[A-Z]+_?[A-Z_]+\s|[a-z_]+[ \t]+\d+[ \t]+\d+\s)")
+
+
+class CalibrationText(NamedTuple):
+    """A file as keys and values."""
+
+    document: SourceDocument
+    syntax: str
+    """YAML, XML, JSON, INI or COLMAP."""
+
+
+def read_calibration_text(path: Path, keys: Collection[str]) -> CalibrationText:
+    """A calibration file. keys: those by which YAML is recognised, so that problems may quote it, see `read_yaml`.
+
+    Raises InputError, with the line, for text that is none of these, or is damaged.
+    """
+    content = read_input(path, MAX_BYTES)
+    text = decoded(path, content)
+    start, builder = text.lstrip()[:1], _Builder(path, content)
+    if start == "<":
+        # OpenCV's FileStorage in XML.
+        tags: dict[str, bool] = {}
+        for element in parse_xml(path, content, "opencv_storage").inside():
+            tags[element.tag] = tags.get(element.tag, True) and not element.children
+        root = parse_xml(path, content, "opencv_storage", frozenset(tag for tag, is_leaf in tags.items() if is_leaf))
+        for child in root.children:
+            builder.put(builder.data, (child.tag,), builder.xml_value(child, (child.tag,)), child.place)
+        return builder.text("XML")
+    if start == "{" and '"' in text:
+        data = parse_json(path, text)
+        if isinstance(data, dict):
+            return CalibrationText(json_document(path, text, data), "JSON")
+    if _INI.search(text) and _INI_KEYS.search(text):
+        builder.read_ini(text)
+        return builder.text("INI")
+    if _COLMAP_LINE.match(text):
+        builder.read_colmap(text)
+        return builder.text("COLMAP")
+    try:
+        return CalibrationText(parse_yaml(path, content, frozenset({"!!opencv-matrix"}), keys), "YAML")
+    except InputError as error:
+        if content.strip() and not top_key(keys).search(text):
+            raise InputError(no_calibration(path)) from error
+        raise
+
+
+def no_calibration(path: Path) -> Problem:
+    """The problem of a file that is none of those read here."""
+    message = (
+        "found no camera; expected ROS camera_info or ost.txt, OpenCV FileStorage, a Kalibr camchain, a VINS camera, "
+        "or COLMAP's cameras.txt"
+    )
+    mend = "export it as one of these, or state `image: {width, height, fx, fy, cx, cy, distortion}` in the workspace"
+    return Problem("unknown-calibration", message, Place(path), mend=mend)
+
+
+class _Part(SourceDocument):
+    """A part of a file: problems name its keys as the file has them."""
+
+    within: KeyPath = ()
+
+    def name(self, path: KeyPath) -> str:
+        return super().name((*self.within, *path))
+
+
+def part_of(document: SourceDocument, at: KeyPath) -> SourceDocument:
+    """The mapping at a path of a file, with its places."""
+    keys, values = (
+        {path[len(at) :]: place for path, place in places.items() if path[: len(at)] == at}
+        for places in (document.keys, document.values)
+    )
+    part = _Part(document.path, document.content, document.at(at), keys, values)
+    object.__setattr__(part, "within", at)
+    return part
+
+
+class _Builder:
+    """Collects values with their places."""
+
+    def __init__(self, path: Path, content: bytes) -> None:
+        self.path, self.content = path, content
+        self.data: Data = {}
+        self.places: dict[KeyPath, Place] = {}
+
+    def put(self, owner: Data, at: KeyPath, value: object, place: Place) -> None:
+        """A value of a mapping at a path. Raises InputError for a second one of its name."""
+        key = str(at[-1])
+        if key in owner:
+            first = self.places[at].line
+            raise bad_input("duplicate-key", f"`{key}` is given twice, first in line {first}", place)
+        owner[key] = value
+        self.places[at] = place
+
+    def text(self, syntax: str) -> CalibrationText:
+        document = SourceDocument(self.path, self.content, self.data, self.places, self.places)
+        return CalibrationText(document, syntax)
+
+    def xml_value(self, element: Element, at: KeyPath) -> object:
+        """What an element of OpenCV's FileStorage holds."""
+        if not element.children:
+            text = "".join(element.pieces).strip().strip('"')
+            return _row(text, element.place) if element.tag == "data" else _scalars(text)
+        if all(child.tag == "_" for child in element.children):
+            return [self.xml_value(child, (*at, index)) for index, child in enumerate(element.children)]
+        found: Data = {}
+        for child in element.children:
+            self.put(found, (*at, child.tag), self.xml_value(child, (*at, child.tag)), child.place)
+        return found
+
+    def read_ini(self, text: str) -> None:
+        """`ost.txt`: sections in brackets; each value in the lines below its name. A camera is one with a matrix."""
+        size: dict[str, tuple[str, Place]] = {}
+        section, name, camera = "", "", None
+        for number, line in enumerate(text.splitlines(), 1):
+            words, place = line.split("#")[0].strip(), Place(self.path, number, 1)
+            if words.startswith("["):
+                section, name, camera = words.strip("[] "), "", None
+            elif words and section == "image" and name in ("width", "height") and name not in size:
+                size[name] = words, place
+            elif _INI_NAME.fullmatch(words):
+                name = words
+                if name == "camera matrix":
+                    camera = Data()
+                    self.put(self.data, (section,), camera, place)
+                    for key, (stated, at) in size.items():  # the image size that was stated before it
+                        self.put(camera, (section, f"image_{key}"), _scalars(stated), at)
+            elif words and camera is not None and name in ("camera matrix", "distortion"):
+                key = "camera_matrix" if name == "camera matrix" else "distortion_coefficients"
+                camera.setdefault(key, []).extend(_row(words, place))
+                self.places.setdefault((section, key), place)
+
+    def read_colmap(self, text: str) -> None:
+        """`cameras.txt`: number, model, width, height and parameters of a camera in a line."""
+        for number, line in enumerate(text.splitlines(), 1):
+            words, place = line.split("#")[0].split(), Place(self.path, number, 1)
+            if words and len(words) < 5:
+                message = "expected a camera in a line: its number, model, width, height and parameters"
+                raise bad_input("wrong-length", message, place)
+            if words:
+                camera: Data = {}
+                self.put(self.data, (words[0],), camera, place)
+                width, height, params = _scalars(words[2]), _scalars(words[3]), _row(" ".join(words[4:]), place)
+                for key, value in {"model": words[1], "width": width, "height": height, "params": params}.items():
+                    self.put(camera, (words[0], key), value, place)
+
+
+def _row(text: str, place: Place) -> list[float]:
+    """The numbers of a text. Raises InputError for anything else."""
+    numbers = []
+    for word in text.split():
+        try:
+            numbers.append(float(word))
+        except ValueError:
+            raise bad_input("wrong-type", f"found `{word}`, expected a number", place) from None
+        if not math.isfinite(numbers[-1]):
+            raise InputError(not_finite(place, word))
+    return numbers
+
+
+def _scalars(text: str) -> object:
+    """A number, several of them as a list, or text."""
+    try:
+        numbers = [int(word) if re.fullmatch(r"[-+]?\d{1,18}", word) else float(word) for word in text.split()]
+    except ValueError:
+        return text
+    return numbers[0] if len(numbers) == 1 else numbers or text
+
 
 COLMAP_PIXEL = 0.5
 """COLMAP's coordinates of the centre of the first pixel [pixels], which is at 0 for everyone else here."""
@@ -149,15 +332,10 @@ class _Kalibr(StatedCamera):
         if self.camera_model != "pinhole":
             message = f"found `{self.camera_model}`, expected `pinhole`, with any distortion model"
             raise document.error("unknown-distortion-model", ("camera_model",), message)
-        return StatedLens(
-            K=_pinhole(document, ("intrinsics",), self.intrinsics),
-            K_at=("intrinsics",),
-            model=self.distortion_model,
-            model_at=("distortion_model",),
-            D=self.distortion_coeffs,
-            D_at=("distortion_coeffs",),
-            models=("radtan", "equidistant", "none"),
-        )
+        at: KeyPath = ("intrinsics",)
+        K, D_at = _pinhole(document, at, self.intrinsics), ("distortion_coeffs",)
+        model, models, D = self.distortion_model, ("radtan", "equidistant", "none"), self.distortion_coeffs
+        return StatedLens(K=K, K_at=at, model=model, model_at=("distortion_model",), D=D, D_at=D_at, models=models)
 
 
 _PINHOLE = ("fx", "fy", "cx", "cy")
@@ -182,23 +360,13 @@ class _Vins(StatedCamera):
             message += expected_names(self.model_type, _VINS_NAMES)
             raise document.error("unknown-distortion-model", ("model_type",), message)
         model, parameters, coefficients = _VINS_NAMES[self.model_type]
-        return StatedLens(
-            K=_pinhole(document, ("projection_parameters",), self._named(document, parameters)),
-            K_at=("projection_parameters",),
-            model=model,
-            model_at=("model_type",),
-            D=self._named(document, coefficients),
-            D_at=("distortion_parameters",),
-        )
-
-    def _named(self, document: SourceDocument, names: Sequence[str]) -> list[float]:
-        """Values by name; those of a fisheye lens stand among either parameters."""
-        values = {**self.distortion_parameters, **self.projection_parameters}
-        missing = next((name for name in names if name not in values), None)
+        at: KeyPath = ("projection_parameters",)
+        values = {**self.distortion_parameters, **self.projection_parameters}  # those of a fisheye lens are in either
+        missing = next((name for name in (*parameters, *coefficients) if name not in values), None)
         if missing is not None:
-            message = f"lacks the parameter `{missing}` of `{self.model_type}`"
-            raise document.error("missing-key", ("projection_parameters",), message)
-        return [values[name] for name in names]
+            raise document.error("missing-key", at, f"lacks the parameter `{missing}` of `{self.model_type}`")
+        K, D = _pinhole(document, at, [values[name] for name in parameters]), [values[name] for name in coefficients]
+        return StatedLens(K=K, K_at=at, model=model, model_at=("model_type",), D=D, D_at=("distortion_parameters",))
 
 
 _COLMAP: Mapping[str, str] = {

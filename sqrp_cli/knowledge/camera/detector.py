@@ -1,7 +1,8 @@
-"""The limits of a detection algorithm. Numbers are in SI units, angles in radians.
+"""Detection algorithms: their limits, how likely they see a box, and how far away a camera reads a marker.
 
-Also the kinds of detectors that installed packages bring: only their names are read here, and nothing of a package runs
-before it is to look at an image. And when one of colours calls a part held, gone or in a place, for what predicts it.
+Numbers are in SI units, angles in radians. Also the kinds of detectors that installed packages bring: only their names
+are read here, and nothing of a package runs before it is to look at an image. And when one of colours calls a part
+held, gone or in a place, for what predicts it.
 """
 
 from __future__ import annotations
@@ -11,22 +12,157 @@ from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from itertools import product
-from math import pi, radians
-from typing import Annotated
+from math import cos, pi, radians, sqrt
+from typing import Annotated, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import PlainValidator, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.errors import expected_names
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera.camera import Intrinsics
-from sqrp_cli.knowledge.camera.curve import Curve
-from sqrp_cli.knowledge.camera.marker_range import STEEPEST, least_pixels, marker_ranges, widest
-from sqrp_cli.knowledge.markers import Marker
-from sqrp_cli.knowledge.text.entries import In, Pixels, Range, Stored, completed, refused
+from sqrp_cli.knowledge.markers import DICTIONARIES, Marker
+from sqrp_cli.knowledge.text.entries import In, Number, Pixels, Range, Stored, completed, refused
 from sqrp_cli.knowledge.text.source import describe
 from sqrp_cli.knowledge.text.units import ANGLE, LARGEST_LENGTH, SHARE
+
+Steepness = Annotated[float, In(None, 0.0, 1000.0)]
+MostLikely = Annotated[float, In(SHARE, 0.01, 1.0)]
+
+LEAST_FEATURE = 1e-3
+"""A size in pixels and a cosine below this count as this, so that they have logarithms."""
+
+
+class BoxSights(NamedTuple):
+    """How cameras see boxes: arrays of one shape, one entry per look."""
+
+    pixels: Array
+    """Square root of the area of the box in the image [pixels]."""
+    incidence: Array
+    """Angle between the box's normal and the direction to the camera, 0 for a box without one [rad]."""
+    distance: Array
+    """From the camera to the box's centre [m]."""
+    visible: Array
+    """Share of the box's silhouette that nothing hides, in 0..1."""
+    blur: Array
+    """How far the box's centre moves in the image while the shutter is open [pixels]."""
+
+    def features(self) -> Array:
+        """What the coefficients of a curve are about, in the order of `COEFFICIENTS`, shape (5, ...).
+
+        Each grows the better the box is seen: ln pixels, ln cos incidence, -distance, visible, -blur / pixels.
+        """
+        size = np.maximum(self.pixels, LEAST_FEATURE)
+        cosine = np.maximum(np.cos(self.incidence), LEAST_FEATURE)
+        return np.stack([np.log(size), np.log(cosine), -self.distance, self.visible, -self.blur / size])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curve(Stored):
+    """How likely a detector sees a box: most / (1 + exp(-z)), where z is `bias` plus the terms below.
+
+    A limit of the detector counts where the curve has no term for what it limits; without terms, all do.
+    """
+
+    bias: Number
+    """Of z."""
+    pixels: Steepness | None = None
+    """Times ln of the size in the image, the square root of its area in pixels; replaces `min_pixels`."""
+    incidence: Steepness | None = None
+    """Times ln of the cosine of the angle to the box's normal; replaces `max_incidence`."""
+    distance: Steepness | None = None
+    """Times minus the distance in metres; replaces `distance`."""
+    visible: Steepness | None = None
+    """Times the visible share, in 0..1; replaces `min_visible`."""
+    blur: Steepness | None = None
+    """Times minus the blur by motion, as a share of the size in the image."""
+    most: MostLikely = 1.0
+    """The probability in the best of views."""
+
+    @property
+    def terms(self) -> dict[str, float]:
+        """The coefficients that it has, by name."""
+        return {name: value for name in COEFFICIENTS if (value := getattr(self, name)) is not None}
+
+    def probability(self, sights: BoxSights) -> Array:
+        """How likely the detector sees each box, in 0..1."""
+        weights = np.array([getattr(self, name) or 0.0 for name in COEFFICIENTS])
+        z = self.bias + np.tensordot(weights, sights.features(), axes=1)
+        return self.most / (1.0 + np.exp(-np.clip(z, -500.0, 500.0)))
+
+
+COEFFICIENTS = BoxSights._fields
+"""The terms that a curve may have."""
+
+
+MODULE_PIXELS, PER_BIT = 1.59, 0.19
+"""Pixels along a module of a marker that is read in nine of ten images, if each side has one bit and none may be wrong;
+by n bits along a side, of which b in all may be wrong, 1.59 (n / (1 + b))^0.19: of more bits one is lost more often."""
+
+LEAST_SIDE = 0.011
+"""Least side of a marker in the image that is looked at, as a share of the longer side of the image. OpenCV passes over
+outlines whose perimeter is less than 0.03 of that: sides of 0.0075 and, as outlines are rough, some 0.011."""
+
+STEEPEST = radians(80.0)
+"""The largest angle at which markers are read [rad]."""
+
+
+class MarkerRange(NamedTuple):
+    """Between which distances a camera reads a marker that faces it, in the middle of the image [m]."""
+
+    near: float
+    """Where its black square, unturned, fills the image in one direction."""
+    far: float
+    """Up to here nine of ten images show it."""
+
+    @classmethod
+    def of(cls, camera: Intrinsics, marker: Marker, incidence: float = 0.0) -> MarkerRange:
+        """The range of a marker for a camera; incidence: turned by an angle [rad]."""
+        fx, fy = float(camera.matrix[0, 0]), float(camera.matrix[1, 1])
+        near = marker.side * max(fx / camera.width, fy / camera.height)
+        return cls(near, marker.side * sqrt(fx * fy) / float(_least_side(camera, marker.dictionary, incidence)))
+
+
+def least_pixels(camera: Intrinsics, dictionary: str, incidence: ArrayLike = 0.0) -> Array:
+    """Square root of the area in the image of the smallest marker that is read in nine of ten images [pixels].
+
+    incidence: angles between its normal and the direction to the camera [rad]; the result has their shape.
+    """
+    return _least_side(camera, dictionary, incidence) * np.sqrt(np.maximum(np.cos(incidence), cos(STEEPEST)))
+
+
+def _least_side(camera: Intrinsics, dictionary: str, incidence: ArrayLike) -> Array:
+    """The longer side in the image of the smallest marker that is read [pixels].
+
+    A bit is read by the distance h of its module's edges in the image. Of a marker turned by an angle of cosine k about
+    an axis at phi to them, h^2 is in proportion to k^2 / (cos(phi)^2 + k^2 sin(phi)^2); over all axes, the mean of h^-2
+    is (1 + k^2) / 2 k^2. Outlines are passed over by their perimeter.
+    """
+    code = DICTIONARIES[dictionary]
+    shorter = np.maximum(np.cos(incidence), cos(STEEPEST))  # the shorter side of a turned marker, to the longer one
+    module = MODULE_PIXELS * ((code.modules - 2) / (1 + code.corrected)) ** PER_BIT
+    read = code.modules * module * np.sqrt(0.5 * (1.0 + shorter**2)) / shorter
+    found: Array = np.maximum(read, LEAST_SIDE * max(camera.width, camera.height) * 2.0 / (1.0 + shorter))
+    return found
+
+
+def marker_ranges(
+    cameras: Mapping[str, Intrinsics], markers: Mapping[str, Marker]
+) -> dict[str, dict[str, MarkerRange]]:
+    """The range of each marker for each camera, by their names."""
+    return {
+        name: {called: MarkerRange.of(camera, marker) for called, marker in markers.items()}
+        for name, camera in cameras.items()
+    }
+
+
+def widest(ranges: Mapping[str, Mapping[str, MarkerRange]]) -> MarkerRange | None:
+    """The nearest and the farthest of several ranges; None of none."""
+    every = [one for of_camera in ranges.values() for one in of_camera.values()]
+    return MarkerRange(min(one.near for one in every), max(one.far for one in every)) if every else None
+
 
 GROUP = "sqrp.detectors"
 """The group of entry points: the name of each is a kind of detector, its object makes one for a camera."""

@@ -11,7 +11,7 @@ import numpy as np
 from sqrp_cli.errors import InputError, Place, bad_input, bad_option
 from sqrp_cli.geometry import Array, inverse, matrix_to_quaternion, matrix_to_rpy, pose
 from sqrp_cli.knowledge.camera.camera import Camera, ImageEntry, Sensing
-from sqrp_cli.knowledge.camera.curve import Curve
+from sqrp_cli.knowledge.camera.detector import Curve
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.text.entries import In
 from sqrp_cli.knowledge.text.source import Data, KeyPath, SourceDocument, dotted

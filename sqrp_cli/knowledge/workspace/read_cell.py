@@ -15,8 +15,7 @@ from sqrp_cli.geometry import Array, inverse, pose, read_only
 from sqrp_cli.knowledge.camera.calibration import check_image, doubtful_projection, read_calibration
 from sqrp_cli.knowledge.camera.camera import Camera, CameraEntry, PoseFile, Seat
 from sqrp_cli.knowledge.camera.detector import Detector
-from sqrp_cli.knowledge.camera.hand_eye import read_hand_eye
-from sqrp_cli.knowledge.camera.static_transforms import HandEye
+from sqrp_cli.knowledge.camera.hand_eye import HandEye, read_hand_eye
 from sqrp_cli.knowledge.fixture.fixture_file import FixturesEntry, read_fixtures
 from sqrp_cli.knowledge.frames import TOOL, WORLD, link_called
 from sqrp_cli.knowledge.markers import Marker

@@ -10,7 +10,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.knowledge.camera.curve import BoxSights
+from sqrp_cli.knowledge.camera.detector import BoxSights
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer

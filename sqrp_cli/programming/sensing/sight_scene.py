@@ -10,11 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.camera.marker_range import MODULE_PIXELS, PER_BIT
+from sqrp_cli.knowledge.camera.detector import MODULE_PIXELS, PER_BIT
 from sqrp_cli.knowledge.camera.projection import Projection
-from sqrp_cli.knowledge.light import ANY_BRIGHTNESS, MARKER, Light, brightness_of
+from sqrp_cli.knowledge.light import ANY_BRIGHTNESS, MARKER, Light, brightness_of, look_alike
 from sqrp_cli.knowledge.markers import DICTIONARIES
-from sqrp_cli.knowledge.paint import look_alike
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.solids import Solids
 from sqrp_cli.programming.targets import SoughtBox

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from sqrp_cli.calibrating.fit import Judged
 from sqrp_cli.document import LEFT_OUT, Record, WorkspaceDocument
-from sqrp_cli.knowledge.camera.curve import Curve
+from sqrp_cli.knowledge.camera.detector import Curve
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.runtime.record.report import Confusion, Disagreement, Outcome, RunReport, StepRecord
 

@@ -11,9 +11,7 @@ import numpy as np
 from sqrp_cli.document import LEFT_OUT, Document, Pose, Record, WorkspaceDocument
 from sqrp_cli.knowledge.camera import camera, detector
 from sqrp_cli.knowledge.camera.camera import DistortionModel
-from sqrp_cli.knowledge.camera.curve import Curve
-from sqrp_cli.knowledge.camera.detector import DetectorKind
-from sqrp_cli.knowledge.camera.marker_range import marker_ranges
+from sqrp_cli.knowledge.camera.detector import Curve, DetectorKind, marker_ranges
 from sqrp_cli.knowledge.light import Light
 from sqrp_cli.knowledge.mesh import mesh_unit
 from sqrp_cli.knowledge.robot import robot

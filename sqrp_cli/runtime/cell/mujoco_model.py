@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, pose
+from sqrp_cli.knowledge.light import COLORS, Rgb
 from sqrp_cli.knowledge.markers import DICTIONARIES, Marker, opencv_name
 from sqrp_cli.knowledge.mesh import read_mesh
-from sqrp_cli.knowledge.paint import COLORS, Rgb
 from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.knowledge.robot.urdf import Inertial, UrdfJoint, UrdfLink, UrdfModel
 from sqrp_cli.knowledge.scene import SceneObject

@@ -13,7 +13,7 @@ import numpy as np
 from sqrp_cli.errors import Place, expected_names
 from sqrp_cli.geometry import Array, inverse, pose
 from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.knowledge.camera.static_transforms import StaticTransform
+from sqrp_cli.knowledge.camera.hand_eye import StaticTransform
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.ros.messages import Message
 from sqrp_cli.ros.transport import Inbox, Topic

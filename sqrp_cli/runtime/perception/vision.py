@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.detector import ALIKE
+from sqrp_cli.knowledge.light import HUE_TOLERANCE, HUES, LEAST_SEEN_SATURATION, LEAST_VALUE, hue_of
 from sqrp_cli.knowledge.markers import ORIGINAL, opencv_name
-from sqrp_cli.knowledge.paint import HUE_TOLERANCE, HUES, LEAST_SEEN_SATURATION, LEAST_VALUE, hue_of
 from sqrp_cli.runtime.image import ImageArray
 
 cv2.setNumThreads(1)  # one process per core looks at images already

@@ -23,7 +23,7 @@ import numpy as np
 from sqrp_cli.geometry import Array, inverse, matrix_to_rpy, pose, quaternion_to_matrix
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.frames import WORLD, WORLD_LINK
-from sqrp_cli.knowledge.paint import COLORS, Rgb
+from sqrp_cli.knowledge.light import COLORS, Rgb
 from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.knowledge.robot.urdf import UrdfModel
 from sqrp_cli.knowledge.workspace.workspace import Workspace

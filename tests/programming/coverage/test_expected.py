@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.api.cell import OpenCell
-from sqrp_cli.knowledge.camera.curve import Curve
+from sqrp_cli.knowledge.camera.detector import Curve
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study, study

@@ -18,8 +18,7 @@ import numpy as np
 from sqrp_cli.geometry import Array, inverse, transform
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.projection import monotonic_radius
-from sqrp_cli.knowledge.light import ANY_BRIGHTNESS, MARKER, Light, brightness_of
-from sqrp_cli.knowledge.paint import look_alike
+from sqrp_cli.knowledge.light import ANY_BRIGHTNESS, MARKER, Light, brightness_of, look_alike
 from sqrp_cli.programming.sensing.limits import SIDES, Cause
 from sqrp_cli.programming.solids import Solid
 from sqrp_cli.programming.targets import SoughtBox

@@ -10,9 +10,7 @@ import pytest
 
 from sqrp_cli.errors import InputError
 from sqrp_cli.geometry import look_at, pose, rpy_to_matrix
-from sqrp_cli.knowledge.camera.curve import Curve
-from sqrp_cli.knowledge.camera.detector import Detector, DetectorEntry
-from sqrp_cli.knowledge.camera.marker_range import MarkerRange, least_pixels
+from sqrp_cli.knowledge.camera.detector import Curve, Detector, DetectorEntry, MarkerRange, least_pixels
 from sqrp_cli.knowledge.markers import DICTIONARIES, Marker, opencv_name
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.logic.literal import Atom
