@@ -21,8 +21,8 @@ MADE = {"commands.md", "robot.md", "workspace.md", "skill.md", "findings.md", "u
 """Pages that are made from the code."""
 
 
-AUDIT, RUN_PAGE = ROOT / "docs" / "howto" / "audit.md", ROOT / "docs" / "howto" / "run.md"
-"""Runs with all cameras of the tabletop. What is audited is not shown, so few images will do."""
+LONG = {"audit", "run", "advise", "parameters", "place", "place-cameras"}
+"""Pages of several seconds of processor time each: runs with all cameras of the tabletop, and searches."""
 
 
 @pytest.mark.parametrize(
@@ -30,9 +30,9 @@ AUDIT, RUN_PAGE = ROOT / "docs" / "howto" / "audit.md", ROOT / "docs" / "howto" 
     [
         pytest.param(
             page,
-            "2 Hz" if page == AUDIT else "10 Hz",
+            "2 Hz" if page.stem == "audit" else "10 Hz",  # what is audited is not shown, so few images will do
             id=str(page.relative_to(ROOT)),
-            marks=[pytest.mark.slow] if page in (AUDIT, RUN_PAGE) else [],
+            marks=[pytest.mark.trial] if page.stem in LONG else [],
         )
         for page in RUN
     ],

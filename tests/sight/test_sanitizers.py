@@ -21,7 +21,7 @@ TESTS = (
 )
 
 
-@pytest.mark.slow
+@pytest.mark.trial
 @pytest.mark.skipif(not shutil.which("g++"), reason="no g++")
 def test_nothing_that_is_undefined_happens_in_the_tests_of_the_kernel(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
