@@ -31,7 +31,7 @@ _STUDY = (
     "programming/whole_study",
 )
 ROOMS = {
-    "foundations": ("errors geometry shapes trajectory shown version", 1_050),
+    "foundations": ("errors geometry records shapes trajectory shown version", 1_144),
     "files": ("knowledge/text", 2_428),
     "robot": ("knowledge/robot programming/arm", 3_273),
     "camera": ("knowledge/camera knowledge/light knowledge/markers knowledge/paint", 2_337),
@@ -39,8 +39,8 @@ ROOMS = {
     "logic": ("logic", 2_885),
     "skill, program": ("knowledge/skill program", 2_113),
     "task": ("programming", 1_865),
-    "motion": ("programming/motion", 3_345),
-    "sight": ("sight programming/sensing", 1_290),
+    "motion": ("programming/motion", 3_351),
+    "sight": ("sight programming/sensing", 1_292),
     "study": ("programming/coverage programming/seen " + " ".join(_STUDY), 4_583),
     "search": ("programming/advice programming/placing", 4_648),
     "checks": ("checks", 1_379),

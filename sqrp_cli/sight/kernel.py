@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Mapping, Sequence
 from ctypes import c_int64, c_void_p
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, NamedTuple
 from weakref import finalize
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, Indices, Mask
+from sqrp_cli.records import dataclass
 from sqrp_cli.sight import library
 
 CAMERA = np.dtype(

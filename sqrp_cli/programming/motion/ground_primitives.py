@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -35,6 +35,7 @@ from sqrp_cli.programming.motion.fingers import closed_on, move_fingers, opened_
 from sqrp_cli.programming.motion.tool_curve import ToolCurve, ToolLine, arc_through, helix_about
 from sqrp_cli.programming.motion.waypoints import WaypointGrounder, setting_number, setting_value
 from sqrp_cli.programming.solids import distance
+from sqrp_cli.records import dataclass
 from sqrp_cli.trajectory import Trajectory
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from math import prod
 
@@ -24,6 +24,7 @@ from sqrp_cli.programming.motion.paths import sections
 from sqrp_cli.programming.motion.paths.branch_search import Station, fastest_sequence
 from sqrp_cli.programming.motion.paths.joint_moves import FoundMove, JointMoves
 from sqrp_cli.programming.motion.paths.position_limits import worst_past_limit
+from sqrp_cli.records import dataclass
 from sqrp_cli.trajectory import JointPath, Trajectory
 
 MEASURED = 1e-3

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +10,7 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move_duration
+from sqrp_cli.records import dataclass
 
 INSTANTS = 65
 """Instants at which stopping and moving back are computed, equally spaced from a fault's earliest time to the end."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +11,7 @@ from ruckig import InputParameter, Result, Ruckig
 from ruckig import Trajectory as RuckigTrajectory
 
 from sqrp_cli.geometry import Array, Indices
+from sqrp_cli.records import dataclass
 from sqrp_cli.trajectory import JointPath, PiecewiseCubic, Trajectory, chain_rule, side_by_side
 
 FEW_SAMPLES = (5, 5, 5, 17, 5, 5, 5)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar, Protocol
 
 import numpy as np
 
 from sqrp_cli.geometry import Array, read_only
+from sqrp_cli.records import dataclass
 
 FLAT = 1e-9
 """Three points whose circle has a radius above 1 / this of their distance are on a line."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from sqrp_cli.knowledge.frames import TOOL, WORLD
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill import skill
 from sqrp_cli.knowledge.skill.settings import MotionValue, Reference, Setting, number_of, side_of
+from sqrp_cli.records import dataclass
 
 
 def setting_value(setting: Setting, values: Mapping[str, MotionValue]) -> MotionValue:

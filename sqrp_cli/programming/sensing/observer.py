@@ -6,7 +6,7 @@ What cameras see is computed by the compiled kernel, see `sqrp_cli.sight`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from typing import NamedTuple
 
@@ -23,6 +23,7 @@ from sqrp_cli.programming.sensing.sight_memory import SEEN, UNKNOWN, UNSEEN, Sig
 from sqrp_cli.programming.sensing.sight_scene import SightScene
 from sqrp_cli.programming.solids import Solid, Solids
 from sqrp_cli.programming.targets import SoughtBox, Target
+from sqrp_cli.records import dataclass
 from sqrp_cli.sight.kernel import Aspects, Items
 
 

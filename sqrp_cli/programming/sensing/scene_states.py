@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from sqrp_cli.geometry import Array, check_finite, pose
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.skill.target_box import TargetBox
+from sqrp_cli.records import dataclass
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from hashlib import blake2b
 from typing import TypeAlias
 
@@ -14,6 +14,7 @@ from sqrp_cli.geometry import Array, Indices
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.targets import Target
+from sqrp_cli.records import dataclass
 
 UNKNOWN, UNSEEN, SEEN = -1, 0, 1
 """Whether a camera sees all boxes of a target."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from itertools import product
 from weakref import WeakKeyDictionary
 
@@ -17,6 +16,7 @@ from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.motion_bound import MotionBound
 from sqrp_cli.programming.motion.collision.placed_scene import CLEARANCE, NamePairs, PlacedScene, pair
 from sqrp_cli.programming.solids import distance, load_solids, scale_doubt
+from sqrp_cli.records import dataclass
 
 SAMPLES = 200
 """Joint positions that are tried, spread over the limits of the joints."""

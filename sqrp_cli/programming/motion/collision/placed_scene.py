@@ -7,7 +7,7 @@ motion within it. Other stretches are halved until a contact is found. The kerne
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +17,7 @@ from sqrp_cli.knowledge.robot.joint_tree import Mount
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.motion_bound import MotionBound, finger_steps
 from sqrp_cli.programming.solids import Solid
+from sqrp_cli.records import dataclass
 from sqrp_cli.sight import kernel
 from sqrp_cli.trajectory import JointPath
 

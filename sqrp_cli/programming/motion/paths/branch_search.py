@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from sqrp_cli.geometry import Array
+from sqrp_cli.records import dataclass
 
 TIE_DECIMALS = 6
 """Total times equal to this many decimals of a second are ties; joint values are rounded alike."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, cached_property
 
 import numpy as np
@@ -20,6 +20,7 @@ from sqrp_cli.programming.motion.paths.position_limits import near_limits
 from sqrp_cli.programming.motion.paths.sections import Branch, Failures, Section, Ways
 from sqrp_cli.programming.motion.paths.way_around import find_way
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move, joint_move_duration
+from sqrp_cli.records import dataclass
 from sqrp_cli.trajectory import Trajectory
 
 TRIES_PER_WAY = 250

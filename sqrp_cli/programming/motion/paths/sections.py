@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise, product
 from math import prod
 
@@ -22,6 +21,7 @@ from sqrp_cli.programming.motion.paths.position_limits import near_limits, whole
 from sqrp_cli.programming.motion.paths.straight_line import LIMIT_SAMPLES, follow_within_limits, limit_reason
 from sqrp_cli.programming.motion.timing import MotionLimits, time_path, time_paths
 from sqrp_cli.programming.motion.tool_curve import ToolCurve, ToolLine
+from sqrp_cli.records import dataclass
 from sqrp_cli.trajectory import JointPath, JointSpan, Trajectory, side_by_side
 
 _LIMIT_SAMPLES = np.linspace(0.0, 1.0, LIMIT_SAMPLES)

@@ -7,7 +7,6 @@ single-query path planning, 2000.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import reduce
 from itertools import pairwise
 from typing import Any
@@ -23,6 +22,7 @@ from sqrp_cli.programming.motion.paths.blended_path import (
     piece_durations,
 )
 from sqrp_cli.programming.motion.timing import MotionLimits
+from sqrp_cli.records import dataclass
 from sqrp_cli.trajectory import JointPath, JointSpan, Trajectory
 
 SPARE = 2e-3
