@@ -7,19 +7,18 @@ from functools import partial
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, pose
 from sqrp_cli.knowledge.light import COLORS, Rgb
 from sqrp_cli.knowledge.markers import DICTIONARIES, Marker, opencv_name
 from sqrp_cli.knowledge.mesh import read_mesh
 from sqrp_cli.knowledge.robot.robot import Robot
-from sqrp_cli.knowledge.robot.urdf import Inertial, UrdfJoint, UrdfLink, UrdfModel
+from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfLink, UrdfModel
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.text.packages import resolve_mesh
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.runtime.cell.engine import mujoco
-from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
+from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Sphere
 
 TIME_STEP = 0.002
 """Of the physics [s]."""
@@ -93,10 +92,7 @@ def build_model(workspace: Workspace, objects: Mapping[str, Array]) -> mujoco.Mj
     spec.option.impratio = 100.0  # so that objects between fingers hardly creep
     spec.compiler.degree = False
     spec.compiler.balanceinertia = True
-    if workspace.lights:
-        _light(spec, workspace, objects)
-    else:
-        _light_evenly(spec)
+    _light(spec, workspace, objects)
     builder = _ModelBuilder(spec)
     robot = workspace.robot
     builder.add_robot(robot)
@@ -106,16 +102,11 @@ def build_model(workspace: Workspace, objects: Mapping[str, Array]) -> mujoco.Mj
         builder.add_object(obj, X_WO, robot.tool_frame)
         if obj.fixed:
             lowest = min(lowest, X_WO[2, 3] - obj.size[2] / 2)
-    builder.add_floor(lowest - FLOOR_DEPTH)
+    floor = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=(20.0, 20.0, 1.0))
+    floor.pos[2] = lowest - FLOOR_DEPTH
+    floor.rgba = (*_FLOOR_COLOR, 1.0)
+    floor.contype, floor.conaffinity = _FIXED, _TOUCHES[_FIXED]
     return spec.compile()
-
-
-def marker_picture(marker: int, name: str) -> NDArray[np.uint8]:
-    """A marker of a dictionary seen from outside, its black square without margin; shape (n, n, 3)."""
-    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, opencv_name(name)))
-    pixels = DICTIONARIES[name].modules * _MARKER_PIXELS
-    gray = cv2.aruco.generateImageMarker(dictionary, marker, pixels, borderBits=1)
-    return np.repeat(gray[:, :, None], 3, axis=2)
 
 
 def quaternion(X: Array) -> Array:
@@ -161,13 +152,6 @@ class _ModelBuilder:
         weld.solref[:] = _STIFF
         weld.solimp[:3] = _HARD
 
-    def add_floor(self, height: float) -> None:
-        """A floor at a height [m]."""
-        floor = self._spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=(20.0, 20.0, 1.0))
-        floor.pos[2] = height
-        floor.rgba = (*_FLOOR_COLOR, 1.0)
-        floor.contype, floor.conaffinity = _FIXED, _TOUCHES[_FIXED]
-
     def _add_urdf(self, urdf: UrdfModel, robot: Robot, parent: mujoco.MjsBody, X_PR: Array) -> None:
         """A URDF whose root link has the pose X_PR in a body."""
         root = parent.add_body(name=urdf.root, pos=X_PR[:3, 3], quat=quaternion(X_PR))
@@ -181,7 +165,8 @@ class _ModelBuilder:
         for part in urdf.parts("visual", resolve):
             self._add_part(bodies[part.parent], part, DRAWN, _ROBOT_COLOR)
         for part in urdf.parts("collision", resolve):
-            density = _link_density(urdf.links[part.parent])
+            inertial = urdf.links[part.parent].inertial
+            density = DENSITY if inertial is None or inertial.mass <= 0.0 else 0.0
             self._add_part(bodies[part.parent], part, FELT, _ROBOT_COLOR, touches=_ROBOT, density=density)
         for name, body in bodies.items():
             _set_inertia(body, urdf.links[name])
@@ -190,15 +175,15 @@ class _ModelBuilder:
         slides = joint.type == "prismatic"
         kind = mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE
         added = body.add_joint(name=joint.name, type=kind, axis=joint.axis, armature=ARMATURE)
-        if joint.mimic is None and np.isfinite([joint.lower, joint.upper]).all():
-            added.limited, added.range[:] = True, (joint.lower, joint.upper)
-            added.solref_limit[:] = _STIFF
         if joint.mimic is not None:
             follow = self._spec.add_equality(name=joint.name, type=mujoco.mjtEq.mjEQ_JOINT)
             follow.name1, follow.name2 = joint.name, joint.mimic.joint
             follow.data[:5] = joint.mimic.offset, joint.mimic.multiplier, 0.0, 0.0, 0.0
             follow.solref[:] = _STIFF
             return
+        if np.isfinite([joint.lower, joint.upper]).all():
+            added.limited, added.range[:] = True, (joint.lower, joint.upper)
+            added.solref_limit[:] = _STIFF
         motor = self._spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         motor.biastype = mujoco.mjtBias.mjBIAS_AFFINE
         if joint.effort is not None:
@@ -207,49 +192,48 @@ class _ModelBuilder:
     def _add_part(
         self, body: mujoco.MjsBody, part: Part, group: int, color: Rgb, *, touches: int = 0, density: float = 0.0
     ) -> None:
-        geom = body.add_geom(pos=part.X_PG[:3, 3], quat=quaternion(part.X_PG), rgba=(*color, 1.0))
-        self._set_shape(geom, part.shape, group)
+        geom, kinds = (
+            body.add_geom(pos=part.X_PG[:3, 3], quat=quaternion(part.X_PG), rgba=(*color, 1.0)),
+            mujoco.mjtGeom,
+        )
+        match part.shape:
+            case Box(size):
+                geom.type, geom.size[:] = kinds.mjGEOM_BOX, np.array(size) / 2
+            case Sphere(radius):
+                geom.type, geom.size[0] = kinds.mjGEOM_SPHERE, radius
+            case Cylinder(radius, length):
+                geom.type, geom.size[:2] = kinds.mjGEOM_CYLINDER, (radius, length / 2)
+            case Capsule(radius, length):
+                geom.type, geom.size[:2] = kinds.mjGEOM_CAPSULE, (radius, length / 2)
+            case Mesh():
+                geom.type, geom.meshname = kinds.mjGEOM_MESH, self._mesh(part.shape, group)
         geom.group, geom.density = group, density
         geom.friction[:] = FRICTION
         geom.condim = 4
         geom.solref[:], geom.solimp[:3] = _STIFF, _HARD
         geom.contype, geom.conaffinity = (touches, _TOUCHES[touches]) if touches else (0, 0)
 
-    def _set_shape(self, geom: mujoco.MjsGeom, shape: Shape, group: int) -> None:
-        match shape:
-            case Box(size):
-                geom.type, geom.size[:] = mujoco.mjtGeom.mjGEOM_BOX, np.array(size) / 2
-            case Sphere(radius):
-                geom.type, geom.size[0] = mujoco.mjtGeom.mjGEOM_SPHERE, radius
-            case Cylinder(radius, length):
-                geom.type, geom.size[:2] = mujoco.mjtGeom.mjGEOM_CYLINDER, (radius, length / 2)
-            case Capsule(radius, length):
-                geom.type, geom.size[:2] = mujoco.mjtGeom.mjGEOM_CAPSULE, (radius, length / 2)
-            case Mesh():
-                geom.type, geom.meshname = mujoco.mjtGeom.mjGEOM_MESH, self._mesh(shape, group)
-
     def _mesh(self, mesh: Mesh, group: int) -> str:
+        """The name of the asset of a mesh file."""
         if (mesh, group) not in self._meshes:
             triangles = read_mesh(mesh.path, mesh.scale)
-            name = f"mesh{len(self._meshes)}"
+            self._meshes[mesh, group] = name = f"mesh{len(self._meshes)}"
             asset = self._spec.add_mesh(name=name)
-            asset.uservert = triangles.vertices.ravel()
-            asset.userface = triangles.faces.ravel()
+            asset.uservert, asset.userface = triangles.vertices.ravel(), triangles.faces.ravel()
             # A drawn mesh may be open or flat; one that collides does so as its convex hull.
             kinds = mujoco.mjtMeshInertia
             asset.inertia = kinds.mjMESH_INERTIA_SHELL if group == DRAWN else kinds.mjMESH_INERTIA_CONVEX
-            self._meshes[mesh, group] = name
         return self._meshes[mesh, group]
 
     def _add_marker(self, body: mujoco.MjsBody, marker: Marker, X_BF: Array) -> None:
         """A marker with its margin on a face whose middle is at X_BF with z outwards."""
         name, side, modules = f"{marker.dictionary} {marker.id}", marker.side, DICTIONARIES[marker.dictionary].modules
         if self._spec.material(name) is None:
-            image = marker_picture(marker.id, marker.dictionary)
-            texture = self._spec.add_texture(
-                name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, width=image.shape[1], height=image.shape[0], nchannel=3
-            )
-            texture.data = image.tobytes()
+            dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, opencv_name(marker.dictionary)))
+            pixels, kind = modules * _MARKER_PIXELS, mujoco.mjtTexture.mjTEXTURE_2D
+            gray = cv2.aruco.generateImageMarker(dictionary, marker.id, pixels, borderBits=1)
+            texture = self._spec.add_texture(name=name, type=kind, width=pixels, height=pixels, nchannel=3)
+            texture.data = np.repeat(gray[:, :, None], 3, axis=2).tobytes()
             material = self._spec.add_material(name=name, specular=0.0, shininess=0.0)
             material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
         margin = body.add_geom(rgba=(*COLORS["white"], 1.0))
@@ -262,15 +246,16 @@ class _ModelBuilder:
             geom.contype = geom.conaffinity = 0
 
 
-def _link_density(link: UrdfLink) -> float:
-    return DENSITY if link.inertial is None or link.inertial.mass <= 0.0 else 0.0
-
-
 def _set_inertia(body: mujoco.MjsBody, link: UrdfLink) -> None:
     """State the inertia of a link: the URDF's, else that of its geometry, else next to nothing."""
     inertial = link.inertial
     if inertial is not None and inertial.mass > 0.0:
-        mass, X_LI, moments = _principal(inertial)
+        # About the principal axes; no moment is below that of a point 3 mm away.
+        mass = max(inertial.mass, _LIGHTEST)
+        moments, axes = np.linalg.eigh(inertial.inertia)
+        if np.linalg.det(axes) < 0.0:
+            axes[:, 0] *= -1.0
+        X_LI, moments = inertial.X_LI @ pose(axes), np.maximum(moments, mass * 1e-5)
     elif not link.geometry("collision"):
         mass, X_LI, moments = _LIGHTEST, pose(), np.full(3, 1e-6)
     else:
@@ -279,54 +264,40 @@ def _set_inertia(body: mujoco.MjsBody, link: UrdfLink) -> None:
     body.mass, body.ipos, body.iquat, body.inertia = mass, X_LI[:3, 3], quaternion(X_LI), moments
 
 
-def _principal(inertial: Inertial) -> tuple[float, Array, Array]:
-    """Mass, pose of the principal axes and moments about them; no moment is below that of a point 3 mm away."""
-    mass = max(inertial.mass, _LIGHTEST)
-    moments, axes = np.linalg.eigh(inertial.inertia)
-    if np.linalg.det(axes) < 0.0:
-        axes[:, 0] *= -1.0
-    return mass, inertial.X_LI @ pose(axes), np.maximum(moments, mass * 1e-5)
-
-
 def _light(spec: mujoco.MjSpec, workspace: Workspace, objects: Mapping[str, Array]) -> None:
-    """The stated lights, which cast shadows on the arm, the objects and around them."""
-    places = np.stack([workspace.robot.X_WB[:3, 3], *(X_WO[:3, 3] for X_WO in objects.values())])
-    middle = places.mean(axis=0)
-    spec.stat.center = middle
-    spec.stat.extent = float(np.linalg.norm(places - middle, axis=1).max()) + SHADOWS_AROUND
-    spec.visual.map.shadowclip = spec.visual.map.shadowscale = 1.0
-    spec.visual.quality.shadowsize, spec.visual.quality.offsamples = _SHADOW_PIXELS, 0
+    """The stated lights, which cast shadows on the arm, the objects and around them; else even light without shadows.
+
+    That has no more quality than the software renderer has time for. Some light comes from everywhere and, where none
+    is stated, from the camera; the sky is plain.
+    """
+    visual, kinds, ambient, from_camera = spec.visual, mujoco.mjtLightType, 0.45, 0.25
+    visual.quality.shadowsize = visual.quality.offsamples = 0
+    if workspace.lights:
+        places = np.stack([workspace.robot.X_WB[:3, 3], *(X_WO[:3, 3] for X_WO in objects.values())])
+        spec.stat.center = middle = places.mean(axis=0)
+        spec.stat.extent = float(np.linalg.norm(places - middle, axis=1).max()) + SHADOWS_AROUND
+        visual.map.shadowclip = visual.map.shadowscale = 1.0
+        visual.quality.shadowsize = _SHADOW_PIXELS
+        ambient = sum(light.intensity for light in workspace.lights.values() if light.is_ambient)
+        from_camera = 0.0
+    else:
+        light = spec.worldbody.add_light(type=kinds.mjLIGHT_DIRECTIONAL, castshadow=False)
+        light.dir = (0.2, 0.1, -1.0)
+        light.diffuse, light.specular, light.ambient = (0.30,) * 3, (0.0,) * 3, (0.0,) * 3
     for stated in workspace.lights.values():
         if not stated.is_ambient:
             light = spec.worldbody.add_light(castshadow=True, dir=stated.heading)
             light.diffuse, light.specular, light.ambient = (stated.intensity,) * 3, (0.0,) * 3, (0.0,) * 3
             if stated.position is None:
-                light.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
-                light.pos = middle - spec.stat.extent * stated.heading
+                light.type, light.pos = kinds.mjLIGHT_DIRECTIONAL, middle - spec.stat.extent * stated.heading
             else:
-                light.type, light.pos = mujoco.mjtLightType.mjLIGHT_SPOT, stated.position
+                light.type, light.pos = kinds.mjLIGHT_SPOT, stated.position
                 light.cutoff, light.exponent = np.degrees(stated.half_beam), 0.0
                 light.attenuation = (0.0, 0.0, 1.0)
-    ambient = sum(light.intensity for light in workspace.lights.values() if light.is_ambient)
-    _light_everywhere(spec, ambient, 0.0)
-
-
-def _light_evenly(spec: mujoco.MjSpec) -> None:
-    """Even light without shadows, and no more quality than the software renderer has time for."""
-    spec.visual.quality.shadowsize = 0
-    spec.visual.quality.offsamples = 0
-    light = spec.worldbody.add_light(type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, castshadow=False)
-    light.dir = (0.2, 0.1, -1.0)
-    light.diffuse, light.specular, light.ambient = (0.30,) * 3, (0.0,) * 3, (0.0,) * 3
-    _light_everywhere(spec, 0.45, 0.25)
-
-
-def _light_everywhere(spec: mujoco.MjSpec, ambient: float, from_camera: float) -> None:
-    """Light from everywhere and from the camera, and a plain sky."""
-    spec.visual.headlight.active = int(ambient > 0.0 or from_camera > 0.0)  # it takes the place of one of eight lights
-    spec.visual.headlight.ambient[:] = ambient
-    spec.visual.headlight.diffuse[:] = from_camera
-    spec.visual.headlight.specular[:] = 0.0
+    visual.headlight.active = int(ambient > 0.0 or from_camera > 0.0)  # it takes the place of one of eight lights
+    visual.headlight.ambient[:] = ambient
+    visual.headlight.diffuse[:] = from_camera
+    visual.headlight.specular[:] = 0.0
     sky = spec.add_texture(name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, width=64, height=64)
     sky.builtin = mujoco.mjtBuiltin.mjBUILTIN_FLAT
     sky.rgb1 = sky.rgb2 = (0.80, 0.80, 0.80)

@@ -69,8 +69,12 @@ class Portions:
         """Send what is due at a time [s], if anything is; where that would be a jump, it is `over`."""
         if self.over or (reference.revision == self._revision and now < self._next):
             return
-        brakes_already = now > self._brakes_at  # because nothing was sent
-        if brakes_already or self._is_jump(reference, now):
+        jumps = now > self._brakes_at  # it brakes already, because nothing was sent
+        if self._told is not None:
+            t = np.array([now + LEAD])
+            off = np.abs(reference.states(t).positions - self._told.states(t).positions)[0].tolist()
+            jumps |= any(q > JUMP for name, q in zip(reference.joints, off, strict=True) if name not in self._loose)
+        if jumps:
             self.stop(now)
             return
         self._revision, self._next = reference.revision, now + EVERY
@@ -103,14 +107,6 @@ class Portions:
         self.over = True
         return max(now, self._told.rests_at)
 
-    def _is_jump(self, reference: StoppableReference, now: float) -> bool:
-        """Whether a motion is elsewhere, where a portion would begin, than the robot will be."""
-        if self._told is None:
-            return False
-        t = np.array([now + LEAD])
-        off = np.abs(reference.states(t).positions - self._told.states(t).positions)[0]
-        return any(q > JUMP for name, q in zip(reference.joints, off.tolist(), strict=True) if name not in self._loose)
-
 
 def _portion(reference: StoppableReference, now: float) -> Portion:
     """A motion from `LEAD` after a time [s] on to its end."""
@@ -132,7 +128,7 @@ class JointLog:
 
     def __init__(self, names: Mapping[str, str]) -> None:
         """names: of joints in the workspace, by those in messages."""
-        self._names = names
+        self.names = names
         self._log: deque[tuple[float, Mapping[str, float]]] = deque(maxlen=_REMEMBERED)
         self.changed = 0.0
         """Stamp of the first message that said what the last one says [s]."""
@@ -146,7 +142,7 @@ class JointLog:
         if not np.isfinite(message.position).all():
             raise MessageError("positions of joints that are no numbers")
         named = zip(message.name, message.position.tolist(), strict=True)
-        found = {self._names.get(name, name): q for name, q in named}
+        found = {self.names.get(name, name): q for name, q in named}
         self.came = now
         if self._log and t <= self._log[-1][0]:
             return
@@ -159,11 +155,6 @@ class JointLog:
     def newest(self) -> float:
         """Time of the last one [s]; 0 before any."""
         return self._log[-1][0] if self._log else 0.0
-
-    @property
-    def known(self) -> bool:
-        """Whether any has come."""
-        return bool(self._log)
 
     def at(self, t: float | None = None) -> Mapping[str, float]:
         """Positions at a time [s], in between two messages on the line between them; the newest by default."""

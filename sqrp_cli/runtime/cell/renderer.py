@@ -80,7 +80,11 @@ class Renderer:
         rows, columns = (max(sizes) + _SPARE for sizes in zip(*((c.height, c.width) for c in cameras), strict=True))
         noise = np.random.default_rng(seed).normal(0.0, NOISE, (rows, columns, 3))
         self._noise = np.rint(noise).astype(np.int16)
-        self._laid = {name: _ways_in_turn(seed, name) for name in self._cameras}
+        # All ways to lay the noise over the images of a camera, in the order in which they are used.
+        self._laid = {
+            name: np.random.default_rng((seed, zlib.crc32(name.encode()))).permutation(_SPARE**2)
+            for name in self._cameras
+        }
 
     def move(self, positions: Array) -> None:
         """Bring everything to where it is at joint positions (MuJoCo's qpos)."""
@@ -93,32 +97,41 @@ class Renderer:
         camera, optics = self._cameras[name], self._optics[name]
         picture, area = self._rendered(self._camera_pose(camera), optics, camera.brightness)
         mujoco.mjr_readPixels(picture, None, area, self._context)
-        return self._with_noise(optics.image(cv2.flip(picture, 0)), camera, t)
+        image = cv2.flip(picture, 0)
+        if optics.maps is not None:  # black where the lens does not look
+            image = cv2.remap(image, *optics.maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+        return self._with_noise(image, camera, t)
+
+    def _with_noise(self, image: NDArray[np.uint8], camera: Camera, t: float) -> NDArray[np.uint8]:
+        """The image with noise that depends on seed, camera and time alone, and is never twice in a row the same."""
+        row, column = divmod(int(self._laid[camera.name][round(t * camera.rate) % _SPARE**2]), _SPARE)
+        noise = self._noise[row : row + camera.height, column : column + camera.width]
+        noisy: NDArray[np.uint8] = cv2.add(image, noise, dtype=cv2.CV_8U)
+        return noisy
 
     def solids(self, name: str, X_FC: Array) -> PixelSolids:
         """What a camera at a pose X_FC (4, 4) has before it, pixel by pixel of the picture without distortion."""
-        optics = self._optics[name]
+        optics, scene = self._optics[name], self._scene
         X_WC = self._camera_pose(replace(self._cameras[name], X_FC=X_FC))
-        for flag in (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR):
-            self._scene.flags[flag] = 1
+        flags = [flag.value for flag in (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR)]
+        scene.flags[flags] = 1
         try:
             picture, area = self._rendered(X_WC, optics)
         finally:
-            for flag in (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR):
-                self._scene.flags[flag] = 0
+            scene.flags[flags] = 0
         buffer = np.empty((optics.height, optics.width), dtype=np.float32)
         mujoco.mjr_readPixels(picture, buffer, area, self._context)
         low, middle, high = (channel.astype(np.int64) for channel in cv2.split(cv2.flip(picture, 0)))
-        numbers = low + (middle << 8) + (high << 16)
-        bodies = np.zeros(self._scene.ngeom + 1, dtype=np.int64)
-        for geom in self._scene.geoms[: self._scene.ngeom]:
+        bodies = np.zeros(scene.ngeom + 1, dtype=np.int64)
+        for geom in scene.geoms[: scene.ngeom]:
             if geom.segid >= 0 and geom.objtype == mujoco.mjtObj.mjOBJ_GEOM:
                 bodies[geom.segid + 1] = self._model.geom_bodyid[geom.objid]
+        body = bodies[np.minimum(low + (middle << 8) + (high << 16), scene.ngeom)]
         z = NEAR / (1.0 - cv2.flip(buffer, 0).astype(float) * (1.0 - NEAR / FAR))
         (left, top), (right, bottom) = optics.low, optics.high
         x = left + (np.arange(optics.width) + 0.5) / optics.width * (right - left)
         y = top + (np.arange(optics.height) + 0.5) / optics.height * (bottom - top)
-        return PixelSolids(bodies[np.minimum(numbers, self._scene.ngeom)], z, x, y)
+        return PixelSolids(body, z, x, y)
 
     def _rendered(self, X_WC: Array, optics: Optics, gain: float = 1.0) -> tuple[NDArray[np.uint8], mujoco.MjrRect]:
         """Draw what an eye sees; returns memory for the picture, and where the picture is."""
@@ -165,18 +178,6 @@ class Renderer:
         seen = (centers @ sides.T > -radii[:, None]).all(axis=1) | (radii == 0.0)
         self._model.geom_group[self._drawn] = np.where(seen, DRAWN, FELT)
 
-    def _with_noise(self, image: NDArray[np.uint8], camera: Camera, t: float) -> NDArray[np.uint8]:
-        """The image with noise that depends on seed, camera and time alone, and is never twice in a row the same."""
-        row, column = divmod(int(self._laid[camera.name][round(t * camera.rate) % _SPARE**2]), _SPARE)
-        noise = self._noise[row : row + camera.height, column : column + camera.width]
-        noisy: NDArray[np.uint8] = cv2.add(image, noise, dtype=cv2.CV_8U)
-        return noisy
-
-
-def _ways_in_turn(seed: int, camera: str) -> NDArray[np.int64]:
-    """All ways to lay the noise over the images of a camera, in the order in which they are used."""
-    return np.random.default_rng((seed, zlib.crc32(camera.encode()))).permutation(_SPARE**2)
-
 
 @dataclass(frozen=True, eq=False)
 class Optics:
@@ -215,45 +216,29 @@ class Optics:
         x, y = (np.ascontiguousarray(where[..., axis], dtype=np.float32) for axis in (0, 1))
         return cls((low[0], low[1]), (high[0], high[1]), int(size[0]), int(size[1]), (x, y))
 
-    def image(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The image that the camera takes, shape (height, width, 3), of a picture of the window.
-
-        It is black where the lens does not look.
-        """
-        if self.maps is None:
-            return picture
-        bent: NDArray[np.uint8] = cv2.remap(picture, *self.maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-        return bent
-
 
 def _undistorted(camera: Camera) -> tuple[Array, NDArray[np.bool_]]:
     """Where in the plane z = 1 the centre of each pixel looks, shape (height, width, 2), and whether it looks anywhere.
 
-    OpenCV undoes the distortion by iteration, so a pixel counts only if distorting the result leads back to it.
+    OpenCV undoes the distortion by iteration, so a pixel counts only if distorting the result leads back to it. It
+    needs hundreds of bytes for each pixel, so that some rows are undone at once.
     """
     rows = max(1, _BAND // camera.width)
     plane = np.empty((camera.height, camera.width, 2))
     seen = np.empty((camera.height, camera.width), dtype=bool)
-    for first in range(0, camera.height, rows):
-        band = slice(first, first + rows)
-        plane[band], seen[band] = _undistorted_band(camera, first, min(first + rows, camera.height))
-    return plane, seen
-
-
-def _undistorted_band(camera: Camera, first: int, end: int) -> tuple[Array, NDArray[np.bool_]]:
-    """As `_undistorted`, of some rows: OpenCV needs hundreds of bytes for each pixel."""
-    v, u = np.mgrid[first:end, 0 : camera.width].astype(float)
-    pixels = np.stack([u, v], axis=-1).reshape(-1, 1, 2)
     K, coefficients = np.array(camera.matrix), np.array(camera.distortion)
     stop = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-10)
-    if camera.distortion_model == "equidistant":
-        plane = cv2.fisheye.undistortPoints(pixels, K, coefficients, criteria=stop)
-        back = cv2.fisheye.distortPoints(plane, K, coefficients)
-    else:
-        plane = cv2.undistortPoints(pixels, K, coefficients, criteria=stop)
-        rays = np.concatenate([plane, np.ones_like(plane[..., :1])], axis=-1)
-        back, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), K, coefficients)
-    error = np.linalg.norm(back.reshape(-1, 2) - pixels.reshape(-1, 2), axis=1)
-    shape = (end - first, camera.width)
-    seen = (error < 1e-2) & np.isfinite(error)
-    return plane.reshape(*shape, 2).astype(float), seen.reshape(shape)
+    for first in range(0, camera.height, rows):
+        v, u = np.mgrid[first : min(first + rows, camera.height), 0 : camera.width].astype(float)
+        pixels, band = np.stack([u, v], axis=-1).reshape(-1, 1, 2), slice(first, first + len(u))
+        if camera.distortion_model == "equidistant":
+            found = cv2.fisheye.undistortPoints(pixels, K, coefficients, criteria=stop)
+            back = cv2.fisheye.distortPoints(found, K, coefficients)
+        else:
+            found = cv2.undistortPoints(pixels, K, coefficients, criteria=stop)
+            rays = np.concatenate([found, np.ones_like(found[..., :1])], axis=-1)
+            back, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), K, coefficients)
+        error = np.linalg.norm(back.reshape(-1, 2) - pixels.reshape(-1, 2), axis=1)
+        plane[band] = found.reshape(*u.shape, 2)
+        seen[band] = ((error < 1e-2) & np.isfinite(error)).reshape(u.shape)
+    return plane, seen

@@ -156,51 +156,41 @@ def read_robot_file(path: Path, workspace: Workspace, program: Program) -> Robot
         message = f"this is {other}, expected a file that says how to reach a robot"
         raise bad_input("wrong-type", message, Place(path), mend="see what it holds: sqrp schema robot")
     file = validate(document, RobotFile)
-    problems = [*_camera_problems(file, workspace, document), *_joint_problems(file, workspace, program, document)]
-    actions = {p.action for step in program.steps for p in step.primitives}
-    if file.tool is None and actions & {"Grasp", "Release"}:
-        message = "the program grasps, but the file has no `tool` that can be told to"
-        problems.append(Problem("missing-key", message, document.key_place(()), mend="tool: {topic: /suction}"))
-    guarded = any(p.guard is not None for step in program.steps for p in step.primitives)
-    if file.force is None and guarded:
-        message = "the program has moves that end at contact, but the file has no topic of a `force` sensor"
-        problems.append(Problem("missing-key", message, document.key_place(()), mend="force: /wrench"))
+    problems = list(_problems(file, workspace, program, document))
     if problems:
         raise InputError(*problems)
     return file
 
 
-def _camera_problems(file: RobotFile, workspace: Workspace, document: SourceDocument) -> Iterator[Problem]:
-    cameras = workspace.cameras
+def _problems(file: RobotFile, workspace: Workspace, program: Program, document: SourceDocument) -> Iterator[Problem]:
+    """What does not fit: `joints` names every joint that trajectories move, but fingers may be left to the tool."""
+    cameras, joints, fingers = workspace.cameras, file.joints, workspace.robot.fingers
     for name in file.cameras:
         if name not in cameras:
             message = f"there is no camera `{name}`; {expected_names(name, cameras)}"
             yield Problem("unknown-camera", message, document.key_place(("cameras", name)))
-    missing = [name for name in cameras if name not in file.cameras]
-    if missing:
+    if missing := [name for name in cameras if name not in file.cameras]:
         names = ", ".join(f"`{name}`" for name in missing)
         yield Problem("missing-key", f"`cameras` lacks {names} of the workspace", document.key_place(("cameras",)))
-
-
-def _joint_problems(
-    file: RobotFile, workspace: Workspace, program: Program, document: SourceDocument
-) -> Iterator[Problem]:
-    """Of `joints`, which names every joint that the trajectories move; fingers may be left to the tool."""
-    if file.joints is None:
-        return
-    for name in file.joints:
+    for name in joints or ():
         if name not in program.joints:
             message = f"the program has no joint `{name}`; {expected_names(name, program.joints)}"
             yield Problem("unknown-joint", message, document.key_place(("joints", name)))
-    fingers = workspace.robot.fingers
-    left_out = [n for n in program.joints if n not in file.joints and (fingers is None or n not in fingers.open)]
-    if left_out:
+    named = program.joints if joints is None else joints
+    if left_out := [n for n in program.joints if n not in named and (fingers is None or n not in fingers.open)]:
         names = ", ".join(f"`{name}`" for name in left_out)
         message = f"`joints` lacks {names}, which the program moves"
         yield Problem("missing-key", message, document.key_place(("joints",)))
-    for wire, count in Counter(file.joints.values()).items():
+    for wire, count in Counter((joints or {}).values()).items():
         if count > 1:
             yield document.problem("duplicate-name", ("joints",), f"{count} joints are called `{wire}` in messages")
+    primitives = [primitive for step in program.steps for primitive in step.primitives]
+    if file.tool is None and any(one.action in ("Grasp", "Release") for one in primitives):
+        message = "the program grasps, but the file has no `tool` that can be told to"
+        yield Problem("missing-key", message, document.key_place(()), mend="tool: {topic: /suction}")
+    if file.force is None and any(one.guard is not None for one in primitives):
+        message = "the program has moves that end at contact, but the file has no topic of a `force` sensor"
+        yield Problem("missing-key", message, document.key_place(()), mend="force: /wrench")
 
 
 def as_yaml(file: RobotFile) -> str:

@@ -14,7 +14,6 @@ import numpy as np
 
 from sqrp_cli.errors import InputError, Place
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.ros.messages import Message, MessageError, nanoseconds
 from sqrp_cli.ros.transport import Inbox, Send, Topic, Transport
@@ -50,9 +49,7 @@ LONGEST_JUMP = 300.0
 _NO_TIME = "`/clock` stands still"
 
 CLOCK = Topic(name="/clock", type="rosgraph_msgs/msg/Clock", depth=1)
-_JOINT_STATE, _TRAJECTORY = "sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory"
-_BOOL = "std_msgs/msg/Bool"
-_POINT = "trajectory_msgs/msg/JointTrajectoryPoint"
+_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 
 
 class RosClock:
@@ -115,15 +112,6 @@ class ImageTimes(NamedTuple):
     """When it came [s]."""
 
 
-class _Followed(NamedTuple):
-    """When it was last looked whether a portion is due."""
-
-    t: float
-    """On the cell's clock [s]."""
-    ns: int
-    """By a steady time of this computer [ns]."""
-
-
 @dataclass
 class _Flood:
     """Whether more comes than anybody can mean."""
@@ -151,44 +139,44 @@ class RosCell(AbstractContextManager["RosCell"]):
 
     def __init__(self, file: RobotFile, joints: Mapping[str, str], workspace: Workspace, transport: Transport) -> None:
         """joints: that are moved, with their names in messages."""
-        self.file, self.transport, self.cameras = file, transport, workspace.cameras
-        self._wire_names = tuple(joints.values())
-        self.moved = tuple(joints)
-        types = transport.types
-        self._types = types
+        self.file, self.transport, self.cameras, self.moved = file, transport, workspace.cameras, tuple(joints)
+        self._wire_names, fingers = tuple(joints.values()), workspace.robot.fingers
         self.clock = RosClock(transport, simulated=file.use_sim_time)
         self.joints = JointLog({wire: name for name, wire in joints.items()})
-        states = Topic(name=file.joint_states, type=_JOINT_STATE, depth=500, reliable=file.reliable)
+        reliable = file.reliable
+        states = Topic(name=file.joint_states, type="sensor_msgs/msg/JointState", depth=500, reliable=reliable)
         self.states = transport.subscribe(states)
         self.images = {
-            name: transport.subscribe(Topic(name=one.image, type=one.type, depth=4, reliable=file.reliable))
+            name: transport.subscribe(Topic(name=one.image, type=one.type, depth=4, reliable=reliable))
             for name, one in file.cameras.items()
         }
-        self._force = None
+        self._force, self._newton = None, 0.0
         if file.force is not None:
             self._force = transport.subscribe(Topic(name=file.force, type="geometry_msgs/msg/WrenchStamped"))
-        self._newton = 0.0
-        self.presence = Topic(name=f"{file.trajectory.topic.rstrip('/')}/sqrp_run", type=_BOOL)
+        self.presence = Topic(name=f"{file.trajectory.topic.rstrip('/')}/sqrp_run", type="std_msgs/msg/Bool")
         """Each run sends and reads it, never a message: so that another one knows."""
         transport.publish(self.presence)
         transport.subscribe(self.presence)
         self.commands: list[Topic] = []
         """The topics that the robot obeys."""
-        self._tool = self._tool_sender(transport)
+        self._send_tool: Send | None = None
+        if file.tool is not None:
+            self.commands.append(Topic(name=file.tool.topic, type=file.tool.type, depth=1, reliable=True))
+            self._send_tool = transport.publish(self.commands[-1])
         self.commands.append(Topic(name=file.trajectory.topic, type=_TRAJECTORY, depth=1, reliable=True))
         self._send_trajectory = transport.publish(self.commands[-1])
-        self._floods = [_Flood(self.states, MOST_JOINT_STATES)]
         rates = {name: FLOOD_FACTOR * max(workspace.cameras[name].rate, 5.0) for name in self.images}
+        self._floods = [_Flood(self.states, MOST_JOINT_STATES)]
         self._floods += [_Flood(inbox, rates[name]) for name, inbox in self.images.items()]
         self.ages: dict[str, deque[ImageTimes]] = {name: deque(maxlen=100) for name in self.images}
         """When images were taken, and when they came, since `watch`."""
         self._waiting: dict[str, deque[CameraImage]] = {name: deque(maxlen=4) for name in self.images}
-        fingers = workspace.robot.fingers
         self._portions = Portions(self._send, () if fingers is None else tuple(fingers.open))
         self._reference: StoppableReference | None = None
-        self._trouble: Stopped | None = None
+        self.malformed: Stopped | None = None
+        """What is wrong with the messages themselves, or with the time that passes; the first counts."""
         self._pauses = Pauses()
-        self._followed = _Followed(0.0, _steady_ns())
+        self._followed, self._followed_ns = 0.0, _steady_ns()
 
     @property
     def t(self) -> float:
@@ -198,8 +186,8 @@ class RosCell(AbstractContextManager["RosCell"]):
     def begin(self) -> None:
         """Count time from now on."""
         self.clock.read()
-        self.clock.origin, self._followed = self.clock.ns, _Followed(0.0, _steady_ns())
-        self.joints, self._pauses = JointLog(self.joints._names), Pauses()
+        self.clock.origin, self._followed, self._followed_ns = self.clock.ns, 0.0, _steady_ns()
+        self.joints, self._pauses = JointLog(self.joints.names), Pauses()
         for waiting in self._waiting.values():
             waiting.clear()
 
@@ -207,11 +195,6 @@ class RosCell(AbstractContextManager["RosCell"]):
         """Forget when images came."""
         for ages in self.ages.values():
             ages.clear()
-
-    @property
-    def malformed(self) -> Stopped | None:
-        """What is wrong with the messages themselves."""
-        return self._trouble
 
     def advance(self, t: float, reference: StoppableReference) -> float:
         """As `RunnableCell` says; returns sooner where no time passes any more."""
@@ -227,13 +210,13 @@ class RosCell(AbstractContextManager["RosCell"]):
                 self._follow(reference, self.t)
             now = self.t
             if stands_still or (now >= t and self.clock.is_settled):
-                return max(t, now) if now >= t else now
+                return now
             self.transport.wait(TICK)
 
     def _follow(self, reference: StoppableReference, now: float) -> None:
         """Send what is due; where that would be a jump, nothing more is sent, and that is trouble."""
-        silent, paused = now - self._followed.t, (_steady_ns() - self._followed.ns) * 1e-9
-        self._followed = _Followed(now, _steady_ns())
+        silent, paused = now - self._followed, (_steady_ns() - self._followed_ns) * 1e-9
+        self._followed, self._followed_ns = now, _steady_ns()
         if self._portions.begins(reference, now):
             wanted, limit = reference.states(np.array([now])).positions[0], self.file.tolerances.start
             if (off := self._off(reference.joints, wanted, limit, "where the motion begins")) is not None:
@@ -241,16 +224,14 @@ class RosCell(AbstractContextManager["RosCell"]):
         self._portions.follow(reference, now)
         far = silent - paused > LONGEST_JUMP
         if self._portions.over or far:
-            if self._trouble is None:  # time that nobody has seen is none of the run
+            if self.malformed is None:  # time that nobody has seen is none of the run
                 self.clock.origin += round(silent * 1e9)
-                self._followed = _Followed(self.t, self._followed.ns)
-            jumped = far or (self.file.use_sim_time and silent > AHEAD and paused < PAUSE)
-            why = "this computer was too busy to send the next part of the motion for"
-            self._end(
-                f"`/clock` jumped ahead by {silent:.1f} s"
-                if jumped
-                else f"{why} {silent:.1f} s{self._mend_of_lateness}"
-            )
+                self._followed = self.t
+            if far or (self.file.use_sim_time and silent > AHEAD and paused < PAUSE):
+                self._end(f"`/clock` jumped ahead by {silent:.1f} s")
+            else:
+                why = "this computer was too busy to send the next part of the motion for"
+                self._end(f"{why} {silent:.1f} s{self._mend_of_lateness}")
 
     @property
     def _mend_of_lateness(self) -> str:
@@ -265,7 +246,7 @@ class RosCell(AbstractContextManager["RosCell"]):
 
     def _note(self, why: str) -> None:
         """There is trouble; the first counts."""
-        self._trouble = self._trouble or Stopped(why)
+        self.malformed = self.malformed or Stopped(why)
 
     def read(self) -> None:
         """Take in what has come. What is wrong with it is told by `trouble`."""
@@ -275,15 +256,16 @@ class RosCell(AbstractContextManager["RosCell"]):
             self._pauses.look(now)
             for arrived in self.states.take():
                 self.joints.add(self.clock.since(arrived.message.header.stamp), arrived.message, now)
-            if self._force is not None:
-                for arrived in self._force.take():
-                    force = arrived.message.wrench.force
-                    self._newton = float(np.linalg.norm([force.x, force.y, force.z]))
+            for arrived in self._force.take() if self._force is not None else ():
+                force = arrived.message.wrench.force
+                self._newton = float(np.linalg.norm([force.x, force.y, force.z]))
             for name, inbox in self.images.items():
+                about, camera = self.file.cameras[name], self.cameras[name]
                 for arrived in inbox.take():
-                    image = self._image(self.cameras[name], arrived.message)
-                    self._waiting[name].append(image)
-                    self.ages[name].append(ImageTimes(image.t, now))
+                    image = image_of(arrived.message, camera, Place(Path(about.image)), f"`{name}`")
+                    t = self.clock.since(arrived.message.header.stamp) - about.clock_offset
+                    self._waiting[name].append(CameraImage(name, t, image))
+                    self.ages[name].append(ImageTimes(t, now))
         except MessageError as error:
             self._note(f"a message is malformed: {error}")
         except InputError as error:
@@ -294,13 +276,18 @@ class RosCell(AbstractContextManager["RosCell"]):
 
     def grasp(self) -> None:
         """As `RunnableCell` says; nothing is commanded where there is trouble: the robot may be elsewhere."""
-        if self.file.tool is not None and self.trouble() is None:
-            self._tool(self.file.tool.hold)
+        if self.file.tool is not None:
+            self._command_tool(self.file.tool.hold)
 
     def release(self) -> None:
         """As `RunnableCell` says; as `grasp`, nothing where there is trouble."""
-        if self.file.tool is not None and self.trouble() is None:
-            self._tool(self.file.tool.release)
+        if self.file.tool is not None:
+            self._command_tool(self.file.tool.release)
+
+    def _command_tool(self, value: object) -> None:
+        if self.file.tool is not None and self._send_tool is not None and self.trouble() is None:
+            data = np.array(value, dtype=float) if isinstance(value, list) else value
+            self._send_tool(self.transport.types.make(self.file.tool.type, data=data))
 
     def tool_force(self) -> float:
         """As `RunnableCell` says: of the last message of the force sensor."""
@@ -316,58 +303,21 @@ class RosCell(AbstractContextManager["RosCell"]):
 
     def trouble(self) -> Stopped | None:
         """As `RunnableCell` says: malformed messages, floods, joint states that stay out, are old, or do not follow."""
-        if self._trouble is not None:
-            return self._trouble
-        if self.clock.stands_still:
-            return Stopped(_NO_TIME)
-        return self._joint_trouble()
-
-    def tracking_error(self) -> float | None:
-        """As `RunnableCell` says: nobody measures where the tool is."""
-        return None
-
-    def truth(self) -> None:
-        """As `RunnableCell` says: nobody knows it."""
-
-    def close(self) -> None:
-        """Have the robot stand, and wait until it does; then end the connection."""
-        try:
-            self._read_clock()
-            stands, patience = self._portions.stop(self.t), time.monotonic() + 2.0
-            if stands > self.t:
-                while self.t < stands and time.monotonic() < patience:
-                    self._read_clock()
-                    self.transport.wait(TICK)
-        finally:
-            self.transport.close()
-
-    def _read_clock(self) -> None:
-        """Know the time now, also after a pause of our own."""
-        with suppress(MessageError):
-            self.clock.read()
-            while not self.clock.is_settled:
-                self.transport.wait(TICK)
-                self.clock.read()
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def _joint_trouble(self) -> Stopped | None:
-        """What joint states say of the robot, or that they say nothing."""
-        topic, reference, waited = f"`{self.file.joint_states}`", self._reference, self._pauses.waited
-        if waited(self.joints.came) > JOINTS_OVERDUE:
-            return Stopped(f"the joint states are lost: none on {topic} for {waited(self.joints.came):.2f} s")
-        if waited(self.joints.newest) > JOINTS_OVERDUE:
-            old = waited(self.joints.newest)
+        if self.malformed is not None or self.clock.stands_still:
+            return self.malformed or Stopped(_NO_TIME)
+        topic, reference, waited = f"on `{self.file.joint_states}`", self._reference, self._pauses.waited
+        if (silent := waited(self.joints.came)) > JOINTS_OVERDUE:
+            return Stopped(f"the joint states are lost: none {topic} for {silent:.2f} s")
+        if (old := waited(self.joints.newest)) > JOINTS_OVERDUE:
             return Stopped(
-                f"the joint states on {topic} come too late: the newest are {old:.2f} s old{self._mend_of_lateness}"
+                f"the joint states {topic} come too late: the newest are {old:.2f} s old{self._mend_of_lateness}"
             )
         if reference is None:
             return None
         then, changed = self.joints.newest, self.joints.changed
         wanted, before = reference.states(np.array([then, changed])).positions
         if then - changed > STILL and float(np.abs(wanted - before).max()) > MOVED:
-            return Stopped(f"the joint states on {topic} are frozen: the same for {then - changed:.2f} s of motion")
+            return Stopped(f"the joint states {topic} are frozen: the same for {then - changed:.2f} s of motion")
         off = self._off(reference.joints, wanted, self.file.tolerances.tracking, "where it should be")
         return None if off is None else Stopped(off)
 
@@ -380,19 +330,19 @@ class RosCell(AbstractContextManager["RosCell"]):
                 return f"`{name}` is {off:.1f} deg from {where}, more than {np.degrees(limit):.1f}"
         return None
 
-    def _image(self, camera: Camera, message: Message) -> CameraImage:
-        """The image of a message. Raises InputError for one that is damaged or of another size."""
-        about = self.file.cameras[camera.name]
-        image = image_of(message, camera, Place(Path(about.image)), f"`{camera.name}`")
-        return CameraImage(camera.name, self.clock.since(message.header.stamp) - about.clock_offset, image)
+    def tracking_error(self) -> None:
+        """As `RunnableCell` says: nobody measures where the tool is."""
+
+    def truth(self) -> None:
+        """As `RunnableCell` says: nobody knows it."""
 
     def _send(self, portion: Portion) -> None:
-        types, states = self._types, portion.states
+        types, states = self.transport.types, portion.states
         assert self._reference is not None  # noqa: S101 - a portion is of a reference
         columns = [list(self._reference.joints).index(name) for name in self.moved]
         points = [
             types.make(
-                _POINT,
+                "trajectory_msgs/msg/JointTrajectoryPoint",
                 positions=states.positions[row, columns],
                 velocities=states.velocities[row, columns],
                 accelerations=states.accelerations[row, columns],
@@ -402,15 +352,21 @@ class RosCell(AbstractContextManager["RosCell"]):
         ]
         self._send_trajectory(types.make(_TRAJECTORY, joint_names=list(self._wire_names), points=points))
 
-    def _tool_sender(self, transport: Transport) -> Send:
-        about = self.file.tool
-        if about is None:
-            return lambda _: None
-        self.commands.append(Topic(name=about.topic, type=about.type, depth=1, reliable=True))
-        send = transport.publish(self.commands[-1])
+    def _read_clock(self) -> None:
+        """Know the time now, also after a pause of our own."""
+        with suppress(MessageError):
+            self.clock.read()
+            while not self.clock.is_settled:
+                self.transport.wait(TICK)
+                self.clock.read()
 
-        def say(value: object) -> None:
-            data = np.array(value, dtype=float) if isinstance(value, list) else value
-            send(transport.types.make(about.type, data=data))
-
-        return say
+    def __exit__(self, *_: object) -> None:
+        """Have the robot stand, and wait until it does; then end the connection."""
+        try:
+            self._read_clock()
+            stands, patience = self._portions.stop(self.t), time.monotonic() + 2.0
+            while self.t < stands and time.monotonic() < patience:
+                self._read_clock()
+                self.transport.wait(TICK)
+        finally:
+            self.transport.close()

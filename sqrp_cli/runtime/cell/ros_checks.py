@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -56,72 +56,49 @@ class CellCheck:
     """What is wrong, in a sentence."""
 
 
-@dataclass
-class _Listening:
-    """Topics that are read for the checks alone."""
-
-    infos: Mapping[str, Inbox]
-    transforms: tuple[Inbox, ...]
-
-    @classmethod
-    def of(cls, cell: RosCell) -> _Listening:
-        subscribe, reliable = cell.transport.subscribe, cell.file.reliable
-        infos = {
-            name: subscribe(Topic(name=one.info, type=_INFO, depth=1, reliable=reliable))
-            for name, one in cell.file.cameras.items()
-            if one.info is not None
-        }
-        static = Topic(name="/tf_static", type=_TF, depth=100, reliable=True, latched=True)
-        moving = Topic(name="/tf", type=_TF, depth=100)
-        return cls(infos, (subscribe(static), subscribe(moving)) if cell.file.tf else ())
-
-    def complete(self, cell: RosCell) -> bool:
-        """Whether a `CameraInfo` of each camera has come, and what stands still of TF, if somebody sends that.
-
-        Connections are made one after another, and some messages come once in a while only.
-        """
-        if not all(inbox.count for inbox in self.infos.values()):
-            return False
-        senders = cell.transport.senders()
-        return all(inbox.count or inbox.topic.name not in senders for inbox in self.transforms if inbox.topic.latched)
-
-    def poses(self) -> dict[str, StaticTransform]:
-        """The pose of each frame in its parent, by its name."""
-        found = {}
-        for inbox in self.transforms:
-            for one in (one for arrived in inbox.take() for one in arrived.message.transforms):
-                if (transform := StaticTransform.of(one, _ON_TF)) is not None:
-                    found[transform.child] = transform
-        return found
-
-
 def check_cell(cell: RosCell, start: Mapping[str, float]) -> list[CellCheck]:
     """Watch a cell for a while and compare it with its workspace; nothing is commanded.
 
     start: where the program begins, by joint [rad or m]. Raises MessageError for what is no message of its topic's
     type.
     """
-    listening = _Listening.of(cell)
-    seen = _watch(cell, listening)
+    subscribe, reliable = cell.transport.subscribe, cell.file.reliable  # topics that are read for the checks alone
+    cameras = cell.file.cameras
+    infos = {
+        name: subscribe(Topic(name=one.info, type=_INFO, depth=1, reliable=reliable))
+        for name, one in cameras.items()
+        if one.info is not None
+    }
+    tf = [
+        subscribe(Topic(name="/tf_static", type=_TF, depth=100, reliable=True, latched=True)),
+        subscribe(Topic(name="/tf", type=_TF, depth=100)),
+    ][: 2 * cell.file.tf]
+    seen = _watch(cell, infos, tf)
     if (trouble := cell.malformed) is not None:
         return [CellCheck("messages", "content", "", "", str(trouble))]
-    if not cell.joints.known and not any(cell.ages.values()) and not cell.transport.senders():
+    if not cell.measured_joints() and not any(cell.ages.values()) and not cell.transport.senders():
         return [CellCheck("network", "senders", "none", "", f"nobody sends anything {cell.file.where}")]
     checks = [*_connections(cell), *_joints(cell, start, seen)]
-    transforms = listening.poses()
-    for name, about in cell.file.cameras.items():
+    arrived = [one for inbox in tf for message in inbox.take() for one in message.message.transforms]
+    found = [transform for one in arrived if (transform := StaticTransform.of(one, _ON_TF)) is not None]
+    transforms = {transform.child: transform for transform in found}
+    for name, about in cameras.items():
         camera = cell.cameras[name]
-        infos = [arrived.message for arrived in listening.infos[name].take()] if name in listening.infos else []
+        said = [message.message for message in infos[name].take()] if name in infos else []
         checks += _images(cell, camera)
-        checks += _info(cell, camera, infos[-1] if infos else None, about)
-        frame = about.frame or (infos[-1].header.frame_id if infos else None)
-        checks += _camera_pose(cell, camera, transforms, frame)
+        checks += _info(cell, camera, said[-1] if said else None, about)
+        frame = about.frame or (said[-1].header.frame_id if said else None)
+        checks.append(_camera_pose(cell, camera, transforms, frame))
     return checks
 
 
-def _watch(cell: RosCell, listening: _Listening) -> list[Mapping[str, float]]:
-    """Look on for long enough, and until everything has come; returns where the joints were."""
-    period = max(1.0 / camera.rate for camera in cell.cameras.values())
+def _watch(cell: RosCell, infos: Mapping[str, Inbox], tf: Sequence[Inbox]) -> list[Mapping[str, float]]:
+    """Look on for long enough, and until everything has come; returns where the joints were.
+
+    A `CameraInfo` of each camera, and what stands still of TF, if somebody sends that: connections are made one after
+    another, and some messages come once in a while only.
+    """
+    enough = max(WATCHED, PERIODS * max(1.0 / camera.rate for camera in cell.cameras.values()))
     until = time.monotonic() + PATIENCE
     cell.watch()
     start = None
@@ -129,14 +106,16 @@ def _watch(cell: RosCell, listening: _Listening) -> list[Mapping[str, float]]:
     while time.monotonic() < until:
         cell.read()
         cell.frames(list(cell.cameras))
-        if start is None and cell.joints.known and all(cell.ages.values()):
+        if start is None and cell.measured_joints() and all(cell.ages.values()):
             start = cell.t
             cell.watch()
         if start is not None:
             seen.append(cell.measured_joints())
-            enough = cell.t - start > max(WATCHED, PERIODS * period) and min(map(len, cell.ages.values())) >= FEWEST
-            if enough and listening.complete(cell):
-                break
+            watched = cell.t - start > enough and min(map(len, cell.ages.values())) >= FEWEST
+            if watched and all(inbox.count for inbox in infos.values()):
+                senders = cell.transport.senders()
+                if all(one.count or one.topic.name not in senders for one in tf if one.topic.latched):
+                    break
         cell.transport.wait(0.01)
     return seen
 
@@ -173,22 +152,19 @@ def _nothing_on(topic: Topic, offered: Mapping[str, Collection[str]]) -> str:
 
 def _joints(cell: RosCell, start: Mapping[str, float], seen: list[Mapping[str, float]]) -> Iterator[CellCheck]:
     """Whether the robot stands where the program begins."""
-    if not cell.joints.known:
-        return
     limits, found = cell.file.tolerances, cell.measured_joints()
+    if not found:
+        return
     missing = [name for name in cell.moved if name not in found]
     for name in missing:
         yield CellCheck("robot", "joints", "none", name, f"`{cell.file.joint_states}` does not say where `{name}` is")
     off = {name: found[name] - q for name, q in start.items() if name in found and name in cell.moved}
     if off:
         worst = max(off, key=lambda name: abs(off[name]))
-        text = f"{np.degrees(abs(off[worst])):.2f} deg"
-        problem = None
-        if abs(off[worst]) > limits.start:
-            problem = (
-                f"`{worst}` is {text} from where the program starts; {np.degrees(limits.start):.2f} deg are allowed"
-            )
-        yield CellCheck("robot", "start", text, f"{np.degrees(limits.start):.2f} deg at most", problem)
+        text, allowed = f"{np.degrees(abs(off[worst])):.2f} deg", f"{np.degrees(limits.start):.2f} deg"
+        problem = f"`{worst}` is {text} from where the program starts; {allowed} are allowed"
+        beyond = abs(off[worst]) > limits.start
+        yield CellCheck("robot", "start", text, f"{allowed} at most", problem if beyond else None)
     moved = max((np.ptp([q[name] for q in seen if name in q]) for name in off), default=0.0) if seen else 0.0
     if moved > MOVES:
         yield CellCheck("robot", "standing", f"{moved:.3f} rad", "0", f"the robot is moving: by {moved:.3f} rad")
@@ -215,15 +191,13 @@ def _images(cell: RosCell, camera: Camera) -> Iterator[CellCheck]:
     arrived = cell.ages[camera.name]
     if len(arrived) < FEWEST:
         if cell.images[camera.name].count:  # where none ever came, another check says so
-            yield CellCheck(
-                camera.name, "rate", "none", f"{camera.rate:.3g} Hz", f"`{camera.name}` hardly sends images"
-            )
+            problem = f"`{camera.name}` hardly sends images"
+            yield CellCheck(camera.name, "rate", "none", f"{camera.rate:.3g} Hz", problem)
         return
     rate = 1.0 / float(np.median([b.t - a.t for a, b in pairwise(arrived)]) or 1e9)
-    problem = None
-    if rate < (1.0 - cell.file.tolerances.rate) * camera.rate:
-        problem = f"`{camera.name}` takes {rate:.3g} images a second, the workspace says {camera.rate:.3g}"
-    yield CellCheck(camera.name, "rate", f"{rate:.3g} Hz", f"{camera.rate:.3g} Hz", problem)
+    problem = f"`{camera.name}` takes {rate:.3g} images a second, the workspace says {camera.rate:.3g}"
+    slow = rate < (1.0 - cell.file.tolerances.rate) * camera.rate
+    yield CellCheck(camera.name, "rate", f"{rate:.3g} Hz", f"{camera.rate:.3g} Hz", problem if slow else None)
     yield _age(cell, f"images of `{camera.name}`", [one.came - one.t for one in arrived], camera.lag)
 
 
@@ -256,14 +230,13 @@ def _info(cell: RosCell, camera: Camera, info: Message | None, about: ImageTopic
 
 def _camera_pose(
     cell: RosCell, camera: Camera, transforms: Mapping[str, StaticTransform], frame: str | None
-) -> Iterator[CellCheck]:
-    """Whether TF has a camera where the workspace does."""
-    carrier = cell.file.world if camera.frame == WORLD else camera.frame
-    X_FC = None if frame is None else _between(transforms, carrier, frame.lstrip("/"))
-    if X_FC is None:
-        yield CellCheck(camera.name, "pose", "not in TF", "")
-        return
-    off = inverse(camera.X_FC) @ X_FC
+) -> CellCheck:
+    """Whether TF has a camera where the workspace does, by way of the root that its frame and its carrier share."""
+    carrier, child = cell.file.world if camera.frame == WORLD else camera.frame, (frame or "").lstrip("/")
+    (root, X_RF), (other, X_RC) = _to_root(transforms, carrier), _to_root(transforms, child)
+    if frame is None or root != other or carrier == child:
+        return CellCheck(camera.name, "pose", "not in TF", "")
+    off = inverse(camera.X_FC) @ (inverse(X_RF) @ X_RC)
     far = float(np.linalg.norm(off[:3, 3]))
     turned = float(np.arccos(np.clip((np.trace(off[:3, :3]) - 1) / 2, -1, 1)))
     limits, problem = cell.file.tolerances, None
@@ -271,18 +244,11 @@ def _camera_pose(
         away = f"{1e3 * far:.1f} mm and {np.degrees(turned):.2f} deg"
         problem = f"TF has `{camera.name}` {away} from where the workspace has it"
     expected = f"{1e3 * limits.position:.0f} mm, {np.degrees(limits.rotation):.2f} deg at most"
-    yield CellCheck(camera.name, "pose", f"{1e3 * far:.1f} mm, {np.degrees(turned):.2f} deg off", expected, problem)
-
-
-def _between(transforms: Mapping[str, StaticTransform], frame: str, child: str) -> Array | None:
-    """The pose of a frame in another one, shape (4, 4), by way of the root that they share."""
-    to_frame, to_child = _to_root(transforms, frame), _to_root(transforms, child)
-    if to_frame[0] != to_child[0] or (frame == child):
-        return None
-    return inverse(to_frame[1]) @ to_child[1]
+    return CellCheck(camera.name, "pose", f"{1e3 * far:.1f} mm, {np.degrees(turned):.2f} deg off", expected, problem)
 
 
 def _to_root(transforms: Mapping[str, StaticTransform], frame: str) -> tuple[str, Array]:
+    """The root above a frame, and the frame's pose in it, shape (4, 4)."""
     X = pose()
     for _ in range(len(transforms) + 1):
         if frame not in transforms:

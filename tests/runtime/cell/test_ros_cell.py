@@ -505,7 +505,7 @@ def test_after_a_pause_nothing_that_moves_is_sent(
     robot.release()
     motion.stop(now, protective=True)
     robot.advance(now + 0.3, motion)
-    robot.close()
+    robot.__exit__()
     assert len(wire.sent) == before
 
 
@@ -550,7 +550,7 @@ def test_ctrl_c_after_a_pause_sends_nothing() -> None:
     before = len(wire.sent)
     wire.t += 1.5
     wire.tick()
-    robot.close()
+    robot.__exit__()
     assert len(wire.sent) == before
 
 
