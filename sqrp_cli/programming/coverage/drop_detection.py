@@ -14,7 +14,7 @@ never a drop quicker to see.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -99,7 +99,7 @@ class Sight(NamedTuple):
     """Their focal lengths, shape (c,) [pixels]."""
 
 
-class Beside(NamedTuple):
+class SeenOffset(NamedTuple):
     """How far a part is from where it is expected, as c cameras see it at s * f times; shape (c, s, f) [m] each."""
 
     across: Array
@@ -109,27 +109,32 @@ class Beside(NamedTuple):
     nearer: Array
     """By how much it is nearer than that."""
     length: Array
-    """How long the silhouette of its box is along the direction in which it is seen beside."""
+    """How long the silhouette of its box is along the direction of the offset, through its middle."""
     focal: Array
     """Of the cameras, shape (c, 1, 1) [pixels]."""
     spread: float
     """Square root of the mean area of the silhouette of its box."""
 
     @classmethod
-    def of(cls, expected: Array, free: Array, sight: Sight, R_WB: Array, size: Array) -> Beside:
+    def of(cls, expected: Array, free: Array, sight: Sight, R_WB: Array, size: Array) -> SeenOffset:
         """expected, free: where its centre would be and is, (s, f, 3) [m]. R_WB, size: of the box expected there."""
         ray, gap = expected - sight.eyes, free - expected
         distance, nearer = _norm(ray), -_dot(ray, gap)
         nearer /= distance
         across = gap + (nearer / distance)[..., None] * ray
-        return cls(
-            across=_norm(across),
-            distance=distance,
-            nearer=nearer,
-            length=_length(across, ray, R_WB, size),
-            focal=sight.focal[:, None, None],
-            spread=_spread(size),
-        )
+        # The length is the most r for which r * direction + k * ray is in the box for some k; at a corner of these
+        # bounds two faces meet.
+        gone = _norm(across)
+        way = np.where(gone[..., None] > 1e-9, across / np.maximum(gone, 1e-9)[..., None], 0.0)[..., None, :] @ R_WB
+        u, v = way[..., 0, :], (ray[..., None, :] @ R_WB)[..., 0, :]
+        v = v / _norm(v)[..., None]
+        length = np.full(u.shape[:-1], np.linalg.norm(size))
+        for i, j in ((0, 2), (1, 0), (2, 1)):
+            turn = np.abs(u[..., i] * v[..., j] - v[..., i] * u[..., j])
+            reach = size[i] * np.abs(v[..., j]) + size[j] * np.abs(v[..., i])
+            np.minimum(length, reach / np.maximum(turn, 1e-9), out=length)
+        focal = sight.focal[:, None, None]
+        return cls(across=gone, distance=distance, nearer=nearer, length=length, focal=focal, spread=_spread(size))
 
     def apart(self, rule: DropRule) -> Array:
         """By how much it is further from where it is expected than it must be."""
@@ -143,39 +148,6 @@ class Beside(NamedTuple):
     def fills(self, rule: DropRule) -> Array:
         """By how much it is nearer to that than it must be to fill it."""
         return rule.inside * self.length - self.across
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Drop:
-    """A part that is lost at s instants of an interval, each followed for f times `_FALL`."""
-
-    t: Array
-    """When it is lost, shape (s,) [s]."""
-    held: Array
-    """Where its centre would be if the tool held it, shape (s, f, 3) [m]."""
-    free: Array
-    """Where its centre is, shape (s, f, 3) [m]."""
-    R_WB: Array
-    """How the box is turned in which the tool would show it, when it is lost, shape (s, 3, 3)."""
-    size: Array
-    """Full extents of that box, shape (3,) [m]."""
-
-    def beside_held(self, sight: Sight) -> Beside:
-        """Where it is seen beside where the tool would show it."""
-        return Beside.of(self.held, self.free, sight, self.R_WB[:, None], self.size)
-
-    def beside_place(self, X_WB: Array, sight: Sight) -> Beside:
-        """Where it is seen beside where a place would show it."""
-        return Beside.of(np.broadcast_to(X_WB[:3, 3], self.free.shape), self.free, sight, X_WB[:3, :3], self.size)
-
-    def in_place(self, X_WB: Array, size: Array, sight: Sight) -> Array:
-        """By how much the line of sight through it meets the middle plane of a box inside it, shape (c, s, f) [m]."""
-        eye = (sight.eyes - X_WB[:3, 3]) @ X_WB[:3, :3]
-        part = (self.free - X_WB[:3, 3]) @ X_WB[:3, :3]
-        ray = part - eye
-        met = part[..., :2] - ray[..., :2] * (part[..., 2:] / np.where(np.abs(ray[..., 2:]) > 1e-6, ray[..., 2:], 1e-6))
-        margin: Array = (0.5 * size[:2] - np.abs(met)).min(axis=3)
-        return margin
 
 
 class _Shown(NamedTuple):
@@ -203,7 +175,11 @@ def onset(
         return Onset.at_once(interval.start, interval.end)
     slowest = found.surely.max(axis=0, initial=-np.inf)
     slowest = np.where(slowest < 0, found.late, slowest)  # where no camera judges it, none says so at once
-    surely = _between(found.x, np.maximum(slowest, found.x + _closing(stage, interval)), interval)
+    fingers, closing = stage.model.fingers, 0.0  # how long they take to close behind what they lose [s]
+    if fingers.joints:  # the windows are those of closed fingers
+        start = stage.positions(stage.samples_at(np.array([interval.start])))[0, len(stage.model.arm) :]
+        closing = move_fingers(fingers, start, fingers.closed, 0.0).duration
+    surely = _between(found.x, np.maximum(slowest, found.x + closing), interval)
     usual = _between(found.x, found.usual, interval)
     return Onset(surely.x, surely.shown, np.minimum(usual.shown, surely.shown))
 
@@ -235,52 +211,79 @@ def _shown(
 ) -> _Shown | None:
     """When each camera shows a fault; None where the tool loses nothing."""
     name = held_in(stage, interval)
-    boxes = {} if name is None else {lit: _boxes_of(stage, targets[lit.atom], name) for lit in literals}
-    needed = {box: targets[lit.atom].cameras for lit, found in boxes.items() for box in found}
-    left = [box for lit, found in boxes.items() if not lit.positive for box in found if box.frame in stage.model.links]
-    reached = [box for lit, found in boxes.items() if lit.positive for box in found if box.frame in stage.resting]
-    if name is None or not left or interval.length <= 0.0:
+    if name is None or interval.length <= 0.0:
+        return None
+
+    def boxes_of(target: Target) -> list[SoughtBox]:
+        return [box for box in target.boxes if object_of(str(target.atom), box, stage.X_WO) == name]
+
+    boxes = [(lit.positive, targets[lit.atom].cameras, box) for lit in literals for box in boxes_of(targets[lit.atom])]
+    needed = {box: cameras for _, cameras, box in boxes}
+    left = [box for positive, _, box in boxes if not positive and box.frame in stage.model.links]
+    reached = [box for positive, _, box in boxes if positive and box.frame in stage.resting]
+    if not left:
         return None
     t = np.linspace(interval.start, interval.end, max(_STARTS, int(np.ceil(interval.length / _STEP)) + 1))
     step = t[1] - t[0]
-    period = max((1.0 / camera.rate for camera in observer.cameras), default=0.0)  # so long it must be apart
     times = np.append(t, np.arange(interval.end + step, interval.end + _LONGEST + step, step))
     states = stage.states(stage.samples_at(times))
-    drop = _dropped(stage, states, name, left[0], times, len(t))
-    sight = Sight(
-        _followed([states.camera_poses(one)[:, :3, 3] for one in observer.cameras], times, len(t)),
-        _focal(observer.cameras),
+    path = np.broadcast_to(states.X_WF[name], (len(times), 4, 4))[:, :3, 3]
+    free = _falling(stage, name, path, times, len(t))
+    expected = _followed(path, times, len(t))
+    eyes = [_followed(states.camera_poses(camera)[:, :3, 3], times, len(t)) for camera in observer.cameras]
+    sight = Sight(np.array(eyes).reshape(-1, *free.shape), _focal(observer.cameras))
+    R_WB, size = (
+        np.broadcast_to(states.box_poses(left[0]), (len(times), 4, 4))[: len(t), :3, :3],
+        np.array(left[0].size),
     )
+    held = SeenOffset.of(expected, free, sight, R_WB[:, None], size)
+
     by_color = left[0].limits.kind == "color"
-    every = (box for target in targets.values() for box in _boxes_of(stage, target, name))
+    every = (box for target in targets.values() for box in boxes_of(target))
     places = [box for box in dict.fromkeys([*reached, *every]) if box.frame in stage.resting and by_color]
     some = times[times <= interval.end + _SOON + _EVERY * step][::_EVERY]
-    judged = _looks(observer, stage, [*left, *reached], some, robot_alone=True)
-    seen = _looks(observer, stage.once_lost(), places, some, robot_alone=False)
+    judged = _judging(observer, stage, [*left, *reached], some, robot_alone=True)
+    seen = _judging(observer, stage.once_lost(), places, some, robot_alone=False)
+    first, last = (np.searchsorted(some, edge) for edge in (t, t + _SOON))
+    windows = [slice(max(i - 1, 0), j + 1) for i, j in zip(first, last, strict=True)]
+    before = np.searchsorted(some, t[:, None] + _FALL, side="right") - 1
+    at_places: list[tuple[Mask, SeenOffset]] = []  # whether each camera sees the place before and after each time
+    for box in places:
+        both = np.append(seen[box][:-1] & seen[box][1:], np.zeros((1, seen[box].shape[1]), dtype=bool), axis=0)
+        X_WB = stage.resting[box.frame][0] @ box.X_FB
+        there = np.broadcast_to(X_WB[:3, 3], free.shape)
+        offset = SeenOffset.of(there, free, sight, X_WB[:3, :3], np.array(left[0].size))
+        at_places.append((np.moveaxis(both[before], 2, 0), offset))
 
-    held = drop.beside_held(sight)
-    at_places = [
-        (seen.always(box, t[:, None] + _FALL), drop.beside_place(_at_rest(stage, box), sight)) for box in places
-    ]
+    def judges(box: SoughtBox) -> Mask:
+        """Whether each camera judges a box soon after each loss, shape (c, s)."""
+        return np.transpose([judged[box][window].any(axis=0) for window in windows])
+
+    period = max((1.0 / camera.rate for camera in observer.cameras), default=0.0)  # so long it must be apart
 
     def gone(rule: DropRule) -> tuple[Array, Array]:
         """When each camera ceases to show the part held, and when it shows it not held, (c, s) each [s]."""
         apart = held.apart(rule)
-        there = np.full(apart.shape, -np.inf)
-        for looked_at, place in at_places:
-            there = np.maximum(there, np.where(looked_at, place.fills(rule), -np.inf))
-        enough = np.maximum(held.clear(rule), np.minimum(apart, there)) if by_color else apart
+        enough = apart
+        if by_color:
+            in_a_place = np.full(apart.shape, -np.inf)
+            for looked_at, offset in at_places:
+                in_a_place = np.maximum(in_a_place, np.where(looked_at, offset.fills(rule), -np.inf))
+            enough = np.maximum(held.clear(rule), np.minimum(apart, in_a_place))
         return t + _first(apart, period), t + _first(enough, period)
 
-    x, late, judge = t, gone(SURE)[1], np.any([judged.ever(box, t) for box in left], axis=0)
+    x, late, judge = t, gone(SURE)[1], np.any([judges(box) for box in left], axis=0)
     surely = np.where(judge, late, -np.inf)
     until, since = gone(USUAL)
     usual = majority_time(np.where(judge, until, -np.inf), np.where(judge, since, np.inf), needed[left[0]])
     for box in reached:
-        X_WB, size = _at_rest(stage, box), np.array(box.size)
-        offset = (drop.free - X_WB[:3, 3]) @ X_WB[:3, :3]
-        x = np.maximum(x, t + _first((0.5 * size - np.abs(offset)).min(axis=2)[None])[0])
-        there, judge = t + _first(drop.in_place(X_WB, size, sight), period), judged.ever(box, t)
+        X_WB, size = stage.resting[box.frame][0] @ box.X_FB, np.array(box.size)
+        part = (free - X_WB[:3, 3]) @ X_WB[:3, :3]
+        x = np.maximum(x, t + _first((0.5 * size - np.abs(part)).min(axis=2)[None])[0])
+        # By how much the line of sight through the part meets the middle plane of the box inside it.
+        ray = part - (sight.eyes - X_WB[:3, 3]) @ X_WB[:3, :3]
+        met = part[..., :2] - ray[..., :2] * (part[..., 2:] / np.where(np.abs(ray[..., 2:]) > 1e-6, ray[..., 2:], 1e-6))
+        there, judge = t + _first((0.5 * size[:2] - np.abs(met)).min(axis=3), period), judges(box)
         late, surely = np.maximum(late, there), np.maximum(surely, np.where(judge, there, -np.inf))
         until, since = (np.where(judge, there, other) for other in (-np.inf, np.inf))
         usual = np.maximum(usual, majority_time(until, since, needed[box]))
@@ -307,13 +310,6 @@ def held_in(stage: Stage, interval: Stretch) -> str | None:
     return held.pop() if len(held) == 1 else None
 
 
-def _closing(stage: Stage, interval: Stretch) -> float:
-    """How long fingers take to close behind what they lose [s]; windows are those of closed fingers."""
-    model = stage.model
-    start = stage.positions(stage.samples_at(np.array([interval.start])))[0, len(model.arm) :]
-    return move_fingers(model.fingers, start, model.fingers.closed, 0.0).duration if model.fingers.joints else 0.0
-
-
 def _between(x: Array, shown: Array, interval: Stretch) -> Onset:
     """The onset of what becomes true at x and is shown from some times on, within an interval."""
     x = np.maximum.accumulate(x)
@@ -324,78 +320,50 @@ def _between(x: Array, shown: Array, interval: Stretch) -> Onset:
     return Onset(at, np.maximum.accumulate(at + np.interp(at, x[kept], lag[kept])))
 
 
-def _boxes_of(stage: Stage, target: Target, name: str) -> list[SoughtBox]:
-    return [box for box in target.boxes if object_of(str(target.atom), box, stage.X_WO) == name]
+def _followed(track: Array, times: Array, starts: int) -> Array:
+    """Where a point is while a part falls, shape (s, f, 3) [m].
 
-
-def _at_rest(stage: Stage, box: SoughtBox) -> Array:
-    X_WB: Array = stage.resting[box.frame][0] @ box.X_FB
-    return X_WB
-
-
-def _followed(tracks: Sequence[Array], times: Array, starts: int) -> Array:
-    """Where points are while a part falls, (points, s, f, 3) [m].
-
-    tracks: at `times`, (n, 3) each, or (1, 3). starts: how many of them are starts of a fall, s.
+    track: at `times`, (n, 3), or (1, 3). starts: how many of them are starts of a fall, s.
     """
-    when = times[:starts, None] + _FALL
-    points = [np.broadcast_to(track, (len(times), 3)) for track in tracks]
-    found = [np.stack([np.interp(when, times, one[:, axis]) for axis in range(3)], axis=2) for one in points]
-    return np.array(found).reshape(-1, *when.shape, 3)
+    when, track = times[:starts, None] + _FALL, np.broadcast_to(track, (len(times), 3))
+    return np.stack([np.interp(when, times, track[:, axis]) for axis in range(3)], axis=2)
 
 
-def _dropped(stage: Stage, states: SceneStates, name: str, box: SoughtBox, times: Array, starts: int) -> Drop:
-    """The falls of a part; states: at `times`, of which the first are the starts."""
-    t = times[:starts]
-    path = np.broadcast_to(states.X_WF[name], (len(times), 4, 4))[:, :3, 3]
-    start, velocity = path[: len(t)], np.gradient(path, times, axis=0)[: len(t)]
-    floor = np.full(len(t), -np.inf)
+def _falling(stage: Stage, name: str, path: Array, times: Array, starts: int) -> Array:
+    """Where the centre of a lost part is, shape (s, f, 3) [m]: it falls freely down to where it stood or is to stand.
+
+    path: of its centre in the tool, at `times`, (n, 3) [m]. starts: how many of them are starts of a fall, s.
+    """
+    start, velocity = path[:starts], np.gradient(path, times, axis=0)[:starts]
+    floor = np.full(starts, -np.inf)
     begins_held = stage.motion.primitives[0].held == name
     for X_WO in (None if begins_held else stage.X_WO[name], stage.motion.final.X_WO.get(name)):
         if X_WO is not None:
             above = np.hypot(*(start - X_WO[:3, 3])[:, :2].T) < 0.02
             floor = np.where(above, np.maximum(floor, X_WO[2, 3]), floor)
-    free = start[:, None] + velocity[:, None] * _FALL[:, None]
+    free: Array = start[:, None] + velocity[:, None] * _FALL[:, None]
     free[..., 2] = np.maximum(free[..., 2] - 0.5 * GRAVITY * _FALL**2, np.minimum(floor, start[:, 2])[:, None])
-    R_WB = np.broadcast_to(states.box_poses(box), (len(times), 4, 4))[: len(t), :3, :3]
-    return Drop(t=t, held=_followed([path], times, starts)[0], free=free, R_WB=R_WB, size=np.array(box.size))
+    return free
 
 
-class _Looks(NamedTuple):
-    """What each of c cameras sees of boxes around a drop."""
+def _judging(
+    observer: Observer, stage: Stage, boxes: Sequence[SoughtBox], t: Array, *, robot_alone: bool
+) -> dict[SoughtBox, Mask]:
+    """Whether each of c cameras judges each box at times (n,) [s], shape (n, c).
 
-    t: Array
-    """Instants at which they are asked, from the start of the interval on, shape (n,) [s]."""
-    boxes: Mapping[SoughtBox, Mask]
-    """Whether a camera judges a box at each, though something may hide a little more than allowed, shape (n, c)."""
-
-    def ever(self, box: SoughtBox, t: Array) -> Mask:
-        """Whether each camera judges a box soon after any of some times (s,), shape (c, s)."""
-        first, last = (np.searchsorted(self.t, edge) for edge in (t, t + _SOON))
-        seen = [self.boxes[box][max(i - 1, 0) : j + 1].any(axis=0) for i, j in zip(first, last, strict=True)]
-        return np.transpose(seen)
-
-    def always(self, box: SoughtBox, t: Array) -> Mask:
-        """Whether each camera judges a box before and after each of some times (s, f), shape (c, s, f)."""
-        seen = self.boxes[box]
-        both = np.append(seen[:-1] & seen[1:], np.zeros((1, seen.shape[1]), dtype=bool), axis=0)
-        return np.moveaxis(both[np.searchsorted(self.t, t, side="right") - 1], 2, 0)
-
-
-def _looks(observer: Observer, stage: Stage, boxes: Sequence[SoughtBox], t: Array, *, robot_alone: bool) -> _Looks:
-    """What cameras see of boxes at times (n,) [s]; robot_alone: whether nothing else is in the way."""
+    robot_alone: whether nothing else is in the way.
+    """
     if not boxes or not observer.cameras:
-        return _Looks(t, {box: np.zeros((len(t), len(observer.cameras)), dtype=bool) for box in boxes})
+        return {box: np.zeros((len(t), len(observer.cameras)), dtype=bool) for box in boxes}
     others = [one.part.name for one in observer.solids if robot_alone and one.color is not None]
     asked = [replace(box, limits=box.limits.judging).seen_through(others) for box in boxes]
-    states, found = stage.states(stage.samples_at(t)), {}
+    states = stage.states(stage.samples_at(t))
     verdicts = observer.verdicts([Target(Atom(box.name), 1, (box,)) for box in asked], states)
-    for box, sought, (seen,) in zip(boxes, asked, verdicts, strict=True):
-        found[box] = _judged(sought, seen, observer.cameras, states)
-    return _Looks(t, found)
+    found = (judged(box, seen, observer.cameras, states) for box, (seen,) in zip(asked, verdicts, strict=True))
+    return dict(zip(boxes, found, strict=True))
 
 
-def _judged(box: SoughtBox, seen: BoxVerdicts, cameras: Sequence[Camera], states: SceneStates) -> Mask:
+def judged(box: SoughtBox, seen: BoxVerdicts, cameras: Sequence[Camera], states: SceneStates) -> Mask:
     """Whether each of c cameras judges a box, though something may hide a little more than allowed, shape (n, c)."""
     least = np.full(seen.cause.shape, box.limits.min_visible)
     if box.limits.kind == "color":
@@ -403,12 +371,9 @@ def _judged(box: SoughtBox, seen: BoxVerdicts, cameras: Sequence[Camera], states
         distance = [np.linalg.norm(states.box_poses(box)[:, :3, 3] - eye, axis=1) for eye in eyes]
         far = np.array([np.broadcast_to(one, states.count) for one in distance]).T
         least = np.maximum(least - BORDER * far / (_focal(cameras) * _spread(np.array(box.size))), LEAST_SHARE)
-    judged: Mask = np.where(seen.cause == Cause.HIDDEN, seen.visible >= least, np.isin(seen.cause, _SEEN))
-    return judged
-
-
-_SEEN = (Cause.NONE, Cause.SAME_COLOUR, Cause.TOO_DARK, Cause.TOO_BRIGHT)
-"""Where a box is in the image with nothing before it."""
+    in_free_view = np.isin(seen.cause, (Cause.NONE, Cause.SAME_COLOUR, Cause.TOO_DARK, Cause.TOO_BRIGHT))
+    found: Mask = np.where(seen.cause == Cause.HIDDEN, seen.visible >= least, in_free_view)
+    return found
 
 
 def _focal(cameras: Sequence[Camera]) -> Array:
@@ -419,23 +384,6 @@ def _focal(cameras: Sequence[Camera]) -> Array:
 def _spread(size: Array) -> float:
     """Square root of the mean area of the silhouette of a box of full extents (3,) [m]."""
     return float(np.sqrt(0.5 * (size * np.roll(size, 1)).sum()))
-
-
-def _length(across: Array, ray: Array, R_WB: Array, size: Array) -> Array:
-    """How long the silhouette of a box is along a direction, through its middle and seen along a ray, (c, s, f) [m].
-
-    The most r for which r * direction + k * ray is in the box for some k; at a corner of these bounds two faces meet.
-    """
-    gone = _norm(across)[..., None]
-    way = np.where(gone > 1e-9, across / np.maximum(gone, 1e-9), 0.0)[..., None, :] @ R_WB
-    u, v = way[..., 0, :], (ray[..., None, :] @ R_WB)[..., 0, :]
-    v = v / _norm(v)[..., None]
-    longest: Array = np.full(u.shape[:-1], np.linalg.norm(size))
-    for i, j in ((0, 2), (1, 0), (2, 1)):
-        turn = np.abs(u[..., i] * v[..., j] - v[..., i] * u[..., j])
-        reach = size[i] * np.abs(v[..., j]) + size[j] * np.abs(v[..., i])
-        np.minimum(longest, reach / np.maximum(turn, 1e-9), out=longest)
-    return longest
 
 
 def _dot(a: Array, b: Array) -> Array:

@@ -15,7 +15,7 @@ from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.frames import WORLD, FrameName
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.programming.coverage.drop_detection import SURE, USUAL, Drop, Sight, _judged, majority_time
+from sqrp_cli.programming.coverage.drop_detection import SURE, USUAL, SeenOffset, Sight, judged, majority_time
 from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts
 from sqrp_cli.programming.sensing.scene_states import SceneStates
@@ -106,12 +106,16 @@ def test_from_when_on_a_part_counts_as_seen_lost_the_detector_says_so(eye: Any, 
         free = HELD + np.linspace(0.0, far, STEPS)[:, None] * way
         X_WR = turned(HELD + 0.4 * max(size) * way)
         tool, rest = box_at("tool", X_WH, size), box_at("rest", X_WR, size)  # type: ignore[arg-type]
-        held = np.broadcast_to(HELD, (1, STEPS, 3))
-        drop = Drop(t=np.zeros(1), held=held, free=free[None], R_WB=X_WH[None, :3, :3], size=np.array(size))
         sight = Sight(eye.X_FC[:3, 3].reshape(1, 1, 1, 3), np.array([(eye.matrix[0, 0] * eye.matrix[1, 1]) ** 0.5]))
-        held = drop.beside_held(sight)
+
+        def offset(X_WB: Array) -> SeenOffset:
+            """From where the tool or a place would show the part."""
+            expected = np.broadcast_to(X_WB[:3, 3], (1, STEPS, 3))
+            return SeenOffset.of(expected, free[None], sight, X_WB[None, None, :3, :3], np.array(size))  # noqa: B023
+
+        held = offset(X_WH)
         clear, apart = held.clear(SURE)[0, 0] >= 0, held.apart(SURE)[0, 0] >= 0
-        there = drop.beside_place(rest.X_FB, sight).fills(SURE)[0, 0] >= 0
+        there = offset(rest.X_FB).fills(SURE)[0, 0] >= 0
         poses = [turned(at) for at in free]
         alone = np.array([painted.shows_not_held([tool], X) for X in poses])
         beside = np.array([painted.shows_not_held([tool, rest], X) for X in poses])
@@ -162,7 +166,7 @@ def test_cameras_count_that_judge_a_part_though_too_much_is_hidden(size: Size, m
         cause = Cause.HIDDEN if visible < box.limits.min_visible else Cause.NONE
         one = np.ones((1, 1))
         verdicts = BoxVerdicts((cause * one).astype(np.int8), one.astype(int), one, visible * one)
-        assert _judged(box, verdicts, [NEAR], states).all()
+        assert judged(box, verdicts, [NEAR], states).all()
         uncovered += visible < min_visible
     assert uncovered
 
