@@ -24,7 +24,7 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study, study
 from sqrp_cli.programming.coverage.fault_sights import distinguishing
 from sqrp_cli.programming.coverage.sampling import Adaptive
-from sqrp_cli.programming.coverage.timeline import Watch, observe
+from sqrp_cli.programming.coverage.timeline import observe
 from sqrp_cli.programming.coverage.verdict import verdict
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.result import CandidateResult
@@ -159,10 +159,10 @@ def with_usual_images(step: record.Step, study: Study, observer: Observer) -> re
         distinguishing(target, Literal(target.atom, positive=False), study.stage.X_WO) for target in study.targets
     ]
     asked = list(dict.fromkeys(chain(*confirming, *refuting)))
-    watch = Watch.of_each(study, study.stage, [replace(target, cameras=1).usual for target in asked])
+    request = study.for_targets(study.stage, [replace(target, cameras=1).usual for target in asked])
     usual: list[dict[str, tuple[tuple[float, float], ...]]] = [{} for _ in (*confirming, *refuting)]
     for camera in observer.cameras:
-        found = observe(watch, replace(observer, cameras=(camera,)), Adaptive(), full=False)
+        found = observe(request, replace(observer, cameras=(camera,)), Adaptive(), full=False)
         sees = found.observation.covered.T
         for intervals, any_of in zip(usual, confirming + refuting, strict=True):
             shown = np.logical_or.reduce(sees[[asked.index(target) for target in any_of]])

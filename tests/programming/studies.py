@@ -14,7 +14,7 @@ from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.stage import Stage
-from sqrp_cli.programming.coverage.timeline import Timeline, Watch, observe
+from sqrp_cli.programming.coverage.timeline import ObservationRequest, Timeline, observe
 from sqrp_cli.programming.motion.plan_motion import Motion, TimedPrimitive
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
 from sqrp_cli.programming.pieces import GroundFormula, cut_into_pieces, interesting_time, monitored_time
@@ -47,12 +47,12 @@ class WatchedMotion:
     faults: Mapping[str, tuple[int, ...]]
 
     def timeline(self, sampling: Sampling, *, full: bool = False) -> Timeline:
-        return observe(self.watch, self.observer, sampling, full=full)
+        return observe(self.request, self.observer, sampling, full=full)
 
     @property
-    def watch(self) -> Watch:
+    def request(self) -> ObservationRequest:
         T, T_eoi = monitored_time(self.formulas), interesting_time(self.formulas)
-        return Watch(stage=self.stage, targets=self.targets, faults=self.faults, T=T, T_eoi=T_eoi)
+        return ObservationRequest(stage=self.stage, targets=self.targets, faults=self.faults, T=T, T_eoi=T_eoi)
 
 
 def always(start: float, end: float, *literals: Literal) -> GroundFormula:

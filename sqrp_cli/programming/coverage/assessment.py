@@ -21,7 +21,7 @@ from sqrp_cli.programming.coverage.fault_sights import all_fault_windows, fault_
 from sqrp_cli.programming.coverage.quality import figures_of
 from sqrp_cli.programming.coverage.sampling import MAX_SAMPLES, Sampling, sample_count
 from sqrp_cli.programming.coverage.stage import Stage
-from sqrp_cli.programming.coverage.timeline import Rehearsal, Timeline, observe, observe_all
+from sqrp_cli.programming.coverage.timeline import Rehearsal, Timeline, observe
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.grounding import TargetGrounder, formulas_outside, ground_formulas
 from sqrp_cli.programming.motion.plan_motion import Motion
@@ -181,25 +181,23 @@ def all_watched(cell: Cell, scenes: Sequence[Rehearsal], sampling: Sampling, *, 
             message = f"this sampling asks for {count:,.0f} samples of `{name}`; the limit is {MAX_SAMPLES:,}"
             mend = "leave it out: the default places samples where they matter"
             raise bad_input("too-many-samples", message, mend=mend)
-    timelines = observe_all(scenes, cell.observer, sampling, full=full)
-    return [Watched(**vars(scene), timeline=timeline) for scene, timeline in zip(scenes, timelines, strict=True)]
+    return [Watched(**vars(one), timeline=observe(one, cell.observer, sampling, full=full)) for one in scenes]
 
 
 def with_delays(cell: Cell, watched: Sequence[Watched], sampling: Sampling) -> list[Study]:
     """Motions with how late faults are noticed; as they are where that is known."""
-    asked = [one for one in watched if not isinstance(one, Study)]
-    windows = iter(all_fault_windows(asked, [one.timeline for one in asked], cell.observer, sampling))
-    return [one if isinstance(one, Study) else _study(cell, one, next(windows)) for one in watched]
+    return [one if isinstance(one, Study) else _study(cell, one, sampling) for one in watched]
 
 
 def observed_again(cell: Cell, study: Study, sampling: Sampling, *, full: bool) -> Study:
     """The same motion seen by the cameras of another cell; see `study`."""
     timeline = observe(study, cell.observer, sampling, full=full)
-    windows = all_fault_windows([study], [timeline], cell.observer, sampling)[0]
+    windows = all_fault_windows(study, timeline, cell.observer, sampling)
     return replace(study, timeline=timeline, windows=windows, onsets=fault_onsets(study, cell.observer))
 
 
-def _study(cell: Cell, scene: Watched, windows: Mapping[str, Sequence[Window]]) -> Study:
+def _study(cell: Cell, scene: Watched, sampling: Sampling) -> Study:
+    windows = all_fault_windows(scene, scene.timeline, cell.observer, sampling)
     starts = (pieces.fault_intervals(scene.formulas, fault)[0].start for fault in scene.timeline.faults)
     recovery = recovery_over(scene.motion, cell.model, min(starts, default=scene.motion.time))
     return Study(**vars(scene), recovery=recovery, windows=windows, onsets=fault_onsets(scene, cell.observer))

@@ -21,7 +21,7 @@ from sqrp_cli.logic.literal import Literal
 from sqrp_cli.programming.coverage.drop_detection import held_in, least_delays, onset
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.stage import Stage
-from sqrp_cli.programming.coverage.timeline import Rehearsal, Timeline, Watch, observe_all
+from sqrp_cli.programming.coverage.timeline import Rehearsal, Timeline, observe
 from sqrp_cli.programming.pieces import Piece, fault_intervals, fault_literals
 from sqrp_cli.programming.sensing.observer import Observer, sees_all
 from sqrp_cli.programming.targets import Target
@@ -91,42 +91,37 @@ def fault_windows(
 
 
 def all_fault_windows(
-    scenes: Sequence[Rehearsal], timelines: Sequence[Timeline], observer: Observer, sampling: Sampling
-) -> list[dict[str, tuple[Window, ...]]]:
-    """The windows of every fault of several motions in one cell, by its name; timelines: of what formulas ask for.
+    scene: Rehearsal, timeline: Timeline, observer: Observer, sampling: Sampling
+) -> dict[str, tuple[Window, ...]]:
+    """The windows of every fault of a motion, by its name; timeline: of what formulas ask for.
 
     What fingers lose is looked for once they are closed on nothing.
     """
     several = len({(camera.rate, camera.lag) for camera in observer.cameras}) > 1
-    found: list[dict[str, tuple[Window, ...]]] = [{} for _ in scenes]
-    looks = []
-    for number, (scene, timeline) in enumerate(zip(scenes, timelines, strict=True)):
-        targets, faults = watched_faults(scene)
-        lost = [fault for fault in faults if is_lost_by_fingers(scene.stage, fault)]
-        for stage, some in ((scene.stage.once_lost(), lost), (scene.stage, [one for one in faults if one not in lost])):
-            atoms = {literal.atom for fault in some for literal in fault.literals}
-            beyond = any(
-                fault.is_left_alone_in(piece) and not atoms <= {literal.atom for literal in piece.literals}
-                for fault in some
-                for piece in scene.stage.pieces
-            )
-            if not some:
-                continue
-            if some is lost or beyond or targets != scene.targets or (several and timeline.observation.matrix is None):
-                pieces = [_asking(piece, some) for piece in stage.pieces]
-                pieces = [piece for piece in pieces if any(fault.counts_in(piece) for fault in some)]
-                looks.append((number, some, Watch.of_each(scene, stage.with_pieces(pieces), targets)))
-            else:
-                windows = {
-                    one.name: fault_windows(timeline, targets, one, observer.cameras, scene.motion.time) for one in some
-                }
-                found[number].update(windows)
-    seen = observe_all([watch for *_, watch in looks], observer, sampling, full=several)
-    for (number, some, watch), timeline in zip(looks, seen, strict=True):
-        end = scenes[number].motion.time
-        found[number].update(
-            {one.name: fault_windows(timeline, watch.targets, one, observer.cameras, end) for one in some}
+    targets, faults = watched_faults(scene)
+    lost = [fault for fault in faults if is_lost_by_fingers(scene.stage, fault)]
+    found: dict[str, tuple[Window, ...]] = {}
+    for stage, some in ((scene.stage.once_lost(), lost), (scene.stage, [one for one in faults if one not in lost])):
+        # Does the timeline lack anything that images are asked for?
+        atoms = {literal.atom for fault in some for literal in fault.literals}
+        beyond = any(
+            fault.is_left_alone_in(piece) and not atoms <= {literal.atom for literal in piece.literals}
+            for fault in some
+            for piece in scene.stage.pieces
         )
+        seen = timeline
+        if some and (
+            some is lost or beyond or targets != scene.targets or (several and not timeline.observation.matrix)
+        ):
+            pieces = []
+            for piece in stage.pieces:  # with the opposite of a fault's literals, where formulas do not ask for it
+                more = [lit.negated() for fault in some if fault.is_left_alone_in(piece) for lit in fault.literals]
+                asking = replace(piece, literals=tuple(dict.fromkeys([*piece.literals, *more])))
+                pieces += [asking] if any(fault.counts_in(asking) for fault in some) else []
+            request = scene.for_targets(stage.with_pieces(pieces), targets)
+            seen = observe(request, observer, sampling, full=several)
+        for fault in some:
+            found[fault.name] = fault_windows(seen, targets, fault, observer.cameras, scene.motion.time)
     return found
 
 
@@ -140,38 +135,30 @@ def watched_faults(scene: Rehearsal) -> tuple[tuple[Target, ...], tuple[FaultWat
     }
     more = any(target not in scene.targets for targets in shown_by.values() for target in targets)
     asked = tuple(dict.fromkeys(chain(*shown_by.values()))) if more else scene.targets
-    return asked, tuple(
-        FaultWatch(
-            name=name,
-            literals=literals,
-            intervals=fault_intervals(scene.formulas, name),
-            columns=tuple(tuple(map(asked.index, shown_by[literal])) for literal in literals),
-            until=_unchanged_until(scene, name),
+    faults: list[FaultWatch] = []
+    for name, literals in fault_literals(scene.formulas).items():
+        intervals = fault_intervals(scene.formulas, name)
+        # When what the tool holds changes first after the last interval, less the time to settle.
+        end, primitives = intervals[-1].end, scene.stage.motion.primitives
+        settle = max(one.stated.settle for one in scene.candidate.skill.requirements if one.name == name)
+        at_end = next((p.held for p in reversed(primitives) if p.start < end - SAME_INSTANT), None)
+        changes = [p.start for p in primitives if p.start > end - SAME_INSTANT and p.held != at_end]
+        faults.append(
+            FaultWatch(
+                name=name,
+                literals=literals,
+                intervals=intervals,
+                columns=tuple(tuple(map(asked.index, shown_by[literal])) for literal in literals),
+                until=changes[0] - settle if changes else scene.stage.motion.time,
+            )
         )
-        for name, literals in fault_literals(scene.formulas).items()
-    )
+    return asked, tuple(faults)
 
 
 def is_lost_by_fingers(stage: Stage, fault: FaultWatch) -> bool:
     """Whether fingers lose what they hold in all intervals of a fault."""
     held = {held_in(stage, interval) for interval in fault.intervals}
     return bool(stage.model.fingers.joints) and None not in held
-
-
-def _asking(piece: Piece, faults: Sequence[FaultWatch]) -> Piece:
-    """A piece with the literals that images of it are asked for beyond those of formulas: the opposite of a fault's."""
-    more = [lit.negated() for fault in faults if fault.is_left_alone_in(piece) for lit in fault.literals]
-    return replace(piece, literals=tuple(dict.fromkeys([*piece.literals, *more]))) if more else piece
-
-
-def _unchanged_until(scene: Rehearsal, fault: str) -> float:
-    """When what the tool holds changes first after a fault's last interval, less the time to settle [s]."""
-    end = fault_intervals(scene.formulas, fault)[-1].end
-    settle = max(one.stated.settle for one in scene.candidate.skill.requirements if one.name == fault)
-    primitives = scene.stage.motion.primitives
-    at_end = next((p.held for p in reversed(primitives) if p.start < end - SAME_INSTANT), None)
-    changes = [p.start for p in primitives if p.start > end - SAME_INSTANT and p.held != at_end]
-    return changes[0] - settle if changes else scene.stage.motion.time
 
 
 def distinguishing(target: Target, literal: Literal, objects: Mapping[str, Array]) -> tuple[Target, ...]:

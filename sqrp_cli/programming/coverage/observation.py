@@ -1,26 +1,18 @@
-"""The coverage of targets in samples of a motion: of every camera with causes, or only as much as figures need.
-
-Many motions of one cell are looked at in one batch. What a look finds of one does not depend on the others: each asks
-for its targets in rounds; all ask at once, and the observer answers all questions of a round together.
-"""
+"""The coverage of targets in samples of a motion: of every camera with causes, or only as much as figures need."""
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Hashable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
-from itertools import pairwise, starmap
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, Indices, Mask
-from sqrp_cli.knowledge.frames import FrameName
-from sqrp_cli.programming.coverage.stage import Samples, Stage, states_of
-from sqrp_cli.programming.sensing.observer import BoxVerdicts, CoveredStates, Observer, sees_all
-from sqrp_cli.programming.sensing.scene_states import SceneStates
+from sqrp_cli.programming.coverage.stage import Samples, Stage
+from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer, sees_all
 from sqrp_cli.programming.targets import Target
 
 
@@ -33,10 +25,7 @@ class Observation:
     required: Mask
     """Whether a state holds the target's atom, shape (m, a)."""
     known: Mask
-    """Where the target is required and was observed, or its neighbouring samples agree, shape (m, a).
-
-    If only coverage is requested, another atom may already decide a state.
-    """
+    """Where the target is required and was observed, or its neighbouring samples agree, shape (m, a)."""
     covered: Mask
     """Whether enough cameras see the target, False where not known, shape (m, a)."""
     response: Array
@@ -62,19 +51,6 @@ class Observation:
         if self.matrix is None:
             raise ValueError("the causes were not looked up")
         return self.matrix
-
-    @classmethod
-    def unknown(cls, required: Mask) -> Observation:
-        """An observation without results, of samples that require targets, shape (m, a)."""
-        nothing = np.zeros(required.shape, dtype=bool)
-        return cls(
-            looked=np.ones(len(required), dtype=bool),
-            required=required,
-            known=nothing,
-            covered=nothing,
-            response=np.full(required.shape, np.nan),
-            matrix=None,
-        )
 
     def agreed(self, first: Indices, second: Indices) -> Observation:
         """The results common to the samples `first` and `second`, by index, without a matrix."""
@@ -109,11 +85,40 @@ class Observation:
         return Observation(**join(self, other), matrix=matrix)
 
 
-def full_observation(observer: Observer, look: Look) -> Observation:
-    """The verdicts of every camera on every target of a look, whatever is known already."""
+def look_at(
+    observer: Observer,
+    stage: Stage,
+    targets: Sequence[Target],
+    samples: Samples,
+    known: Observation | None = None,
+) -> Observation:
+    """Whether enough cameras see each target in samples of a motion, where it is required.
+
+    known: what is known of the samples already, and not asked again.
+    """
+    required = stage.requires(targets, samples)
+    nothing = np.zeros(required.shape, dtype=bool)
+    found = Observation(
+        looked=np.ones(len(samples), dtype=bool) if known is None else known.looked,
+        required=required,
+        known=required if known is None else known.known | required,
+        covered=nothing if known is None else known.covered.copy(),
+        response=np.full(required.shape, np.nan) if known is None else known.response.copy(),
+        matrix=None,
+    )
+    rows = [np.flatnonzero(asked) for asked in (required if known is None else required & ~known.known).T]
+    if any(map(len, rows)):
+        seen = observer.coverage(targets, stage.states(samples), rows)
+        for column, (at, of_target) in enumerate(zip(rows, seen, strict=True)):
+            found.covered[at, column], found.response[at, column] = of_target.covered, of_target.response
+    return found
+
+
+def look_closely(observer: Observer, stage: Stage, targets: Sequence[Target], samples: Samples) -> Observation:
+    """The verdicts of every camera on every target in samples of a motion, with causes."""
+    matrix = observer.verdicts(targets, stage.states(samples))
     responses = np.array([camera.response for camera in observer.cameras])
-    matrix = observer.verdicts(look.targets, look.stage.states(look.samples))
-    return observation_of(matrix, responses, look.targets, look.stage.requires(look.targets, look.samples))
+    return observation_of(matrix, responses, targets, stage.requires(targets, samples))
 
 
 def observation_of(
@@ -135,127 +140,3 @@ def observation_of(
         response=response,
         matrix=matrix,
     )
-
-
-_STATES_TOGETHER = 4000
-"""States to look at together, to bound the memory."""
-
-
-@dataclass(frozen=True, eq=False)
-class Look:
-    """Samples of a motion, and what must be seen in them."""
-
-    stage: Stage
-    targets: tuple[Target, ...]
-    samples: Samples
-    faults: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
-    """The columns of the atoms of each fault, by its name: indices into `targets`.
-
-    A target is left out where the state and every fault that needs it are already known uncovered.
-    """
-    known: Observation | None = None
-    """What is known of the samples already; None if nothing is."""
-    at_once: int = 1
-    """How many targets to ask for in one round. With more, fewer are left out."""
-
-
-def look_at(observer: Observer, looks: Sequence[Look]) -> tuple[Observation, ...]:
-    """The coverage of motions in one cell, each as if it were the only one; much faster than one by one."""
-    return tuple(observation for batch in _batches(looks) for observation in _look_at(observer, batch))
-
-
-def _batches(looks: Sequence[Look]) -> Iterator[Sequence[Look]]:
-    """The looks in order, as many at once as fit the memory."""
-    batch = np.cumsum([len(look.samples) for look in looks]) // _STATES_TOGETHER
-    edges = [0, *(np.flatnonzero(np.diff(batch)) + 1).tolist(), len(looks)]
-    yield from (looks[start:end] for start, end in pairwise(edges) if start < end)
-
-
-def _look_at(observer: Observer, looks: Sequence[Look]) -> Iterator[Observation]:
-    states = states_of([look.stage for look in looks], [look.samples for look in looks])
-    rows = list(starmap(slice, pairwise(np.cumsum([0, *(len(look.samples) for look in looks)]).tolist())))
-    alike: dict[Hashable, dict[int, Target]] = defaultdict(dict)  # of each kind, the targets by index of their look
-    kinds = [[_kind(target) for target in look.targets] for look in looks]
-    for index, (look, of_look) in enumerate(zip(looks, kinds, strict=True)):
-        for target, kind in zip(look.targets, of_look, strict=True):
-            alike[kind][index] = target
-    frames = dict(states.X_WF)
-    as_one = {kind: _as_one(targets, rows, frames, states.count) for kind, targets in alike.items()}
-    states = SceneStates(states.count, frames)
-    rounds = list(map(_Rounds, looks))
-    while asked := [(index, column, at) for index, one in enumerate(rounds) for column, at in one.questions().items()]:
-        sought: dict[Hashable, list[Indices]] = defaultdict(list)
-        for index, column, at in asked:
-            sought[kinds[index][column]].append(at + rows[index].start)
-        targets, in_rows = [as_one[kind] for kind in sought], [np.concatenate(parts) for parts in sought.values()]
-        found = dict(zip(sought, observer.coverage(targets, states, in_rows), strict=True))
-        shares = {kind: iter(found[kind].split([len(at) for at in parts])) for kind, parts in sought.items()}
-        for index, column, at in asked:
-            rounds[index].take(column, at, next(shares[kinds[index][column]]))
-    return (one.observation for one in rounds)
-
-
-class _Rounds:
-    """The questions of one look, several targets at a time, and what is known so far."""
-
-    def __init__(self, look: Look) -> None:
-        required = look.stage.requires(look.targets, look.samples)
-        known = Observation.unknown(required) if look.known is None else replace(look.known, required=required)
-        covered, response = known.covered.copy(), known.response.copy()
-        self.observation = replace(known, known=known.known.copy(), covered=covered, response=response)
-        self._faults = {fault: set(columns) for fault, columns in look.faults.items()}
-        lost = known.known & ~known.covered
-        self._state_open = ~lost.any(axis=1)
-        self._fault_open = {fault: ~lost[:, list(columns)].any(axis=1) for fault, columns in look.faults.items()}
-        # Targets that stand still decide a state with the least work.
-        order = sorted(range(len(look.targets)), key=lambda column: look.stage.moving_boxes(look.targets[column]))
-        self._left = [order[start : start + look.at_once] for start in range(0, len(order), look.at_once)]
-
-    def questions(self) -> dict[int, Indices]:
-        """The next targets to ask for, by column, with the samples, by index; empty if nothing is open."""
-        asked: dict[int, Indices] = {}
-        while self._left and not asked:
-            asked = {column: rows for column in self._left.pop(0) if len(rows := self._open(column))}
-        return asked
-
-    def _open(self, column: int) -> Indices:
-        wanted = np.logical_or.reduce([self._state_open, *(self._fault_open[fault] for fault in self._with(column))])
-        return np.flatnonzero(self.observation.required[:, column] & ~self.observation.known[:, column] & wanted)
-
-    def _with(self, column: int) -> list[str]:
-        """The faults that need a target."""
-        return [fault for fault, columns in self._faults.items() if column in columns]
-
-    def take(self, column: int, rows: Indices, found: CoveredStates) -> None:
-        """Note whether a target is covered in samples."""
-        seen = self.observation
-        seen.known[rows, column] = True
-        seen.covered[rows, column], seen.response[rows, column] = found.covered, found.response
-        self._state_open &= seen.covered[:, column] | ~seen.required[:, column]
-        for fault in self._with(column):
-            self._fault_open[fault] &= seen.covered[:, column]
-
-
-def _kind(target: Target) -> Hashable:
-    """What targets have in common that are looked at together."""
-    boxes = ((box.frame, box.size, box.normal, box.encloses, box.limits) for box in target.boxes)
-    return target.atom, target.cameras, tuple(boxes)
-
-
-def _as_one(targets: Mapping[int, Target], rows: Sequence[slice], frames: dict[str, Array], count: int) -> Target:
-    """Targets of one kind as one target; adds a frame for each box that has several poses in its own.
-
-    targets: by the index of their look. rows: the states of each look, of `count` in all. frames: see `SceneStates`.
-    """
-    first, boxes = next(iter(targets.values())), []
-    for number, box in enumerate(first.boxes):
-        poses = {index: target.boxes[number].X_FB for index, target in targets.items()}
-        if not all(np.array_equal(X_FB, box.X_FB) for X_FB in poses.values()):
-            X_FB = np.tile(box.X_FB, (count, 1, 1))
-            for index, X in poses.items():
-                X_FB[rows[index]] = X
-            frame = FrameName(f"box {number} of {first.atom}")
-            frames[frame] = frames[box.frame] @ X_FB
-            box = replace(box, frame=frame, X_FB=np.eye(4))
-        boxes.append(box)
-    return replace(first, boxes=tuple(boxes))

@@ -147,10 +147,6 @@ class Stage:
         stands = [primitive.trajectory.stands for primitive in self.motion.primitives]
         return np.array([not stands[piece.primitive] for piece in self.pieces], dtype=bool)
 
-    def moving_boxes(self, target: Target) -> int:
-        """How many boxes of a target may move."""
-        return sum(self.moves(box.frame) for box in target.boxes)
-
     def states(self, samples: Samples) -> SceneStates:
         """World poses of every frame at each sample."""
         return states_of([self], [samples])

@@ -13,8 +13,8 @@ from sqrp_cli.geometry import Array, Indices, Mask, ranges
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.candidate import Candidate
-from sqrp_cli.programming.coverage.observation import Look, Observation, full_observation, look_at
-from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling, all_first_samples
+from sqrp_cli.programming.coverage.observation import Observation, look_at, look_closely
+from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling, first_samples
 from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.pieces import GroundFormula, Piece
@@ -34,12 +34,6 @@ _ROUNDS = range(1, 9)
 
 _LOOK = 100
 """Fixed cost of one observation, in samples."""
-
-_WATCHED_TOGETHER = 32
-"""Motions to observe at once, to bound the memory."""
-
-_TOGETHER = 1000
-"""Targets of a motion to ask for at once, counted in every sample: so few that the overhead of calls dominates."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,17 +58,17 @@ class Timeline:
     """Duration of the union of the events of interest, see `pieces.interesting_time` [s]."""
 
     @classmethod
-    def of(cls, watch: Watch, samples: Samples, observation: Observation) -> Timeline:
+    def of(cls, request: ObservationRequest, samples: Samples, observation: Observation) -> Timeline:
         """What was seen in samples of a motion."""
         return cls(
-            pieces=watch.stage.pieces,
-            moving=watch.stage.moving_pieces,
+            pieces=request.stage.pieces,
+            moving=request.stage.moving_pieces,
             samples=samples,
-            atoms=tuple(target.atom for target in watch.targets),
+            atoms=tuple(target.atom for target in request.targets),
             observation=observation,
-            faults=watch.faults,
-            T=watch.T,
-            T_eoi=watch.T_eoi,
+            faults=request.faults,
+            T=request.T,
+            T_eoi=request.T_eoi,
         )
 
     @property
@@ -102,13 +96,6 @@ class Timeline:
         """Whether each sample lies in an event of interest, shape (m,)."""
         return np.array([piece.of_interest for piece in self.pieces])[self.samples.piece]
 
-    def joined(self, samples: Samples, observation: Observation) -> Timeline:
-        """The timeline with further samples."""
-        order = self.samples.merge_order(samples)
-        return replace(
-            self, samples=self.samples.joined(samples, order), observation=self.observation.joined(observation, order)
-        )
-
     @property
     def largest_gap(self) -> float:
         """Longest time between neighbouring samples that hold literals and were observed, where something moves [s].
@@ -128,7 +115,7 @@ class Timeline:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Watch:
+class ObservationRequest:
     """A motion, and what must be seen during it."""
 
     stage: Stage
@@ -140,23 +127,17 @@ class Watch:
     T_eoi: float
     """See `Timeline` [s]."""
 
-    @classmethod
-    def of_each(cls, watch: Watch, stage: Stage, targets: Sequence[Target]) -> Watch:
+    def for_targets(self, stage: Stage, targets: Sequence[Target]) -> ObservationRequest:
         """The same of other targets on another stage: each of their changes is located, whatever else is seen.
 
         So each is a fault of its own.
         """
         faults = {f"{column}": (column,) for column in range(len(targets))}
-        return cls(stage=stage, targets=tuple(targets), faults=faults, T=watch.T, T_eoi=watch.T_eoi)
-
-    def look(self, samples: Samples, known: Observation | None = None) -> Look:
-        """A look at samples; known: results common to the neighbours of each."""
-        at_once = max(1, _TOGETHER // max(1, len(samples)))
-        return Look(self.stage, self.targets, samples, faults=self.faults, known=known, at_once=at_once)
+        return ObservationRequest(stage=stage, targets=tuple(targets), faults=faults, T=self.T, T_eoi=self.T_eoi)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Rehearsal(Watch):
+class Rehearsal(ObservationRequest):
     """A feasible candidate with its motion, and what must be seen during it."""
 
     candidate: Candidate
@@ -184,44 +165,25 @@ class SampledScene:
         return self.scene.stage.requires(self.scene.targets, self.samples)
 
 
-def observe(watch: Watch, observer: Observer, sampling: Sampling, *, full: bool) -> Timeline:
+def observe(request: ObservationRequest, observer: Observer, sampling: Sampling, *, full: bool) -> Timeline:
     """Sample a motion and, if the sampling is adaptive, bisect every transition of the coverage.
 
     full: give the verdicts of every camera with causes, and bisect the transitions of each camera as well.
     """
-    return observe_all([watch], observer, sampling, full=full)[0]
-
-
-def observe_all(watches: Sequence[Watch], observer: Observer, sampling: Sampling, *, full: bool) -> list[Timeline]:
-    """As `observe` of each of several motions in one cell, which is faster together."""
-    if len(watches) > _WATCHED_TOGETHER:
-        first, others = watches[:_WATCHED_TOGETHER], watches[_WATCHED_TOGETHER:]
-        return [
-            *observe_all(first, observer, sampling, full=full),
-            *observe_all(others, observer, sampling, full=full),
-        ]
-    if not watches:
-        return []
-    samples = all_first_samples(sampling, observer, [(watch.stage, watch.targets) for watch in watches])
-    seen = _seen(observer, [watch.look(at) for watch, at in zip(watches, samples, strict=True)], full=full)
-    found = [Timeline.of(watch, at, all_seen) for watch, at, all_seen in zip(watches, samples, seen, strict=True)]
-    while isinstance(sampling, Adaptive):
-        wide = ((index, _finer(timeline, sampling.tolerance)) for index, timeline in enumerate(found))
-        finer = {index: more for index, more in wide if more is not None}
-        looks = [
-            watches[index].look(more.samples, found[index].observation.agreed(more.bracket, more.bracket + 1))
-            for index, more in finer.items()
-        ]
-        if not looks:
-            break
-        for (index, more), observation in zip(finer.items(), _seen(observer, looks, full=full), strict=True):
-            found[index] = found[index].joined(more.samples, observation)
-    return found
-
-
-def _seen(observer: Observer, looks: Sequence[Look], *, full: bool) -> Sequence[Observation]:
-    """What the cameras see in looks; full: by the verdicts of every camera, whatever is known already."""
-    return [full_observation(observer, look) for look in looks] if full else look_at(observer, looks)
+    stage, targets = request.stage, request.targets
+    samples = first_samples(sampling, stage, observer, targets)
+    seen = (look_closely if full else look_at)(observer, stage, targets, samples)
+    timeline = Timeline.of(request, samples, seen)
+    while isinstance(sampling, Adaptive) and (finer := _finer(timeline, sampling.tolerance)) is not None:
+        samples, seen = timeline.samples, timeline.observation
+        if full:
+            more = look_closely(observer, stage, targets, finer.samples)
+        else:
+            known = seen.agreed(finer.bracket, finer.bracket + 1)
+            more = look_at(observer, stage, targets, finer.samples, known)
+        order = samples.merge_order(finer.samples)
+        timeline = replace(timeline, samples=samples.joined(finer.samples, order), observation=seen.joined(more, order))
+    return timeline
 
 
 class _FinerSamples(NamedTuple):

@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.programming.coverage.observation import Look, look_at
+from sqrp_cli.programming.coverage.observation import look_at
 from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.coverage.timeline import Rehearsal
 from sqrp_cli.programming.motion.collision.placed_scene import PlacedScene
@@ -64,11 +64,14 @@ class WatchedMove:
         """Whether any formula applies during the move."""
         return any(self.scene.stage.pieces[index].literals for index in self.pieces)
 
-    def look(self, trajectories: Sequence[Trajectory], samples: int) -> Look:
-        """A look at each trajectory of the arm in the middle of as many equal stretches of time as `samples` says.
+    def blind_times(self, observer: Observer, trajectories: Sequence[Trajectory], samples: int) -> Array:
+        """How long the state is not covered on each of b trajectories of the arm, about [s], shape (b,).
 
-        Where formulas begin or end within the move, their share of its time counts as that in the studied motion.
+        Cameras look at each in the middle of as many equal stretches of time as `samples` says. Where formulas begin
+        or end within the move, their share of its time counts as that in the studied motion.
         """
+        if not trajectories:
+            return np.zeros(0)
         stage, timed = self.scene.stage, self.scene.motion.primitives[self.primitive]
         share = (np.arange(samples) + 0.5) / samples
         q = np.concatenate([trajectory.positions(share * trajectory.duration) for trajectory in trajectories])
@@ -77,25 +80,10 @@ class WatchedMove:
         ends = np.array([stage.pieces[index].end for index in self.pieces[:-1]])
         piece = np.array(self.pieces)[np.searchsorted(ends, timed.start + share * (timed.end - timed.start))]
         at = Samples(np.tile(piece, len(trajectories)), np.zeros(len(q)))
-        return Look(_ElsewhereStage(stage, q), self.scene.targets, at)
-
-
-def blind_times(observer: Observer, moves: Sequence[tuple[WatchedMove, Sequence[Trajectory], int]]) -> list[Array]:
-    """How long the state is not covered on trajectories of several moves of one cell, about [s], shape (b,) each.
-
-    moves: each with its trajectories and the number of looks at each, see `WatchedMove.look`. All are one batch.
-    """
-    looks = [move.look(trajectories, samples) for move, trajectories, samples in moves if trajectories]
-    seen = iter(look_at(observer, looks))
-    times = []
-    for _, trajectories, samples in moves:
-        if not trajectories:
-            times.append(np.zeros(0))
-            continue
-        observation = next(seen)
-        blind = (observation.monitored & ~observation.states_covered).reshape(len(trajectories), samples)
-        times.append(blind.mean(axis=1) * np.array([trajectory.duration for trajectory in trajectories]))
-    return times
+        seen = look_at(observer, _ElsewhereStage(stage, q), self.scene.targets, at)
+        blind = (seen.monitored & ~seen.states_covered).reshape(len(trajectories), samples)
+        times: Array = blind.mean(axis=1) * np.array([trajectory.duration for trajectory in trajectories])
+        return times
 
 
 class Evolution:
@@ -373,12 +361,12 @@ def exchange(observer: Observer, searches: Sequence[MoveSearch], others: Sequenc
 def look_at_paths(
     observer: Observer, searches: Sequence[MoveSearch], paths: Sequence[Sequence[SeenPath]], closeness: Closeness
 ) -> int:
-    """Find the blind times of paths of each search, all in one batch; gives the number of looks."""
-    questions = [
-        (search.space.move, [path.trajectory for path in of_search], search.space.looks(closeness))
-        for search, of_search in zip(searches, paths, strict=True)
-    ]
-    for of_search, times in zip(paths, blind_times(observer, questions), strict=True):
+    """Find the blind times of paths of each search; gives the number of looks."""
+    work = 0
+    for search, of_search in zip(searches, paths, strict=True):
+        looks = search.space.looks(closeness)
+        times = search.space.move.blind_times(observer, [path.trajectory for path in of_search], looks)
         for path, blind in zip(of_search, times.tolist(), strict=True):
             path.blind = blind
-    return sum(len(trajectories) * looks for _, trajectories, looks in questions)
+        work += len(of_search) * looks
+    return work

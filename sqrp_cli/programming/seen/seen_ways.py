@@ -12,12 +12,12 @@ from itertools import product
 import numpy as np
 
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.geometry import Array, Indices, Mask
+from sqrp_cli.geometry import Array, Indices
 from sqrp_cli.knowledge.skill.skill import HOME
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study, study
-from sqrp_cli.programming.coverage.observation import Look, look_at
+from sqrp_cli.programming.coverage.observation import look_at
 from sqrp_cli.programming.coverage.quality import average_quality
 from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling
 from sqrp_cli.programming.coverage.stage import Samples
@@ -219,17 +219,24 @@ class _Glance:
     """How long it is not covered in events of interest, shape (p,) [s]."""
 
     @classmethod
-    def of(cls, scene: Rehearsal, look: Look, blind: Mask) -> _Glance:
-        """blind: whether the state at each sample of the look is not covered, shape (m,)."""
-        primitives = scene.motion.primitives
-        at = np.array([piece.primitive for piece in scene.stage.pieces])[look.samples.piece]
-        count = np.bincount(at, minlength=len(primitives))
-        step = np.array([p.end - p.start for p in primitives]) / np.maximum(count, 1)
-        interesting = scene.stage.of_interest(look.samples)
+    def of(cls, cell: Cell, scene: Rehearsal) -> _Glance:
+        """Looks in the middles of equal stretches of about `GLANCE_STEP` of each primitive."""
+        primitives, stage = scene.motion.primitives, scene.stage
+        counts = np.array([max(1, int(np.ceil((p.end - p.start) / GLANCE_STEP))) for p in primitives])
+        times = [
+            p.start + (p.end - p.start) * (np.arange(count) + 0.5) / count
+            for p, count in zip(primitives, counts, strict=True)
+        ]
+        t = np.concatenate(times)
+        samples = Samples(np.searchsorted([p.end for p in stage.pieces[:-1]], t), t)
+        seen = look_at(cell.observer, stage, scene.targets, samples)
+        blind = seen.monitored & ~seen.states_covered
+        at = np.array([piece.primitive for piece in stage.pieces])[samples.piece]
+        step = np.array([p.end - p.start for p in primitives]) / np.maximum(np.bincount(at, minlength=len(counts)), 1)
         return cls(
             scene,
             blind=np.bincount(at, blind, len(primitives)) * step,
-            interest=np.bincount(at, blind & interesting, len(primitives)) * step,
+            interest=np.bincount(at, blind & stage.of_interest(samples), len(primitives)) * step,
         )
 
     def elsewhere(self, moves: Sequence[int]) -> float:
@@ -242,32 +249,12 @@ class _Glance:
         return round((1.0 - np.delete(self.interest, moves).sum() / T_eoi) / LEVEL) if T_eoi > 0 else 0
 
 
-def _glances(cell: Cell, scenes: Sequence[Rehearsal]) -> list[_Glance]:
-    """Looks at every way, all in one batch."""
-    looks = []
-    for scene in scenes:
-        t = np.concatenate([_middles(p.start, p.end) for p in scene.motion.primitives])
-        piece = np.searchsorted([p.end for p in scene.stage.pieces[:-1]], t)
-        looks.append(Look(scene.stage, scene.targets, Samples(piece, t)))
-    seen = look_at(cell.observer, looks)
-    return [
-        _Glance.of(scene, look, found.monitored & ~found.states_covered)
-        for scene, look, found in zip(scenes, looks, seen, strict=True)
-    ]
-
-
-def _middles(start: float, end: float) -> Array:
-    """The middles of equal stretches of about `GLANCE_STEP` [s], shape (k,)."""
-    count = max(1, int(np.ceil((end - start) / GLANCE_STEP)))
-    return start + (end - start) * (np.arange(count) + 0.5) / count
-
-
 def _runners(cell: Cell, scenes: Sequence[Rehearsal], longest: float, interest_first: bool) -> list[_Runner]:
     """The most promising ways at the start: those that would be best if all their open moves could be seen."""
     weight = BLIND_WEIGHT if np.isinf(longest) else BLIND_WEIGHT_WITHIN
     open_of = {id(scene): open_moves(scene, scene.candidate.open_paths) for scene in scenes}
     moves = {key: {move.primitive: move for move in of_way} for key, of_way in open_of.items()}
-    glances = [glance for glance in _glances(cell, scenes) if moves[id(glance.scene)]]
+    glances = [_Glance.of(cell, scene) for scene in scenes if moves[id(scene)]]
 
     def promise(glance: _Glance) -> tuple[int, float]:
         of_way = list(moves[id(glance.scene)])
