@@ -41,7 +41,7 @@ ROOMS = {
     "task": ("programming", 1_865),
     "motion": ("programming/motion", 3_351),
     "sight": ("sight programming/sensing", 1_292),
-    "study": ("programming/coverage programming/seen " + " ".join(_STUDY), 4_583),
+    "study": ("programming/coverage programming/seen " + " ".join(_STUDY), 4_275),
     "search": ("programming/advice programming/placing", 4_648),
     "checks": ("checks", 1_379),
     "run": ("runtime", 8_711),
