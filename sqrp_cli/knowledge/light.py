@@ -109,15 +109,10 @@ class Rays(NamedTuple):
 class Light(Stored):
     """A light: from everywhere, from a direction, as of the sun, or a lamp in a place."""
 
-    intensity: Annotated[
-        Intensity,
-        Field(
-            description="How bright it makes a white surface that faces it, of a lamp at 1 m; 1 saturates at gain 1."
-        ),
-    ]
-    direction: Annotated[
-        Direction | None, Field(description="In which it shines, in the world, from very far away.")
-    ] = None
+    intensity: Intensity
+    """How bright it makes a white surface that faces it, of a lamp at 1 m; 1 saturates at gain 1."""
+    direction: Direction | None = None
+    """In which it shines, in the world, from very far away."""
     position: Annotated[Position | None, Field(description="Of a lamp, in the world.")] = None
     look_at: Annotated[Position | None, Field(description="The point in the middle of the lamp's beam.")] = None
     beam: Annotated[Beam | None, Field(description="Opening angle of the lamp's beam; default 120 deg.")] = None

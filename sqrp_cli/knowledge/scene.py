@@ -105,32 +105,20 @@ def _placement(stated: Pose | Held | str) -> Array | Held | None:
 class ObjectTraits(Stored):
     """The properties of an object, taken unchanged from the workspace file."""
 
-    type: Annotated[
-        Name,
-        Field(
-            description="A type of the skills or any other noun, such as `cube`. Besides, every object is a `fixture` "
-            "or a `movable`, by `fixed`."
-        ),
-    ]
-    color: Annotated[
-        Text | None, Field(description="What a task calls it, and what detectors of colours look for.")
-    ] = None
+    type: Name
+    """A type of the skills or any other noun, such as `cube`. Besides, every object is a `fixture` or a `movable`, by
+    `fixed`."""
+    color: Text | None = None
+    """What a task calls it, and what detectors of colours look for."""
     attributes: Annotated[tuple[Name, ...], Field(description="Further words that a task may use for it.")] = ()
     size: Annotated[Extents, Field(description="Full extents of the box around it, along its own axes.")]
-    pose: Annotated[
-        Array | Held | None,
-        Written(_StatedPose, _placement),
-        Field(description="Pose of the centre of that box in the world, `{held: SIDE}` in the tool, or `unknown`."),
-    ]
+    pose: Annotated[Array | Held | None, Written(_StatedPose, _placement)]
+    """Pose of the centre of that box in the world, `{held: SIDE}` in the tool, or `unknown`."""
     fixed: Annotated[bool, Field(description="Whether it never moves.")] = False
     on: Annotated[Name | None, Field(description="The object that it stands on.")] = None
-    symmetry: Annotated[
-        Symmetry | None,
-        Field(
-            description="How often it looks the same in a full turn about its z axis: 1, 2, 4, ... or `round`; "
-            "by default as its shape does."
-        ),
-    ] = None
+    symmetry: Symmetry | None = None
+    """How often it looks the same in a full turn about its z axis: 1, 2, 4, ... or `round`; by default as its shape
+    does."""
     marker: Annotated[
         ObjectMarker | None,
         Written(StatedMarker | None, lambda stated: None if stated is None else object_marker(stated)),
@@ -188,13 +176,10 @@ class PartEntry(Entry):
     box: Extents | None = Field(default=None, description="Full extents.")
     sphere: Size | None = Field(default=None, description="Its radius.")
     cylinder: RoundEntry | None = Field(default=None, description="About its z axis.")
-    capsule: RoundEntry | None = Field(
-        default=None, description="About its z axis; the length is of the straight part."
-    )
-    mesh: Text | None = Field(
-        default=None,
-        description="STL, OBJ or DAE file; relative to this file, or package://. The unit of a DAE counts.",
-    )
+    capsule: RoundEntry | None = None
+    """About its z axis; the length is of the straight part."""
+    mesh: Text | None = None
+    """STL, OBJ or DAE file; relative to this file, or package://. The unit of a DAE counts."""
     scale: Scale = Field(default=(1.0, 1.0, 1.0), description="Scale of the mesh, one for all axes or one for each.")
     pose: Pose = Field(default=Pose(), description="Pose of the piece in the object's frame.")
 
@@ -226,16 +211,9 @@ class ObjectEntry(ObjectTraits):
     Without `size`, the size is that of its parts or its URDF, and `pose` is the pose of their frame.
     """
 
-    size: Annotated[
-        Extents,
-        Field(
-            description="Full extents of the box around it, along its own axes; default: those of its parts.",
-            json_schema_extra=_without_default,
-        ),
-    ] = NO_SIZE
+    size: Annotated[Extents, Field(json_schema_extra=_without_default)] = NO_SIZE
+    """Full extents of the box around it, along its own axes; default: those of its parts."""
     parts: tuple[PartEntry, ...] = ()
     """Its solid pieces; default: the box."""
-    urdf: Annotated[
-        DescriptionEntry | None,
-        Field(description="A URDF or xacro with its solid pieces, joints at 0; relative to this file, or package://."),
-    ] = None
+    urdf: DescriptionEntry | None = None
+    """A URDF or xacro with its solid pieces, joints at 0; relative to this file, or package://."""

@@ -96,15 +96,12 @@ class Sensing(Stored):
     near: Annotated[Size, Field(description="Nearest depth at which the camera sees.")] = 0.1
     far: Annotated[Size, Field(description="Farthest depth at which the camera sees.")] = 10.0
     rate: Annotated[Frequency, Field(description="Images per second.")]
-    latency: Annotated[
-        Time | None,
-        Field(description="From exposure to the image being available; 0 s is assumed where it is left out."),
-    ] = None
+    latency: Time | None = None
+    """From exposure to the image being available; 0 s is assumed where it is left out."""
     exposure: Annotated[Time, Field(description="How long the shutter is open; what moves meanwhile is blurred.")] = 0.0
 
-    gain: Annotated[
-        Gain | None, Field(description="Brightness of its images in the light that the cell states; default 1.")
-    ] = None
+    gain: Gain | None = None
+    """Brightness of its images in the light that the cell states; default 1."""
 
     @property
     def brightness(self) -> float:
@@ -261,36 +258,21 @@ class PoseFile(Stored):
 class CalibrationEntry(Stored):
     """Where a camera is and how it makes an image: stated, or by files that others wrote."""
 
-    frame: Annotated[
-        Text | None,
-        Field(
-            description="`world` (the default), the cell's; or the link that carries the camera, where `robot/world` is"
-            " a link that the URDF calls `world`. With `hand_eye`: instead of the link that the file names."
-        ),
-    ] = None
-    pose: Annotated[
-        CameraPose | None, Field(description="Pose of the optical frame (z forward, x right, y down) in `frame`.")
-    ] = None
-    hand_eye: Annotated[
-        MappingOr[PoseFile, Text] | None,
-        Field(
-            description="A file with the pose, instead of `pose`: of easy_handeye, TF messages, a launch file with a "
-            "static_transform_publisher, or a recording with /tf_static; as `{file, camera}` where it has several."
-        ),
-    ] = None
-    convention: Annotated[
-        Literal["optical", "body"], Field(description="Axes of the stated orientation; body: x forward, y left, z up.")
-    ] = "optical"
-    image: Annotated[ImageEntry | None, Field(description="Size and field of view or focal lengths of the image.")] = (
-        None
-    )
-    calibration: Annotated[
-        MappingOr[CalibrationFile, Text] | None,
-        Field(
-            description="A calibration file, instead of `image`: of ROS, OpenCV, Kalibr, VINS or COLMAP; as "
-            "`{file, camera, width, height}` where it has several cameras or no image size."
-        ),
-    ] = None
+    frame: Text | None = None
+    """`world` (the default), the cell's; or the link that carries the camera, where `robot/world` is a link that the
+    URDF calls `world`. With `hand_eye`: instead of the link that the file names."""
+    pose: CameraPose | None = None
+    """Pose of the optical frame (z forward, x right, y down) in `frame`."""
+    hand_eye: MappingOr[PoseFile, Text] | None = None
+    """A file with the pose, instead of `pose`: of easy_handeye, TF messages, a launch file with a
+    static_transform_publisher, or a recording with /tf_static; as `{file, camera}` where it has several."""
+    convention: Literal["optical", "body"] = "optical"
+    """Axes of the stated orientation; body: x forward, y left, z up."""
+    image: ImageEntry | None = None
+    """Size and field of view or focal lengths of the image."""
+    calibration: MappingOr[CalibrationFile, Text] | None = None
+    """A calibration file, instead of `image`: of ROS, OpenCV, Kalibr, VINS or COLMAP; as `{file, camera, width,
+    height}` where it has several cameras or no image size."""
 
     @property
     def pose_file(self) -> PoseFile | None:

@@ -144,25 +144,18 @@ class ToolBoxEntry(Entry):
 class ToolEntry(Entry):
     """A tool that is fixed to the robot: a URDF, or boxes with a frame that grasps."""
 
-    urdf: DescriptionEntry | None = Field(
-        default=None, description="The tool's own URDF or xacro; relative to this file, or package://."
-    )
-    boxes: list[ToolBoxEntry] | None = Field(
-        default=None, min_length=1, max_length=100, description="Boxes that enclose the tool, instead of a URDF."
-    )
-    frame: Pose | None = Field(
-        default=None,
-        description="With `boxes`: the frame that grasps, as a pose in the tool's root link; its z axis points out of "
-        "the tool. It is the tool frame, called `tool_tip`.",
-    )
+    urdf: DescriptionEntry | None = None
+    """The tool's own URDF or xacro; relative to this file, or package://."""
+    boxes: list[ToolBoxEntry] | None = Field(default=None, min_length=1, max_length=100)
+    """Boxes that enclose the tool, instead of a URDF."""
+    frame: Pose | None = None
+    """With `boxes`: the frame that grasps, as a pose in the tool's root link; its z axis points out of the tool. It is
+    the tool frame, called `tool_tip`."""
     link: Text = Field(description="The link of the robot that carries the tool's root link.")
     pose: Pose = Field(default=Pose(), description="Pose of the tool's root link in that link.")
-    prefix: str = Field(
-        default="",
-        max_length=100,
-        description="Put before the names of the tool's links and joints, for a robot that has links or joints of the "
-        "same names. The workspace calls them by the longer names.",
-    )
+    prefix: str = Field(default="", max_length=100)
+    """Put before the names of the tool's links and joints, for a robot that has links or joints of the same names. The
+    workspace calls them by the longer names."""
 
     @model_validator(mode="after")
     def _urdf_or_boxes(self) -> ToolEntry:
@@ -189,14 +182,12 @@ PositionsEntry = MappingOr[dict[str, AnyQuantity], Text]
 class FingersEntry(Entry):
     """The fingers of a gripper: closed by `grasp` until they touch the object, opened by `release`."""
 
-    open: PositionsEntry = Field(
-        description="Position of each joint that drives the fingers when they are open, or the name of a state of the "
-        "SRDF. Joints that mimic them follow."
-    )
+    open: PositionsEntry
+    """Position of each joint that drives the fingers when they are open, or the name of a state of the SRDF. Joints
+    that mimic them follow."""
     closed: PositionsEntry = Field(description="The same when they are closed with nothing between them.")
-    width: Size | None = Field(
-        default=None, description="Clear width between open fingers, for skills that open them by a width."
-    )
+    width: Size | None = None
+    """Clear width between open fingers, for skills that open them by a width."""
 
 
 @dataclass(frozen=True)
@@ -232,28 +223,21 @@ class LimitsEntry(Entry):
     What is stated here goes before what a file of MoveIt says.
     """
 
-    moveit: Text | None = Field(
-        default=None,
-        description="A joint_limits.yaml of MoveIt: its velocities, accelerations and jerks, with its default scaling "
-        "factors; position limits where they are narrower than the URDF's.",
-    )
-    velocity_scaling: Factor | None = Field(
-        default=None, description="Of velocities of that file and the URDF; default: as the file says, else 1."
-    )
-    acceleration_scaling: Factor | None = Field(
-        default=None, description="Of accelerations of that file; default: as the file says, else 1."
-    )
+    moveit: Text | None = None
+    """A joint_limits.yaml of MoveIt: its velocities, accelerations and jerks, with its default scaling factors;
+    position limits where they are narrower than the URDF's."""
+    velocity_scaling: Factor | None = None
+    """Of velocities of that file and the URDF; default: as the file says, else 1."""
+    acceleration_scaling: Factor | None = None
+    """Of accelerations of that file; default: as the file says, else 1."""
     velocity: Annotated[PerJoint | None, _Velocity] = Field(default=None, description="Default: the URDF's.")
-    acceleration: Annotated[PerJoint | None, _Acceleration] = Field(
-        default=None, description="Default: 5 rad/s^2 or m/s^2."
-    )
+    acceleration: Annotated[PerJoint | None, _Acceleration] = None
+    """Default: 5 rad/s^2 or m/s^2."""
     jerk: Annotated[PerJoint | None, _Jerk] = Field(default=None, description="Default: 50 rad/s^3 or m/s^3.")
-    stop_acceleration: Annotated[PerJoint | None, _Acceleration] = Field(
-        default=None, description="Of a stop because nobody watches any more. Default, and least: as of every motion."
-    )
-    stop_jerk: Annotated[PerJoint | None, _Jerk] = Field(
-        default=None, description="Of such a stop. Default, and least: as of every motion."
-    )
+    stop_acceleration: Annotated[PerJoint | None, _Acceleration] = None
+    """Of a stop because nobody watches any more. Default, and least: as of every motion."""
+    stop_jerk: Annotated[PerJoint | None, _Jerk] = None
+    """Of such a stop. Default, and least: as of every motion."""
 
     @model_validator(mode="after")
     def _scaling_of_moveit(self) -> LimitsEntry:
@@ -271,28 +255,21 @@ class RobotEntry(Entry):
     """The robot, its tool and where it stands."""
 
     urdf: DescriptionEntry = Field(description="The robot's URDF or xacro; relative to this file, or package://.")
-    srdf: DescriptionEntry | None = Field(
-        default=None, description="Its SRDF, also as xacro: named states and collision pairs that need no check."
-    )
+    srdf: DescriptionEntry | None = None
+    """Its SRDF, also as xacro: named states and collision pairs that need no check."""
     package_roots: list[Text] = Field(default=[], description="Folders in which package://NAME/ is looked up first.")
     base: Pose = Field(default=Pose(), description="Pose of the robot's root link in the world.")
     tool: ToolEntry | None = Field(default=None, description="A tool on the robot, with a URDF of its own.")
-    tool_frame: Text | None = Field(
-        default=None,
-        description="The link that grasps; its z axis points out of the tool, into the object. A tool of boxes has its "
-        "own.",
-    )
-    home: PositionsEntry = Field(
-        description="Position of every joint of the arm by its name, or the name of a state of the SRDF."
-    )
+    tool_frame: Text | None = None
+    """The link that grasps; its z axis points out of the tool, into the object. A tool of boxes has its own."""
+    home: PositionsEntry
+    """Position of every joint of the arm by its name, or the name of a state of the SRDF."""
     fingers: FingersEntry | None = Field(default=None, description="The fingers of its gripper, if they move.")
     markers: dict[str, Marker] = Field(default={}, description="ArUco markers on links, by the link's name.")
     limits: LimitsEntry = Field(default=LimitsEntry(), description="Limits of velocity, acceleration and jerk.")
-    angle_tolerance: Annotated[float, In(units.ANGLE, 0.0, MOST_TOLERANCE)] | None = Field(
-        default=None,
-        description="By how much the tool may be turned away from a pose where joints or their limits do not allow it. "
-        "Default: 0.5 deg for an arm of fewer than six axes, else 0.",
-    )
+    angle_tolerance: Annotated[float, In(units.ANGLE, 0.0, MOST_TOLERANCE)] | None = None
+    """By how much the tool may be turned away from a pose where joints or their limits do not allow it. Default: 0.5
+    deg for an arm of fewer than six axes, else 0."""
     geometry: Geometry = Field(default="collision", description="Which geometry of the links is solid and opaque.")
 
     @model_validator(mode="after")

@@ -283,9 +283,8 @@ class Pose(Entry):
 
     position: Position = Field(default=(0.0, 0.0, 0.0), description="x, y, z.")
     quaternion: Quaternion | None = Field(default=None, description="Orientation as x, y, z, w; of length 1.")
-    rpy: Rotation | None = Field(
-        default=None, description="Orientation as roll, pitch, yaw about fixed x, y, z, as in URDF."
-    )
+    rpy: Rotation | None = None
+    """Orientation as roll, pitch, yaw about fixed x, y, z, as in URDF."""
 
     @model_validator(mode="after")
     def _one_orientation(self) -> Pose:
@@ -307,9 +306,8 @@ class Pose(Entry):
 class CameraPose(Pose):
     """The pose of a camera's optical frame (z forward, x right, y down)."""
 
-    look_at: Position | None = Field(
-        default=None, description="The point in the middle of the image, instead of an orientation."
-    )
+    look_at: Position | None = None
+    """The point in the middle of the image, instead of an orientation."""
     up: Direction = Field(default=(0.0, 0.0, 1.0), description="With look_at: the direction that is up in the image.")
 
     @model_validator(mode="after")

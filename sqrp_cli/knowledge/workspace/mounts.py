@@ -247,9 +247,8 @@ class PlaceFile(Entry):
 
     mounts: dict[Name, MountEntry] = Field(min_length=1, description="Places for cameras by name.")
     lenses: dict[Name, _AnyLens] = Field(min_length=1, description="Cameras with their lenses, by name.")
-    weights: dict[Text, Weight] = Field(
-        default={}, description="How much a task counts in the mean; by its text, 1 by default."
-    )
+    weights: dict[Text, Weight] = Field(default={})
+    """How much a task counts in the mean; by its text, 1 by default."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

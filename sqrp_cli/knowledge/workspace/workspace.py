@@ -73,12 +73,10 @@ class WorkspaceFile(Entry):
     cameras: dict[Name, CameraEntry] = Field(default={}, max_length=200, description="Cameras by name.")
     skills: list[Text] = Field(default=[], description="Folders of the skills that may be used.")
     objects: dict[Name, ObjectEntry] = Field(default={}, max_length=2000, description="Objects in the cell by name.")
-    fixtures: list[FixturesEntry] = Field(
-        default=[], max_length=50, description="Files with further objects that never move: scenes and worlds."
-    )
-    lights: dict[Name, Light] = Field(
-        default={}, max_length=MOST_LIGHTS, description="Lights by name; without any, cameras see all brightly enough."
-    )
+    fixtures: list[FixturesEntry] = Field(default=[], max_length=50)
+    """Files with further objects that never move: scenes and worlds."""
+    lights: dict[Name, Light] = Field(default={}, max_length=MOST_LIGHTS)
+    """Lights by name; without any, cameras see all brightly enough."""
     state: list[Text] = Field(default=[], description="The facts that hold now; every other one does not.")
     tasks: list[ExpectedTask] = Field(default=[], description="Tasks that the cell must support.")
     padding: Padding = Field(default=0.0, description="Least distance that motions keep from fixed objects.")
