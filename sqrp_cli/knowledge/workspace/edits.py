@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, get_type_hints
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from sqrp_cli.errors import InputError, Place, bad_input, bad_option
 from sqrp_cli.geometry import Array, inverse, matrix_to_quaternion, matrix_to_rpy, pose
-from sqrp_cli.knowledge.camera.camera import Camera, ImageEntry, Sensing
+from sqrp_cli.knowledge.camera.camera import Camera, ImageEntry
 from sqrp_cli.knowledge.camera.detector import Curve
 from sqrp_cli.knowledge.frames import WORLD
-from sqrp_cli.knowledge.text.entries import In
 from sqrp_cli.knowledge.text.source import Data, KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.text.units import ANGLE, FREQUENCY, LENGTH, PIXELS, SHARE, TIME, Dimension, read_quantity
 from sqrp_cli.knowledge.text.yaml_edit import appended, edited, respelled, with_entries
@@ -69,7 +68,15 @@ def with_camera(document: SourceDocument, before: Camera, camera: Camera, look_a
         if "image" not in entry:
             K = camera.matrix
             raise _elsewhere(document, path, "calibration", f"camera_matrix fx {K[0, 0]:.6g}, fy {K[1, 1]:.6g}")
-        content = _with_lens(parse_yaml(document.path, content), path, camera)
+        image, focal = entry["image"], float(camera.matrix[0, 0])
+        if "fx" in image:
+            wanted = {"fx": focal} | ({"fy": float(camera.matrix[1, 1])} if "fy" in image else {})
+            values = {name: _number(image[name], value, PIXELS) for name, value in wanted.items()}
+        else:
+            angle = 2.0 * np.arctan(0.5 * camera.width / focal)
+            values = {"horizontal_fov": _number(image["horizontal_fov"], float(angle), ANGLE)}
+        named = {f"{dotted(path)}.image.{name}": text for name, text in values.items()}
+        content = edited(parse_yaml(document.path, content), named)
     return content
 
 
@@ -88,8 +95,11 @@ def with_further_camera(document: SourceDocument, camera: Camera, like: str, loo
     return appended(document, ("cameras",), f"{camera.name}: {_flow(entry)}")
 
 
-_SENSING_UNITS = {LENGTH: "m", FREQUENCY: "Hz", TIME: "ms"}
-"""The units that people use for how a camera senses."""
+_SENSING = {
+    "near": ("m", LENGTH), "far": ("m", LENGTH), "rate": ("Hz", FREQUENCY), "exposure": ("ms", TIME),
+    "latency": ("ms", TIME),
+}  # fmt: skip
+"""How a camera senses, with the units that people use."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,37 +116,31 @@ class NewCamera:
 
 def with_cameras(document: SourceDocument, kept: Collection[str], cameras: Sequence[NewCamera]) -> bytes:
     """The file with these cameras instead of all that it has but the kept ones."""
-    return with_entries(document, ("cameras",), kept, [f"{new.camera.name}: {_flow(_entry(new))}" for new in cameras])
-
-
-def _entry(new: NewCamera) -> Data:
-    camera = new.camera
-    pose_entry: Data = {"position": _places(camera.X_FC[:3, 3])}
-    if new.look_at is None:
-        pose_entry["quaternion"] = _rounded(matrix_to_quaternion(camera.X_FC[:3, :3]), 9)
-    else:
-        pose_entry["look_at"] = _places(new.look_at)
-        if not np.allclose(new.up, (0.0, 0.0, 1.0), atol=_SAME):
-            pose_entry["up"] = _rounded(new.up, 9)
-    image = {name: value for name, value in vars(new.image).items() if value is not None and name != "distortion"}
-    if new.image.horizontal_fov is not None:
-        image["horizontal_fov"] = _number("0 deg", new.image.horizontal_fov, ANGLE)
-    if new.image.distortion is not None:
-        lens = new.image.distortion
-        image["distortion"] = {"model": lens.model, "coefficients": list(lens.coefficients)}
-    sensing = {}
-    for name, kind in get_type_hints(Sensing, include_extras=True).items():
-        dimensions = [mark.dimension for mark in kind.__metadata__ if isinstance(mark, In) and mark.dimension]
-        for dimension in dimensions:  # a gain has none
-            sensing[name] = _number(f"0 {_SENSING_UNITS[dimension]}", getattr(camera, name), dimension)
-    if not camera.exposure:
-        del sensing["exposure"]
-    if camera.latency is not None:
-        sensing["latency"] = _number(f"0 {_SENSING_UNITS[TIME]}", camera.latency, TIME)
-    if camera.gain is not None:
-        sensing["gain"] = f"{camera.gain:.6g}"
-    frame = {} if camera.frame == WORLD else {"frame": camera.frame}
-    return {**frame, "pose": pose_entry, "image": image, **sensing}
+    entries = []
+    for new in cameras:
+        camera, lens = new.camera, new.image.distortion
+        pose_entry: Data = {"position": _places(camera.X_FC[:3, 3])}
+        if new.look_at is None:
+            pose_entry["quaternion"] = _rounded(matrix_to_quaternion(camera.X_FC[:3, :3]), 9)
+        else:
+            pose_entry["look_at"] = _places(new.look_at)
+            if not np.allclose(new.up, (0.0, 0.0, 1.0), atol=_SAME):
+                pose_entry["up"] = _rounded(new.up, 9)
+        image = {name: value for name, value in vars(new.image).items() if value is not None and name != "distortion"}
+        if new.image.horizontal_fov is not None:
+            image["horizontal_fov"] = _number("0 deg", new.image.horizontal_fov, ANGLE)
+        if lens is not None:
+            image["distortion"] = {"model": lens.model, "coefficients": list(lens.coefficients)}
+        sensing = {}
+        for name, (unit, dimension) in _SENSING.items():
+            value = getattr(camera, name)
+            if value is not None and (value or name != "exposure"):
+                sensing[name] = _number(f"0 {unit}", value, dimension)
+        if camera.gain is not None:
+            sensing["gain"] = f"{camera.gain:.6g}"
+        frame = {} if camera.frame == WORLD else {"frame": camera.frame}
+        entries.append(f"{camera.name}: {_flow({**frame, 'pose': pose_entry, 'image': image, **sensing})}")
+    return with_entries(document, ("cameras",), kept, entries)
 
 
 def with_curve(document: SourceDocument, detector: str, curve: Curve) -> bytes:
@@ -170,17 +174,17 @@ def with_task(document: SourceDocument, task: str, thresholds: dict[str, float],
     with this text gets no second entry. instead_of: the text of the listed task that is replaced; None: of none.
     """
     listed = [_text_of(entry) for entry in document.data.get("tasks") or [] if isinstance(entry, dict)]
-    for text in (task, instead_of):
-        if text is not None and text in listed:
-            return _with_thresholds(document, listed.index(text), task, thresholds)
-    said = {"steps": task.split(_THEN)} if _THEN in task else {"task": task}
-    return appended(document, ("tasks",), _flow({**said, **thresholds}))
-
-
-def _with_thresholds(document: SourceDocument, index: int, task: str, thresholds: dict[str, float]) -> bytes:
-    path: KeyPath = ("tasks", index)
+    replaced = next((text for text in (task, instead_of) if text is not None and text in listed), None)
+    if replaced is None:
+        said = {"steps": task.split(_THEN)} if _THEN in task else {"task": task}
+        return appended(document, ("tasks",), _flow({**said, **thresholds}))
+    path: KeyPath = ("tasks", listed.index(replaced))
     stated = _at(document, path)
-    changed = _retold(stated, path, task)
+    if "steps" in stated:
+        pairs = enumerate(zip(stated["steps"], task.split(_THEN), strict=True))
+        changed = {dotted((*path, "steps", index)): _flow(new) for index, (old, new) in pairs if old != new}
+    else:
+        changed = {} if stated["task"] == task else {dotted((*path, "task")): _flow(task)}
     for key in [key for key in thresholds if key in stated]:
         text = _number(stated[key], thresholds[key], SHARE if key in _LEAST else TIME)
         old, new = read_quantity(stated[key]), read_quantity(text)
@@ -202,14 +206,6 @@ def _text_of(entry: Mapping[str, Any]) -> str | None:
     return None if any(_THEN in step for step in steps) else _THEN.join(steps) or entry.get("task")
 
 
-def _retold(stated: Mapping[str, Any], path: KeyPath, task: str) -> dict[str, str]:
-    """The values of a listed task that change where it gets another text of as many steps."""
-    if "steps" not in stated:
-        return {} if stated["task"] == task else {dotted((*path, "task")): _flow(task)}
-    pairs = enumerate(zip(stated["steps"], task.split(_THEN), strict=True))
-    return {dotted((*path, "steps", index)): _flow(new) for index, (old, new) in pairs if old != new}
-
-
 def _with_pose(document: SourceDocument, path: KeyPath, X: Array, look_at: Array | None, *, body: bool) -> bytes:
     stated = _at(document, path)
     R = (inverse(camera_axes_as_body(np.eye(4))) if body else np.eye(4))[:3, :3]
@@ -222,37 +218,18 @@ def _with_pose(document: SourceDocument, path: KeyPath, X: Array, look_at: Array
     elif "rpy" in stated or "look_at" in stated or not np.allclose(X_stated[:3, :3], np.eye(3), atol=_SAME):
         wanted["rpy"] = _rounded(matrix_to_rpy(X_stated[:3, :3]), 9)
     if all(key in stated for key in wanted):
-        return edited(document, _leaves(document, path, wanted))
+        leaves = {}  # the numbers that differ from the stated ones, in the unit of each
+        for key, numbers in wanted.items():
+            dimension = LENGTH if key in ("position", "look_at") else ANGLE
+            for axis, number in enumerate(numbers):
+                before = _at(document, (*path, key))[axis]
+                old = read_quantity(before)
+                if old is None or abs(old.value - number) > _SAME:
+                    leaves[f"{dotted(path)}.{key}.{axis}"] = _number(before, number, dimension)
+        return edited(document, leaves)
     aimed = ("look_at", "up") if look_at is None else ()
     kept = {key: value for key, value in stated.items() if key not in (*wanted, *aimed)}
     return respelled(document, path, str(path[-1]), _flow({**wanted, **kept}))
-
-
-def _with_lens(document: SourceDocument, path: KeyPath, camera: Camera) -> bytes:
-    """With the camera's field of view or focal lengths."""
-    image = _at(document, path)["image"]
-    focal = float(camera.matrix[0, 0])
-    if "fx" in image:
-        wanted = {"fx": focal} | ({"fy": float(camera.matrix[1, 1])} if "fy" in image else {})
-        values = {name: _number(image[name], value, PIXELS) for name, value in wanted.items()}
-    else:
-        angle = 2.0 * np.arctan(0.5 * camera.width / focal)
-        values = {"horizontal_fov": _number(image["horizontal_fov"], float(angle), ANGLE)}
-    return edited(document, {f"{dotted(path)}.image.{name}": text for name, text in values.items()})
-
-
-def _leaves(document: SourceDocument, path: KeyPath, wanted: dict[str, list[float]]) -> dict[str, str]:
-    """The numbers that differ from the stated ones, as text in the unit of each, by dotted path."""
-    found = {}
-    for key, numbers in wanted.items():
-        stated = _at(document, (*path, key))
-        dimension = LENGTH if key in ("position", "look_at") else ANGLE
-        for axis, number in enumerate(numbers):
-            text = _number(stated[axis], number, dimension)
-            old = read_quantity(stated[axis])
-            if old is None or abs(old.value - number) > _SAME:
-                found[f"{dotted(path)}.{key}.{axis}"] = text
-    return found
 
 
 def _number(stated: object, value: float, dimension: Dimension) -> str:

@@ -11,7 +11,7 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, get_args
@@ -25,7 +25,7 @@ from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.settings import MotionParameter
 from sqrp_cli.knowledge.text.entries import Pose
-from sqrp_cli.shapes import Box, Mesh, Part, Shape
+from sqrp_cli.shapes import Box, Mesh, Shape
 
 Plain = str | bool | int | float | tuple[float, ...] | None
 Understood = Mapping[str, Mapping[str, Plain]]
@@ -110,7 +110,9 @@ def _subjects(workspace: Any) -> Iterator[tuple[str, str, object]]:  # noqa: ANN
         elif isinstance(value, Mapping):
             for key, entry in value.items():
                 yield f"{name.removesuffix('s')} {key}", "", entry
-                yield from _of_parts(entry.parts if isinstance(entry, SceneObject) else (), entry)
+                for part in entry.parts if isinstance(entry, SceneObject) else ():
+                    if part.name != entry.name or part.shape != Box(entry.size):  # which `size` says
+                        yield f"part {part.name}", "", part
         else:
             yield "cell", name, value
 
@@ -120,24 +122,14 @@ def _of_robot(robot: Robot) -> Iterator[tuple[str, str, object]]:
     if robot.tool is not None:
         yield "tool", "", robot.tool
     for urdf in robot.urdfs:
-        for joint in urdf.joints.values():
-            yield f"joint {joint.name}", "", joint
+        yield from ((f"joint {joint.name}", "", joint) for joint in urdf.joints.values())
         yield from ((f"link {link.name}", "", link) for link in urdf.links.values() if link.inertial is not None)
     joints = {"": robot.limits, "stop": robot.stop_limits, "home": robot.home}
     joints |= {} if robot.fingers is None else {"open": robot.fingers.open, "closed": robot.fingers.closed}
     for name, values in joints.items():
-        for joint_name, value in values.items():
-            yield f"joint {joint_name}", name, value
-    for link, marker in robot.markers.items():
-        yield f"link {link}", "marker", marker
-    yield from _of_parts(robot.parts)
-
-
-def _of_parts(parts: Sequence[Part], owner: object = None) -> Iterator[tuple[str, str, object]]:
-    """Solid parts; owner: the object that has them, whose box needs no other words."""
-    for part in parts:
-        if not (isinstance(owner, SceneObject) and part.name == owner.name and part.shape == Box(owner.size)):
-            yield f"part {part.name}", "", part
+        yield from ((f"joint {joint}", name, value) for joint, value in values.items())
+    yield from ((f"link {link}", "marker", marker) for link, marker in robot.markers.items())
+    yield from ((f"part {part.name}", "", part) for part in robot.parts)
 
 
 def _said(record: object) -> Iterator[tuple[str, Any]]:
@@ -154,20 +146,17 @@ def _leaves(value: Any, name: str, meshes: Mapping[Path, str]) -> Iterator[tuple
     plain = _plain(value)
     if plain is not None:
         yield name, plain
-        return
-    if value is None:
+    if plain is not None or value is None:
         return
     if isinstance(value, Mesh):
         yield name, f"mesh {meshes[value.path][:16]}"
         yield from _leaves(value.scale, f"{name}.scale", meshes)
         return
-    items: Iterator[tuple[str, Any]]
+    items: Iterable[tuple[str, Any]]
     if isinstance(value, Mapping):
-        items = ((str(key), value[key]) for key in value)
+        items = ((str(key), item) for key, item in value.items())
     elif isinstance(value, Sequence):
-        items = (
-            ((item.name if isinstance(item, MotionParameter) else str(index)), item) for index, item in enumerate(value)
-        )
+        items = ((one.name if isinstance(one, MotionParameter) else str(index), one) for index, one in enumerate(value))
     else:
         if isinstance(value, get_args(Shape)):
             yield name, type(value).__name__.lower()
@@ -180,8 +169,10 @@ def _leaves(value: Any, name: str, meshes: Mapping[Path, str]) -> Iterator[tuple
 def _plain(value: Any) -> Plain:  # noqa: ANN401
     """A value that needs no more than one word or row of numbers; None for others."""
     match value:
-        case bool() | int() | str():
-            return str(value) if isinstance(value, str) else value
+        case bool() | int():
+            return value
+        case str():
+            return str(value)
         case float():
             return _number(value)
         case Pose():
@@ -233,34 +224,28 @@ def _differences(subject: str, before: Mapping[str, Plain] | None, now: Mapping[
         unit = "m" if "prismatic" in (before.get("type"), now.get("type")) else "rad"
         for name in dict.fromkeys((*before, *now)):
             old, new = before.get(name), now.get(name)
-            if not _same(old, new):
+            same = old == new and isinstance(old, bool) == isinstance(new, bool)
+            one, other = ((value,) if isinstance(value, float) else value for value in (old, new))
+            if isinstance(one, tuple) and isinstance(other, tuple) and len(one) == len(other):
+                same = np.allclose(one, other, rtol=1e-9, atol=1e-9)
+            if not same:
                 yield _moved(subject, name, old, new) or _altered(subject, name, (old, new), unit)
-
-
-def _same(old: Plain, new: Plain) -> bool:
-    one, other = ((value,) if isinstance(value, float) else value for value in (old, new))
-    if isinstance(one, tuple) and isinstance(other, tuple) and len(one) == len(other):
-        return np.allclose(one, other, rtol=1e-9, atol=1e-9)
-    return old == new and isinstance(old, bool) == isinstance(new, bool)
 
 
 def _moved(subject: str, name: str, old: Plain, new: Plain) -> str | None:
     """How far a pose has moved and turned; None for other values."""
-    if name.rpartition(".")[-1] != "pose" or not isinstance(old, tuple) or not isinstance(new, tuple):
+    inside, _, last = name.rpartition(".")
+    if last != "pose" or not isinstance(old, tuple) or not isinstance(new, tuple):
         return None
     way = float(np.linalg.norm(np.subtract(new[:3], old[:3])))
     # The angle of a rotation matrix [rad], exact for small ones, too.
     R = quaternion_to_matrix(old[3:]).T @ quaternion_to_matrix(new[3:])
     axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
     turn = math.atan2(float(np.linalg.norm(axis)), float(np.trace(R)) - 1.0)
-    parts = [f"moved {_length(way)}"] if way > 1e-9 else []
+    length = f"{100 * way:.1f} cm" if 0.01 <= way < 1 else f"{way:.4g} m" if way >= 1 else f"{1000 * way:.3g} mm"
+    parts = [f"moved {length}"] if way > 1e-9 else []
     parts += [f"turned {math.degrees(turn):.3g} deg"] if turn > 1e-9 else []
-    inside = name.rpartition(".")[0]
     return f"{_owner(subject)}{f' {inside}' if inside else ''} {' and '.join(parts)}"
-
-
-def _length(way: float) -> str:
-    return f"{100 * way:.1f} cm" if 0.01 <= way < 1 else f"{way:.4g} m" if way >= 1 else f"{1000 * way:.3g} mm"
 
 
 def _owner(subject: str) -> str:
@@ -290,12 +275,8 @@ def _altered(subject: str, name: str, values: tuple[Plain, Plain], unit: str) ->
 
 
 def _shown(value: Plain) -> str:
-    match value:
-        case None:
-            return "none"
-        case tuple():
-            return f"[{', '.join(f'{number:g}' for number in value)}]"
-        case float():
-            return f"{value:g}"
-        case _:
-            return str(value)
+    if value is None:
+        return "none"
+    if isinstance(value, tuple):
+        return f"[{', '.join(f'{number:g}' for number in value)}]"
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -198,15 +198,9 @@ class Workspace:
         """The workspace with every file of `meshes` moved, for use on another machine."""
 
         def parts(old: tuple[Part, ...]) -> tuple[Part, ...]:
-            return tuple(
-                replace(part, shape=replace(part.shape, path=moved(part.shape.path)))
-                if isinstance(part.shape, Mesh)
-                else part
-                for part in old
-            )
+            shapes = [part.shape for part in old]
+            new = [replace(shape, path=moved(shape.path)) if isinstance(shape, Mesh) else shape for shape in shapes]
+            return tuple(replace(part, shape=shape) for part, shape in zip(old, new, strict=True))
 
-        return replace(
-            self,
-            robot=replace(self.robot, parts=parts(self.robot.parts)),
-            objects={name: replace(obj, parts=parts(obj.parts)) for name, obj in self.objects.items()},
-        )
+        objects = {name: replace(obj, parts=parts(obj.parts)) for name, obj in self.objects.items()}
+        return replace(self, robot=replace(self.robot, parts=parts(self.robot.parts)), objects=objects)

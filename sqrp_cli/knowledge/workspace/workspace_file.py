@@ -7,7 +7,7 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-from sqrp_cli.errors import InputError, Place, Problem, bad_input
+from sqrp_cli.errors import InputError, Place, bad_input
 from sqrp_cli.knowledge.text.input_file import NOT_THERE, YAML_ENDINGS, nearest_entry, read_input
 from sqrp_cli.knowledge.text.packages import from_folder
 from sqrp_cli.knowledge.text.source import SourceDocument
@@ -26,7 +26,11 @@ def read_workspace_document(path: Path, content: bytes | None = None) -> SourceD
     keys = ("robot", "cameras", "objects", "skills")
     document = read_yaml(path, keys=keys) if content is None else parse_yaml(path, content, keys=keys)
     if "sqrp_program" in document.data:
-        raise InputError(_is_program(document))
+        named = document.data.get("workspace")
+        expected = "expected a workspace"
+        if isinstance(named, str):
+            expected = f"its workspace is {from_folder(document.path.parent, named)}"
+        raise bad_input("no-workspace", f"this is a program; {expected}", Place(document.path))
     if "primitives" in document.data and "robot" not in document.data:
         raise bad_input("no-workspace", "this is a skill; name the workspace that uses it", Place(path))
     return document
@@ -57,15 +61,6 @@ def replace_workspace(document: SourceDocument, content: bytes) -> None:
 def _changed(path: Path) -> InputError:
     message = "the workspace has changed meanwhile"
     return bad_input("changed-meanwhile", message, Place(path), mend="run the same command again")
-
-
-def _is_program(document: SourceDocument) -> Problem:
-    """The problem of a program where a workspace is expected."""
-    place, named = Place(document.path), document.data.get("workspace")
-    if not isinstance(named, str):
-        return Problem("no-workspace", "this is a program; expected a workspace", place)
-    workspace = from_folder(document.path.parent, named)
-    return Problem("no-workspace", f"this is a program; its workspace is {workspace}", place)
 
 
 def workspace_name(file: Path) -> str:
@@ -104,20 +99,16 @@ def workspace_file(path: Path) -> Path:
             folder = folder.parent
         wanted = given.relative_to(folder).parts[0]
         rest = given.relative_to(folder / wanted)
-        close = _deeper(folder, wanted / rest)
+        close = None
+        with suppress(OSError):  # folders that may not be read
+            # A folder within one may be meant, such as `workspaces/tabletop` by `tabletop`.
+            below = (Path(entry.name) / wanted / rest for entry in sorted(folder.iterdir()))
+            close = next((str(path) for path in below if _is_workspace(folder / path)), None)
         close = close or nearest_entry(folder / wanted, lambda entry: _is_workspace(entry / rest))
         hint = f"; there is no folder {folder / wanted}" if rest.parts else ""
         hint = f"; did you mean `{folder / close}`?" if close else hint
         raise bad_input("missing-file", f"{NOT_THERE}{hint}", Place(given))
     return path
-
-
-def _deeper(folder: Path, wanted: Path) -> str | None:
-    """The workspace that a path means from a folder within one, such as `workspaces/tabletop` for `tabletop`."""
-    with suppress(OSError):  # folders that may not be read
-        below = (entry.name / wanted for entry in sorted(folder.iterdir()))
-        return next((str(path) for path in below if _is_workspace(folder / path)), None)
-    return None
 
 
 def _is_workspace(path: Path) -> bool:
