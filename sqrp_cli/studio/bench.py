@@ -5,7 +5,9 @@ A later question supersedes an earlier one: what is still computed for that is e
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import os
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
@@ -16,19 +18,20 @@ import numpy as np
 from sqrp_cli.api.cell import OpenCell
 from sqrp_cli.api.session import Session
 from sqrp_cli.ask.requests import TaskRequest
-from sqrp_cli.errors import Infeasible, InputError, Problem
+from sqrp_cli.errors import Infeasible, InputError, Problem, bad_input
 from sqrp_cli.geometry import Array, matrix_to_quaternion
-from sqrp_cli.knowledge.workspace.workspace import Workspace, World
+from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.platform.memory import give_back_memory, keep_all_so_far
-from sqrp_cli.platform.processes import Worker, forked
+from sqrp_cli.platform.processes import Worker, WorkerDied, forked
 from sqrp_cli.programming.candidate import Candidate
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import rehearsal
 from sqrp_cli.programming.feasibility import feasible_motion
-from sqrp_cli.programming.pipeline import Assignment
+from sqrp_cli.programming.pipeline import Assignment, described
 from sqrp_cli.programming.program_update import world_after
+from sqrp_cli.programming.ranking import rank
 from sqrp_cli.programming.result import CandidateResult
-from sqrp_cli.programming.sensing.sight_memory import SightMemory
+from sqrp_cli.programming.sensing.sight_memory import Seen, SightMemory
 from sqrp_cli.programming.ways.find import Plans, WantedWay
 from sqrp_cli.report.documents.playback import Positions
 from sqrp_cli.report.documents.scene import ShowDocument
@@ -37,12 +40,84 @@ from sqrp_cli.report.pages.page import row
 from sqrp_cli.report.sentences import summary
 from sqrp_cli.studio.messages import findings, message
 from sqrp_cli.studio.moves import moved
-from sqrp_cli.studio.ranking_run import RankingRun, let_others_go_first
 from sqrp_cli.studio.requests import Choose, Hold, Question, Rank
 from sqrp_cli.studio.sketch import Sketch, Steps
 
 KEPT_PLANS = 64
 """Motions of so many candidates at most are kept for other cameras."""
+
+LOWER_PRIORITY = 10
+"""By how much processes that take longer are nicer than others: browser and sketches go first."""
+
+_Answer = tuple[CandidateResult, Sequence[Seen]]
+"""Of a process that assesses a candidate, with what it learnt of what cameras see."""
+
+
+class RankingRun:
+    """A ranking under way."""
+
+    def __init__(self, asked: Rank, session: Session, jobs: int, memory: SightMemory) -> None:
+        """jobs: processes at most. memory: of the session's cell; what the processes learn is added to it."""
+        self.asked, self.session, self._memory = asked, session, memory
+        candidates = session.task.candidates
+        memory.learnt.clear()  # by this process, which need not be told; the others begin with what it knows
+        self._left, self._found = deque(range(len(candidates))), dict[int, CandidateResult]()
+        workers = [
+            Worker(forked(), _assessor, session.assignment, candidates, memory)
+            for _ in range(min(jobs, len(candidates)))
+        ]
+        self._workers: dict[Worker[int, _Answer], int | None] = dict.fromkeys(workers)
+        for worker in workers:
+            self._hand_out(worker)
+
+    @property
+    def busy(self) -> list[Worker[int, _Answer]]:
+        """The processes that compute."""
+        return [worker for worker, index in self._workers.items() if index is not None]
+
+    @property
+    def done(self) -> int:
+        """How many candidates are assessed."""
+        return len(self._found)
+
+    def take(self, worker: Worker[int, _Answer]) -> None:
+        """Take the answer of a busy process. Raises InputError where it was killed."""
+        index = self._workers[worker]
+        assert index is not None  # noqa: S101 - it is busy
+        try:
+            assessment, learnt = worker.receive()
+        except WorkerDied as error:
+            raise bad_input("worker-died", "a process was killed; is there enough memory?") from error
+        candidate = self.session.task.candidates[index]
+        way = assessment.best_way and replace(assessment.best_way, skill=candidate.skill)
+        self._found[index] = replace(assessment, candidate=candidate, best_way=way)
+        for seen in learnt:
+            self._memory.take(seen)
+        self._hand_out(worker)
+
+    def ranking(self) -> list[CandidateResult]:
+        """All candidates, once they are assessed."""
+        return [*map(described, rank([self._found[index] for index in range(len(self._found))], self.asked.by))]
+
+    def end(self) -> None:
+        """End all processes at once."""
+        for worker in self._workers:
+            worker.kill()
+
+    def _hand_out(self, worker: Worker[int, _Answer]) -> None:
+        self._workers[worker] = index = self._left.popleft() if self._left else None
+        if index is not None:
+            worker.send(index)
+
+
+def _assessor(assignment: Assignment, candidates: Sequence[Candidate], memory: SightMemory) -> Callable[[int], _Answer]:
+    os.nice(LOWER_PRIORITY)
+
+    def assess(index: int) -> _Answer:
+        memory.learnt.clear()
+        return assignment.assess(candidates[index]), memory.learnt
+
+    return assess
 
 
 def serve(pipe: Connection, path: Path, seed: int, jobs: int) -> None:
@@ -108,8 +183,15 @@ class _Bench:
             return
         for worker in workers:
             if worker.pipe in ready and self._run is not None:
-                self._run.take(worker)
-                self._assessed(self._run)
+                run = self._run
+                run.take(worker)
+                count = len(run.session.task.candidates)
+                if run.done == count:
+                    run.end()
+                    self._run = None
+                    self._ranked(run)
+                elif not run.asked.of_saved:
+                    self.say("progress", done=run.done, of=count, number=run.asked.number)
         if self._explaining is not None and self._explaining.pipe in ready:
             self._show()
 
@@ -162,9 +244,13 @@ class _Bench:
         opened = OpenCell.read(self._path, self._seed, asked.content)
         if opened.errors:
             raise InputError(*opened.errors)
-        kin, model = _all_but_cameras(opened.workspace), self._model
+        # What decides motions and requirements: equal for workspaces that differ in their cameras only.
+        workspace, model = opened.workspace, self._model
+        values = {path: value for path, value in workspace.values.items() if not path.startswith("cameras.")}
+        others = [one for one in workspace.files.items() if one[0] != "workspace" and not one[0].startswith("cameras.")]
+        kin = values, {role: file.digest for role, file in others}
         if self._cell is not None and kin == self._kin:
-            cell = self._cell.seen_by(opened.workspace)
+            cell = self._cell.seen_by(workspace)
         else:
             self._memory, self._task, model = SightMemory(), None, None
             cell = replace(opened.cell, observer=replace(opened.cell.observer, memory=self._memory))
@@ -178,15 +264,6 @@ class _Bench:
             self.say("cell", scene=ShowDocument.of(cell), model=new, number=asked.number)
             self._sketches.clear()
         return cell
-
-    def _assessed(self, run: RankingRun) -> None:
-        """Another candidate is assessed."""
-        if run.done == run.count:
-            run.end()
-            self._run = None
-            self._ranked(run)
-        elif not run.asked.of_saved:
-            self.say("progress", done=run.done, of=run.count, number=run.asked.number)
 
     def _ranked(self, run: RankingRun) -> None:
         ranking = run.ranking()
@@ -267,19 +344,8 @@ class _Bench:
         )
 
 
-def _all_but_cameras(workspace: Workspace) -> object:
-    """What decides motions and requirements: equal for workspaces that differ in their cameras only."""
-    values = {path: value for path, value in workspace.values.items() if not path.startswith("cameras.")}
-    files = {
-        role: file.digest
-        for role, file in workspace.files.items()
-        if role != "workspace" and not role.startswith("cameras.")
-    }
-    return values, files
-
-
 def _explainer(assignment: Assignment, ranked: CandidateResult) -> Callable[[str], str]:
-    let_others_go_first()
+    os.nice(LOWER_PRIORITY)
 
     def explain(name: str) -> str:
         explained = assignment.explain(ranked)

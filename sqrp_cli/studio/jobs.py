@@ -184,8 +184,8 @@ def _advise(job: Search, say: _Teller) -> None:
         for number, one in enumerate(found.document.advice, 1)
         if one.patch
     ]
-    wish, document = str(found.wish), found.document
-    title = f"{document.candidate} is to have {wish}"
+    document = found.document
+    title = f"{document.candidate} is to have {found.wish}"
     if found.met:
         title += ": it has that already"
     elif not document.advice:
@@ -290,9 +290,24 @@ class _Watching:
             time.sleep(self._began + event.t - now)
         match event:
             case WholeState() | StateChanged():
-                self._take(event)
+                whole = isinstance(event, WholeState)
+                if isinstance(event, WholeState):
+                    self._joints = event.joints
+                if whole or event.has("q"):
+                    self._state["q"] = dict(zip(self._joints, event.q, strict=True))
+                if whole or event.has("held"):
+                    self._state["held"] = event.held
+                self._state["objects"].update(event.objects)
+                if event.t - self._shown.get("", -1.0) >= STATE_SPACING - 1e-6:
+                    self._shown[""] = event.t
+                    self._say("run-state", t=event.t, **self._state)
             case EvidenceSeen(literals=literals):
-                self._say("run-evidence", t=event.t, literals={atom: _shown(one) for atom, one in literals.items()})
+                shown = {}
+                for atom, one in literals.items():
+                    cameras = {name: truth.word for name, truth in one.cameras.items()}
+                    flags = {"asked": one.asked, "predicted": one.predicted}
+                    shown[atom] = {"value": one.value.word, **flags, "cameras": cameras}
+                self._say("run-evidence", t=event.t, literals=shown)
             case PrimitiveBegan():
                 self._say("run-doing", t=event.t, text=event.does or event.name)
             case RunEnded():
@@ -301,25 +316,6 @@ class _Watching:
                 text = event_in_words(event)
                 if text is not None:
                     self._say("run-event", t=event.t, text=text, kind=event.event)
-
-    def _take(self, event: Any) -> None:  # noqa: ANN401 - a state
-        from sqrp_cli.runtime.record.events import WholeState
-
-        if isinstance(event, WholeState):
-            self._joints = event.joints
-        if event.has("q") or isinstance(event, WholeState):
-            self._state["q"] = dict(zip(self._joints, event.q, strict=True))
-        if event.has("held") or isinstance(event, WholeState):
-            self._state["held"] = event.held
-        self._state["objects"].update(event.objects)
-        if event.t - self._shown.get("", -1.0) >= STATE_SPACING - 1e-6:
-            self._shown[""] = event.t
-            self._say("run-state", t=event.t, **self._state)
-
-
-def _shown(found: Any) -> dict[str, object]:  # noqa: ANN401 - what images show of an atom
-    cameras = {name: truth.word for name, truth in found.cameras.items()}
-    return {"value": found.value.word, "asked": found.asked, "predicted": found.predicted, "cameras": cameras}
 
 
 def _play(job: Play, say: _Teller) -> None:

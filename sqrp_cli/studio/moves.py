@@ -1,21 +1,28 @@
-"""What a hand moves in a cell: in memory, while it moves, and as text of the workspace, where it rests."""
+"""What a hand moves in a cell: in memory, while it moves, and as text of the workspace file, where it rests."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, FiniteFloat
 
-from sqrp_cli.errors import bad_input, bad_option, expected_names
+from sqrp_cli.errors import InputError, bad_input, bad_option, expected_names
 from sqrp_cli.geometry import Array, axis_rotation, inverse, look_at, matrix_to_rpy, pose
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.text.source import SourceDocument
+from sqrp_cli.knowledge.text.yaml_edit import with_values
 from sqrp_cli.knowledge.workspace.edits import stated_look_at, with_base, with_camera, with_object
 from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
 
 Point = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
+
+MOST_CHANGES, MOST_KEPT = 500, 50_000_000
+"""How many changes can be taken back, and how long their texts may be together [bytes]; the oldest go first."""
 
 FARTHEST = 100.0
 """How far from the origin of its frame anything can be put [m]."""
@@ -75,9 +82,11 @@ def moved(workspace: Workspace, move: Move) -> Workspace:
         return replace(workspace, cameras={**workspace.cameras, camera.name: camera})
     if move.kind == "base":
         return replace(workspace, robot=replace(workspace.robot, X_WB=_turned(workspace.robot.X_WB, move)))
-    known = _known(workspace, move)
-    place = replace(workspace.objects[known], pose=_turned(_place(workspace, known), move))
-    return replace(workspace, objects={**workspace.objects, known: place})
+    if move.name not in workspace.objects:
+        message = f"there is no object `{move.name}`; {expected_names(move.name, workspace.objects)}"
+        raise bad_input("unknown-object", message)
+    place = replace(workspace.objects[move.name], pose=_turned(_place(workspace, move.name), move))
+    return replace(workspace, objects={**workspace.objects, move.name: place})
 
 
 def moved_camera(workspace: Workspace, move: Move) -> Camera:
@@ -131,13 +140,6 @@ def written(document: SourceDocument, workspace: Workspace, move: Move) -> bytes
     return with_object(document, move.name, _place(after, move.name) @ inverse(after.objects[move.name].X_FO))
 
 
-def _known(workspace: Workspace, move: Move) -> str:
-    if move.name not in workspace.objects:
-        message = f"there is no object `{move.name}`; {expected_names(move.name, workspace.objects)}"
-        raise bad_input("unknown-object", message)
-    return move.name
-
-
 def _place(workspace: Workspace, name: str) -> Array:
     X_WO = workspace.objects[name].X_WO
     if X_WO is None:
@@ -151,3 +153,70 @@ def _turned(X: Array, move: Move) -> Array:
     if move.yaw is not None:
         R = axis_rotation(2, move.yaw - matrix_to_rpy(R)[2]) @ R
     return pose(R, move.position)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DraftChange:
+    """One step of editing."""
+
+    label: str
+    """What it does, in words."""
+    values: Mapping[str, str] | None
+    """What it sets, by dotted path, as YAML text; None where it does more than that."""
+    content: bytes
+    """The file with it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Draft:
+    """The text of a workspace file, with what led to it."""
+
+    path: Path
+    """Of the file."""
+    saved: bytes
+    """The file on the disk."""
+    first: bytes
+    """The text before the changes that can be taken back."""
+    past: tuple[DraftChange, ...] = ()
+    """The changes that hold, in order."""
+    future: tuple[DraftChange, ...] = ()
+    """Those that were undone, the next to redo first."""
+
+    @property
+    def content(self) -> bytes:
+        """The text now."""
+        return self.past[-1].content if self.past else self.first
+
+    @property
+    def dirty(self) -> bool:
+        """Whether the text is not as it is saved."""
+        return self.content != self.saved
+
+    def changed(self, change: DraftChange) -> Draft:
+        """With one more change."""
+        past, first = (*self.past, change), self.first
+        while len(past) > MOST_CHANGES or (len(past) > 1 and sum(len(one.content) for one in past) > MOST_KEPT):
+            first, past = past[0].content, past[1:]
+        return replace(self, first=first, past=past, future=())
+
+    def undone(self) -> Draft:
+        """Without the last change, if there is one."""
+        return replace(self, past=self.past[:-1], future=(*self.past[-1:], *self.future))
+
+    def redone(self) -> Draft:
+        """With the change that was undone last, if there is one."""
+        return replace(self, past=(*self.past, *self.future[:1]), future=self.future[1:])
+
+    def on(self, saved: bytes) -> tuple[Draft, tuple[DraftChange, ...]]:
+        """The draft on a file that was changed elsewhere, and the changes that do not fit it any more."""
+        unsaved = self.past if self.dirty else ()
+        draft, lost = Draft(path=self.path, saved=saved, first=saved), list[DraftChange]()
+        for change in unsaved:
+            try:
+                document = read_workspace_document(self.path, draft.content)
+                if change.values is None:
+                    raise InputError
+                draft = draft.changed(replace(change, content=with_values(document, change.values)))
+            except InputError:
+                lost.append(change)
+        return draft, tuple(lost)

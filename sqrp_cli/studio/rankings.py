@@ -4,14 +4,65 @@ from __future__ import annotations
 
 import asyncio
 import json
+import multiprocessing
+import threading
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from pathlib import Path
 
 from sqrp_cli.errors import bad_input
 from sqrp_cli.platform.memory import give_back_memory
-from sqrp_cli.studio.bench_process import Bench
+from sqrp_cli.platform.processes import Worker, forked
 from sqrp_cli.studio.messages import kind_of
-from sqrp_cli.studio.requests import Asked, Choose, Hold, Rank
+from sqrp_cli.studio.requests import Asked, Choose, Hold, Question, Rank
 from sqrp_cli.studio.server import Live
+
+
+class Bench:
+    """The process that computes. It loads what that takes at once, while this one does other things."""
+
+    def __init__(self, path: Path, seed: int, jobs: int) -> None:
+        """path: of the workspace, as it was given."""
+        self.pipe, theirs = multiprocessing.Pipe()
+        """Answers are texts for browsers."""
+        arguments = (theirs, self.pipe, path, seed, jobs)
+        self._process: Worker[None, None] = Worker(forked(), _serve, *arguments, starts_others=True)
+        theirs.close()
+        self._waiting: dict[object, Question] = {}
+        self._some_wait = threading.Condition()
+        threading.Thread(target=self._send, daemon=True).start()
+
+    def ask(self, question: Question) -> None:
+        """Ask without waiting; a later question of the same kind supersedes one that still waits."""
+        kind = type(question), getattr(question, "of_saved", False)
+        with self._some_wait:
+            self._waiting.pop(kind, None)
+            self._waiting[kind] = question
+            self._some_wait.notify()
+
+    def _send(self) -> None:
+        """Send what waits, in a thread: a long text waits until the process reads, which may be answering itself."""
+        with suppress(OSError, TypeError):  # closed, or the process was killed: who reads the answers notices
+            while True:
+                with self._some_wait:
+                    self._some_wait.wait_for(lambda: self._waiting)
+                    question = self._waiting.pop(next(iter(self._waiting)))
+                self.pipe.send(question)
+
+    def close(self) -> None:
+        """End the process."""
+        self.pipe.close()
+        self._process.close()
+
+
+def _serve(theirs: Connection, ours: Connection, path: Path, seed: int, jobs: int) -> Callable[[None], None]:
+    """Compute until the other end of the pipe is closed."""
+    ours.close()
+    from sqrp_cli.studio.bench import serve
+
+    serve(theirs, path, seed, jobs)
+    return lambda _: None
 
 
 class Rankings:
@@ -76,7 +127,10 @@ class Rankings:
         try:
             text = self._bench.pipe.recv()
         except (EOFError, OSError):
-            self._died()
+            asyncio.get_running_loop().remove_reader(self._bench.pipe.fileno())
+            message = "the process that computes was killed; is there enough memory?"
+            assert self._over is not None  # noqa: S101 - it listens
+            self._over.set_exception(bad_input("worker-died", message))
             return
         do = kind_of(text)
         if do in ("sketch", "held", "progress"):
@@ -99,21 +153,11 @@ class Rankings:
             self.take_as_saved()
         elif do == "saved-ranking":
             self._of_saved = self._comparing
-        elif do == "detail":
-            self._compare()
-
-    def _died(self) -> None:
-        asyncio.get_running_loop().remove_reader(self._bench.pipe.fileno())
-        message = "the process that computes was killed; is there enough memory?"
-        assert self._over is not None  # noqa: S101 - it listens
-        self._over.set_exception(bad_input("worker-died", message))
-
-    def _compare(self) -> None:
-        """Rank the saved file as well, once there is nothing else to do, if that is not known."""
-        if self._ranked is None or self._held:
-            return  # what is shown over time is of before, and this would end what was asked for since
-        give_back_memory()
-        saved = self._saved()
-        if saved not in (self._asked, self._of_saved, self._comparing):
-            self._comparing = saved
-            self._bench.ask(Rank(**vars(saved), number=self.number, of_saved=True))
+        elif do == "detail" and self._ranked is not None and not self._held:
+            # There is nothing else to do: rank the saved file as well, if that is not known. Otherwise what is shown
+            # over time is of before, and this would end what was asked for since.
+            give_back_memory()
+            saved = self._saved()
+            if saved not in (self._asked, self._of_saved, self._comparing):
+                self._comparing = saved
+                self._bench.ask(Rank(**vars(saved), number=self.number, of_saved=True))

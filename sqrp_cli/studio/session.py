@@ -21,12 +21,10 @@ from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document, replace_workspace, workspace_file
 from sqrp_cli.studio import requests
-from sqrp_cli.studio.bench_process import Bench
-from sqrp_cli.studio.draft import Draft, DraftChange
 from sqrp_cli.studio.jobs import Errands, Play, Search, Write
 from sqrp_cli.studio.messages import findings, handles, message, parameters, studio_page
-from sqrp_cli.studio.moves import written
-from sqrp_cli.studio.rankings import Rankings
+from sqrp_cli.studio.moves import Draft, DraftChange, written
+from sqrp_cli.studio.rankings import Bench, Rankings
 from sqrp_cli.studio.server import Live, Tell
 
 if TYPE_CHECKING:
@@ -143,11 +141,12 @@ class Studio:
 
     async def _heard(self, text: str, tell: Tell) -> None:
         try:
-            await self._obey(text)
+            self.obey(text)
         except InputError as error:
             tell(message("refused", problems=findings(error.problems)))
 
-    async def _obey(self, text: str) -> None:
+    def obey(self, text: str) -> None:
+        """Do what a browser asks for. Raises InputError where that cannot be."""
         match requests.read_request(text):
             case requests.Hold() as asked:
                 self.live.tell(message("move", move=asked.move))
@@ -161,15 +160,24 @@ class Studio:
             case requests.SetValue(path=path, value=value):
                 self._edit(f"{path} = {value}", lambda: with_values(self._document(), {path: value}))
             case requests.AskTask(text=task, by=by):
-                self._ask(task, by)
+                from sqrp_cli.programming.task import read_task
+
+                read_task(task, self._workspace)
+                self._task, self._by = task, by
+                self._rank()
+                self._note("task", self._command("rank", task, *(["--by", by] if by != "q_eoi" else [])))
             case requests.Choose() as asked:
-                self._choose(asked)
+                self._chosen = asked.name
+                self._rankings.choose(asked)
+                self._note("shown", self._command("explain", self._task, "--choose", asked.name))
             case requests.Apply(number=number):
                 self._apply(number)
-            case requests.WriteProgram(file=file):
-                self._write(file)
-            case requests.RunProgram(file=file, faults=faults):
-                self._play(file, faults)
+            case requests.WriteProgram(file=name):
+                self._write(name)
+            case requests.RunProgram(file=name, faults=faults):
+                file = _program_file(name)
+                self._errands.begin(Play(file=file, faults=tuple(faults), seed=self._seed))
+                self._note("run", _run_line(str(file), faults))
             case requests.DropFault():
                 self._errands.drop()
             case requests.Plain(do=do):
@@ -221,19 +229,6 @@ class Studio:
         """Make again what was undone."""
         if self._draft.future:
             self._step(self._draft.redone(), f"again: {self._draft.future[0].label}")
-
-    def _ask(self, task: str, by: Criterion) -> None:
-        from sqrp_cli.programming.task import read_task
-
-        read_task(task, self._workspace)
-        self._task, self._by = task, by
-        self._rank()
-        self._note("task", self._command("rank", task, *(["--by", by] if by != "q_eoi" else [])))
-
-    def _choose(self, asked: requests.Choose) -> None:
-        self._chosen = asked.name
-        self._rankings.choose(asked)
-        self._note("shown", self._command("explain", self._task, "--choose", asked.name))
 
     def difference(self) -> None:
         """Show what saving would change."""
@@ -317,11 +312,6 @@ class Studio:
         )
         line = self._command("rank", self._task, *by, "--program", str(file), "--choose", self._chosen)
         self._note("program", line)
-
-    def _play(self, name: str, faults: Sequence[str]) -> None:
-        file = _program_file(name)
-        self._errands.begin(Play(file=file, faults=tuple(faults), seed=self._seed))
-        self._note("run", _run_line(str(file), faults))
 
     # Changes of others
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 from websockets.asyncio.client import connect
 
-from sqrp_cli.studio import bench_process, jobs, server
-from sqrp_cli.studio.bench_process import Bench
+from sqrp_cli.studio import jobs, rankings, server
 from sqrp_cli.studio.jobs import Play, Running, Search
+from sqrp_cli.studio.rankings import Bench
 from sqrp_cli.studio.requests import Rank
 from sqrp_cli.studio.server import MOST_AT_ONCE, MOST_PER_SECOND, MOST_UNREAD, MOST_WAITING, Live, _Browser
 
@@ -102,7 +102,7 @@ def ends(act: Callable[[], None]) -> bool:
 
 
 def test_a_process_that_does_not_read_holds_nobody_up(monkeypatch):
-    monkeypatch.setattr(bench_process, "_serve", lambda *_: time.sleep(1000.0))
+    monkeypatch.setattr(rankings, "_serve", lambda *_: time.sleep(1000.0))
 
     def ask() -> None:
         bench = Bench(Path("cell"), 0, 1)

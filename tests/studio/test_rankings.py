@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 from multiprocessing import Pipe
 from pathlib import Path
@@ -105,7 +104,7 @@ def test_a_change_that_was_found_for_another_text_is_not_made(bench, cell, monke
     studio._errands.offers = [offer]
 
     def asked(text: str) -> bytes:
-        asyncio.run(studio._obey(text))
+        studio.obey(text)
         return bench.asked[-1].content
 
     edited = asked('{"do": "set", "path": "cameras.cam1.rate", "value": "7 Hz"}')

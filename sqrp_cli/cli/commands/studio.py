@@ -14,7 +14,7 @@ from sqrp_cli.errors import ExitCode, bad_option
 
 if TYPE_CHECKING:
     from sqrp_cli.api.cell import OpenCell
-    from sqrp_cli.studio.bench_process import Bench
+    from sqrp_cli.studio.rankings import Bench
 
 NAME = "studio"
 
@@ -35,7 +35,7 @@ class StudioCommand(requests.Worked, requests.Seeded, requests.CellCommand):
 def studio(_context: Any, ask: StudioCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
     """Show the page until Ctrl-C."""
     from sqrp_cli.report.pages.assembly import check_libraries
-    from sqrp_cli.studio.bench_process import Bench
+    from sqrp_cli.studio.rankings import Bench
     from sqrp_cli.studio.server import check_server
 
     check_server()
