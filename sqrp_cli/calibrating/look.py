@@ -25,7 +25,7 @@ from sqrp_cli.programming.sensing.scene_states import SceneStates, fixed_frame
 from sqrp_cli.programming.targets import SoughtBox, Target
 from sqrp_cli.runtime.audit.frame_audit import detected
 from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, Detection
-from sqrp_cli.runtime.perception.detector_pool import DetectorPool
+from sqrp_cli.runtime.perception.image_detector import DetectorPool
 from sqrp_cli.runtime.robot_body import RobotBody
 
 _EVERY_TERM = Curve(bias=0.0, **dict.fromkeys(COEFFICIENTS, 0.0))

@@ -19,7 +19,7 @@ from sqrp_cli.runtime.monitor.attempt import PredictionCheck
 from sqrp_cli.runtime.monitor.nominal_step import NominalStep, values_when_open
 from sqrp_cli.runtime.monitor.step_monitor import StepMonitor
 from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, Detection, DetectionTargets
-from sqrp_cli.runtime.perception.detector_pool import DetectorPool, PerceptionError
+from sqrp_cli.runtime.perception.image_detector import DetectorPool, PerceptionError
 from sqrp_cli.runtime.record.report import Confusion, Disagreement, Prediction, total_of
 from sqrp_cli.runtime.robot_body import RobotBody
 

@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from copy import copy
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,22 +37,6 @@ FINGER_LENGTH = 0.05
 
 _SLIPPERY = 1e-4
 """Coefficient of friction between fingers and what slips out of them."""
-
-
-class Grip(Protocol):
-    """A tool that can hold one object."""
-
-    def grasp(self) -> None:
-        """Hold what is there."""
-
-    def release(self) -> None:
-        """Let go of it, and reset."""
-
-    def slip(self) -> None:
-        """Lose it while still grasping."""
-
-    def held(self) -> str | None:
-        """The object that is really held."""
 
 
 class SuctionGrip:
@@ -202,7 +185,7 @@ class Physics:
         move_followers(self.model, followers(self.model), self._data.qpos)
         mujoco.mj_forward(self.model, self._data)
         self._controller = Controller(self.model, self._data)
-        self._hold: Grip = SuctionGrip(self.model, self._data, self._carrier, movables)
+        self._hold: SuctionGrip | FingerGrip = SuctionGrip(self.model, self._data, self._carrier, movables)
         # What a force sensor between arm and tool would carry, without what is held.
         links = (robot.tool_frame,) if robot.tool is None else robot.tool.urdf.links
         self._tool_bodies = {int(self.model.body(link).id) for link in links}

@@ -31,7 +31,7 @@ from sqrp_cli.runtime.perception.vision import (
     find_markers,
     middle,
 )
-from sqrp_cli.runtime.surface import Surface
+from sqrp_cli.runtime.robot_body import Surface
 from sqrp_cli.shapes import Box
 
 TOUCH = 1e-3

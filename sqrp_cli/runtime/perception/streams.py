@@ -18,7 +18,7 @@ from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.runtime.image import CameraImage
 from sqrp_cli.runtime.pauses import Pauses
 from sqrp_cli.runtime.perception.detections import BelievedState, Detection, DetectionTargets
-from sqrp_cli.runtime.perception.detector_pool import DetectorPool, PerceptionError
+from sqrp_cli.runtime.perception.image_detector import DetectorPool, PerceptionError
 from sqrp_cli.runtime.record.events import listed
 from sqrp_cli.runtime.record.report import MonitoringLost
 

@@ -16,7 +16,7 @@ from sqrp_cli.runtime.cell.robot_file import RobotFile
 from sqrp_cli.runtime.cell.ros_cell import RosCell
 from sqrp_cli.runtime.cell.ros_checks import CellCheck, check_cell
 from sqrp_cli.runtime.perception.detections import CellModel, DetectionTargets
-from sqrp_cli.runtime.perception.detector_pool import DetectorPool
+from sqrp_cli.runtime.perception.image_detector import DetectorPool
 from sqrp_cli.runtime.perception.streams import ReceivedStreams
 from sqrp_cli.runtime.record.report import RunReport
 from sqrp_cli.runtime.robot_body import RobotBody

@@ -9,7 +9,7 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Program, ProgramPrimitive, Replanner
 from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 from sqrp_cli.runtime.perception.detections import CellModel
-from sqrp_cli.runtime.perception.detector_pool import DetectorPool
+from sqrp_cli.runtime.perception.image_detector import DetectorPool
 from sqrp_cli.runtime.perception.streams import ImageStreams
 from sqrp_cli.runtime.record.events import VERSION, ProgramStep, RunBegan
 from sqrp_cli.runtime.record.report import PROCESSING, FaultRecord, RunReport, excess

@@ -25,7 +25,7 @@ from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.candidate_page import STEP, SceneModel
 from sqrp_cli.runtime.cell.engine import mujoco
 from sqrp_cli.runtime.cell.mujoco_model import build_model
-from sqrp_cli.runtime.surface import Surface
+from sqrp_cli.runtime.robot_body import Surface
 from sqrp_cli.shapes import Mesh, Part
 
 CASES = Path(__file__).parents[2] / "cases"

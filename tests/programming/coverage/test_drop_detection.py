@@ -24,7 +24,7 @@ from sqrp_cli.runtime.perception.background import Background
 from sqrp_cli.runtime.perception.color_detector import ColorDetector
 from sqrp_cli.runtime.perception.projected import ExpectedView, PosedCamera, ProjectedObject, ProjectedParts
 from sqrp_cli.runtime.perception.vision import filled
-from sqrp_cli.runtime.surface import Surface
+from sqrp_cli.runtime.robot_body import Surface
 from tests.runtime.cell.scenes import camera, thing
 
 Size = tuple[float, float, float]

@@ -8,7 +8,7 @@ import pytest
 from sqrp_cli.geometry import Array, inverse, pose, rpy_to_matrix, transform
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.runtime.perception.projected import TOUCH, PosedCamera, ProjectedBox
-from sqrp_cli.runtime.surface import Surface
+from sqrp_cli.runtime.robot_body import Surface
 from tests.runtime.cell.scenes import camera
 
 SIZE = np.array([0.04, 0.05, 0.06])

@@ -9,7 +9,7 @@ from sqrp_cli.geometry import Array, Mask, inverse, pose, rpy_to_matrix, transfo
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.runtime.perception.projected import LEAST_DEPTH, PosedCamera
 from sqrp_cli.runtime.perception.vision import dilated
-from sqrp_cli.runtime.surface import Surface
+from sqrp_cli.runtime.robot_body import Surface
 from sqrp_cli.shapes import Box, Part
 from tests.runtime.cell.scenes import camera
 

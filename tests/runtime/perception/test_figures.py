@@ -25,7 +25,7 @@ from sqrp_cli.runtime.perception.detections import BelievedState, BoxDetection, 
 from sqrp_cli.runtime.perception.image_detector import ImageDetector
 from sqrp_cli.runtime.perception.projected import PosedCamera, ProjectedObject
 from sqrp_cli.runtime.perception.vision import Crop, color_mask, dilated
-from sqrp_cli.runtime.surface import Surface
+from sqrp_cli.runtime.robot_body import Surface
 from sqrp_cli.shapes import Box, Mesh, Part
 from tests.runtime.cell.scenes import camera, thing
 from tests.runtime.perception.detector_limits import GROUND, SCREEN, Stage, staged

@@ -11,7 +11,7 @@ import pytest
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
 from sqrp_cli.runtime.image import CameraImage
-from sqrp_cli.runtime.perception.detector_pool import PerceptionError
+from sqrp_cli.runtime.perception.image_detector import PerceptionError
 from sqrp_cli.runtime.perception.streams import ImageStreams
 from sqrp_cli.runtime.record.report import MonitoringLost
 from sqrp_cli.runtime.run.arm_motion import ArmMotion

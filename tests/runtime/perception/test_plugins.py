@@ -20,8 +20,7 @@ from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.runtime.perception.detections import BelievedState, DetectionTargets
-from sqrp_cli.runtime.perception.detector_pool import DetectorPool, PerceptionError
-from sqrp_cli.runtime.perception.image_detector import ImageDetector
+from sqrp_cli.runtime.perception.image_detector import DetectorPool, ImageDetector, PerceptionError
 from tests.runtime.cell.scenes import ROOT, camera, cell, empty, thing
 from tests.runtime.perception.detector_limits import Stage
 
