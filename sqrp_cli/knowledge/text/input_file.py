@@ -54,7 +54,14 @@ def open_input(path: Path, limit: int = LARGEST) -> Iterator[BufferedReader]:
         raise InputError(missing_file(path))
     try:
         with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
-            _check(path, file, limit)
+            status = os.fstat(file.fileno())
+            if not stat.S_ISREG(status.st_mode):  # replaced since the check before
+                raise InputError(missing_file(path))
+            if status.st_size > limit:
+                raise InputError(_too_large(path, status.st_size, limit))
+            if status.st_size == 0 and file.read(1) != b"":
+                message = "the system makes up the content of this file as it is read, expected a file on a disk"
+                raise bad_input("no-regular-file", message, Place(path))
             yield file
     except OSError as error:
         raise bad_input("unreadable-file", f"cannot be read: {error.strerror}", Place(path)) from error
@@ -93,7 +100,15 @@ def missing_file(path: Path) -> Problem:
     folder = path.parent
     if not os.path.isdir(folder):  # noqa: PTH112
         return Problem("missing-file", f"{NOT_THERE}; there is no folder {folder}", Place(path))
-    close = nearest_entry(path, lambda entry: _is_alike(path, entry) and entry.is_file())
+    ending = path.suffix.lower() or YAML_ENDINGS[0]
+
+    def could_be_meant(entry: Path) -> bool:
+        """Whether a file's ending fits: that of the path, or any if the names agree; by default YAML."""
+        other = entry.suffix.lower()
+        alike = ending == other or (ending in YAML_ENDINGS and other in YAML_ENDINGS) or path.stem == entry.stem
+        return alike and entry.is_file()
+
+    close = nearest_entry(path, could_be_meant)
     return Problem("missing-file", NOT_THERE + (f"; did you mean `{close}`?" if close else ""), Place(path))
 
 
@@ -140,22 +155,5 @@ def digest_of(parts: Iterable[tuple[str, str]]) -> str:
     return hashlib.sha256("".join(f"{role}\0{digest}\n" for role, digest in sorted(parts)).encode()).hexdigest()
 
 
-def _check(path: Path, file: BufferedReader, limit: int) -> None:
-    status = os.fstat(file.fileno())
-    if not stat.S_ISREG(status.st_mode):  # replaced since the check before
-        raise InputError(missing_file(path))
-    if status.st_size > limit:
-        raise InputError(_too_large(path, status.st_size, limit))
-    if status.st_size == 0 and file.read(1) != b"":
-        message = "the system makes up the content of this file as it is read, expected a file on a disk"
-        raise bad_input("no-regular-file", message, Place(path))
-
-
 def _too_large(path: Path, size: int, limit: int) -> Problem:
     return Problem("file-too-large", f"the file has {size:,} bytes, the limit is {limit:,}", Place(path))
-
-
-def _is_alike(path: Path, entry: Path) -> bool:
-    """Whether a file's ending fits: that of the path, or any if the names agree; by default YAML."""
-    one, other = path.suffix.lower() or YAML_ENDINGS[0], entry.suffix.lower()
-    return one == other or (one in YAML_ENDINGS and other in YAML_ENDINGS) or path.stem == entry.stem

@@ -9,12 +9,12 @@ import json
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NamedTuple
 
 from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.knowledge.text.source import Data, KeyPath, SourceDocument, not_finite, too_deep
+from sqrp_cli.knowledge.text.units import as_number
 
 MAX_DEPTH = 32
 """Deepest nesting of objects and lists."""
@@ -40,14 +40,11 @@ class JsonDocument(SourceDocument):
 
 def json_name(path: KeyPath) -> str:
     """How messages name a key: `results[3].q_avg`, or `tasks["pickup green"]`."""
-    return "".join(map(_name, path)).removeprefix(".")
-
-
-def _name(key: str | int) -> str:
-    if isinstance(key, int):
-        return f"[{key}]"
-    short = key if len(key) <= LONGEST_NAME else f"{key[:LONGEST_NAME]}..."
-    return f".{short}" if _WORD.fullmatch(short) else f'["{short}"]'
+    named = ""
+    for key in path:
+        short = str(key) if len(str(key)) <= LONGEST_NAME else f"{str(key)[:LONGEST_NAME]}..."
+        named += f"[{key}]" if isinstance(key, int) else f".{short}" if _WORD.fullmatch(short) else f'["{short}"]'
+    return named.removeprefix(".")
 
 
 def parse_json(path: Path, text: str, line: int = 1) -> Any:  # noqa: ANN401 - JSON holds anything
@@ -57,17 +54,35 @@ def parse_json(path: Path, text: str, line: int = 1) -> Any:  # noqa: ANN401 - J
     that is not finite or longer than `MAX_DIGITS`, or repeats a key. Lone surrogates are kept: file names that are not
     UTF-8 have them.
     """
+
+    def unique(pairs: list[tuple[str, Any]]) -> Data:
+        if len(data := dict(pairs)) < len(pairs):
+            raise _Unfit
+        return data
+
+    def number(text: str) -> float:
+        if not math.isfinite(value := float(text)):
+            raise _Unfit
+        return value
+
+    def whole(text: str) -> int:
+        if len(text) > MAX_DIGITS:
+            raise _Unfit
+        return int(text)
+
     try:
-        _check_depth(text)
-        data = json.loads(
-            text, object_pairs_hook=_unique, parse_float=_finite, parse_int=_short, parse_constant=_refuse
-        )
+        if text.count("[") + text.count("{") > MAX_DEPTH:
+            depth = 0
+            for bracket in _BRACKET.finditer(text):
+                depth += (bracket[0] in "[{") - (bracket[0] in "]}")
+                if depth > MAX_DEPTH:
+                    raise _Unfit
+        return json.loads(text, object_pairs_hook=unique, parse_float=number, parse_int=whole, parse_constant=number)
     except json.JSONDecodeError as error:
         message = f"this is no JSON: {error.msg[:1].lower()}{error.msg[1:].removesuffix(' at')}"
         raise bad_input("json-syntax", message, Place(path, line + error.lineno - 1, error.colno)) from None
     except _Unfit:
         raise InputError(_unfit(path, text, line)) from None
-    return data
 
 
 def json_document(path: Path, text: str, data: Data) -> JsonDocument:
@@ -85,43 +100,7 @@ class _Unfit(Exception):  # noqa: N818
     """A JSON text has a value that is not accepted."""
 
 
-def _check_depth(text: str) -> None:
-    if text.count("[") + text.count("{") <= MAX_DEPTH:
-        return
-    depth = 0
-    for match in _BRACKET.finditer(text):
-        sign = match[0]
-        depth += (sign in "[{") - (sign in "]}")
-        if depth > MAX_DEPTH:
-            raise _Unfit
-
-
-def _unique(pairs: list[tuple[str, Any]]) -> Data:
-    data = dict(pairs)
-    if len(data) < len(pairs):
-        raise _Unfit
-    return data
-
-
-def _finite(text: str) -> float:
-    number = float(text)
-    if not math.isfinite(number):
-        raise _Unfit
-    return number
-
-
-def _short(text: str) -> int:
-    if len(text) > MAX_DIGITS:
-        raise _Unfit
-    return int(text)
-
-
-def _refuse(_text: str) -> NoReturn:
-    raise _Unfit
-
-
-@dataclass(frozen=True)
-class _Token:
+class _Token(NamedTuple):
     """A key, or the beginning of a value."""
 
     text: str
@@ -141,31 +120,20 @@ def _tokens(path: Path, text: str, line: int) -> Iterator[_Token]:
         begin = text.rfind("\n", done, start) + 1 or begin
         done = start
         place = Place(path, line, start - begin + 1)
-        if sign == ",":
-            if keys:
-                last = keys[-1]
-                keys[-1] = last + 1 if isinstance(last, int) else None
+        if sign == "," and keys:
+            last = keys[-1]
+            keys[-1] = last + 1 if isinstance(last, int) else None
         elif sign in "]}":
             del keys[-1:]
-        elif sign != ":":
-            if keys and keys[-1] is None:
-                keys[-1] = _text(sign)
-                yield _Token(sign, _path(keys), True, place)
-                continue
-            yield _Token(sign, _path(keys), False, place)
-            if sign in "[{":
+        elif sign not in ":,":
+            if is_key := bool(keys) and keys[-1] is None:
+                try:
+                    keys[-1] = str(json.loads(sign))
+                except ValueError:
+                    keys[-1] = sign
+            yield _Token(sign, tuple(key for key in keys if key is not None), is_key, place)
+            if not is_key and sign in "[{":
                 keys.append(0 if sign == "[" else None)
-
-
-def _path(keys: list[str | int | None]) -> KeyPath:
-    return tuple(key for key in keys if key is not None)
-
-
-def _text(token: str) -> str:
-    try:
-        return str(json.loads(token))
-    except ValueError:
-        return token
 
 
 def _unfit(path: Path, text: str, line: int) -> Problem:
@@ -174,34 +142,18 @@ def _unfit(path: Path, text: str, line: int) -> Problem:
     for token in _tokens(path, text, line):
         if len(token.path) >= MAX_DEPTH and token.text in "[{":
             return too_deep(token.place, MAX_DEPTH)
-        problem = _wrong(token, seen)
-        if problem is not None:
-            return problem
+        name = json_name(token.path)
+        if token.is_key and token.path in seen:
+            return Problem("duplicate-key", f"`{name}`: this key is given twice", token.place)
+        if token.is_key:
+            seen.add(token.path)
+        if token.text.startswith('"'):
+            continue
+        unsigned = token.text.lstrip("-")
+        if unsigned.isdigit() and len(token.text) > MAX_DIGITS:
+            message = f"found a number of {len(token.text):,} digits, expected at most {MAX_DIGITS}"
+            return Problem("not-finite", f"`{name}`: {message}" if name else message, token.place)
+        endless = unsigned[:1].isdigit() and not unsigned.isdigit() and math.isinf(as_number(token.text))
+        if endless or unsigned in ("NaN", "Infinity"):
+            return not_finite(token.place, token.text, name)
     return Problem("json-syntax", "this is no JSON that is accepted", Place(path, line))
-
-
-def _wrong(token: _Token, seen: set[KeyPath]) -> Problem | None:
-    """What is wrong with a key or value, if anything; seen: the keys before it."""
-    name = json_name(token.path)
-    if token.is_key and token.path in seen:
-        return Problem("duplicate-key", f"`{name}`: this key is given twice", token.place)
-    if token.is_key:
-        seen.add(token.path)
-    if token.text.startswith('"'):
-        return None
-    unsigned = token.text.lstrip("-")
-    if unsigned.isdigit() and len(token.text) > MAX_DIGITS:
-        message = f"found a number of {len(token.text):,} digits, expected at most {MAX_DIGITS}"
-        return Problem("not-finite", f"`{name}`: {message}" if name else message, token.place)
-    infinite = unsigned[:1].isdigit() and not unsigned.isdigit() and not _is_finite(token.text)
-    return not_finite(token.place, token.text, name) if infinite or unsigned in _CONSTANTS else None
-
-
-_CONSTANTS = ("NaN", "Infinity")
-
-
-def _is_finite(text: str) -> bool:
-    try:
-        return math.isfinite(float(text))
-    except ValueError:
-        return True  # not a number

@@ -65,26 +65,56 @@ def problems_of(document: SourceDocument, error: ValidationError) -> list[Proble
 
 
 def _problems(document: SourceDocument, details: ErrorDetails) -> list[Problem]:
-    path, absent = _path_in(document.data, details["loc"])
+    # The part of the error's location that leads to a value of the document, and the last key that does not. Locations
+    # also hold union tags (here always `<...>`) and marks such as `[key]`, which are not in the document.
+    path: KeyPath = ()
+    absent, data = "", document.data
+    for step in details["loc"]:
+        listed = isinstance(data, list) and isinstance(step, int) and step < len(data)
+        if listed or (isinstance(data, dict) and step in data):
+            path, data = (*path, step), data[step]  # type: ignore[index]
+        elif isinstance(step, str) and not step.startswith(("<", "[")):
+            absent = step
     given, context, kind = details["input"], details.get("ctx", {}), details["type"]
     or_mapping = " or a mapping" if "<else>" in details["loc"] else ""
     if kind == "unknown-key":
-        return [_unknown_key(document, (*path, key), expected) for key, expected in context["keys"].items()]
+        return [
+            Problem("unknown-key", f"`{document.name((*path, key))}` is no known key; {expected}",
+                    document.key_place((*path, key)))
+            for key, expected in context["keys"].items()
+        ]  # fmt: skip
     if kind == "missing":
         owner = f"`{document.name(path)}`" if path else "the file"
         lack = f"the key `{absent}`" if absent else f"entry {details['loc'][-1]} (the first is 0)"
         return [Problem("missing-key", f"{owner} lacks {lack}{misspelt(absent, given)}", document.key_place(path))]
+    code, message = kind.replace("_", "-"), details["msg"].removeprefix("Value error, ")
     if kind == "no-mapping":
         keys = ", ".join(f"`{key}`" for key in context["keys"])
-        return [document.problem("wrong-type", path, f"found {describe(given)}, expected a mapping with {keys}")]
-    if kind == "literal_error":
-        return [document.problem("wrong-value", path, _wrong_word(given, str(context["expected"])) + or_mapping)]
-    if kind in _EXPECTED:
-        return [_unexpected(document, path, details, _EXPECTED[kind].format(**context) + or_mapping)]
-    if kind == "ambiguous-entry" and isinstance(given, dict):
-        return [document.problem(kind, path, details["msg"] + _found_instead(list(given), details["msg"]))]
-    code = "wrong-value" if kind == "value_error" else kind.replace("_", "-")
-    return [document.problem(code, path, details["msg"].removeprefix("Value error, "))]
+        code, message = "wrong-type", f"found {describe(given)}, expected a mapping with {keys}"
+    elif kind == "literal_error":
+        words = [word.strip("' ") for word in str(context["expected"]).replace(" or ", ",").split(",") if word.strip()]
+        known = ", ".join(f"`{word}`" for word in words)
+        close = nearest(given, words) if isinstance(given, str) and len(words) > 1 else None
+        message = f"found {describe(given)}, expected {'one of ' if len(words) > 1 else ''}{known}"
+        code, message = "wrong-value", message + (f"; did you mean `{close}`?" if close else "") + or_mapping
+    elif kind in _EXPECTED:
+        code = "wrong-type" if kind.endswith(("_type", "_parsing")) else "wrong-value"
+        found = f"{len(given):,} entries" if kind == "too_long" else describe(given)
+        message = f"found {found}, expected {_EXPECTED[kind].format(**context)}{or_mapping}"
+        if details["loc"][-1:] == ("[key]",):  # an error in a key itself, which has another place than its value
+            return [replace(document.problem(code, path, message), place=document.key_place(path))]
+    elif kind == "ambiguous-entry" and isinstance(given, dict):
+        # The keys found where exactly one of those in the message was expected.
+        wanted = _QUOTED.findall(message)
+        pairs = [(SequenceMatcher(None, key, other).ratio(), key, other) for key in given for other in wanted]
+        likeness, key, other = max(pairs, default=(0.0, "", ""))
+        if chosen := [f"`{key}`" for key in given if key in wanted]:
+            message += f"; found {' and '.join(chosen)}"
+        elif likeness > 0.6:
+            message += f"; found `{key}`, did you mean `{other}`?"
+    elif kind == "value_error":
+        code = "wrong-value"
+    return [document.problem(code, path, message)]
 
 
 def misspelt(absent: str, given: object) -> str:
@@ -92,54 +122,3 @@ def misspelt(absent: str, given: object) -> str:
     keys = [key for key in given if isinstance(key, str)] if isinstance(given, dict) else []
     close = next((key for key in keys if SequenceMatcher(None, key, absent).ratio() > _SPELLING), None)
     return "" if close is None else f"; did you mean it by `{close}`?"
-
-
-def _unknown_key(document: SourceDocument, path: KeyPath, expected: str) -> Problem:
-    return Problem("unknown-key", f"`{document.name(path)}` is no known key; {expected}", document.key_place(path))
-
-
-def _unexpected(document: SourceDocument, path: KeyPath, details: ErrorDetails, expected: str) -> Problem:
-    """A value of another type or range than expected."""
-    kind, given = details["type"], details["input"]
-    code = "wrong-type" if kind.endswith(("_type", "_parsing")) else "wrong-value"
-    found = f"{len(given):,} entries" if kind == "too_long" else describe(given)
-    problem = document.problem(code, path, f"found {found}, expected {expected}")
-    # Pydantic marks errors in a key itself, which has another place than its value.
-    return replace(problem, place=document.key_place(path)) if details["loc"][-1:] == ("[key]",) else problem
-
-
-def _found_instead(found: list[str], message: str) -> str:
-    """The keys found where exactly one of those in a message was expected."""
-    wanted = _QUOTED.findall(message)
-    chosen = [key for key in found if key in wanted]
-    if chosen:
-        return f"; found {' and '.join(f'`{key}`' for key in chosen)}"
-    pairs = [(SequenceMatcher(None, key, other).ratio(), key, other) for key in found for other in wanted]
-    likeness, key, other = max(pairs, default=(0.0, "", ""))
-    return f"; found `{key}`, did you mean `{other}`?" if likeness > 0.6 else ""
-
-
-def _wrong_word(found: object, expected: str) -> str:
-    words = [word.strip("' ") for word in expected.replace(" or ", ",").split(",") if word.strip()]
-    listed = ", ".join(f"`{word}`" for word in words)
-    close = nearest(found, words) if isinstance(found, str) and len(words) > 1 else None
-    expected = f"one of {listed}" if len(words) > 1 else listed
-    return f"found {describe(found)}, expected {expected}" + (f"; did you mean `{close}`?" if close else "")
-
-
-def _path_in(data: object, location: tuple[int | str, ...]) -> tuple[KeyPath, str]:
-    """The part of a Pydantic error's location that leads to a value of the document, and the last key that does not.
-
-    Locations also hold union tags (here always `<...>`) and marks such as `[key]`, which are not in the document.
-    """
-    path: KeyPath = ()
-    absent = ""
-    for step in location:
-        in_mapping = isinstance(data, dict) and step in data
-        in_list = isinstance(data, list) and isinstance(step, int) and step < len(data)
-        if in_mapping or in_list:
-            data = data[step]  # type: ignore[index]
-            path = (*path, step)
-        elif isinstance(step, str) and not step.startswith(("<", "[")):
-            absent = step
-    return path, absent
