@@ -32,10 +32,10 @@ _STUDY = (
 )
 ROOMS = {
     "foundations": ("errors geometry records shapes trajectory shown version", 1_144),
-    "files": ("knowledge/text", 2_426),
+    "files": ("knowledge/text", 2_355),
     "robot": ("knowledge/robot programming/arm", 3_250),
     "camera": ("knowledge/camera knowledge/light knowledge/markers knowledge/paint", 2_314),
-    "cell": ("knowledge programming/cell programming/solids", 4_055),
+    "cell": ("knowledge programming/cell programming/solids", 4_005),
     "logic": ("logic", 2_885),
     "skill, program": ("knowledge/skill program", 2_113),
     "task": ("programming", 1_865),
