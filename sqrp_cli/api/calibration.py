@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.api.cell import OpenCell, open_cell
 from sqrp_cli.api.program import PROGRAM, open_program
-from sqrp_cli.api.results import Answer
 from sqrp_cli.ask.requests import CalibrateRequest
-from sqrp_cli.document import how_many
 from sqrp_cli.errors import InputError, Place, bad_input, bad_option
 
 if TYPE_CHECKING:
-    from sqrp_cli.calibrating.fit import DetectorLooks
     from sqrp_cli.calibrating.labelled import LabelledImages
-    from sqrp_cli.report.documents.runs import CalibratedDetector, CalibrateDocument
+    from sqrp_cli.calibrating.report import CalibrateDocument
 
 
-def learned(ask: CalibrateRequest) -> LearnedCurves:
+def learned(ask: CalibrateRequest) -> CalibrateDocument:
     """How likely detectors see, from labelled frames.
 
     Frames lie in a folder with `frames.csv` and the program that was run (as `run(frames=...)` keeps them), or with
@@ -31,22 +25,44 @@ def learned(ask: CalibrateRequest) -> LearnedCurves:
     from sqrp_cli.runtime.cell.requirements import check_packages
 
     check_packages()
+    from sqrp_cli.calibrating.fit import LEAST_LOOKS, fit, held_out, judge
     from sqrp_cli.calibrating.look import look_at_frames
+    from sqrp_cli.calibrating.report import CalibratedDetector, CalibrateDocument
+    from sqrp_cli.knowledge.text.yaml_edit import patch
+    from sqrp_cli.knowledge.workspace.edits import with_curve
+    from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
 
-    folder = Path(ask.frames)
     cell, labelled = _labelled(ask)
     images = sum(len(together.images) for together in labelled)
-    with ask.progress(f"Looking at {folder}", images) as advance:
-        looks = look_at_frames(cell.cell, labelled, lambda: advance(1))
-    found = LearnedCurves(cell, images, looks)
-    if not any(one.curve for one in found.detectors.values()):
-        reasons = "; ".join(f"`{name}`: {one.reason}" for name, one in found.detectors.items())
+    with ask.progress(f"Looking at {ask.frames}", images) as advance:
+        looked = look_at_frames(cell.cell, labelled, lambda: advance(1))
+    document = read_workspace_document(cell.workspace.whole_file.file)
+    detectors, content = {}, document.content
+    for name, looks in looked.items():
+        detector, reason, curve = cell.workspace.detectors[name], None, None
+        if len(looks) < LEAST_LOOKS:
+            reason = f"it looked at {len(looks)} boxes in range and in the image, expected {LEAST_LOOKS} or more"
+        else:
+            curve = fit(looks, detector)
+            content = with_curve(read_workspace_document(document.path, content), name, curve)
+        detectors[name] = CalibratedDetector(
+            looks=len(looks),
+            seen=int(looks.seen.sum()) / max(len(looks), 1),
+            curve=curve,
+            held_out=None if reason else judge(held_out(looks, detector), looks.seen),
+            limits=judge(looks.covered.astype(float), looks.seen) if len(looks) else None,
+            reason=reason,
+        )
+    if not any(one.curve for one in detectors.values()):
+        reasons = "; ".join(f"`{name}`: {one.reason}" for name, one in detectors.items())
         message = f"these frames teach nothing about a detector: {reasons or 'nothing in them is looked for'}"
-        raise bad_input("too-few-frames", message, Place(folder))
-    return found
+        raise bad_input("too-few-frames", message, Place(Path(ask.frames)))
+    return CalibrateDocument(
+        workspace=cell.workspace.name, images=images, detectors=detectors, patch=patch(document, content), cell=cell
+    )
 
 
-def calibrate(*given: Any, **named: Any) -> LearnedCurves:  # noqa: ANN401 - of the fields of a request
+def calibrate(*given: Any, **named: Any) -> CalibrateDocument:  # noqa: ANN401 - of the fields of a request
     """Learn from labelled frames how likely detectors see; it takes the fields of a `CalibrateRequest`."""
     return learned(CalibrateRequest(*given, **named))
 
@@ -77,72 +93,3 @@ def _labelled(ask: CalibrateRequest) -> tuple[OpenCell, list[LabelledImages]]:
         raise bad_input("no-labels", message, Place(folder), mend=mend)
     opened = open_program(file)
     return opened.cell, list(of_program(opened.program, opened.workspace, opened.footage(folder, {})))
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class LearnedCurves(Answer["CalibrateDocument"]):
-    """What labelled frames say about the detectors of a cell."""
-
-    cell: OpenCell
-    images: int
-    """How many were looked at."""
-    looks: Mapping[str, DetectorLooks]
-    """Of each detector, by name."""
-
-    @property
-    def brief(self) -> str:
-        """Its main figures, in a line."""
-        curves = [name for name, one in self.detectors.items() if one.curve is not None]
-        return f"{self.cell.workspace.name}: {how_many(curves, 'curve')} from {self.images} images"
-
-    @cached_property
-    def detectors(self) -> Mapping[str, CalibratedDetector]:
-        """What was learned about each detector, by name."""
-        return {name: _calibrated(self.cell, name, looks) for name, looks in self.looks.items()}
-
-    @cached_property
-    def document(self) -> CalibrateDocument:
-        """The document of `sqrp calibrate`."""
-        from sqrp_cli.report.documents.runs import CalibrateDocument
-
-        return CalibrateDocument(
-            workspace=self.cell.workspace.name, images=self.images, detectors=self.detectors, patch=self.patch
-        )
-
-    @cached_property
-    def patch(self) -> str:
-        """A unified diff from the workspace file to the one with these curves."""
-        from sqrp_cli.knowledge.text.yaml_edit import patch
-        from sqrp_cli.knowledge.workspace.edits import with_curve
-        from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
-
-        document = read_workspace_document(self.cell.workspace.whole_file.file)
-        content = document.content
-        for name, one in self.detectors.items():
-            if one.curve is not None:
-                content = with_curve(read_workspace_document(document.path, content), name, one.curve)
-        return patch(document, content)
-
-    def show(self) -> None:
-        """Print what `sqrp calibrate` prints."""
-        from sqrp_cli.terminal.audit_view import print_calibration
-
-        print_calibration(self.document)
-
-
-def _calibrated(cell: OpenCell, name: str, looks: DetectorLooks) -> CalibratedDetector:
-    from sqrp_cli.calibrating.fit import LEAST_LOOKS, fit, held_out, judge
-    from sqrp_cli.report.documents.runs import CalibratedDetector
-
-    detector, seen = cell.workspace.detectors[name], int(looks.seen.sum())
-    reason = None
-    if len(looks) < LEAST_LOOKS:
-        reason = f"it looked at {len(looks)} boxes in range and in the image, expected {LEAST_LOOKS} or more"
-    return CalibratedDetector(
-        looks=len(looks),
-        seen=seen / max(len(looks), 1),
-        curve=None if reason else fit(looks, detector),
-        held_out=None if reason else judge(held_out(looks, detector), looks.seen),
-        limits=judge(looks.covered.astype(float), looks.seen) if len(looks) else None,
-        reason=reason,
-    )

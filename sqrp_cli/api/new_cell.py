@@ -118,7 +118,7 @@ def first_run(folder: Path, task: str, progress: Progress = silent) -> FirstRun 
             passed = now
 
         ranking.write(program)
-        report = open_program(program).run(witnessed=False, listeners=[count]).report
+        report = open_program(program).run(witnessed=False, listeners=[count])
     promised = report.total.tp + report.total.fp
     return FirstRun(
         outcome=report.outcome, reason=report.reason, time=report.time, promised=promised, seen=report.total.tp

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+import shlex
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,17 +19,17 @@ from sqrp_cli.ask.requests import AuditRequest, RunRequest
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, bad_option, expected_names
 
 if TYPE_CHECKING:
-    from sqrp_cli.api.run_results import Audit, RunOutputs, SimulatedRun, SlipSweep
+    from sqrp_cli.api.run_results import RunOutputs, SimulatedRun
     from sqrp_cli.ask.requests import Progress
     from sqrp_cli.knowledge.workspace.workspace import Workspace, World
     from sqrp_cli.program.record import Program, Step
     from sqrp_cli.programming.program_update import StepReplanner
     from sqrp_cli.runtime.audit.footage import Footage
-    from sqrp_cli.runtime.audit.survey import CameraSurvey
+    from sqrp_cli.runtime.audit.report import AuditDocument, AuditedCamera
     from sqrp_cli.runtime.record.bag_recorder import BagRecorder
-    from sqrp_cli.runtime.record.events import Event, Listener, ProgramStep
+    from sqrp_cli.runtime.record.events import Event, Listener, ProgramStep, RunBegan
     from sqrp_cli.runtime.record.images import ImageRecorder, Screen
-    from sqrp_cli.runtime.record.report import RunReport
+    from sqrp_cli.runtime.record.report import RunReport, SweepDocument
     from sqrp_cli.runtime.run.faults import InjectedFault
     from sqrp_cli.runtime.run.run import Recording, Spectator
     from sqrp_cli.runtime.run.simulation import Simulation
@@ -65,12 +67,11 @@ def run(opened: OpenProgram, ask: RunRequest) -> SimulatedRun:
     return opened.run_into(outputs, injected, listeners=ask.listeners, witnessed=ask.witnessed)
 
 
-def audited(opened: OpenProgram, ask: AuditRequest) -> Audit:
+def audited(opened: OpenProgram, ask: AuditRequest) -> AuditDocument:
     """A recording against what the program predicts.
 
     Cameras that have moved, or whose clocks are wrong, are found first; images are compared at the times that follow.
     """
-    from sqrp_cli.api.run_results import Audit
     from sqrp_cli.runtime.cell.requirements import check_packages
 
     check_packages()
@@ -78,23 +79,41 @@ def audited(opened: OpenProgram, ask: AuditRequest) -> Audit:
 
     program, workspace = opened.program, opened.workspace
     footage = opened.footage(Path(ask.recording), ask.topics or {})
-    cameras, unsurveyed = _surveyed(opened, footage, ask.progress)
-    offsets = {name: one.offset or 0.0 for name, one in cameras.items() if one.has_wrong_clock}
-    with ask.progress(f"Looking at {ask.recording}", len(footage.frames)) as advance:
-        report = audit(program, workspace, footage, offsets, lambda: advance(1))
-    return Audit(program, workspace, report, ask.threshold, cameras, unsurveyed)
-
-
-def _surveyed(opened: OpenProgram, footage: Footage, progress: Progress) -> tuple[dict[str, CameraSurvey], str]:
-    """Where cameras are and what their clocks say; without an OpenGL that draws none, and why."""
-    try:
+    unsurveyed, cameras = None, {}
+    try:  # without an OpenGL that draws, nothing is known of cameras
         from sqrp_cli.runtime.audit.survey import survey
 
-        return survey(opened.program, opened.workspace, footage, progress), ""
+        cameras = survey(program, workspace, footage, ask.progress)
     except InputError as error:
         if error.problems[0].code != "no-opengl":
             raise
-        return {}, error.problems[0].message
+        unsurveyed = error.problems[0].message
+    with ask.progress(f"Looking at {ask.recording}", len(footage.frames)) as advance:
+        found = audit(program, workspace, footage, cameras, ask.threshold, lambda: advance(1))
+    patch = ""
+    with suppress(InputError):
+        patch = cameras_patch(workspace, cameras)
+    return replace(found, unsurveyed=unsurveyed, patch=patch)
+
+
+def cameras_patch(workspace: Workspace, cameras: Mapping[str, AuditedCamera]) -> str:
+    """The change of the workspace file that puts cameras where they are; empty where none has moved.
+
+    Raises InputError where the file does not say itself where such a camera is.
+    """
+    from sqrp_cli.geometry import read_only
+    from sqrp_cli.knowledge.text.yaml_edit import patch
+    from sqrp_cli.knowledge.text.yaml_file import parse_yaml
+    from sqrp_cli.knowledge.workspace.edits import with_camera
+    from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
+
+    document = read_workspace_document(workspace.whole_file.file)
+    content = document.content
+    for name, one in cameras.items():
+        if one.pose is not None and one.pose.moved:
+            moved = replace(workspace.cameras[name], X_FC=read_only(one.pose.pose))
+            content = with_camera(parse_yaml(document.path, content), workspace.cameras[name], moved, None)
+    return patch(document, content)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,8 +150,16 @@ class OpenProgram:
         """Raises InputError where steps that were run are not its own; what: tells of that run, at a place."""
         runs = [[(one.skill, dict(one.parameters), one.time) for one in steps] for steps in (ran, self.program.steps)]
         if runs[0] != runs[1]:
-            alike = set.intersection(*({*parameters.items()} for run in runs for _, parameters, _ in run))
-            was, now = (", ".join(_in_short(*step, alike) for step in run) for run in runs)
+            same = set.intersection(*({*parameters.items()} for run in runs for _, parameters, _ in run))
+            was, now = (
+                ", ".join(
+                    " ".join(
+                        [skill, *(f"{k}={v}" for k, v in parameters.items() if (k, v) not in same), f"of {time:.2f} s"]
+                    )
+                    for skill, parameters, time in run
+                )
+                for run in runs
+            )
             message = f"{what} not of a run of {self.path} as it is now: that was {was}; now it is {now or 'empty'}"
             raise bad_input("other-program", message, place, mend=mend)
 
@@ -227,6 +254,7 @@ class OpenProgram:
         from sqrp_cli.platform.files import check_writable
         from sqrp_cli.program.file import made_for, save_program
         from sqrp_cli.report.pages.run_page import RunCell
+        from sqrp_cli.runtime.record.events import FaultInjected
         from sqrp_cli.runtime.record.log import LogWriter
 
         workspace = self.workspace
@@ -239,10 +267,7 @@ class OpenProgram:
             check_writable(path)
         events: list[Event] = []
         with ExitStack() as closing:  # closes the others even if one fails to close
-            recorder = _recorder(workspace, outputs.film, closing)
-            gallery = _gallery(workspace, None if recorder else outputs.film, outputs.frames, recorder, screen)
-            if gallery is not None:
-                closing.callback(gallery.close)
+            recorder, gallery = _recorders(workspace, outputs, screen, closing)
             writer = None
             if outputs.log is not None:
                 writer = LogWriter(outputs.log, header(self.program, workspace, self.seed, injected))
@@ -254,36 +279,37 @@ class OpenProgram:
             report = perform(Recording(heard, gallery, states=states, spectator=spectator))
             if writer is not None:
                 writer.finish(report)
+        happened = Counter(event.fault for event in events if isinstance(event, FaultInjected))
         return SimulatedRun(
+            **vars(report),
             cell=RunCell(workspace.name, list(workspace.cameras), workspace.digest, workspace),
-            report=report,
             events=events,
-            never_happened=tuple(fault.text for fault in _never_happened(injected, events)),
+            never_happened=list((Counter(fault.text for fault in injected) - happened).elements()),
             inputs=self.files,
             outputs=outputs,
         )
 
-    def sweep(self, slip: str, count: int = DEFAULT_RUNS, *, progress: Progress = values.silent) -> SlipSweep:
+    def sweep(self, slip: str, count: int = DEFAULT_RUNS, *, progress: Progress = values.silent) -> SweepDocument:
         """Run the program `count` times with a slip at other instants of a primitive action.
 
         slip: as `sqrp run --sweep` takes it, such as `slip@a4`. At Ctrl-C the result has the runs that are finished.
         """
-        from sqrp_cli.api.run_results import SlipSweep
+        from sqrp_cli.runtime.record.report import SweepDocument, SweptRun
         from sqrp_cli.runtime.run.faults import parse_sweep
 
         values.text("a slip and where, such as `slip@a4`").read(slip, "slip")
         values.count(1).read(count, "count")
         values.PROGRESS.read(progress, "progress")
         simulation = self._simulation()
-        from sqrp_cli.runtime.run.simulation import SweepRun, SweepSummary, sweep
+        from sqrp_cli.runtime.run.simulation import sweep
 
         place, primitive = parse_sweep(slip, self.program.steps, "slip")
-        runs: list[SweepRun] = []
+        runs: list[SweptRun] = []
         with suppress(KeyboardInterrupt), progress(f"Sweeping {slip}", count) as advance:
             runs.extend(sweep(simulation, place.number, primitive, count, lambda: advance(1)))  # keeps the finished
         slowest = max(1.0 / camera.rate for camera in self.workspace.cameras.values())
-        summary = SweepSummary.of(runs, slowest)
-        return SlipSweep(self.program, self.workspace.name, slip, place.number, runs, summary, count)
+        tasks = [step.short_task for step in self.program.steps]
+        return SweepDocument.of(self.workspace.name, slip, place.number, tasks, runs, count, slowest)
 
     def footage(self, path: Path, topics: Mapping[str, str]) -> Footage:
         """A recording of the program's run, of any kind; topics: see `audit`.
@@ -316,12 +342,80 @@ class OpenProgram:
         return Simulation(self.program, self.workspace, LazyReplanner(self.workspace), self.seed)
 
 
-def _in_short(
-    skill: str, parameters: Mapping[str, float | str], time: float, alike: Collection[tuple[str, float | str]]
-) -> str:
-    """A step by its skill, the parameters that others do not have alike, and its time [s]."""
-    own = (f"{name}={value}" for name, value in parameters.items() if (name, value) not in alike)
-    return " ".join([skill, *own, f"of {time:.2f} s"])
+def read_run(log: str | Path) -> SimulatedRun:
+    """A run read from its log. Raises InputError for anything but the log of a complete run."""
+    logged = LoggedRun.read(values.PATH.read(log, "log"))
+    if (run := logged.replay()) is None:
+        raise logged.no_report
+    return run
+
+
+@dataclass(frozen=True, eq=False)
+class LoggedRun:
+    """The log of a run; its header is read. events: the rest of it, which can be read once.
+
+    program: that was run; it knows where everything stands.
+    """
+
+    log: Path
+    header: RunBegan
+    events: Iterator[Event]
+    program: OpenProgram | None = None
+
+    @classmethod
+    def read(cls, log: Path, opened: OpenProgram | None = None) -> LoggedRun:
+        """Raises InputError for anything but a log, or a program whose steps are not those of the log."""
+        from sqrp_cli.runtime.record.events import RunBegan
+        from sqrp_cli.runtime.record.log import read_log
+
+        events = read_log(log)
+        header = next(events)
+        assert isinstance(header, RunBegan)  # noqa: S101 - as `read_log` makes sure
+        logged = cls(log, header, events, opened)
+        if opened is not None and header.steps:
+            opened.check_ran(header.steps, "this log is", Place(log, 1), logged._replay)
+        return logged
+
+    def replay(self, *listeners: Callable[[Event], None]) -> SimulatedRun | None:
+        """The run, None if it was interrupted; listeners: called with each event."""
+        from sqrp_cli.api.run_results import RunOutputs, SimulatedRun
+        from sqrp_cli.report.pages.run_page import RunCell
+        from sqrp_cli.runtime.record.events import RunReported
+
+        report, kept = None, []
+        for event in self.events:
+            if isinstance(event, RunReported):
+                report = event.report
+                continue
+            kept.append(event)
+            for listener in listeners:
+                listener(event)
+        if report is None:
+            return None
+        header, workspace = self.header, None if self.program is None else self.program.workspace
+        why_flat = ""  # of its page: without the workspace there are no shapes, nor if that has changed since
+        if workspace is None:
+            mend = "sqrp run PROGRAM --replay LOG --report FILE"
+            why_flat = f"a log has no shapes; `{mend}` takes them from the workspace"
+        elif workspace.name != header.workspace:
+            why_flat = f"this program is for the workspace {workspace.name}, the run was in {header.workspace}"
+        elif header.digest not in (workspace.digest, workspace.file_digest):
+            why_flat = "the workspace of this program is not as it was in the run"
+        cell = RunCell(header.workspace, header.cameras, header.digest, None if why_flat else workspace, why_flat)
+        inputs = [self.log, *([] if self.program is None else self.program.files)]
+        known = {**vars(report), "workspace": header.workspace}
+        return SimulatedRun(**known, cell=cell, events=kept, never_happened=(), inputs=inputs, outputs=RunOutputs())
+
+    @property
+    def no_report(self) -> InputError:
+        """The error where a run that was interrupted is not enough."""
+        message = "this log ends without a report, as the run was interrupted; expected one of a run that ended"
+        return bad_input("no-log", message, Place(self.log), mend=self._replay)
+
+    @property
+    def _replay(self) -> str:
+        """The command that shows the run without its program."""
+        return shlex.join(["sqrp", "run", "--replay", str(self.log)])
 
 
 class LazyReplanner:
@@ -341,44 +435,30 @@ class LazyReplanner:
         return self._planner.replan(step, world)
 
 
-def _never_happened(faults: Sequence[InjectedFault], events: Sequence[Event]) -> list[InjectedFault]:
-    """The faults that never happened."""
-    from sqrp_cli.runtime.record.events import FaultInjected
+def _recorders(
+    workspace: Workspace, outputs: RunOutputs, screen: Screen | None, closing: ExitStack
+) -> tuple[BagRecorder | None, ImageRecorder | None]:
+    """Writers of a run for ROS tools, if the film's name is that of a recording, and of its images.
 
-    injected = [event.fault for event in events if isinstance(event, FaultInjected)]
-    late = []
-    for fault in faults:
-        if fault.text in injected:
-            injected.remove(fault.text)
-        else:
-            late.append(fault)
-    return late
+    The images go into that recording or a film, and into a folder. A recording leaves nothing behind if all fails.
+    """
+    recorder = None
+    if outputs.film is not None and outputs.is_recording:
+        from sqrp_cli.ros.bag import BagWriter
+        from sqrp_cli.runtime.record.bag_recorder import BagRecorder
+        from sqrp_cli.runtime.robot_body import RobotBody
 
-
-def _recorder(workspace: Workspace, path: Path | None, closing: ExitStack) -> BagRecorder | None:
-    """The writer of a run for ROS tools, if the name is that of a recording; it leaves nothing behind if all fails."""
-    from sqrp_cli.api.run_results import is_recording
-
-    if path is None or not is_recording(path):
-        return None
-    from sqrp_cli.ros.bag import BagWriter
-    from sqrp_cli.runtime.record.bag_recorder import BagRecorder
-    from sqrp_cli.runtime.robot_body import RobotBody
-
-    body, writer = RobotBody.load(workspace.robot), BagWriter(path)
-    closing.callback(writer.discard)
-    return BagRecorder(writer, workspace, body)
-
-
-def _gallery(
-    workspace: Workspace, film: Path | None, frames: Path | None, recorder: BagRecorder | None, screen: Screen | None
-) -> ImageRecorder | None:
-    """Writers of the images of a run, as a film, one by one, and in a recording."""
-    if film is None and frames is None and recorder is None and screen is None:
-        return None
+        body, writer = RobotBody.load(workspace.robot), BagWriter(outputs.film)
+        closing.callback(writer.discard)
+        recorder = BagRecorder(writer, workspace, body)
+    if outputs.film is None and outputs.frames is None and screen is None:
+        return recorder, None
     from sqrp_cli.runtime.record.images import Film, FrameFolder, ImageRecorder
 
     rate = max(camera.rate for camera in workspace.cameras.values())
-    folder = FrameFolder(frames) if frames is not None else None
-    reel = Film(film, list(workspace.cameras), rate) if film is not None else screen
-    return ImageRecorder(folder, reel, recorder)
+    folder = FrameFolder(outputs.frames) if outputs.frames is not None else None
+    filmed = outputs.film is not None and recorder is None
+    reel = Film(outputs.film, list(workspace.cameras), rate) if filmed and outputs.film is not None else screen
+    gallery = ImageRecorder(folder, reel, recorder)
+    closing.callback(gallery.close)
+    return recorder, gallery

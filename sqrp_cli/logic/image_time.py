@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 Array = NDArray[np.float64]
 
@@ -26,22 +27,28 @@ _NARROW = 1e-9
 """Pieces of the phase narrower than this share of a period do not count, nor shares of x."""
 
 
-class Window(NamedTuple):
-    """A time in which every image of some cameras shows something."""
+Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
-    start: float
-    """[s]."""
-    end: float
-    """[s]."""
-    period: float
+
+@dataclass(frozen=True, order=True)
+class Window:
+    """A time in which every image of some cameras shows something, such as a fault."""
+
+    __pydantic_config__ = {"use_attribute_docstrings": True}  # noqa: RUF012 - for files and the JSON Schema
+
+    start: Seconds
+    """From the start of the motion [s]."""
+    end: Seconds
+    """From the start of the motion [s]."""
+    period: Annotated[float, Field(gt=0, allow_inf_nan=False)]
     """Between two images [s]."""
-    lag: float
+    lag: Seconds
     """From an image until what it shows is known [s]."""
 
 
 def within(windows: Iterable[Window], start: float, end: float) -> list[Window]:
     """What of windows lies between two times [s]."""
-    clipped = (one._replace(start=max(one.start, start), end=min(one.end, end)) for one in windows)
+    clipped = (replace(one, start=max(one.start, start), end=min(one.end, end)) for one in windows)
     return [one for one in clipped if one.end > one.start]
 
 
@@ -154,7 +161,7 @@ def _images(windows: Sequence[Window], onset: Onset, phases: Array) -> tuple[Arr
     """
     numbers = [np.arange(np.floor(w.start / w.period) - 1, np.floor(w.end / w.period) + 1) for w in windows]
     window = np.repeat(np.arange(len(windows)), [len(of_one) for of_one in numbers])
-    start, end, period, lag = np.array(windows, dtype=float)[window].T
+    start, end, period, lag = np.array([(w.start, w.end, w.period, w.lag) for w in windows])[window].T
     t = (phases[:, window] + np.concatenate(numbers)) * period
     shown = np.where((t >= start) & (t <= end), np.interp(t, onset.shown, onset.share), 0.0)
     known, order = t + lag, np.argsort(t + lag, axis=1)

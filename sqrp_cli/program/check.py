@@ -11,7 +11,7 @@ import numpy as np
 from sqrp_cli.errors import expected_names
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
-from sqrp_cli.program.record import Program, ProgramPrimitive, ProgramTarget, Step
+from sqrp_cli.program.record import Program, ProgramTarget, Step
 from sqrp_cli.trajectory import Trajectory
 
 SAME_TIME = 1e-6
@@ -44,8 +44,12 @@ def flaws(program: Program) -> Iterator[Flaw]:
         at: Keys = ("steps", number)
         found = list(_flaws_of(step, at, program.joints))
         yield from found
-        if number and not found:
-            yield from _break_between(program.steps[number - 1], step, at)
+        if number and not found:  # a step must start in the final world of the step before it
+            left, start = (one.model_dump(by_alias=True) for one in (program.steps[number - 1], step))
+            for field in left["after"]:
+                if left["after"][field] != start["before"][field]:
+                    message = f"differs from `steps.{number - 1}.after.{field}`, where this step should start"
+                    yield Flaw("program-worlds", (*at, "before", field), message)
 
 
 def flaws_in(program: Program, workspace: Workspace) -> Iterator[Flaw]:
@@ -60,64 +64,68 @@ def flaws_in(program: Program, workspace: Workspace) -> Iterator[Flaw]:
         "camera": workspace.cameras,
     }
     for number, step in enumerate(program.steps):
-        for kind, name, at in _names_in(step, ("steps", number)):
+        at: Keys = ("steps", number)
+        names: list[tuple[str, str, Keys]] = [("skill", step.skill, (*at, "skill"))]
+        for moment, world in (("before", step.before), ("after", step.after)):
+            names += [("object", name, (*at, moment, "objects", name)) for name in world.X_WO]
+            names += [] if world.held is None else [("object", world.held, (*at, moment, "held"))]
+        for atom, target in step.targets.items():
+            for field, intervals in _sights(target):
+                names += [("camera", camera, (*at, "targets", atom, field, camera)) for camera in intervals]
+        for kind, name, place in names:
             if name not in known[kind]:
                 message = f"the workspace has no {kind} `{name}`; {expected_names(name, known[kind])}"
-                yield Flaw(f"unknown-{kind}", at, message)
-
-
-def _names_in(step: Step, at: Keys) -> Iterator[tuple[str, str, Keys]]:
-    """The names in a step that refer to its workspace: kind, name, and place."""
-    yield "skill", step.skill, (*at, "skill")
-    for moment, world in (("before", step.before), ("after", step.after)):
-        for name in world.X_WO:
-            yield "object", name, (*at, moment, "objects", name)
-        if world.held is not None:
-            yield "object", world.held, (*at, moment, "held")
-    for atom, target in step.targets.items():
-        for field, intervals in _sights(target):
-            for camera in intervals:
-                yield "camera", camera, (*at, "targets", atom, field, camera)
+                yield Flaw(f"unknown-{kind}", place, message)
 
 
 def _flaws_of(step: Step, at: Keys, joints: Sequence[str]) -> Iterator[Flaw]:
     yield from _world_flaws(step.before, (*at, "before"), joints)
     yield from _world_flaws(step.after, (*at, "after"), joints)
-    motion = [*_time_flaws(step, at), *_shape_flaws(step, at, len(joints))]
+    motion = list(_motion_flaws(step, at, len(joints)))
     yield from motion
     if not motion and set(joints) == set(step.before.joints) == set(step.after.joints):
         with np.errstate(over="ignore", invalid="ignore"):
             yield from list(_jumps(step, at, joints))
     yield from _held_flaws(step, at)
     for atom, target in step.targets.items():
-        yield from _target_flaws(target, (*at, "targets", atom), step.time)
+        inside = (*at, "targets", atom)
+        for index, box in enumerate(target.boxes):
+            yield from _pose_flaws(box.X_FB, (*inside, "boxes", index, "pose"))
+        for field, seen in _sights(target):
+            for camera, intervals in seen.items():
+                edges = list(chain.from_iterable(intervals))
+                if any(b < a for a, b in pairwise(edges)) or (edges and edges[-1] > step.time + SAME_TIME):
+                    message = f"expected times in order from 0 to {step.time:g} s"
+                    yield Flaw("program-times", (*inside, field, camera), message)
+
+
+def _sights(target: ProgramTarget) -> tuple[tuple[str, Mapping[str, tuple[tuple[float, float], ...]]], ...]:
+    """The fields of a target that say when cameras see it."""
+    return ("seen", target.seen), ("usual", target.usual), ("refuted", target.refuted)
 
 
 def _held_flaws(step: Step, at: Keys) -> Iterator[Flaw]:
     """Only `Grasp` and `Release` change what the tool holds, at their end."""
+
+    def named(held: str | None) -> str:
+        return "nothing" if held is None else f"`{held}`"
+
     held = step.before.held
     for index, (primitive, then) in enumerate(zip(step.primitives, step.held_after, strict=True)):
         inside = (*at, "primitives", index, "held")
         if primitive.held is not None and primitive.held not in step.before.X_WO:
             expected = expected_names(primitive.held, step.before.X_WO)
-            yield Flaw(
-                "program-object",
-                inside,
-                f"`{primitive.name}` holds `{primitive.held}`, which is nowhere before; {expected}",
-            )
+            message = f"`{primitive.name}` holds `{primitive.held}`, which is nowhere before; {expected}"
+            yield Flaw("program-object", inside, message)
             return
         if primitive.held != held:
-            message = f"`{primitive.name}` holds {_named(primitive.held)}, but the tool then holds {_named(held)}"
+            message = f"`{primitive.name}` holds {named(primitive.held)}, but the tool then holds {named(held)}"
             yield Flaw("program-held", inside, message)
             return
         held = then if primitive.action == "Grasp" else None if primitive.action == "Release" else held
     if step.after.held != held:
-        message = f"found {_named(step.after.held)}, but the tool then holds {_named(held)}"
+        message = f"found {named(step.after.held)}, but the tool then holds {named(held)}"
         yield Flaw("program-held", (*at, "after", "held"), message)
-
-
-def _named(held: str | None) -> str:
-    return "nothing" if held is None else f"`{held}`"
 
 
 def _world_flaws(world: World, at: Keys, joints: Sequence[str]) -> Iterator[Flaw]:
@@ -144,11 +152,10 @@ def _pose_flaws(X: Array, at: Keys) -> Iterator[Flaw]:
         yield Flaw("program-pose", at, "this is no pose: expected a rotation and a position over the row 0, 0, 0, 1")
 
 
-def _time_flaws(step: Step, at: Keys) -> Iterator[Flaw]:
-    """Primitives must follow each other from 0 to the step's time, each as long as its trajectory."""
+def _motion_flaws(step: Step, at: Keys, count: int) -> Iterator[Flaw]:
+    """Primitives must follow each other from 0 to the step's time, each as long as its trajectory of all joints."""
     if not step.primitives:
         yield Flaw("program-times", (*at, "primitives"), "expected at least one primitive action")
-        return
     now = 0.0
     for index, primitive in enumerate(step.primitives):
         inside = (*at, "primitives", index)
@@ -163,12 +170,9 @@ def _time_flaws(step: Step, at: Keys) -> Iterator[Flaw]:
             message = f"`{primitive.name}` lasts {duration:g} s, but its trajectory {moving:g} s"
             yield Flaw("program-times", (*inside, "end"), message)
         now = primitive.end
-    if abs(now - step.time) > SAME_TIME:
+    if step.primitives and abs(now - step.time) > SAME_TIME:
         message = f"found {step.time:g} s, but the last primitive action ends at {now:g} s"
         yield Flaw("program-times", (*at, "time"), message)
-
-
-def _shape_flaws(step: Step, at: Keys, count: int) -> Iterator[Flaw]:
     for index, primitive in enumerate(step.primitives):
         path, law = primitive.trajectory.path, primitive.trajectory.law
         inside = (*at, "primitives", index, "trajectory")
@@ -183,30 +187,24 @@ def _shape_flaws(step: Step, at: Keys, count: int) -> Iterator[Flaw]:
 
 
 def _jumps(step: Step, at: Keys, joints: Sequence[str]) -> Iterator[Flaw]:
-    """Jumps of position, velocity or acceleration: inside primitives, between them and at both ends."""
+    """Jumps of position, velocity or acceleration: inside primitives, the first of each, between them, at both ends."""
     rest = np.zeros(len(joints))
     last: tuple[Array, ...] = (np.array([step.before.joints[joint] for joint in joints]), rest, rest)
     for index, primitive in enumerate(step.primitives):
         inside = (*at, "primitives", index, "trajectory")
         trajectory = primitive.trajectory
-        first = _derivatives(trajectory, 0.0)
-        yield from _jump(last, first, inside, f"where `{primitive.name}` begins", joints)
-        yield from _inner_jumps(trajectory, inside, primitive, joints)
+        yield from _jump(last, _derivatives(trajectory, 0.0), inside, f"where `{primitive.name}` begins", joints)
+        path_seams = map(trajectory.law.time_at, trajectory.path.breaks[1:-1])
+        for t in sorted([*trajectory.law.breaks[1:-1].tolist(), *path_seams]):
+            before, after = _derivatives(trajectory, np.nextafter(t, 0.0)), _derivatives(trajectory, t)
+            where = f"in `{primitive.name}` at {primitive.start + t:.3f} s"
+            found = list(_jump(before, after, inside, where, joints))
+            yield from found
+            if found:
+                break
         last = _derivatives(trajectory, trajectory.duration)
     final = (np.array([step.after.joints[joint] for joint in joints]), rest, rest)
     yield from _jump(last, final, (*at, "after", "joints"), "between the end of the motion and `after`", joints)
-
-
-def _inner_jumps(
-    trajectory: Trajectory, at: Keys, primitive: ProgramPrimitive, joints: Sequence[str]
-) -> Iterator[Flaw]:
-    seams = [*trajectory.law.breaks[1:-1].tolist(), *map(trajectory.law.time_at, trajectory.path.breaks[1:-1])]
-    for t in sorted(seams):
-        before, after = _derivatives(trajectory, np.nextafter(t, 0.0)), _derivatives(trajectory, t)
-        found = list(_jump(before, after, at, f"in `{primitive.name}` at {primitive.start + t:.3f} s", joints))
-        if found:
-            yield found[0]
-            return
 
 
 def _derivatives(trajectory: Trajectory, t: float) -> tuple[Array, ...]:
@@ -224,27 +222,3 @@ def _jump(
             joint = joints[int(jumps.argmax())]
             yield Flaw("program-jump", at, f"the {kind} of `{joint}` jumps by {jumps.max():.3g} {where}")
             return
-
-
-def _sights(target: ProgramTarget) -> tuple[tuple[str, Mapping[str, tuple[tuple[float, float], ...]]], ...]:
-    """The fields of a target that say when cameras see it."""
-    return ("seen", target.seen), ("usual", target.usual), ("refuted", target.refuted)
-
-
-def _target_flaws(target: ProgramTarget, at: Keys, time: float) -> Iterator[Flaw]:
-    for index, box in enumerate(target.boxes):
-        yield from _pose_flaws(box.X_FB, (*at, "boxes", index, "pose"))
-    for field, seen in _sights(target):
-        for camera, intervals in seen.items():
-            edges = list(chain.from_iterable(intervals))
-            if any(b < a for a, b in pairwise(edges)) or (edges and edges[-1] > time + SAME_TIME):
-                yield Flaw("program-times", (*at, field, camera), f"expected times in order from 0 to {time:g} s")
-
-
-def _break_between(step: Step, following: Step, at: Keys) -> Iterator[Flaw]:
-    """A step must start in the final world of the step before it."""
-    left, start = (one.model_dump(by_alias=True) for one in (step, following))
-    for field in left["after"]:
-        if left["after"][field] != start["before"][field]:
-            message = f"differs from `steps.{int(at[1]) - 1}.after.{field}`, where this step should start"
-            yield Flaw("program-worlds", (*at, "before", field), message)

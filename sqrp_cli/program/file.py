@@ -8,7 +8,8 @@ import os
 import re
 import shlex
 import string
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,6 @@ from typing import Any
 import yaml
 
 from sqrp_cli.errors import InputError, Place, Problem, bad_input
-from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.validation import validate
 from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, read_yaml
 from sqrp_cli.knowledge.workspace.load import load_workspace
@@ -25,7 +25,7 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.knowledge.workspace.workspace_file import shortest_path
 from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.platform.files import write_atomically
-from sqrp_cli.program.check import Flaw, Keys, flaws, flaws_in
+from sqrp_cli.program.check import Keys, flaws, flaws_in
 from sqrp_cli.program.record import Program
 
 _KEYS = ("sqrp_program", "workspace", "digest", "steps")
@@ -66,7 +66,7 @@ def load_program(path: Path) -> Program:
         message = "this is no program: it lacks the key `sqrp_program`"
         raise bad_input("no-program", message, Place(path), mend=_MAKE)
     program = validate(document, Program)
-    problems = _problems(document, flaws(program))
+    problems = [document.problem(flaw.code, flaw.at, flaw.message) for flaw in flaws(program)]
     for number, step in enumerate(program.steps):
         for index, formula in enumerate(step.formulas):
             parse_formula(formula.formula, document.value_place(("steps", number, "formulas", index, "formula")))
@@ -75,18 +75,14 @@ def load_program(path: Path) -> Program:
     return program
 
 
-def _problems(document: SourceDocument, found: Iterable[Flaw]) -> list[Problem]:
-    return [document.problem(flaw.code, flaw.at, flaw.message) for flaw in found]
-
-
 def save_program(program: Program, path: Path) -> None:
     """Write an executable program file, all or nothing.
 
     Raises InputError if it cannot be written, or would be too large to be read again.
     """
     head = f"{SHEBANG}\n# Written by sqrp; change the workspace and rank again instead of editing it.\n"
-    sums = {"checksum": _checksum(program), "marks": "".join(_marks(program).values())}
-    numbers = {**_as_written(program), **sums}
+    numbers = program.model_dump(mode="json", by_alias=True)
+    numbers |= {"checksum": _digest(_summed(program)), "marks": "".join(_marks(program).values())}
     Program.model_validate(numbers)  # An invalid figure is a bug; find it before the file is written.
     said = {subject: _OneLine(values) for subject, values in numbers.pop("made_for").items()}
     numbers |= {"made_for": said} if said else {}
@@ -97,36 +93,29 @@ def save_program(program: Program, path: Path) -> None:
     write_atomically(path, text, executable=True)
 
 
-def _as_written(program: Program, without: Collection[str] = ()) -> dict[str, Any]:
-    """The content of a program's file, without some of its keys."""
-    return program.model_dump(mode="json", by_alias=True, exclude=set(without))
-
-
-def _checksum(program: Program) -> str:
-    """Digest of a program, independent of the layout and place of its file."""
-    return _digest(_as_written(program, _NOT_SUMMED))
+def _summed(program: Program) -> dict[str, Any]:
+    """What the checksum is of: a program, independent of the layout and place of its file."""
+    return program.model_dump(mode="json", by_alias=True, exclude=_NOT_SUMMED)
 
 
 def _marks(program: Program) -> dict[Keys, str]:
     """A sign for each value, by its keys: if the checksum is wrong, they show which value changed.
 
-    Signs are short, as there are hundreds: a changed value keeps its sign once in 64 times.
+    Values are what the file has on one line: plain ones and lists of them. Signs are short, as there are hundreds: a
+    changed value keeps its sign once in 64 times.
     """
-    values = _values(_as_written(program, _NOT_SUMMED), ())
-    return {keys: _SIGNS[int(_digest([keys, value])[:8], 16) % len(_SIGNS)] for keys, value in values}
 
+    def values(value: Any, at: Keys) -> Iterator[tuple[Keys, Any]]:  # noqa: ANN401
+        if isinstance(value, list) and any(isinstance(item, Mapping) for item in value):
+            value = dict(enumerate(value))
+        if not isinstance(value, Mapping) or not value:
+            yield at, value
+            return
+        for key, item in value.items():
+            yield from values(item, (*at, key))
 
-def _values(value: Any, at: Keys) -> Iterator[tuple[Keys, Any]]:  # noqa: ANN401
-    """The values that the file has on one line: plain values and lists of them, with their keys."""
-    if isinstance(value, Mapping) and value:
-        items: Iterable[tuple[str | int, Any]] = value.items()
-    elif isinstance(value, list) and any(isinstance(item, Mapping) for item in value):
-        items = enumerate(value)
-    else:
-        yield at, value
-        return
-    for key, item in items:
-        yield from _values(item, (*at, key))
+    signs = ((keys, int(_digest([keys, value])[:8], 16)) for keys, value in values(_summed(program), ()))
+    return {keys: _SIGNS[number % len(_SIGNS)] for keys, number in signs}
 
 
 def _digest(value: Any) -> str:  # noqa: ANN401
@@ -152,8 +141,9 @@ def check_program(program: Program, path: Path, workspace: Workspace) -> None:
         raise bad_input("other-workspace", f"this program was made for {where}, not for {workspace.path}", Place(path))
     if doubt is not None:
         raise InputError(doubt)
-    if any(flaws_in(program, workspace)):
-        raise InputError(*_problems(read_yaml(path, keys=_KEYS), flaws_in(program, workspace)))
+    if found := list(flaws_in(program, workspace)):
+        document = read_yaml(path, keys=_KEYS)
+        raise InputError(*(document.problem(flaw.code, flaw.at, flaw.message) for flaw in found))
     check_unedited(program, path)
 
 
@@ -162,7 +152,7 @@ def check_unedited(program: Program, path: Path) -> None:
 
     Only this tells computed figures from typed ones.
     """
-    if program.checksum != _checksum(program):
+    if program.checksum != _digest(_summed(program)):
         changed = (keys for (keys, is_), was in zip(_marks(program).items(), program.marks, strict=False) if is_ != was)
         message = "this program is not as sqrp wrote it, so what it says need not be true of its motion"
         raise read_yaml(path).error("edited-program", next(changed, ("checksum",)), message, _again(program, path))
@@ -184,19 +174,16 @@ def find_workspace(program: Program, path: Path) -> Path:
     there = next(folder for folder in where.parents if folder.is_dir())
     below = where.relative_to(there).parts[1:]
     beside = (folder.joinpath(*below) for folder in sorted(there.iterdir()) if folder.is_dir() and below)
-    found = [file for file in islice(filter(Path.is_file, beside), _MOST_PLACES) if _holds_in(program, path, file)]
+    found = []
+    for file in islice(filter(Path.is_file, beside), _MOST_PLACES):
+        with suppress(InputError):
+            if stale(program, path, load_workspace(file)) is None:
+                found.append(file)
     if len(found) == 1:
         return found[0]
     message = f"there is no workspace {shortest_path(where)}, where this program looks for it from its own folder"
     mend = "move the program back, or enter under `workspace` where its workspace is now"
     raise read_yaml(path, keys=_KEYS).error("missing-file", ("workspace",), message, mend)
-
-
-def _holds_in(program: Program, path: Path, file: Path) -> bool:
-    try:
-        return stale(program, path, load_workspace(file)) is None
-    except InputError:
-        return False
 
 
 def stale(program: Program, path: Path, workspace: Workspace) -> Problem | None:
@@ -222,13 +209,9 @@ def stale(program: Program, path: Path, workspace: Workspace) -> Problem | None:
 def _again(program: Program, path: Path) -> str:
     """The commands that make a program again."""
     tasks = [step.own_task for step in program.steps] or ["TASK"]
-    workspace = shortest_path(workspace_path(program, path))
-    again = (f"sqrp rank {_quoted(workspace)} {_quoted(task)} --program {_quoted(path)}" for task in tasks)
-    return " && ".join([f"rm {_quoted(path)}", *again])
-
-
-def _quoted(word: object) -> str:
-    return shlex.quote(str(word))
+    workspace, file = shlex.quote(str(shortest_path(workspace_path(program, path)))), shlex.quote(str(path))
+    again = (f"sqrp rank {workspace} {shlex.quote(task)} --program {file}" for task in tasks)
+    return " && ".join([f"rm {file}", *again])
 
 
 class _OneLine(dict[str, Any]):
@@ -236,24 +219,23 @@ class _OneLine(dict[str, Any]):
 
 
 class _Dumper(yaml.SafeDumper):
-    """Lists of plain values on one line, everything else in blocks."""
+    """Lists of plain values on one line, everything else in blocks; text that looks like a number in quotes.
+
+    No aliases: they would be refused, or surprise readers of the file.
+    """
 
     def represent_sequence(self, tag: str, sequence: Any, flow_style: bool | None = None) -> yaml.SequenceNode:  # noqa: ANN401
         plain = not any(isinstance(item, Mapping) for item in sequence)
         return super().represent_sequence(tag, sequence, flow_style=plain if flow_style is None else flow_style)
 
     def ignore_aliases(self, data: Any) -> bool:  # noqa: ANN401, ARG002
-        """No aliases: they would be refused, or surprise readers of the file."""
         return True
 
-    def represent_text(self, text: str) -> yaml.ScalarNode:
-        """Text, in quotes where it looks like a number."""
-        return self.represent_scalar("tag:yaml.org,2002:str", text, "'" if _LIKE_NUMBERS.fullmatch(text) else None)
 
-    def represent_line(self, values: _OneLine) -> yaml.MappingNode:
-        """A mapping on one line."""
-        return self.represent_mapping("tag:yaml.org,2002:map", values, flow_style=True)
-
-
-_Dumper.add_representer(str, _Dumper.represent_text)
-_Dumper.add_representer(_OneLine, _Dumper.represent_line)
+_Dumper.add_representer(
+    str,
+    lambda to, text: to.represent_scalar("tag:yaml.org,2002:str", text, "'" if _LIKE_NUMBERS.fullmatch(text) else None),
+)
+_Dumper.add_representer(
+    _OneLine, lambda to, values: to.represent_mapping("tag:yaml.org,2002:map", values, flow_style=True)
+)

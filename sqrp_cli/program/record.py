@@ -1,15 +1,13 @@
 """The program: everything that the programming phase hands to the runtime.
 
 Each step holds the exact motion (see `trajectory`), the formulas with their times and responses, where to look, which
-camera covers what when, and the world before and after. `Totals` sums up the steps.
+camera covers what when, and the world before and after.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
-from math import inf
 from typing import Annotated, Literal, Protocol
 
 import numpy as np
@@ -19,7 +17,7 @@ from pydantic_core import PydanticCustomError
 from sqrp_cli.figures import FaultMetrics, Seconds, Share
 from sqrp_cli.knowledge.skill.settings import ANY, FASTEST
 from sqrp_cli.knowledge.skill.target_box import TargetBox
-from sqrp_cli.knowledge.text.entries import Entry, Finite, Written
+from sqrp_cli.knowledge.text.entries import AsStored, Entry, Finite, Written
 from sqrp_cli.knowledge.text.units import read_quantity
 from sqrp_cli.knowledge.workspace.understood import Plain
 from sqrp_cli.knowledge.workspace.workspace import World
@@ -30,21 +28,17 @@ Numbers = tuple[Finite, ...]
 
 
 class _PathNumbers(Entry):
-    """Fields of a `trajectory.JointPath` in a file."""
-
     breaks: Numbers
     coefficients: tuple[tuple[Numbers, ...], ...]
 
 
 class _LawNumbers(Entry):
-    """Fields of a `trajectory.PiecewiseCubic` in a file."""
-
     breaks: Numbers
     coefficients: tuple[Numbers, ...]
 
 
 class _TrajectoryNumbers(Entry):
-    """Fields of a `trajectory.Trajectory` in a file, checked before arrays are made of them."""
+    """Fields of a `trajectory.Trajectory` with its path and law in a file, checked before arrays are made of them."""
 
     path: _PathNumbers
     law: _LawNumbers
@@ -69,8 +63,10 @@ class _TrajectoryNumbers(Entry):
         return self
 
 
-def _trajectory(numbers: _TrajectoryNumbers) -> Trajectory:
-    return Trajectory.from_numbers(numbers.model_dump())
+_Motion = Annotated[
+    Trajectory,
+    Written(_TrajectoryNumbers, lambda numbers: Trajectory.from_numbers(numbers.model_dump()), Trajectory.to_numbers),
+]
 
 
 class ProgramGuard(Entry):
@@ -78,7 +74,7 @@ class ProgramGuard(Entry):
 
     force: Annotated[float, Field(gt=0, allow_inf_nan=False)]
     """At the tool [N]."""
-    trajectory: Annotated[Trajectory, Written(_TrajectoryNumbers, _trajectory, Trajectory.to_numbers)]
+    trajectory: _Motion
     """The motion without contact, as long as that of the primitive, which stands where contact is expected."""
 
 
@@ -97,7 +93,7 @@ class ProgramPrimitive(Entry):
     """From the start of the step [s]."""
     held: str | None
     """The object in the tool throughout; None if there is none."""
-    trajectory: Annotated[Trajectory, Written(_TrajectoryNumbers, _trajectory, Trajectory.to_numbers)]
+    trajectory: _Motion
     """The exact motion, on a clock from `start`."""
     guard: ProgramGuard | None = None
     """Of a move that ends at contact; left out of the file for all others."""
@@ -152,19 +148,6 @@ class ProgramTarget(Entry):
         return {key: value for key, value in written.items() if key not in ("usual", "refuted") or value}
 
 
-class ProgramWindow(Entry):
-    """A time in which every image of some cameras shows a fault."""
-
-    start: Seconds
-    """From the start of the step [s]."""
-    end: Seconds
-    """From the start of the step [s]."""
-    period: Annotated[float, Field(gt=0, allow_inf_nan=False)]
-    """Between two images [s]."""
-    lag: Seconds
-    """From an image until what it shows is known [s]."""
-
-
 class ProgramOnset(Entry):
     """From when on images show a fault that happens at a time x, at points in order; linear in between."""
 
@@ -184,7 +167,7 @@ class ProgramOnset(Entry):
 class ProgramSight(Entry):
     """When images show a fault."""
 
-    windows: tuple[ProgramWindow, ...]
+    windows: tuple[Annotated[Window, AsStored()], ...]
     """Those of cameras of one rate and latency in order, apart from each other."""
     onsets: tuple[ProgramOnset, ...]
     """Of each interval in which it may happen."""
@@ -196,8 +179,7 @@ class ProgramSight(Entry):
             return None
         shown = float(np.interp(x, onset.x, onset.shown))
         at = Onset(np.array([x, x]), np.array([shown, shown]))
-        windows = [Window(w.start, w.end, w.period, w.lag) for w in self.windows]
-        return delays(windows, at, lambda t: t, np.empty(0)).worst
+        return delays(self.windows, at, lambda t: t, np.empty(0)).worst
 
 
 class Step(Entry):
@@ -240,21 +222,20 @@ class Step(Entry):
 
     @property
     def own_task(self) -> str:
-        """The short task with the motion parameters of the task, each with the chosen value."""
-        settings = [word.split("=", 1) for word in self.task.split() if "=" in word]
-        of_motion = [
-            (name, texts.split(","))
-            for name, texts in settings
-            if (name in self.parameters and self.parameters[name] not in self.before.X_WO)
-        ]
-        chosen = [f"{name}={text}" for name, texts in of_motion if (text := self._chosen(name, texts)) is not None]
-        return " ".join([self.short_task, *chosen])
+        """The short task with the motion parameters of the task, each with the chosen value.
 
-    def _chosen(self, name: str, texts: Sequence[str]) -> str | None:
-        """Which of the values that the task gave for a parameter was chosen; one that leaves it free stands for all."""
-        values = {text: text if (read := read_quantity(text)) is None else read.value for text in texts}
-        free = (text for text in texts if text in (ANY, FASTEST))
-        return next((text for text, value in values.items() if value == self.parameters[name]), next(free, None))
+        A value that leaves a parameter free stands for all.
+        """
+        words = [self.short_task]
+        for name, _, text in (word.partition("=") for word in self.task.split() if "=" in word):
+            chosen = self.parameters.get(name)
+            if chosen is not None and chosen not in self.before.X_WO:
+                texts = text.split(",")
+                values = [one if (read := read_quantity(one)) is None else read.value for one in texts]
+                fitting = [one for one, value in zip(texts, values, strict=True) if value == chosen]
+                fitting += [one for one in texts if one in (ANY, FASTEST)]
+                words += [f"{name}={one}" for one in fitting[:1]]
+        return " ".join(words)
 
     @property
     def held_after(self) -> tuple[str | None, ...]:
@@ -303,51 +284,3 @@ class Replanner(Protocol):
 
     def replan(self, step: Step, world: World) -> Step | None:
         """The same skill with the same parameters from `world`; None if that is infeasible."""
-
-
-@dataclass(frozen=True)
-class WorstDelay:
-    """The fault of a program with the longest delay at worst."""
-
-    seconds: float | None
-    """The delay [s]; None where it may never be noticed."""
-    step: int
-    """Number of its step, from 1."""
-    fault: str
-    """Name of the fault."""
-
-
-@dataclass(frozen=True)
-class Totals:
-    """Totals over the steps of a program."""
-
-    time: float
-    """Of all steps [s]."""
-    q_avg: float | None
-    """Mean Q_avg in 0..1 of the steps that have one, each weighted with its time; None if none has."""
-    q_eoi: float | None
-    """Mean Q_eoi in 0..1 of the steps that have one, each weighted with its time; None if none has."""
-    worst: WorstDelay | None
-    """None if no step can have a fault."""
-
-    @classmethod
-    def of(cls, program: Program) -> Totals:
-        """The totals of a program, which may have no steps."""
-        steps = program.steps
-        delays = [
-            WorstDelay(fault.delay_worst, number, name)
-            for number, step in enumerate(steps, 1)
-            for name, fault in step.faults.items()
-        ]
-        return cls(
-            time=sum(step.time for step in steps),
-            q_avg=_weighted([(step.q_avg, step.time) for step in steps]),
-            q_eoi=_weighted([(step.q_eoi, step.time) for step in steps]),
-            worst=max(delays, key=lambda one: inf if one.seconds is None else one.seconds, default=None),
-        )
-
-
-def _weighted(figures: Sequence[tuple[float | None, float]]) -> float | None:
-    known = [(figure, weight) for figure, weight in figures if figure is not None]
-    total = sum(weight for _, weight in known)
-    return sum(figure * weight for figure, weight in known) / total if total else None

@@ -106,7 +106,7 @@ def make_step(task: str, study: Study, assessment: CandidateResult, cameras: tup
         )
     sights = {
         fault: record.ProgramSight(
-            windows=tuple(record.ProgramWindow(**window._asdict()) for window in windows),
+            windows=tuple(windows),
             onsets=tuple(
                 record.ProgramOnset(x=tuple(onset.x.tolist()), shown=tuple(onset.shown.tolist()))
                 for onset in study.onsets[fault]

@@ -332,9 +332,9 @@ def _play(job: Play, say: _Teller) -> None:
         watching.told("slip", TOO_LATE)
     told = [
         {"name": one.name, "happened": one.happened, "detected": one.detected, "recovered": one.recovered}
-        for one in run.report.faults
+        for one in run.faults
     ]
-    say("run-ended", outcome=run.report.outcome, time=run.report.time, faults=told)
+    say("run-ended", outcome=run.outcome, time=run.time, faults=told)
 
 
 PASSING = ("run-image", "run-state", "run-evidence", "searching")

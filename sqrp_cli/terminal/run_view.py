@@ -7,13 +7,12 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from itertools import pairwise
 from math import ceil
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.program.record import Program
 from sqrp_cli.report.sentences import short_times
 from sqrp_cli.runtime.record import events
-from sqrp_cli.runtime.record.report import Confusion, Disagreement, FaultRecord, Prediction, RunReport, excess, total_of
+from sqrp_cli.runtime.record.report import Confusion, Disagreement, Prediction, RunReport, SweepDocument, total_of
 from sqrp_cli.terminal.console import (
     Column,
     Show,
@@ -28,9 +27,6 @@ from sqrp_cli.terminal.console import (
     seconds,
 )
 from sqrp_cli.terminal.progress_lines import Advance
-
-if TYPE_CHECKING:
-    from sqrp_cli.runtime.run.simulation import SweepRun, SweepSummary
 
 MOST_DISAGREEMENTS = 8
 """Groups of disagreements in a table."""
@@ -147,112 +143,96 @@ def event_in_words(event: events.Event) -> str | None:
     return None
 
 
-def print_run(workspace: str, report: RunReport) -> None:
+def print_run(found: RunReport) -> None:
     """The outcome of a run: what was done, the faults, and whether predictions came true."""
-    what = "; ".join(report.labels)
-    tries = sum(step.attempts - 1 for step in report.steps)
+    what = f"{'; '.join(found.labels)} in {found.workspace}: "
+    tries = sum(step.attempts - 1 for step in found.steps)
     after = f" after {tries} {'retry' if tries == 1 else 'retries'}" if tries else ""
-    if report.outcome == "done":
-        say(joined([f"{what} in {workspace}: ", ("done", "bold green"), f"{after}, {report.time:.2f} s"]))
-    elif report.outcome == "missed":
-        say(joined([f"{what} in {workspace}: ", ("missed", "bold red"), f" a fault{after}, {report.time:.2f} s"]))
+    if found.outcome == "done":
+        say(joined([what, ("done", "bold green"), f"{after}, {found.time:.2f} s"]))
+    elif found.outcome == "missed":
+        say(joined([what, ("missed", "bold red"), f" a fault{after}, {found.time:.2f} s"]))
     else:
-        say(joined([f"{what} in {workspace}: ", ("stopped", "bold red"), f" at {report.time:.2f} s"]))
-        stopped = "The robot stopped" if report.steps else "Nothing was commanded: the look stopped"
-        say(f"{stopped} because {short_times(report.reason or '')}.")
-    for fault in report.missed:
+        say(joined([what, ("stopped", "bold red"), f" at {found.time:.2f} s"]))
+        stopped = "The robot stopped" if found.steps else "Nothing was commanded: the look stopped"
+        say(f"{stopped} because {short_times(found.reason or '')}.")
+    for fault in found.missed:
         say(f"No image showed {fault.name}, which happened at {seconds(fault.happened)} s.", "yellow")
-    _print_unseen(report, told=bool(report.missed))
-    if report.faults:
-        say()
-        _print_faults(report)
-        _print_late(report.faults)
-    if report.prediction:
-        say()
-        print_prediction(report.prediction, report.usual)
-        print_disagreements(report.disagreements, len(report.prediction))
-        say()
-    times = "once" if report.conflicts == 1 else f"{report.conflicts} times"
-    conflicts = f"cameras contradicted each other {times}" if report.conflicts else ""
-    off = report.tracking
-    tracking = "" if off is None else f"the tool was off its path by {1000 * off:.3f} mm rms"
-    if conflicts or tracking:
-        say("; ".join(part for part in (conflicts, tracking) if part).capitalize() + ".")
-
-
-def _print_unseen(report: RunReport, *, told: bool) -> None:
-    """The literals that no camera saw at the end of finished steps, so that a fault may be unnoticed.
-
-    told: whether that of one is told already.
-    """
-    for number, step in enumerate(report.steps, 1):
-        if step.end is not None and step.unseen:
-            end = "the motion" if len(report.steps) == 1 else f"step {number}"
-            atoms = events.listed([f"{atom} ({_last(t)})" for atom, t in step.unseen.items()])
-            then = "" if told else ": a fault after that would not be noticed by then"
+    for number, step in enumerate(found.steps, 1):
+        if step.end is not None and step.unseen:  # what no camera saw at its end, so that a fault may be unnoticed
+            end = "the motion" if len(found.steps) == 1 else f"step {number}"
+            last = {atom: "never before" if t is None else f"last at {t:.2f} s" for atom, t in step.unseen.items()}
+            atoms = events.listed([f"{atom} ({when})" for atom, when in last.items()])
+            then = "" if found.missed else ": a fault after that would not be noticed by then"
             say(f"At the end of {end} no image shows {atoms}{then}.", "yellow")
+    if found.faults:
+        say()
+        _print_faults(found)
+    if found.prediction:
+        say()
+        print_prediction(found.prediction, found.usual)
+        print_disagreements(found.disagreements, len(found.prediction))
+        say()
+    times = "once" if found.conflicts == 1 else f"{found.conflicts} times"
+    facts = [f"cameras contradicted each other {times}"] if found.conflicts else []
+    if found.tracking is not None:
+        facts.append(f"the tool was off its path by {1000 * found.tracking:.3f} mm rms")
+    if facts:
+        say("; ".join(facts).capitalize() + ".")
 
 
-def _last(t: float | None) -> str:
-    return "never before" if t is None else f"last at {t:.2f} s"
-
-
-def _print_faults(report: RunReport) -> None:
+def _print_faults(found: RunReport) -> None:
     columns = ("injected", "t_f", "t_r", "t_r - t_f", "predicted", "t_redo", "t_e")
     rows = [
         [
-            report.label_of(fault),
+            found.label_of(fault),
             *(seconds(t) for t in (fault.injected, fault.happened, fault.detected, fault.delay)),
             seconds(fault.predicted_delay, "<="),
             *(seconds(t) for t in (fault.acted, fault.recovered)),
         ]
-        for fault in report.faults
+        for fault in found.faults
     ]
     print_table([Column("fault [s]"), *numbers(*columns)], rows)
     say("t_f happened, t_r seen, t_redo the robot responded, t_e the step was done", "dim")
-    for fault in report.faults:
+    for fault in found.faults:
         if fault.moved_on is not None:
             say(
                 f"After it had seen {fault.name}, the robot moved on to look for {fault.moved_on:.2f} s: where it was, "
                 "the cameras could not judge whether to try again."
             )
-
-
-def _print_late(faults: Sequence[FaultRecord]) -> None:
-    """The faults that were seen later than predicted at worst."""
-    for fault in faults:
-        if late := excess(fault):
-            say(f"The images showed {fault.name} {late:.3f} s later than predicted at worst.", "yellow")
+    for fault in found.faults:
+        if fault.excess:
+            say(f"The images showed {fault.name} {fault.excess:.3f} s later than predicted at worst.", "yellow")
 
 
 def print_prediction(prediction: Sequence[Prediction], usual: Sequence[Prediction]) -> None:
     """How often images showed what they were promised to show, or else usually show."""
+
+    def cells(found: Confusion, rest: Confusion) -> list[Any]:
+        share = found.precision
+        true = "-" if share is None else f"{found.tp}  {100 * share:5.1f} %"
+        style = "" if share is None or share >= 0.97 else "yellow" if share >= 0.9 else "red"
+        others = (f"{some} of {some + more}" for some, more in ((rest.tp, rest.fp), (rest.fn, rest.tn)))
+        return [str(found.tp + found.fp), plain(true, style), *others]
+
     titles = ("images\npromised", "came true", "usual images\nthat showed it", "others that\nshowed it")
     columns = [Column("literal"), Column("camera"), *numbers(*titles)]
     rows = []
     for number, (step, others) in enumerate(zip(prediction, usual, strict=True), 1):
         for atom, cameras in step.items():
-            shown = {
-                name: found for name, found in cameras.items() if found.tp + found.fp + found.fn + others[atom][name].fp
-            }
             label = atom if len(prediction) == 1 else f"{number}: {atom}"
-            rows += [[label, name, *_cells(found, others[atom][name])] for name, found in shown.items()]
+            for name, found in cameras.items():
+                rest = others[atom][name]
+                if found.tp + found.fp + found.fn + rest.fp:
+                    rows.append([label, name, *cells(found, rest)])
     if fits(columns, rows):  # else each row says for itself what it is about
         for above, row in reversed(list(pairwise(rows))):
             row[0] = "" if row[0] == above[0] else row[0]
     rest = total_of(usual)
-    rows.append([plain("all", "bold"), "", *_cells(total_of(prediction), rest)])
+    rows.append([plain("all", "bold"), "", *cells(total_of(prediction), rest)])
     print_table(columns, rows)
     if rest.tp + rest.fp:
         say("usual images were not promised to show the literal, but such images mostly do", "dim")
-
-
-def _cells(found: Confusion, rest: Confusion) -> list[Any]:
-    share = found.precision
-    true = "-" if share is None else f"{found.tp}  {100 * share:5.1f} %"
-    style = "" if share is None or share >= 0.97 else "yellow" if share >= 0.9 else "red"
-    others = (f"{some} of {some + more}" for some, more in ((rest.tp, rest.fp), (rest.fn, rest.tn)))
-    return [str(found.tp + found.fp), plain(true, style), *others]
 
 
 def print_disagreements(found: Sequence[Disagreement], steps: int) -> None:
@@ -263,13 +243,23 @@ def print_disagreements(found: Sequence[Disagreement], steps: int) -> None:
     steps: of the program; where there are several, each row names its own.
     """
     groups: dict[tuple[bool, int, str, str, str], list[Disagreement]] = {}
-    for entry in found:
-        if entry.usual:
-            continue
-        groups.setdefault((not entry.predicted, entry.step, entry.atom, entry.camera, entry.seen), []).append(entry)
-    listed_groups = sorted(groups.items())[:MOST_DISAGREEMENTS]
+    for one in found:
+        if not one.usual:
+            groups.setdefault((not one.predicted, one.step, one.atom, one.camera, one.seen), []).append(one)
+    listed = sorted(groups.items())[:MOST_DISAGREEMENTS]
     for unforeseen, title in ((False, "Promised, but not seen:"), (True, "Seen, though neither promised nor usual:")):
-        rows = [_disagreement(entries, steps) for group, entries in listed_groups if group[0] is unforeseen]
+        rows = []
+        for (of_other, step, atom, camera, seen), images in listed:
+            if of_other is unforeseen:
+                # Of a recording, the start of a step is known to some microseconds: 0.45 must not become 0.4 there,
+                # 0.5 here.
+                times, shares = [round(one.t, 3) for one in images], [one.share for one in images]
+                reasons = ", ".join(sorted({one.because for one in images}))
+                label = atom if steps == 1 else f"{step + 1}: {atom}"
+                shown = seen if unforeseen else f"{seen} ({reasons})"
+                between = f"{min(times):.1f} - {max(times):.1f}"
+                judged = f"{100 * min(shares):.0f} - {100 * max(shares):.0f}"
+                rows.append([label, camera, shown, str(len(images)), between, judged])
         if rows:
             say()
             say(title)
@@ -279,93 +269,77 @@ def print_disagreements(found: Sequence[Disagreement], steps: int) -> None:
         say(f"and {len(groups) - MOST_DISAGREEMENTS} more; --json lists every image", "dim")
 
 
-def _disagreement(entries: Sequence[Disagreement], steps: int) -> list[str]:
-    """The row of images that disagree with the same prediction in the same way."""
-    first, shares = entries[0], [entry.share for entry in entries]
-    # Of a recording, the start of a step is known to some microseconds: 0.45 must not become 0.4 there, 0.5 here.
-    times = [round(entry.t, 3) for entry in entries]
-    reasons = ", ".join(sorted({entry.because for entry in entries}))
-    return [
-        first.atom if steps == 1 else f"{first.step + 1}: {first.atom}",
-        first.camera,
-        f"{first.seen} ({reasons})" if first.predicted else first.seen,
-        str(len(entries)),
-        f"{min(times):.1f} - {max(times):.1f}",
-        f"{100 * min(shares):.0f} - {100 * max(shares):.0f}",
-    ]
+def print_sweep(found: SweepDocument) -> None:
+    """The runs of a sweep, and how predicted and measured delays compare."""
+    if found.runs:
+        _print_swept(found)
+    if found.interrupted:
+        done = len(found.runs)
+        are = "is" if 1 in (done, found.count) else "are"
+        of_all = f"of {found.count} slip{'' if found.count == 1 else 's'}"
+        say(f"Interrupted: {done} {of_all} {are} finished.", "yellow")
 
 
-def print_sweep(
-    program: Program, number: int, workspace: str, text: str, runs: Sequence[SweepRun], summary: SweepSummary
-) -> None:
-    """The runs of a sweep, and how predicted and measured delays compare. number: of the step that was swept."""
-    step = "" if len(program.steps) == 1 else f"step {number}, "
+def _print_swept(found: SweepDocument) -> None:
+    alone, runs = len(found.steps) == 1, found.runs
     instants = f"{len(runs)} instant{'' if len(runs) == 1 else 's'}"
-    say(f"{step}{program.steps[number - 1].short_task} in {workspace}: {text} at {instants}")
+    step = "" if alone else f"step {found.step}, "
+    say(f"{step}{found.steps[found.step - 1]} in {found.workspace}: {found.sweep} at {instants}")
     say()
-    columns = ("slip at", "t_f", "t_r", "t_r - t_f", "predicted", "t_e")
-    print_table(
-        [*numbers(*columns), Column("outcome")],
+    rows = [
         [
-            [
-                f"{run.x:.2f}",
-                *(seconds(t) for t in (run.fault.happened, run.fault.detected, run.fault.delay)),
-                seconds(run.fault.predicted_delay, "<="),
-                seconds(run.fault.recovered),
-                run.report.outcome,
-            ]
-            for run in runs
-        ],
-    )
-    clocks = "all in s" if len(program.steps) == 1 else f"in s of the run (slip at: of step {number})"
+            f"{run.x:.2f}",
+            *(seconds(t) for t in (run.happened, run.detected, run.delay)),
+            seconds(run.predicted_delay, "<="),
+            seconds(run.recovered),
+            run.outcome,
+        ]
+        for run in runs
+    ]
+    print_table([*numbers("slip at", "t_f", "t_r", "t_r - t_f", "predicted", "t_e"), Column("outcome")], rows)
+    clocks = "all in s" if alone else f"in s of the run (slip at: of step {found.step})"
     say(f"t_f it happened, t_r it was seen, t_e the step was done, {clocks}", "dim")
-    _print_stops(runs)
+    # Why runs stopped, each reason once, and which slips nobody noticed.
+    stopped: dict[str, list[str]] = {}
+    for run in runs:
+        if run.outcome == "stopped":
+            stopped.setdefault(run.reason or "", []).append(f"{run.x:.2f}")
+    for reason, places in stopped.items():
+        say(f"Stopped with the slip at {', '.join(places)}: {short_times(reason)}.")
+    missed = [f"{run.x:.2f}" for run in runs if run.outcome == "missed"]
+    if missed:
+        say(f"Missed: no image showed the slip at {', '.join(missed)}.", "red")
     say()
-    _print_comparison(summary)
-
-
-def _print_comparison(summary: SweepSummary) -> None:
-    """How predicted and measured delays of a sweep compare, in sentences."""
-    if summary.predictable:
-        sooner = f"{summary.sooner} sooner by more than {1000 * summary.tolerance:.0f} ms"
+    happened = [run for run in runs if run.happened is not None]
+    unpromised = [run.delay for run in happened if run.predicted_delay is None]
+    if found.predictable:
+        sooner = f"{found.sooner} sooner by more than {1000 * found.tolerance:.0f} ms"
         say(
-            f"{summary.seen} of {summary.predictable} slips that the prediction says can be seen were seen: "
-            f"{summary.as_predicted} as predicted, {sooner}, {summary.later} later than predicted at worst."
+            f"{found.seen} of {found.predictable} slips that the prediction says can be seen were seen: "
+            f"{found.as_predicted} as predicted, {sooner}, {found.later} later than predicted at worst."
         )
-        if summary.excesses:
-            say(f"These exceed what was predicted by up to {max(summary.excesses):.3f} s.", "yellow")
-    unpromised = [delay for delay in summary.unpromised if delay is not None]
-    if summary.unpromised:
-        which = "the others" if summary.predictable else "the slips"
-        seen = f"{len(unpromised)} of {len(summary.unpromised)} were seen"
+        excess = max(run.excess for run in happened)
+        if excess:
+            say(f"These exceed what was predicted by up to {excess:.3f} s.", "yellow")
+    if unpromised:
+        which = "the others" if found.predictable else "the slips"
+        seen = f"{sum(delay is not None for delay in unpromised)} of {len(unpromised)} were seen"
         say(f"No image is promised to show {which}, but usual images may: {seen}.")
-    elif not summary.predictable:
+    elif not found.predictable:
         say("No slip came true.")
-    if delays := [*summary.delays, *unpromised]:
-        done = f"; done after {sum(summary.ends) / len(summary.ends):.1f} s on average" if summary.ends else ""
+    ends = [run.recovered for run in runs if run.recovered is not None]
+    if delays := [run.delay for run in happened if run.delay is not None]:
+        done = f"; done after {sum(ends) / len(ends):.1f} s on average" if ends else ""
         say(f"Seen after {sum(delays) / len(delays):.2f} s on average, {max(delays):.2f} s at worst{done}.")
 
 
-def _print_stops(runs: Sequence[SweepRun]) -> None:
-    """Why runs of a sweep stopped, each reason once, and which slips nobody noticed."""
-    stopped: dict[str, list[str]] = {}
-    missed = [f"{run.x:.2f}" for run in runs if run.report.outcome == "missed"]
-    for run in runs:
-        if run.report.outcome == "stopped":
-            stopped.setdefault(run.report.reason or "", []).append(f"{run.x:.2f}")
-    for reason, places in stopped.items():
-        say(f"Stopped with the slip at {', '.join(places)}: {short_times(reason)}.")
-    if missed:
-        say(f"Missed: no image showed the slip at {', '.join(missed)}.", "red")
-
-
-def wall_time(report: RunReport) -> str:
+def wall_time(found: RunReport) -> str:
     """Where the wall time of a run went, in one line."""
-    wall = dict(report.wall)
+    wall = dict(found.wall)
     total, apart = wall.pop("all"), wall.pop("perception (in parallel)")
     parts = [f"{name} {seconds:.1f}" for name, seconds in wall.items()]
     rest = total - sum(wall.values())
     return (
-        f"{total:.1f} s of wall time for {report.time:.1f} s and {report.images} images: "
+        f"{total:.1f} s of wall time for {found.time:.1f} s and {found.images} images: "
         f"{', '.join(parts)}, the rest {rest:.1f} s; perception {apart:.1f} s of CPU in its own processes"
     )

@@ -241,7 +241,7 @@ def test_a_program_runs_and_its_log_and_frames_tell_the_same(sqrp, slip_run, ran
     assert log.read_bytes() == (kept / "run.jsonl").read_bytes()
     assert {file.name for file in frames.iterdir()} == {file.name for file in (kept / "frames").iterdir()}
     assert str(run) == printed(sqrp, "run", "--replay", kept / "run.jsonl")
-    assert read_run(log).document.steps == run.document.steps
+    assert read_run(log).steps == run.steps
     assert repr(run).startswith(f"SimulatedRun({program.workspace.name}: done at ")
     assert len(repr(run)) < 120
     for fault in (7, ["sli@a1"]):

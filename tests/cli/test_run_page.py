@@ -6,7 +6,7 @@ import json
 import re
 import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +41,7 @@ def opened(browser, tmp_path_factory):
     report = RunReport(
         "stopped", "hold(g1) should be seen", 4.0, [StepRecord("pickup", {"object": "g1"}, "pickup g1", 0.0)], [fault]
     )
-    report.prediction = [{"hold(g1)": {"cam1": Confusion(tp=30, fp=10)}}]
+    report = replace(report, prediction=[{"hold(g1)": {"cam1": Confusion(tp=30, fp=10)}}])
     cell = RunCell("cell", ["cam1", "cam2"], "0123", None)
     write_run(cell, report, events, path, ["run", "pick.yaml", "--sim", "--report", str(path)])
     return Opened(browser, path)
@@ -104,7 +104,7 @@ def test_a_log_with_hostile_names_has_a_page_on_which_nothing_runs(browser, tmp_
     events += [EvidenceSeen(t=t, exposed=t, literals={atom: shown}) for t in (0.1, 1.0, 2.0)]
     fault = FaultRecord(HOSTILE, 1.0, 1.0, 1.5, 1.6, None, predicted_delay=0.25)
     report = RunReport("stopped", HOSTILE, 2.0, [StepRecord(HOSTILE, {"object": HOSTILE}, HOSTILE, 0.0)], [fault])
-    report.prediction = [{atom: {HOSTILE: Confusion(tp=1)}}]
+    report = replace(report, prediction=[{atom: {HOSTILE: Confusion(tp=1)}}])
     write_run(RunCell(HOSTILE, [HOSTILE], HOSTILE, None), report, events, path, ["run", HOSTILE])
     opened = Opened(browser, path)
     opened.page.locator(".run").first.hover()

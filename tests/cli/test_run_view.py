@@ -35,7 +35,7 @@ def test_times_of_formulas_have_two_decimals_and_all_else_is_as_it_was() -> None
 
 def test_why_a_run_stopped_is_said_with_short_times(capsys: pytest.CaptureFixture[str]) -> None:
     found = report(0.1, 0.15)
-    print_run("cell", found)
+    print_run(found)
     shown = " ".join(capsys.readouterr().out.split())
     assert "was seen: eventually[3.06, 4.95] (not held(b1)" in shown
     assert FORMULA in str(found.reason)
@@ -45,7 +45,7 @@ def test_why_a_run_stopped_is_said_with_short_times(capsys: pytest.CaptureFixtur
 def test_a_fault_that_is_seen_later_than_predicted_at_worst_is_said_to_be(
     capsys: pytest.CaptureFixture[str], delay: float, late: str | None
 ) -> None:
-    print_run("cell", report(delay, 0.15))
+    print_run(report(delay, 0.15))
     shown = " ".join(capsys.readouterr().out.split())
     assert ("later than predicted" in shown) == (late is not None)
     assert late is None or f"The images showed slip {late} s later than predicted at worst." in shown
@@ -55,7 +55,7 @@ def test_a_fault_that_no_image_shows_is_not_left_untold_where_the_run_is_done(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     step = StepRecord("pickup", {}, "pickup g", 0.0, 9.0, unseen={"hold(g)": 4.1})
-    print_run("cell", RunReport("done", None, 9.6, [step], [FaultRecord("slip", 5.0, 5.01)]))
+    print_run(RunReport("done", None, 9.6, [step], [FaultRecord("slip", 5.0, 5.01)], workspace="cell"))
     shown = " ".join(capsys.readouterr().out.split())
     assert "No image showed slip, which happened at 5.01 s." in shown
     assert "At the end of the motion no image shows hold(g) (last at 4.10 s)." in shown
@@ -63,7 +63,7 @@ def test_a_fault_that_no_image_shows_is_not_left_untold_where_the_run_is_done(
 
 
 def test_a_dry_run_that_stops_says_what_it_was(capsys: pytest.CaptureFixture[str]) -> None:
-    print_run("cell", RunReport("stopped", "wrong start: `at(b)` is false", 0.4))
+    print_run(RunReport("stopped", "wrong start: `at(b)` is false", 0.4, workspace="cell"))
     assert capsys.readouterr().out == (
         "a look at the start in cell: stopped at 0.40 s\n"
         "Nothing was commanded: the look stopped because wrong start: `at(b)` is false.\n"
@@ -73,7 +73,7 @@ def test_a_dry_run_that_stops_says_what_it_was(capsys: pytest.CaptureFixture[str
 def test_a_fault_is_called_as_it_was_injected_and_as_the_skill_calls_it(capsys: pytest.CaptureFixture[str]) -> None:
     missed = FaultRecord("slip", 0.05, 4.63, 5.05, 5.45, 13.25, 0.53, kind="miss-pick")
     slipped = FaultRecord("slip", 6.0, 6.1, 6.2, 6.4, 13.25, 0.53, kind="slip")
-    print_run("cell", RunReport(faults=[missed, slipped]))
+    print_run(RunReport(faults=[missed, slipped], workspace="cell"))
     rows = [line.split("  ")[0] for line in capsys.readouterr().out.splitlines()[3:5]]
     assert rows == ["miss-pick (slip)", "slip"]
 
@@ -81,7 +81,7 @@ def test_a_fault_is_called_as_it_was_injected_and_as_the_skill_calls_it(capsys: 
 def test_faults_of_cameras_name_them(capsys: pytest.CaptureFixture[str]) -> None:
     seen = FaultRecord("camera-loss", 1.05, detected=1.17, acted=1.17, camera="cam2")
     other = FaultRecord("camera-loss", 1.05, camera="cam3")
-    print_run("cell", RunReport("stopped", "cam2 is lost", 2.0, faults=[seen, other]))
+    print_run(RunReport("stopped", "cam2 is lost", 2.0, faults=[seen, other], workspace="cell"))
     rows = [line.split() for line in capsys.readouterr().out.splitlines() if line.startswith("camera-loss")]
     assert rows == [
         ["camera-loss", "cam2", "1.05", "-", "1.17", "-", "-", "1.17", "-"],
@@ -94,7 +94,7 @@ def test_faults_of_several_steps_name_the_step_in_which_they_were_first_told(
 ) -> None:
     steps = [StepRecord("pickup", {}, "pickup g", 0.0, 9.0), StepRecord("place", {}, "place g", 9.0)]
     slip, dropped = FaultRecord("slip", 6.0, 6.0, 6.2), FaultRecord("dropped", None, None, 9.4)
-    print_run("cell", RunReport("stopped", "dropped", 9.6, steps, [slip, dropped]))
+    print_run(RunReport("stopped", "dropped", 9.6, steps, [slip, dropped], workspace="cell"))
     rows = [line.split()[:2] for line in capsys.readouterr().out.splitlines() if line[:2] in ("1:", "2:")]
     assert rows == [["1:", "slip"], ["2:", "dropped"]]
 
@@ -120,7 +120,9 @@ def test_wrong_predictions_of_several_steps_name_their_step_and_are_a_table_at_8
     found = [
         disagreement(step, "obj_on_table(red1)", predicted=predicted) for step in (0, 1) for predicted in (True, False)
     ]
-    print_run("cell", RunReport("done", None, 9.6, [], prediction=[{}, {}], usual=[{}, {}], disagreements=found))
+    print_run(
+        RunReport("done", None, 9.6, [], prediction=[{}, {}], usual=[{}, {}], disagreements=found, workspace="cell")
+    )
     lines = capsys.readouterr().out.splitlines()
     assert all(len(line) <= 80 for line in lines)
     assert [line.split("  ")[0] for line in lines if "obj_on_table" in line] == 2 * [
@@ -143,7 +145,7 @@ def test_what_images_usually_show_is_no_surprise(capsys: pytest.CaptureFixture[s
 
 def test_wrong_predictions_of_a_single_step_do_not_number_it(capsys: pytest.CaptureFixture[str]) -> None:
     found = [disagreement(0, "open", predicted=True)]
-    print_run("cell", RunReport("done", None, 9.6, [], prediction=[{}], usual=[{}], disagreements=found))
+    print_run(RunReport("done", None, 9.6, [], prediction=[{}], usual=[{}], disagreements=found, workspace="cell"))
     assert any(line.startswith("open  ") for line in capsys.readouterr().out.splitlines())
 
 
@@ -173,10 +175,10 @@ def test_what_no_image_shows_at_the_end_is_said_of_steps_that_are_done(capsys: p
         StepRecord("pickup", {}, "pickup g", 0.0, 9.0, unseen={"hold(g)": 8.1, "obj_on_table(g)": None}),
         StepRecord("place", {}, "place g", 9.0),
     ]
-    print_run("cell", RunReport("stopped", "dropped", 9.6, steps))
+    print_run(RunReport("stopped", "dropped", 9.6, steps, workspace="cell"))
     told = "At the end of step 1 no image shows hold(g) (last at 8.10 s) and obj_on_table(g) (never before)"
     assert f"{told}: a fault after that would not be noticed by then." in " ".join(capsys.readouterr().out.split())
-    print_run("cell", RunReport("done", None, 9.6, [StepRecord("place", {}, "place g", 0.0, 9.6)]))
+    print_run(RunReport("done", None, 9.6, [StepRecord("place", {}, "place g", 0.0, 9.6)], workspace="cell"))
     assert "no image" not in capsys.readouterr().out
 
 

@@ -16,7 +16,6 @@ from sqrp_cli.program.file import load_program, stale
 from sqrp_cli.programming.result import Ranking
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.report.documents.programs import ProgramDocument
-from sqrp_cli.terminal.program_table import print_program
 
 CELL = Path(__file__).parents[1] / "cases" / "contact" / "peg.yaml"
 TASK = "pickup peg then insert peg socket yaw=0"
@@ -118,20 +117,18 @@ def test_the_explanation_of_a_step_says_which_it_is_and_the_place_of_the_whole(
     assert document["time"] == whole.steps[0].time
 
 
-def test_a_program_names_a_workspace_file_as_other_commands_do(
-    ranking: Ranking, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_program_names_a_workspace_file_as_other_commands_do(ranking: Ranking, tmp_path: Path) -> None:
     """A file that is not `workspace.yaml` cannot be asked for by its folder."""
     file = tmp_path / "program.yaml"
     ranking.write(file)
     program = load_program(file)
-    print_program(program, file)
-    listed = capsys.readouterr().out
+    document = ProgramDocument.of(program, file, stale=False)
+    listed = str(document)
     assert listed.startswith("program.yaml for peg: 2 steps")
     words = shlex.split(listed.splitlines()[-1])
     assert words[:2] == ["sqrp", "rank"]
     assert Path(words[2]).resolve() == CELL
-    assert ProgramDocument.of(program, file, stale=False).workspace == "peg"
+    assert document.workspace == "peg"
     changed = stale(program.model_copy(update={"digest": "0"}), file, load_workspace(CELL))
     assert changed is not None
     assert changed.mend is not None

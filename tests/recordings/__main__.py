@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -24,8 +24,10 @@ from sqrp_cli.api.program import OpenProgram, open_program
 from sqrp_cli.ask.values import silent
 from sqrp_cli.cli.main import run
 from sqrp_cli.geometry import inverse
+from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.runtime.audit.bag_footage import BagFootage
-from sqrp_cli.runtime.audit.survey import CameraSurvey, survey
+from sqrp_cli.runtime.audit.report import AuditedCamera
+from sqrp_cli.runtime.audit.survey import survey
 from tests.recordings.make import CellPictures, Truth, cases, record
 
 FOLDER = Path("build/recordings")
@@ -65,7 +67,7 @@ def _tried(opened: OpenProgram, truths: dict[str, Truth], folder: Path) -> Itera
 
     The images of the others are the same bytes in each: they are drawn once, and surveyed once.
     """
-    known: dict[str, CameraSurvey] = {}
+    known: dict[str, AuditedCamera] = {}
     if truths:
         look = next(iter(truths.values())).seed
         with closing(CellPictures(opened.program, opened.workspace, look)) as pictures:
@@ -76,24 +78,25 @@ def _tried(opened: OpenProgram, truths: dict[str, Truth], folder: Path) -> Itera
                 footage = BagFootage(opened.program, opened.workspace, path, {})
                 footage.frames = [frame for frame in footage.frames if frame.camera not in known]
                 cameras = {**known, **survey(opened.program, opened.workspace, footage, silent)}
-                yield name, _found(truth, cameras)
+                yield name, _found(truth, cameras, opened.workspace.cameras)
                 known = {camera: one for camera, one in cameras.items() if camera not in truth.moved}
                 path.unlink()
 
 
-def _found(truth: Truth, cameras: dict[str, CameraSurvey]) -> dict[str, Any]:
+def _found(truth: Truth, cameras: dict[str, AuditedCamera], stated: Mapping[str, Camera]) -> dict[str, Any]:
     """What is found of a recording, beside how it really is."""
     poses, clocks = {}, {}
     for name, one in cameras.items():
-        X = inverse(truth.moved.get(name, np.eye(4))) @ inverse(one.camera.X_FC) @ one.X_FC
+        X_FC, found = stated[name].X_FC, stated[name].X_FC if one.pose is None else np.array(one.pose.pose)
+        X = inverse(truth.moved.get(name, np.eye(4))) @ inverse(X_FC) @ found
         turn, _ = cv2.Rodrigues(X[:3, :3])
         poses[name] = (float(np.degrees(np.linalg.norm(turn))), float(np.linalg.norm(X[:3, 3])))
-        if one.offset is not None:
-            clocks[name] = one.offset - truth.offsets.get(name, 0.0)
-    wrong = [name for name, one in cameras.items() if one.has_wrong_clock]
+        if one.clock.offset is not None:
+            clocks[name] = one.clock.offset - truth.offsets.get(name, 0.0)
+    wrong = [name for name, one in cameras.items() if one.clock.wrong]
     return {
         "moved": list(truth.moved),
-        "named": [name for name, one in cameras.items() if one.has_moved],
+        "named": [name for name, one in cameras.items() if one.moved],
         "poses": poses,
         "clocks": clocks,
         "off": [name for name in truth.offsets if name in clocks],

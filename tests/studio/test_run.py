@@ -42,7 +42,7 @@ def test_a_part_that_is_dropped_by_a_click_is_a_fault_of_the_command(browser, st
     assert line[:4] == ["sqrp", "run", str(program), "--sim"]
     assert line[4] == "--fault"
     shown = hand.js("sqrp.runs.report")
-    report = open_program(program).run([line[5]]).report
+    report = open_program(program).run([line[5]])
     assert report.outcome == shown["outcome"] == "done"
     assert report.time == shown["time"]
     assert [[one.name, one.happened, one.detected, one.recovered] for one in report.faults] == [

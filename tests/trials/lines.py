@@ -7,8 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqrp_cli.runtime.record.report import Confusion, FaultRecord, RunReport
-from sqrp_cli.runtime.run.simulation import SweepRun, SweepSummary
+from sqrp_cli.runtime.record.report import Confusion, SweepDocument, SweptRun
 from tests.trials.jobs import Job
 
 Done = tuple[Job, dict[str, Any]]
@@ -46,9 +45,12 @@ def sweep_lines(done: Sequence[Done], names: Sequence[str], period: float) -> It
     ends = {}
     for name in (names[0], names[-1]):
         runs = [_sweep_run(job, kept) for job, kept in done if job.name == name and "faults" in kept]
-        summary = SweepSummary.of(runs, period)
+        summary = SweepDocument.of("", "slip", 1, [name], runs, len(runs), period)
         if not summary.seen:
             continue
+        pairs = [(run.delay, run.predicted_delay) for run in runs if run.happened is not None]
+        seen = [(delay, most) for delay, most in pairs if delay is not None and most is not None]
+        delays, lateness = [delay for delay, _ in seen], [delay - most for delay, most in seen]
         share = summary.as_predicted / max(summary.seen, 1)
         within = f"{1000 * summary.tolerance:.0f} ms"
         yield Line(
@@ -61,14 +63,15 @@ def sweep_lines(done: Sequence[Done], names: Sequence[str], period: float) -> It
             f"{name}: seen as predicted, at most {within} sooner",
             f">= {100 * AS_PREDICTED:.0f} %",
             f"{100 * share:.0f} %, {summary.sooner} sooner, {summary.later} later "
-            f"({min(summary.lateness):+.2f} to {max(summary.lateness):+.2f} s)",
+            f"({min(lateness):+.2f} to {max(lateness):+.2f} s)",
             share >= AS_PREDICTED - 1e-9,
         )
-        mean = sum(summary.delays) / max(len(summary.delays), 1)
+        mean = sum(delays) / max(len(delays), 1)
         yield Line(f"{name}: mean delay", "", f"{mean:.2f} s", None)
-        if summary.ends:
-            ends[name] = sum(summary.ends) / len(summary.ends)
-            yield Line(f"{name}: done after a slip", "", f"{ends[name]:.1f} s in {len(summary.ends)} runs", None)
+        done_at = [run.recovered for run in runs if run.recovered is not None]
+        if done_at:
+            ends[name] = sum(done_at) / len(done_at)
+            yield Line(f"{name}: done after a slip", "", f"{ends[name]:.1f} s in {len(done_at)} runs", None)
     if len(ends) == 2:
         saved = ends[names[-1]] - ends[names[0]]
         yield Line(f"{names[0]} saves after a slip", "> 0 s", f"{saved:.1f} s", saved > 0)
@@ -109,8 +112,8 @@ def _is_calm(kept: dict[str, Any]) -> bool:
     return kept.get("outcome") == "done" and not kept["faults"]
 
 
-def _sweep_run(job: Job, kept: dict[str, Any]) -> SweepRun:
-    return SweepRun(job.t, FaultRecord(**kept["faults"][0]), RunReport())
+def _sweep_run(job: Job, kept: dict[str, Any]) -> SweptRun:
+    return SweptRun(**kept["faults"][0], x=job.t, outcome="done", time=0.0)
 
 
 def _counted(counter: Counter[str]) -> str:

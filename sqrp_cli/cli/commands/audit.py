@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from sqrp_cli.api.program import audited
+from sqrp_cli.api.program import audited, cameras_patch
 from sqrp_cli.ask import requests
 from sqrp_cli.ask.request import option
 from sqrp_cli.ask.values import PATH
@@ -51,8 +51,8 @@ def audit(_context: Any, ask: AuditCommand) -> ExitCode:  # noqa: ANN401 - Typer
     found = audited(opened, ask.but(progress=progress))
     answer(replace(found, written=ask.patch is not None), as_json=ask.json)
     if ask.patch is not None:
-        if found.patch:
-            PATCHES.write(ask.patch, found.patch)
+        if patch := cameras_patch(opened.workspace, found.cameras):
+            PATCHES.write(ask.patch, patch)
             note(f"to have the poses: {to_apply(ask.patch, opened.workspace.whole_file.file)}")
         else:
             note(f"of no camera is it known that it has moved, so {ask.patch} is not written")

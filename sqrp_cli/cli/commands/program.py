@@ -11,8 +11,7 @@ from sqrp_cli.ask import requests, values
 from sqrp_cli.ask.request import Command, argument, option
 from sqrp_cli.ask.values import FLAG, PATH
 from sqrp_cli.cli.command import command_of
-from sqrp_cli.cli.options import check_excluded, check_needed, check_own
-from sqrp_cli.document import as_text
+from sqrp_cli.cli.options import answer, check_excluded, check_needed, check_own
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem, bad_option, nearest
 
 if TYPE_CHECKING:
@@ -75,8 +74,7 @@ def program(_context: Any, ask: ProgramCommand) -> ExitCode:  # noqa: ANN401 - T
 def _list(ask: ProgramCommand) -> None:
     from sqrp_cli.program.file import load_program
     from sqrp_cli.report.documents.programs import ProgramDocument
-    from sqrp_cli.terminal.console import note, print_problems, say_raw
-    from sqrp_cli.terminal.program_table import print_program
+    from sqrp_cli.terminal.console import note, print_problems
 
     file, notes = ask.program, []
     found = load_program(file)
@@ -96,10 +94,7 @@ def _list(ask: ProgramCommand) -> None:
     if ask.export is not None and workspace is not None:
         notes.append(_export(found, workspace, file, ask.export, ask.rate or DEFAULT_RATE))
     print_problems(doubts)
-    if ask.json:
-        say_raw(as_text(ProgramDocument.of(found, file, stale=bool(doubts))))
-    else:
-        print_program(found, file)
+    answer(ProgramDocument.of(found, file, stale=bool(doubts)), as_json=ask.json)
     for text in notes:
         note(text)
 

@@ -22,9 +22,9 @@ from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.suggestion import Suggester, best_suggestion, check_candidate
 from sqrp_cli.programming.task import Task, read_task
+from sqrp_cli.report.documents.programs import ProgramDocument
 from sqrp_cli.terminal.check_table import print_suggested
 from sqrp_cli.terminal.console import Column, ask, note, print_problems, print_table, progress, say
-from sqrp_cli.terminal.program_table import print_program
 
 
 def make_program(path: Path) -> ExitCode:
@@ -46,7 +46,7 @@ def make_program(path: Path) -> ExitCode:
         note(dialog.kept)
         return ExitCode.INTERRUPTED
     if dialog.file is not None and dialog.program.steps:
-        print_program(dialog.program, dialog.file)
+        ProgramDocument.of(dialog.program, dialog.file, stale=False).show()
     note(dialog.kept)
     return ExitCode.OK
 

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from sqrp_cli.api.logged_run import LoggedRun
-from sqrp_cli.api.program import DEFAULT_RUNS
+from sqrp_cli.api.program import DEFAULT_RUNS, LoggedRun
 from sqrp_cli.api.run_results import RunOutputs
 from sqrp_cli.ask import requests, values
 from sqrp_cli.ask.request import Command, argument, option
@@ -34,7 +33,6 @@ if TYPE_CHECKING:
     from sqrp_cli.api.program import OpenProgram
     from sqrp_cli.api.robot import RobotSession
     from sqrp_cli.api.run_results import SimulatedRun
-    from sqrp_cli.runtime.cell.ros_checks import CellCheck
     from sqrp_cli.runtime.record.events import Listener
 
 
@@ -106,37 +104,27 @@ def run(context: Any, ask: RunCommand) -> ExitCode:  # noqa: ANN401 - Typer's co
         raise InputError(Problem("no-program", "expected a program to run", mend=f"sqrp run PROGRAM {how}"))
     if ask.robot is not None:
         found = run_on_robot(ask.program, ask.robot, ask, outputs)
-    elif ask.sweep is not None:
-        return _sweep(_open(ask.program, ask), ask.sweep, ask)
     else:
-        found = _run(_open(ask.program, ask), ask, outputs)
+        from sqrp_cli.runtime.cell.requirements import check_simulator
+        from sqrp_cli.terminal.console import print_problems
+
+        opened = program_with_warnings(ask.program, ask.seed)
+        if not ask.sim:
+            message = "expected where to run it: --sim, or --robot with the file that leads to a robot"
+            raise InputError(Problem("no-driver", message, mend=f"sqrp run {ask.program} --sim"))
+        check_simulator()
+        print_problems(opened.warnings)
+        if ask.sweep is not None:
+            return _sweep(opened, ask.sweep, ask)
+        injected = opened.read_faults(ask.faults, "--fault")
+        with _shown_live(opened, as_json=ask.json) as listeners:
+            found = opened.run_into(outputs, injected, listeners=listeners, witnessed=outputs.page is not None)
     if ask.dry_run and found.done and not ask.json:
         from sqrp_cli.terminal.console import say
 
         say("The cell is as the program says, and so are the images where it starts. Nothing was commanded.")
         return ExitCode.OK
     return _show(found, ask.report, context.obj, as_json=ask.json)
-
-
-def _open(path: Path, ask: RunCommand) -> OpenProgram:
-    """The program with its workspace. Raises InputError where it cannot be run."""
-    from sqrp_cli.runtime.cell.requirements import check_simulator
-    from sqrp_cli.terminal.console import print_problems
-
-    opened = program_with_warnings(path, ask.seed)
-    if not ask.sim:
-        message = "expected where to run it: --sim, or --robot with the file that leads to a robot"
-        raise InputError(Problem("no-driver", message, mend=f"sqrp run {path} --sim"))
-    check_simulator()
-    print_problems(opened.warnings)
-    return opened
-
-
-def _run(opened: OpenProgram, ask: RunCommand, outputs: RunOutputs) -> SimulatedRun:
-    """Run a program in the simulated cell, shown live."""
-    injected, witnessed = opened.read_faults(ask.faults, "--fault"), outputs.page is not None
-    with _shown_live(opened, as_json=ask.json) as listeners:
-        return opened.run_into(outputs, injected, listeners=listeners, witnessed=witnessed)
 
 
 @contextmanager
@@ -169,10 +157,10 @@ def _replay(log: Path, ask: RunCommand, arguments: Sequence[str]) -> ExitCode:
     from sqrp_cli.terminal.console import note
     from sqrp_cli.terminal.run_view import FinishedSteps, LiveView
 
-    logged = LoggedRun.read(log)
-    if ask.program is not None:
-        logged = logged.of(read_program(ask.program))
-    check_not_read([ask.report], [log, *([] if logged.program is None else logged.program.files)])
+    LoggedRun.read(log)  # a file that is no log is told before what is wrong with the program
+    opened = None if ask.program is None else read_program(ask.program)
+    logged = LoggedRun.read(log, opened)
+    check_not_read([ask.report], [log, *([] if opened is None else opened.files)])
     finished = FinishedSteps([step.skill for step in logged.header.steps])
     with LiveView(logged.header.cameras, pace=not ask.json) as view:
         run = logged.replay(finished, view)
@@ -206,10 +194,10 @@ def _show(run: SimulatedRun, page: Path | None, arguments: Sequence[str], *, as_
     if page is not None:
         run.write_page(page, arguments)
         note(f"open {page} in a browser")
-    if not as_json and run.report.wall:
-        note(wall_time(run.report))
+    if not as_json and run.wall:
+        note(wall_time(run))
     for fault in run.never_happened:
-        note(f"--fault {fault} never happened: the run ended before, at {run.report.time:.2f} s")
+        note(f"--fault {fault} never happened: the run ended before, at {run.time:.2f} s")
     answer(run, as_json=as_json)
     return ExitCode.OK if run.done else ExitCode.STOPPED_ON_FAULT
 
@@ -220,7 +208,8 @@ def run_on_robot(program: Path, robot: Path, ask: RunCommand, outputs: RunOutput
     Raises InputError where the cell is not as the program says, or nobody agrees.
     """
     from sqrp_cli.api.robot import open_robot
-    from sqrp_cli.terminal.console import print_problems
+    from sqrp_cli.terminal.console import ask as ask_user
+    from sqrp_cli.terminal.console import print_problems, say
 
     if ask.json and not ask.dry_run and not ask.yes:
         raise bad_option("--json leaves no room for a question; add --yes, or --dry-run")
@@ -231,19 +220,35 @@ def run_on_robot(program: Path, robot: Path, ask: RunCommand, outputs: RunOutput
     with open_robot(opened, robot, ask.speed or 1.0) as session:
         _check(session, robot, as_json=ask.json)
         if not ask.dry_run and not ask.yes:
-            _agree(session)
+            seconds = sum(step.time for step in session.opened.program.steps)
+            say(
+                f"The robot will move for {seconds:.0f} s. SQRP is no safety function: keep the emergency stop at hand."
+            )
+            sys.stdout.flush()
+            try:
+                agreed = ask_user("Move the robot? [y/N] ")
+            except EOFError:
+                agreed = ""
+            if agreed.lower() not in ("y", "yes"):
+                raise InputError(
+                    Problem("not-agreed", "nobody agreed that the robot moves", mend="answer y, or give --yes")
+                )
         with _shown_live(session.opened, as_json=ask.json, stopped="; the robot is told to stop") as listeners:
             return session.run(outputs, listeners, moves=not ask.dry_run)
 
 
 def _check(session: RobotSession, robot: Path, *, as_json: bool) -> None:
-    """Compare the cell with the program. Raises InputError where it differs."""
-    from sqrp_cli.terminal.console import note
+    """Compare the cell with the program, and print what was compared. Raises InputError where it differs."""
+    from sqrp_cli.terminal.console import Column, note, print_table, say
 
     note("watching the cell ...")
     checks = session.robot.check()
     if not as_json:
-        _print_checks(checks)
+        columns = [Column("cell"), Column("what"), Column("found"), Column("expected"), Column("")]
+        differs = ["" if one.problem is None else "differs" for one in checks]
+        rows = [[c.about, c.what, c.found, c.expected, word] for c, word in zip(checks, differs, strict=True)]
+        print_table(columns, rows)
+        say()
     differing = [one for one in checks if one.problem is not None]
     problems = [Problem("other-cell", str(one.problem), Place(robot)) for one in differing]
     late = [index for index, one in enumerate(differing) if one.what == "age"]
@@ -252,32 +257,6 @@ def _check(session: RobotSession, robot: Path, *, as_json: bool) -> None:
         problems[late[-1]] = replace(problems[late[-1]], mend=mend or None)  # once for all
     if problems:
         raise InputError(*problems)
-
-
-def _print_checks(checks: Sequence[CellCheck]) -> None:
-    """What was compared."""
-    from sqrp_cli.terminal.console import Column, print_table, say
-
-    columns = [Column("cell"), Column("what"), Column("found"), Column("expected"), Column("")]
-    rows = [[one.about, one.what, one.found, one.expected, "" if one.problem is None else "differs"] for one in checks]
-    print_table(columns, rows)
-    say()
-
-
-def _agree(session: RobotSession) -> None:
-    """Ask whether the robot may move. Raises InputError unless somebody says yes."""
-    from sqrp_cli.terminal.console import ask, say
-
-    program, refused = session.opened.program, "nobody agreed that the robot moves"
-    seconds = sum(step.time for step in program.steps)
-    say(f"The robot will move for {seconds:.0f} s. SQRP is no safety function: keep the emergency stop at hand.")
-    sys.stdout.flush()
-    try:
-        agreed = ask("Move the robot? [y/N] ")
-    except EOFError:
-        agreed = ""
-    if agreed.lower() not in ("y", "yes"):
-        raise InputError(Problem("not-agreed", refused, mend="answer y, or give --yes"))
 
 
 command = command_of(RunCommand, run)

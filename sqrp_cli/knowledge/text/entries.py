@@ -78,6 +78,14 @@ class Stored:
         return no_info_before_validator_function(check, schema, ref=schema.pop("ref"))
 
 
+class AsStored:
+    """Marks a field whose type is a frozen dataclass that a file holds as a `Stored` one, but that knows no files."""
+
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        make: Callable[..., CoreSchema] = vars(Stored)["__get_pydantic_core_schema__"].__func__
+        return make(source, source, handler)
+
+
 def completed(record: Callable[..., Completed], *known: object, **found: object) -> Completed:
     """A new record: each field from `found`, otherwise from the last of the known records that has it or tells it."""
     names = [field.name for field in fields(cast("Any", record)) if field.name not in found]

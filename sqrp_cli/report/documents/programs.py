@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import os
+import shlex
+from collections.abc import Mapping
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import Literal
 
-from sqrp_cli.document import Document, Record
+from sqrp_cli.document import Document, Record, how_many
 from sqrp_cli.figures import FaultMetrics
 from sqrp_cli.knowledge.text.entries import completed
-from sqrp_cli.knowledge.workspace.workspace_file import workspace_name
+from sqrp_cli.knowledge.workspace.workspace_file import shortest_path, workspace_name
 from sqrp_cli.program.file import workspace_path
 from sqrp_cli.program.joint_trajectory import ToolCommand, action_name, tool_commands
-from sqrp_cli.program.record import Program, Step, Totals
+from sqrp_cli.program.record import Program
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +43,8 @@ class ListedStep(Record):
 
     task: str
     """As it was asked for."""
+    label: str
+    """The skill with its objects, such as `pickup g2`."""
     skill: str
     """Name of the skill."""
     parameters: Mapping[str, float | str]
@@ -61,28 +66,6 @@ class ListedStep(Record):
     primitives: list[ListedPrimitive]
     """In the order in which they are done."""
 
-    @classmethod
-    def of(cls, step: Step, start: float) -> ListedStep:
-        """A step that begins at a time [s]."""
-        return completed(
-            cls,
-            step,
-            parameters=dict(step.parameters),
-            start=start,
-            end=start + step.time,
-            primitives=[
-                completed(
-                    ListedPrimitive,
-                    primitive,
-                    does=primitive.does or primitive.name,
-                    action=action_name(primitive),
-                    start=start + primitive.start,
-                    end=start + primitive.end,
-                )
-                for primitive in step.primitives
-            ],
-        )
-
 
 @dataclass(frozen=True, kw_only=True)
 class ProgramTotal(Record):
@@ -95,7 +78,8 @@ class ProgramTotal(Record):
     q_eoi: float | None
     """Mean Q_eoi in 0..1 of the steps that have one; null if none has."""
     delay_worst: float | None
-    """Longest time that a fault of any step may remain unnoticed [s]; null if none can happen."""
+    """Longest time that a fault of any step may remain unnoticed [s]; null if none can happen, or one may never be
+    noticed."""
     fault: str | None
     """Name of that fault."""
     step: int | None
@@ -105,6 +89,8 @@ class ProgramTotal(Record):
 @dataclass(frozen=True, kw_only=True, repr=False)
 class ProgramDocument(Document):
     """What `sqrp program` lists."""
+
+    VIEW = "sqrp_cli.terminal.program_table:print_program"
 
     document: Literal["program"] = "program"
     program: str
@@ -119,30 +105,63 @@ class ProgramDocument(Document):
     """Figures of all steps together."""
     tool: tuple[ToolCommand, ...]
     """When the tool has to grasp and release what, in order of time."""
+    held: str | None = None
+    """The object that it leaves in the tool; null if there is none."""
+    add: str | None = None
+    """The command that adds a step; null while the workspace is not where it was."""
+
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        return f"{self.program} for {self.workspace}: {how_many(self.steps, 'step')}, {self.total.time:.2f} s"
 
     @classmethod
     def of(cls, program: Program, file: Path, *, stale: bool) -> ProgramDocument:
         """The steps with their figures, the totals, and what the tool has to do."""
-        totals = Totals.of(program)
-        worst = totals.worst
+        steps, start = [], 0.0
+        for step in program.steps:
+            primitives = [
+                ListedPrimitive(
+                    name=one.name,
+                    does=one.does or one.name,
+                    action=action_name(one),
+                    start=start + one.start,
+                    end=start + one.end,
+                    held=one.held,
+                )
+                for one in step.primitives
+            ]
+            span = {"start": start, "end": start + step.time, "primitives": primitives, "label": step.short_task}
+            steps.append(completed(ListedStep, step, parameters=dict(step.parameters), **span))
+            start += step.time
+
+        def mean(name: str) -> float | None:
+            known = [(figure, step.time) for step in steps if (figure := getattr(step, name)) is not None]
+            weight = sum(time for _, time in known)
+            return sum(figure * time for figure, time in known) / weight if weight else None
+
+        # The fault with the longest delay at worst; one that may never be noticed is the longest.
+        faults = [
+            (one.delay_worst, number, name) for number, s in enumerate(steps, 1) for name, one in s.faults.items()
+        ]
+        worst = max(faults, key=lambda one: inf if one[0] is None else one[0], default=(None, None, None))
+        workspace = workspace_path(program, file)
+        here = shlex.quote(os.path.relpath(shortest_path(workspace)))
+        add = f"sqrp rank {here} TASK --program {shlex.quote(str(file))}"
         return cls(
             program=str(file),
-            workspace=workspace_name(workspace_path(program, file)),
+            workspace=workspace_name(workspace),
             stale=stale,
-            steps=list(_steps(program)),
-            total=completed(
-                ProgramTotal,
-                totals,
-                delay_worst=None if worst is None else worst.seconds,
-                fault=None if worst is None else worst.fault,
-                step=None if worst is None else worst.step,
+            steps=steps,
+            total=ProgramTotal(
+                time=sum(step.time for step in steps),
+                q_avg=mean("q_avg"),
+                q_eoi=mean("q_eoi"),
+                delay_worst=worst[0],
+                step=worst[1],
+                fault=worst[2],
             ),
             tool=tool_commands(program),
+            held=program.steps[-1].after.held if program.steps else None,
+            add=add if workspace.exists() else None,
         )
-
-
-def _steps(program: Program) -> Iterator[ListedStep]:
-    start = 0.0
-    for step in program.steps:
-        yield ListedStep.of(step, start)
-        start += step.time

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from sqrp_cli.document import LEFT_OUT, Pose, Record
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.text.entries import completed
+from sqrp_cli.logic.image_time import Window
 from sqrp_cli.programming.coverage.assessment import Study
 from sqrp_cli.programming.pieces import GroundFormula
 from sqrp_cli.programming.targets import SoughtBox
@@ -113,20 +114,6 @@ class TargetBoxes(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SightWindow(Record):
-    """A time in which every image of some cameras shows a fault."""
-
-    start: float
-    """[s]."""
-    end: float
-    """[s]."""
-    period: float
-    """Between two images [s]."""
-    lag: float
-    """From an image until what it shows is known [s]."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class SightOnset(Record):
     """From when on images show a fault that happens at a time x, at points in order; linear in between."""
 
@@ -142,7 +129,7 @@ class SightOnset(Record):
 class FaultSight(Record):
     """When images show a fault."""
 
-    windows: list[SightWindow]
+    windows: list[Window]
     """In which they show it; those of cameras of one rate and latency in order, apart from each other."""
     onsets: list[SightOnset]
     """Of each interval in which it may happen."""
@@ -151,7 +138,7 @@ class FaultSight(Record):
     def of(cls, study: Study, fault: str) -> FaultSight:
         """As a study found it."""
         return cls(
-            windows=[SightWindow(**window._asdict()) for window in study.windows[fault]],
+            windows=list(study.windows[fault]),
             onsets=[
                 SightOnset(x=one.x.tolist(), shown=one.shown.tolist(), usual=one.as_usual.shown.tolist())
                 for one in study.onsets[fault]

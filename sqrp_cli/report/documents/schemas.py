@@ -15,6 +15,7 @@ from pydantic import TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core.core_schema import DataclassSchema, ModelSchema
 
+from sqrp_cli.calibrating.report import CalibrateDocument
 from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.knowledge.skill.skill import SkillFile
 from sqrp_cli.knowledge.text.entries import Entry
@@ -26,11 +27,12 @@ from sqrp_cli.report.documents.checks import CheckDocument, RulesDocument
 from sqrp_cli.report.documents.explanation import ExplainAllDocument, ExplainDocument
 from sqrp_cli.report.documents.placing import PlaceDocument
 from sqrp_cli.report.documents.programs import ProgramDocument
-from sqrp_cli.report.documents.runs import AuditDocument, CalibrateDocument, RunDocument, SweepDocument
 from sqrp_cli.report.documents.scene import InitDocument, ShowDocument
 from sqrp_cli.report.documents.scores import ScoreDocument, VaryDocument
+from sqrp_cli.runtime.audit.report import AuditDocument
 from sqrp_cli.runtime.cell.robot_file import RobotFile
 from sqrp_cli.runtime.record.events import Event
+from sqrp_cli.runtime.record.report import RunReport, SweepDocument
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 """The dialect of the schemas."""
@@ -55,7 +57,7 @@ DOCUMENTS: Mapping[str, Any] = {
     "place": PlaceDocument,
     "check": CheckDocument,
     "program": ProgramDocument,
-    "run": RunDocument | SweepDocument,
+    "run": RunReport | SweepDocument,
     "audit": AuditDocument,
     "calibrate": CalibrateDocument,
     "score": ScoreDocument | VaryDocument,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -15,12 +15,12 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program, Step
 from sqrp_cli.runtime.audit.clock import FARTHEST
 from sqrp_cli.runtime.audit.footage import Footage, Frame, ImageSource
+from sqrp_cli.runtime.audit.report import AuditDocument, AuditedCamera, MaybeLost
 from sqrp_cli.runtime.monitor.attempt import PredictionCheck
 from sqrp_cli.runtime.monitor.nominal_step import NominalStep, values_when_open
 from sqrp_cli.runtime.monitor.step_monitor import StepMonitor
 from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, Detection, DetectionTargets
 from sqrp_cli.runtime.perception.image_detector import DetectorPool, PerceptionError
-from sqrp_cli.runtime.record.report import Confusion, Disagreement, Prediction, total_of
 from sqrp_cli.runtime.robot_body import RobotBody
 
 Known = TypeVar("Known")
@@ -33,69 +33,22 @@ LEAST_LOST = 3
 """Images, at least, that say of a literal to the end of a step that it is not as planned, for `MaybeLost`."""
 
 
-@dataclass(frozen=True)
-class MaybeLost:
-    """A literal that was planned to be true, and false in every image that shows it from a time on."""
-
-    step: int
-    """From 1."""
-    t: float
-    """When the first of these images was taken [s], since the step's motion began."""
-    atom: str
-    images: int
-    """How many there are."""
-
-
-@dataclass(frozen=True)
-class AuditReport:
-    """What recorded images say about a program's predictions."""
-
-    prediction: tuple[Prediction, ...]
-    usual: tuple[Prediction, ...]
-    """Of the images that were not predicted to show an atom: whether such images usually do."""
-    disagreements: tuple[Disagreement, ...]
-    images: int
-    """How many were compared."""
-    skipped: int
-    """How many were taken when the step did not go as planned."""
-    repeated: int
-    """How many were identical to the image before them."""
-    until: tuple[float | None, ...]
-    """When the last image of each step that was compared was taken, of the step [s]; None where none was."""
-    lost: tuple[MaybeLost, ...] = ()
-    """What may have been lost without the arm leaving its path."""
-    missing: tuple[str, ...] = ()
-    """Cameras of the workspace without images: their predictions were not compared."""
-    other_topics: tuple[str, ...] = ()
-    """Topics with images of no camera."""
-    damaged: tuple[str, ...] = ()
-    """What is wrong with each image that is damaged and was left out."""
-    apart: Mapping[str, float] = field(default_factory=dict)
-    """How long after the robot's motion the images of a camera are whose clock is not the robot's [s]: all of them are
-    more than `FARTHEST` after it, or before it, which is negative."""
-    runs: int = 1
-    """How many runs of the program were recorded; the first one was compared."""
-
-    @property
-    def total(self) -> Confusion:
-        """Over all steps, atoms and cameras."""
-        return total_of(self.prediction)
-
-
 def audit(
     program: Program,
     workspace: Workspace,
     footage: Footage,
-    offsets: Mapping[str, float],
+    cameras: Mapping[str, AuditedCamera],
+    threshold: float,
     image_done: Callable[[], None],
-) -> AuditReport:
+) -> AuditDocument:
     """Compare a recording with a program.
 
-    offsets: by how much the clock of each camera is ahead of the robot's [s]; 0 for others. Assumes that the robot is
-    where the recording says, and that everything goes as planned while it is where the program wants it. Raises
-    InputError for an image that cannot be used.
+    cameras: what is known of them; images of clocks that are wrong are compared at the robot's times. Assumes that the
+    robot is where the recording says, and that everything goes as planned while it is where the program wants it.
+    Raises InputError for an image that cannot be used.
     """
     robot = RobotBody.load(workspace.robot)
+    offsets = {name: one.clock.offset or 0.0 for name, one in cameras.items() if one.clock.wrong}
     steps = []
     with DetectorPool(CellModel.of(workspace, robot)) as pool:
         for index, step in enumerate(program.steps):
@@ -109,20 +62,33 @@ def audit(
                 image_done()
                 audited.add(detection, frames[frame])
     compared = sum(step.compared for step in steps)
-    return AuditReport(
-        prediction=tuple(step.check.counts for step in steps),
-        usual=tuple(step.check.usual for step in steps),
-        disagreements=tuple(found for step in steps for found in step.check.disagreements),
+    begin, end = footage.starts[0], footage.starts[-1] + program.steps[-1].time
+    apart = {}
+    for camera in sorted(footage.recorded):
+        t = np.array([frame.t for frame in footage.frames if frame.camera == camera])
+        after = np.maximum(t - end, 0.0) + np.minimum(t - begin, 0.0)
+        if len(t) and np.abs(after).min() > FARTHEST:
+            apart[camera] = float(after[np.argmin(np.abs(after))])
+    return AuditDocument(
+        workspace=workspace.name,
+        steps=[step.short_task for step in program.steps],
+        times=[step.time for step in program.steps],
         images=compared,
         skipped=len(footage.frames) + footage.unplanned - compared - len(footage.damaged),
         repeated=sum(step.repeated for step in steps),
-        until=tuple(step.until for step in steps),
-        lost=tuple(lost for step in steps for lost in step.lost),
-        missing=tuple(name for name in workspace.cameras if name not in footage.recorded),
-        other_topics=tuple(footage.other_topics),
-        damaged=tuple(footage.damaged.values()),
-        apart=_apart(program, footage),
+        until=[step.until for step in steps],
         runs=footage.runs,
+        damaged=len(footage.damaged),
+        damage=next(iter(footage.damaged.values()), None),
+        apart=apart,
+        missing=[name for name in workspace.cameras if name not in footage.recorded],
+        other_topics=list(footage.other_topics),
+        lost=[lost for step in steps for lost in step.lost],
+        threshold=threshold,
+        cameras=cameras,
+        prediction=[step.check.counts for step in steps],
+        usual=[step.check.usual for step in steps],
+        disagreements=[found for step in steps for found in step.check.disagreements],
     )
 
 
@@ -156,19 +122,9 @@ class _StepAudit:
     def lost(self) -> list[MaybeLost]:
         """What enough images, up to the last that shows it, say is false."""
         found = {atom: times for atom, times in self._false_at.items() if len(times) >= LEAST_LOST}
-        return [MaybeLost(self._number, min(times), atom, len(times)) for atom, times in found.items()]
-
-
-def _apart(program: Program, footage: Footage) -> dict[str, float]:
-    """`AuditReport.apart` of a recording."""
-    begin, end = footage.starts[0], footage.starts[-1] + program.steps[-1].time
-    found = {}
-    for camera in sorted(footage.recorded):
-        t = np.array([frame.t for frame in footage.frames if frame.camera == camera])
-        after = np.maximum(t - end, 0.0) + np.minimum(t - begin, 0.0)
-        if len(t) and np.abs(after).min() > FARTHEST:
-            found[camera] = float(after[np.argmin(np.abs(after))])
-    return found
+        return [
+            MaybeLost(step=self._number, t=min(times), atom=atom, images=len(times)) for atom, times in found.items()
+        ]
 
 
 def frames_of(footage: Footage, index: int, step: Step, offsets: Mapping[str, float]) -> dict[Frame, float]:

@@ -20,6 +20,7 @@ from sqrp_cli.runtime.audit.camera_fit import CameraFit, SeenEdges, first_guess,
 from sqrp_cli.runtime.audit.clock import FARTHEST, SPACING, ImageChanges, MotionInImage, brightness, rough_offsets
 from sqrp_cli.runtime.audit.expected_edges import STEP, EdgeRenderer, PlannedMoment
 from sqrp_cli.runtime.audit.footage import Footage, Frame
+from sqrp_cli.runtime.audit.report import AuditedCamera, AuditedClock, AuditedPose
 from sqrp_cli.runtime.monitor.nominal_step import NominalStep
 from sqrp_cli.runtime.robot_body import RobotBody
 
@@ -51,45 +52,28 @@ MEETS = 0.75
 """Largest mean loss of edges (`CameraFit.cost`) of an image that shows the cell at all."""
 
 
-@dataclass(frozen=True, eq=False)
-class CameraSurvey:
-    """What the images of a camera say of it."""
-
-    camera: Camera
-    """As the workspace says."""
-    images: int
-    """Of the recording."""
-    fit: CameraFit | None
-    """None where its images show too little of the cell, or it is not near where the workspace says."""
-
-    @property
-    def offset(self) -> float | None:
-        """By how much its clock is ahead of the robot's [s]; None where its images show no motion."""
-        return None if self.fit is None or self.offset_error > UNKNOWN else float(self.fit.change[6])
-
-    @property
-    def offset_error(self) -> float:
-        """Standard deviation of that [s]."""
-        return float("inf") if self.fit is None else float(np.sqrt(self.fit.covariance[6, 6]))
-
-    @property
-    def has_wrong_clock(self) -> bool:
-        """Whether the clock is wrong beyond doubt."""
-        return self.offset is not None and abs(self.offset) > max(LATE, SURE * self.offset_error)
-
-    @property
-    def has_moved(self) -> bool:
-        """Whether the camera is not where the workspace says, beyond doubt."""
-        if self.fit is None:
-            return False
-        least = np.diag([TURNED**2] * 3 + [SHIFTED**2] * 3) / SURE**2
-        change = self.fit.change[:6]
-        return float(change @ np.linalg.solve(self.fit.covariance[:6, :6] + least, change)) > SURE**2 + 6.0
-
-    @property
-    def X_FC(self) -> Array:
-        """The pose of the optical frame that its images show, (4, 4)."""
-        return self.camera.X_FC if self.fit is None else self.camera.X_FC @ _moved(self.fit.change)
+def _audited(camera: Camera, images: int, fit: CameraFit | None) -> AuditedCamera:
+    """What is said of a camera of the workspace by the fit of its images."""
+    if fit is None:
+        return AuditedCamera(images=images, clock=AuditedClock(offset=None, error=None, wrong=False), pose=None)
+    error = float(np.sqrt(fit.covariance[6, 6]))
+    offset = None if error > UNKNOWN else float(fit.change[6])
+    least = np.diag([TURNED**2] * 3 + [SHIFTED**2] * 3) / SURE**2
+    change = fit.change[:6]
+    pose = AuditedPose(
+        turn=change[:3].tolist(),
+        turn_error=fit.deviations[:3].tolist(),
+        shift=change[3:].tolist(),
+        shift_error=fit.deviations[3:6].tolist(),
+        pixels=fit.pixels,
+        residual=fit.residual,
+        points=fit.points,
+        moved=float(change @ np.linalg.solve(fit.covariance[:6, :6] + least, change)) > SURE**2 + 6.0,
+        pose=(camera.X_FC @ _moved(fit.change)).tolist(),
+    )
+    wrong = offset is not None and abs(offset) > max(LATE, SURE * error)
+    clock = AuditedClock(offset=offset, error=None if offset is None else error, wrong=wrong)
+    return AuditedCamera(images=images, clock=clock, pose=pose)
 
 
 def _moved(change: Array) -> Array:
@@ -119,7 +103,7 @@ def survey(
     workspace: Workspace,
     footage: Footage,
     progress: Callable[[str, int], AbstractContextManager[Callable[[int], object]]],
-) -> dict[str, CameraSurvey]:
+) -> dict[str, AuditedCamera]:
     """What the images of each camera say of it, by name; progress: of images, then of cameras, which take far longer.
 
     Raises InputError where an image cannot be used, or the cell cannot be drawn.
@@ -134,7 +118,8 @@ def survey(
     with closing(surveyor), progress("Surveying the cameras", len(filmed)) as advance:
         for camera in filmed:
             name = camera.name
-            found[name] = CameraSurvey(camera, len(of_camera[name]), surveyor.fit(camera, kept[name], changes[name]))
+            fit = surveyor.fit(camera, kept[name], changes[name])
+            found[name] = _audited(camera, len(of_camera[name]), fit)
             advance(1)
     return found
 

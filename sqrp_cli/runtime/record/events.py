@@ -296,6 +296,10 @@ class RunEnded(_Event):
     """Why it stopped, or what was not noticed."""
 
 
+_NOT_LOGGED = ("schema", "document", "workspace", "wall")
+"""Fields of a run's document that the last line of a log does not have: its header has the workspace."""
+
+
 class RunReported(_Event):
     """How a run went: the last line of a log, with the fields of the report."""
 
@@ -303,8 +307,8 @@ class RunReported(_Event):
     report: RunReport
 
     def line(self) -> dict[str, object]:
-        """What the log holds of it: no wall time; as in logs of earlier versions, no camera of a fault of a step."""
-        document = {key: value for key, value in asdict(self.report).items() if key != "wall"}
+        """What the log holds: as in logs of earlier versions, no wall time, no camera of a fault of a step."""
+        document = {key: value for key, value in asdict(self.report).items() if key not in _NOT_LOGGED}
         for fault in document["faults"]:
             if fault["camera"] is None:
                 del fault["camera"]
@@ -315,7 +319,8 @@ class RunReported(_Event):
         """Schema of the line, in which the report's fields are those of the event."""
         schema = super().__get_pydantic_json_schema__(core, handler)
         report = handler.resolve_ref_schema(schema["properties"].pop("report"))
-        schema["properties"] |= {key: value for key, value in report["properties"].items() if key != "wall"}
+        known = {key: value for key, value in report["properties"].items() if key not in _NOT_LOGGED}
+        schema["properties"] |= known
         schema["required"].remove("report")
         return schema
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -130,19 +130,22 @@ def _fields(text: str, place: Place) -> Mapping[str, Any]:
 
 def _report(fields: Mapping[str, Any], place: Place) -> RunReport:
     try:
-        report = TypeAdapter(RunReport).validate_python({**fields, "wall": {}})
+        # Logs of earlier versions have the times of the last stop each for itself.
+        stop = {"told": fields.get("stop_told"), "standing": fields.get("stop_done")}
+        report = TypeAdapter(RunReport).validate_python({"stop": stop, **fields, "wall": {}})
     except ValidationError as error:
         raise _no_log(f"the report at the end of this log is none: {_first_words(error)}", place) from None
     if report.prediction and not report.usual:  # of an earlier version, which knew of no usual images
-        report.usual = [
+        usual = [
             {atom: {name: Confusion(tn=one.tn, fn=one.fn) for name, one in of.items()} for atom, of in step.items()}
             for step in report.prediction
         ]
-    usual, asked = (
+        report = replace(report, usual=usual)
+    shown, asked = (
         [[(atom, name) for atom, cameras in step.items() for name in cameras] for step in steps]
         for steps in (report.usual, report.prediction)
     )
-    if usual != asked:
+    if shown != asked:
         message = "the report at the end of this log has other literals under `usual` than under `prediction`"
         raise _no_log(message, place)
     return report

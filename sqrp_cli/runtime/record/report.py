@@ -1,28 +1,18 @@
-"""The report of a run: its outcome, its faults with their times, and which predictions came true."""
+"""How runs went: the documents of `run` and `run --sweep`, which logs keep, and which predictions came true."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from pydantic import ConfigDict
+from sqrp_cli.document import LEFT_OUT, Record, WorkspaceDocument, how_many
 
 PROCESSING = 0.02
 """Time to process an image [s]: measured, 15 ms for one of 640x480 pixels."""
 
-
 TRUTH_SPACING = 0.002
 """When a fault has come true is known to this: a step of the physics [s]."""
-
-
-def excess(fault: FaultRecord) -> float:
-    """By how much a delay exceeds the longest that is predicted for it [s]; 0 where it does not, or none is known."""
-    if fault.delay is None or fault.predicted_delay is None:
-        return 0.0
-    late = fault.delay - fault.predicted_delay
-    return late if late > TRUTH_SPACING + 1e-9 else 0.0
-
 
 Outcome = Literal["done", "stopped", "missed"]
 """Of a run: all steps were done; the robot stopped before; or all were done, but a fault that happened was never
@@ -44,15 +34,15 @@ class MonitoringLost(Stopped):
         self.fault, self.cameras = fault, cameras
 
 
-class _Recorded:
-    """Of a report, whose fields the JSON Schema describes as they are described here."""
+class _Counted:
+    """A record that changes while a run goes on; the JSON Schema describes its fields as they are described here."""
 
-    __pydantic_config__ = ConfigDict(use_attribute_docstrings=True)
+    __pydantic_config__ = {"use_attribute_docstrings": True}  # noqa: RUF012
 
 
 @dataclass
-class FaultRecord(_Recorded):
-    """A fault with its times on the run's clock [s]; None for what never happened."""
+class FaultRecord(_Counted):
+    """A fault with its times on the run's clock [s]; null for what never happened."""
 
     name: str
     """As the skill calls it, or what was injected; of a violation that the skill lets pass, its formula."""
@@ -69,11 +59,19 @@ class FaultRecord(_Recorded):
     predicted_delay: float | None = None
     """From `happened` to `detected` as the program predicts it [s]."""
     moved_on: float | None = None
-    """How long the robot then moved on, to where the condition of a retry can be seen [s]; None if it did not."""
+    """How long the robot moved on, after `detected`, to where the condition of a retry can be seen [s]; null if it did
+    not."""
     camera: str | None = None
-    """The camera that failed, None for a fault of the step."""
+    """The camera that failed; null for a fault of the step."""
     kind: str | None = None
-    """What was injected, such as `miss-pick`; None if nothing was. Logs of earlier versions lack it."""
+    """What was injected, such as `miss-pick`; null if nothing was. Logs of earlier versions lack it."""
+    delay: float | None = None
+    """From `happened` to `detected` [s]; of a fault of a run that has ended."""
+
+    def __post_init__(self) -> None:
+        """The delay follows from the times."""
+        known = self.happened is not None and self.detected is not None
+        self.delay = self.detected - self.happened if known else None  # type: ignore[operator]
 
     @property
     def label(self) -> str:
@@ -82,15 +80,14 @@ class FaultRecord(_Recorded):
         return name if self.camera is None else f"{name} {self.camera}"
 
     @property
-    def delay(self) -> float | None:
-        """Measured from `happened` to `detected` [s]."""
-        if self.happened is None or self.detected is None:
-            return None
-        return self.detected - self.happened
+    def excess(self) -> float:
+        """By how much the delay exceeds the longest that is predicted [s]; 0 where it does not, or none is known."""
+        late = 0.0 if self.delay is None or self.predicted_delay is None else self.delay - self.predicted_delay
+        return late if late > TRUTH_SPACING + 1e-9 else 0.0
 
 
 @dataclass
-class StepRecord(_Recorded):
+class StepRecord(_Counted):
     """A step as it was run; start and end on the run's clock [s]."""
 
     skill: str
@@ -102,7 +99,7 @@ class StepRecord(_Recorded):
     start: float
     """When its first attempt began [s]."""
     end: float | None = None
-    """When it was done [s]; None if the robot stopped before."""
+    """When it was done [s]; null if the robot stopped before."""
     attempts: int = 1
     """How often it was tried, with the first time."""
     unseen: Mapping[str, float | None] = field(default_factory=dict)
@@ -110,7 +107,7 @@ class StepRecord(_Recorded):
 
 
 @dataclass
-class Confusion(_Recorded):
+class Confusion(_Counted):
     """How often a camera was predicted to see an atom (positive) and did (true), over its images."""
 
     tp: int = 0
@@ -140,7 +137,7 @@ class Confusion(_Recorded):
 
 
 @dataclass(frozen=True)
-class Disagreement(_Recorded):
+class Disagreement(_Counted):
     """An image in which a prediction was wrong."""
 
     step: int
@@ -174,14 +171,29 @@ def total_of(predictions: Iterable[Prediction]) -> Confusion:
     return sum((found for step in predictions for cameras in step.values() for found in cameras.values()), Confusion())
 
 
-@dataclass
-class RunReport(_Recorded):
-    """A whole run."""
+@dataclass(frozen=True)
+class StopTimes(Record):
+    """When the robot was last commanded to stop, and when it stood still [s]."""
 
+    told: float | None = None
+    """When the robot was last commanded to stop [s]; null if it never was."""
+    standing: float | None = None
+    """When it stood still after that [s]; null if it never was commanded to stop."""
+
+
+@dataclass(frozen=True, repr=False)
+class RunReport(WorkspaceDocument):
+    """How a run went."""
+
+    VIEW = "sqrp_cli.terminal.run_view:print_run"
+
+    workspace: str = field(default="", kw_only=True)
+    """Its name: that of its folder, or of its file if that is not `workspace.yaml`."""
+    document: Literal["run"] = field(default="run", kw_only=True)
     outcome: Outcome = "done"
-    """Whether all steps were done, the robot stopped before, or it did not notice a fault."""
+    """Whether all steps were done, the robot stopped before, or a fault happened that was never noticed (`missed`)."""
     reason: str | None = None
-    """Why it stopped, or what was not noticed; None if it is done."""
+    """Why it stopped, or what was not noticed; null if it is done."""
     time: float = 0.0
     """Simulated [s]."""
     steps: list[StepRecord] = field(default_factory=list)
@@ -189,12 +201,12 @@ class RunReport(_Recorded):
     faults: list[FaultRecord] = field(default_factory=list)
     """Those that were injected or seen."""
     prediction: list[Prediction] = field(default_factory=list)
-    """Per step, of its first attempt."""
+    """Per step, of its first attempt, by literal and camera."""
     usual: list[Prediction] = field(default_factory=list)
-    """Of the images that were not predicted to show an atom: whether such images usually do. Logs of earlier versions
-    lack it."""
+    """Of the images that were not predicted to show a literal: usual images (`tp` + `fp`), of which `tp` showed it, and
+    all others (`fn` + `tn`), of which `fn` did. Logs of earlier versions lack it."""
     disagreements: list[Disagreement] = field(default_factory=list)
-    """Images in which a prediction was wrong."""
+    """Images in which a prediction was wrong, usual images among them."""
     conflicts: int = 0
     """How often cameras contradicted each other about an atom."""
     tracking: float | None = None
@@ -202,11 +214,20 @@ class RunReport(_Recorded):
     images: int = 0
     """How many images the cameras took."""
     wall: dict[str, float] = field(default_factory=dict)
-    """Wall time by activity [s]."""
-    stop_told: float | None = None
-    """When the robot was last commanded to stop [s]."""
-    stop_done: float | None = None
-    """When it stood after that [s]."""
+    """Where wall-clock time went [s]."""
+    stop: StopTimes = StopTimes()
+    """The last stop that was commanded."""
+
+    @property
+    def done(self) -> bool:
+        """Whether the program was completed."""
+        return self.outcome == "done"
+
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        steps, faults = how_many(self.steps, "step"), how_many(self.faults, "fault")
+        return f"{self.workspace}: {self.outcome} at {self.time:.2f} s, {steps}, {faults}, {self.images} images"
 
     @property
     def missed(self) -> list[FaultRecord]:
@@ -228,3 +249,102 @@ class RunReport(_Recorded):
     def total(self) -> Confusion:
         """Over all steps, atoms and cameras."""
         return total_of(self.prediction)
+
+
+@dataclass(kw_only=True)
+class SweptRun(FaultRecord):
+    """A run of a sweep: what came of it, and of the slip that was injected."""
+
+    x: float
+    """When the fault was injected, in seconds of the step."""
+    outcome: Outcome
+    """Whether all steps were done, the robot stopped before, or a fault happened that was never noticed (`missed`)."""
+    reason: str | None = None
+    """Why it stopped, or what was not noticed; null if it is done."""
+    time: float
+    """Simulated [s]."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class SweepDocument(WorkspaceDocument):
+    """What `sqrp run --sweep` finds: how the delays of slips compare with their predictions.
+
+    What is predicted is the longest delay, whatever the phase of the cameras.
+    """
+
+    VIEW = "sqrp_cli.terminal.run_view:print_sweep"
+
+    document: Literal["run --sweep"] = "run --sweep"
+    sweep: str
+    """What was swept, such as `slip@a4`."""
+    step: int
+    """Number of the step that was swept."""
+    steps: list[str]
+    """What each step of the program does."""
+    count: int
+    """How many runs were asked for."""
+    tolerance: float
+    """A delay that is shorter than its prediction by more counts as sooner [s]: a frame period of the slowest camera
+    plus what it takes to look at an image."""
+    predictable: int
+    """Runs in which the fault came true and was predicted to be seen."""
+    seen: int
+    """Runs among them in which it was seen."""
+    as_predicted: int
+    """Runs among those in which it was seen within the longest delay predicted, by `tolerance` sooner at most."""
+    sooner: int
+    """Runs in which it was seen sooner than that, because images showed more than they were predicted to."""
+    later: int
+    """Runs in which it was seen later than predicted at worst, by more than a step of the physics (2 ms)."""
+    runs: list[SweptRun]
+    """In the order of `x`."""
+    interrupted: bool | None = field(default=None, metadata=LEFT_OUT)
+    """True if Ctrl-C came before all runs were finished."""
+
+    @classmethod
+    def of(
+        cls,
+        workspace: str,
+        sweep: str,
+        step: int,
+        steps: list[str],
+        runs: Sequence[SweptRun],
+        count: int,
+        period: float,
+    ) -> SweepDocument:
+        """The runs of a sweep that are finished, and their sums; period: of the slowest camera [s]."""
+        able = [run for run in runs if run.happened is not None and run.predicted_delay is not None]
+        lateness = [
+            run.delay - run.predicted_delay for run in able if run.delay is not None and run.predicted_delay is not None
+        ]
+        sooner, later = (
+            sum(late < -(period + PROCESSING) - 1e-9 for late in lateness),
+            sum(run.excess > 0 for run in able),
+        )
+        return cls(
+            workspace=workspace,
+            sweep=sweep,
+            step=step,
+            steps=steps,
+            count=count,
+            tolerance=period + PROCESSING,
+            predictable=len(able),
+            seen=len(lateness),
+            as_predicted=len(lateness) - sooner - later,
+            sooner=sooner,
+            later=later,
+            runs=list(runs),
+            interrupted=len(runs) < count or None,
+        )
+
+    @property
+    def done(self) -> bool:
+        """Whether all runs were completed."""
+        return not self.interrupted and all(run.outcome == "done" for run in self.runs)
+
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        done = sum(run.outcome == "done" for run in self.runs)
+        cut = ", interrupted" if self.interrupted else ""
+        return f"{self.sweep} in step {self.step}, {self.workspace}: {done} of {how_many(self.runs, 'run')} done{cut}"

@@ -30,7 +30,7 @@ from sqrp_cli.runtime.record.events import (
     listed,
 )
 from sqrp_cli.runtime.record.images import ImageRecorder
-from sqrp_cli.runtime.record.report import MonitoringLost, RunReport, StepRecord, Stopped
+from sqrp_cli.runtime.record.report import MonitoringLost, Outcome, RunReport, StepRecord, Stopped, StopTimes
 from sqrp_cli.runtime.robot_body import RobotBody
 from sqrp_cli.runtime.run.faults import FaultTracker, InjectedFault, StepPlace, parse_fault
 from sqrp_cli.runtime.run.ground_truth import GroundTruth, StateRecorder, step_began
@@ -92,7 +92,7 @@ class Run:
         self._tracker = FaultTracker(cell, streams, self._publisher)
         self._lockstep = Lockstep(self._robot, self._collector, self._tracker, self._truth, self._publisher)
         self._retry_planner = RetryPlanner(self._lockstep, replanner)
-        self._report = RunReport()
+        self._report = RunReport(workspace=workspace.name)
 
     def run(self) -> RunReport:
         """Run all steps; returns how it went."""
@@ -104,27 +104,34 @@ class Run:
 
     def _reported(self, *actions: Callable[[], None]) -> RunReport:
         """How it went when some actions were taken, one after the other."""
-        report, lockstep = self._report, self._lockstep
+        lockstep = self._lockstep
+        outcome: Outcome = "done"
+        reason = None
         try:
             for action in actions:
                 action()
         except Stopped as stopped:
-            report.outcome, report.reason = "stopped", str(stopped)
+            outcome, reason = "stopped", str(stopped)
             self._tracker.stopped(lockstep.now, stopped if isinstance(stopped, MonitoringLost) else None)
             lockstep.halt(str(stopped))
         if self._states is not None:
             self._states.finish()
-        report.time = round(lockstep.now, 6)
-        report.faults, report.conflicts = self._tracker.records, self._collector.conflicts
-        if report.missed and report.outcome == "done":
+        report = replace(
+            self._report,
+            time=round(lockstep.now, 6),
+            faults=[replace(record) for record in self._tracker.records],  # with the delays that follow from the times
+            conflicts=self._collector.conflicts,
+            tracking=self._cell.tracking_error(),
+            images=self._streams.images,
+            stop=StopTimes(lockstep.stop_told, lockstep.standing_since),
+        )
+        if report.missed and outcome == "done":
             named = " and ".join(f"{fault.name}, which happened at {fault.happened:.2f} s" for fault in report.missed)
-            report.outcome, report.reason = "missed", f"no image showed {named}"
-        report.stop_told, report.stop_done = lockstep.stop_told, lockstep.standing_since
-        report.tracking, report.images = self._cell.tracking_error(), self._streams.images
-        self._publisher.publish(RunEnded(t=lockstep.now, event=report.outcome, reason=report.reason))
-        wall = self._publisher.wall
-        report.wall = {**wall, "all": self._publisher.elapsed(), "perception (in parallel)": self._streams.seconds}
-        return report
+            outcome, reason = "missed", f"no image showed {named}"
+        self._publisher.publish(RunEnded(t=lockstep.now, event=outcome, reason=reason))
+        wall = {**self._publisher.wall, "all": self._publisher.elapsed()}
+        wall["perception (in parallel)"] = self._streams.seconds
+        return replace(report, outcome=outcome, reason=reason, wall=wall)
 
     def _run_step(self, index: int, step: Step) -> None:
         """Run a step, with as many retries as its response to a fault allows. Raises Stopped if that does not help."""

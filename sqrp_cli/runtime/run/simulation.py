@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from sqrp_cli.knowledge.workspace.workspace import Workspace
@@ -12,7 +12,7 @@ from sqrp_cli.runtime.perception.detections import CellModel
 from sqrp_cli.runtime.perception.image_detector import DetectorPool
 from sqrp_cli.runtime.perception.streams import ImageStreams
 from sqrp_cli.runtime.record.events import VERSION, ProgramStep, RunBegan
-from sqrp_cli.runtime.record.report import PROCESSING, FaultRecord, RunReport, excess
+from sqrp_cli.runtime.record.report import FaultRecord, RunReport, SweptRun
 from sqrp_cli.runtime.robot_body import RobotBody
 from sqrp_cli.runtime.run.faults import InjectedFault
 from sqrp_cli.runtime.run.run import Recording, Run
@@ -48,79 +48,9 @@ class Simulation:
             return Run(self.program, self.workspace, body, cell, streams, self.replanner, faults, recording).run()
 
 
-@dataclass(frozen=True)
-class SweepRun:
-    """One run of a sweep: when the fault was injected, from the start of the step [s], and what came of it."""
-
-    x: float
-    fault: FaultRecord
-    report: RunReport
-
-
-@dataclass(frozen=True)
-class SweepSummary:
-    """How the delays of a sweep compare with their predictions.
-
-    What is predicted is the longest delay, whatever the phase of the cameras.
-    """
-
-    tolerance: float
-    """A delay that is shorter by more counts as sooner: a frame period plus what it takes to look at an image [s]."""
-    predictable: int
-    """Runs in which the fault came true and is predicted to be seen."""
-    lateness: tuple[float, ...]
-    """Of each of those that were seen, measured delay minus predicted [s]."""
-    excesses: tuple[float, ...]
-    """By how much delays exceeded what was predicted, of those that did [s]."""
-    delays: tuple[float, ...]
-    """Measured, of the same [s]."""
-    unpromised: tuple[float | None, ...]
-    """Measured delays of the faults that no image is promised to show [s]; None: not seen."""
-    ends: tuple[float, ...]
-    """When steps were done after all [s]."""
-
-    @classmethod
-    def of(cls, runs: Iterable[SweepRun], period: float) -> SweepSummary:
-        """The summary of a sweep; period: of the slowest camera [s]."""
-        faults = [run.fault for run in runs]
-        happened = [fault for fault in faults if fault.happened is not None]
-        able = [fault for fault in happened if fault.predicted_delay is not None]
-        pairs = [(fault.delay, fault.predicted_delay) for fault in able]
-        seen = [(delay, predicted) for delay, predicted in pairs if delay is not None and predicted is not None]
-        return cls(
-            period + PROCESSING,
-            len(able),
-            tuple(delay - predicted for delay, predicted in seen),
-            tuple(late for late in map(excess, able) if late),
-            tuple(delay for delay, _ in seen),
-            tuple(fault.delay for fault in happened if fault.predicted_delay is None),
-            tuple(fault.recovered for fault in faults if fault.recovered is not None),
-        )
-
-    @property
-    def seen(self) -> int:
-        """How many of the predictable faults were seen."""
-        return len(self.delays)
-
-    @property
-    def as_predicted(self) -> int:
-        """How many of those were seen within the longest delay, and hardly sooner."""
-        return self.seen - self.sooner - self.later
-
-    @property
-    def sooner(self) -> int:
-        """How many were seen sooner than predicted, because images showed more than they were predicted to."""
-        return sum(late < -self.tolerance - 1e-9 for late in self.lateness)
-
-    @property
-    def later(self) -> int:
-        """How many were seen later than predicted at worst."""
-        return len(self.excesses)
-
-
 def sweep(
     simulation: Simulation, step: int, primitive: ProgramPrimitive, count: int, step_done: Callable[[], None]
-) -> Iterator[SweepRun]:
+) -> Iterator[SweptRun]:
     """Runs with a slip at `count` instants, in the middle of as many equal parts of a primitive.
 
     step: its number, from 1. step_done: called after each run.
@@ -131,7 +61,7 @@ def sweep(
             step_done()
             # A run may see a fault that was not injected, or stop, before the step begins.
             slip = next((fault for fault in report.faults if fault.injected is not None), FaultRecord("slip"))
-            yield SweepRun(x, slip, report)
+            yield SweptRun(**vars(slip), x=x, outcome=report.outcome, reason=report.reason, time=report.time)
 
 
 def instants(start: float, end: float, count: int) -> list[float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -137,7 +137,7 @@ def test_what_is_read_from_a_damaged_log_can_be_shown_and_all_else_is_told_with_
         assert isinstance(header, RunBegan)
         cell = RunCell(header.workspace, header.cameras, header.digest, None)
         write_run(cell, report, events, page, [])
-        print_run("cell", report)
+        print_run(replace(report, workspace="cell"))
     # Nothing is kept of how long it took.
     assert {(number, field) for number, field, _ in damaged()} - refused == {(len(LOG), "wall")}
 

@@ -42,8 +42,8 @@ def test_a_cell_with_contact_is_done_and_what_was_promised_is_seen(
     open_cell(cells / f"{name}.yaml").rank(task).write(file)
     program, audited = open_program(file), name == "peg"  # one of them, as an audit takes as long as a run
     run = program.run(frames=frames if audited else None)
-    assert run.done, run.report.reason
-    precision = run.report.total.precision
+    assert run.done, run.reason
+    precision = run.total.precision
     assert precision is not None
     assert precision >= 0.98
     assert not audited or program.audit(frames, threshold=0.98).passed

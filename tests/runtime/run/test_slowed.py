@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sqrp_cli.program.record import Program, ProgramOnset, ProgramSight, ProgramWindow
+from sqrp_cli.logic.image_time import Window
+from sqrp_cli.program.record import Program, ProgramOnset, ProgramSight
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
 from sqrp_cli.runtime.run.robot_run import SlowedReplanner, slowed
 from tests.runtime.steps import formula, played, step
@@ -15,7 +16,7 @@ LIMITS = MotionLimits(np.array([0.2]), np.array([1.0]), np.array([10.0]))
 
 def program() -> Program:
     move = joint_move(np.zeros(1), np.array([1.8]), LIMITS)
-    window = ProgramWindow(start=1.0, end=3.0, period=0.1, lag=0.05)
+    window = Window(start=1.0, end=3.0, period=0.1, lag=0.05)
     sight = ProgramSight(windows=(window,), onsets=(ProgramOnset(x=(1.0, 3.0), shown=(1.1, 3.1)),))
     formulas = [formula("eventually[1.5, 2.25] (not held(g1) and on(g1, tray))", "retry", "slip")]
     one = step(formulas, {"held(g1)": {"cam1": [(0.5, 4.0)]}}, move.duration)

@@ -4,30 +4,33 @@ from __future__ import annotations
 
 import pytest
 
-from sqrp_cli.runtime.record.report import PROCESSING, FaultRecord, RunReport
-from sqrp_cli.runtime.run.simulation import SweepRun, SweepSummary
+from sqrp_cli.runtime.record.report import PROCESSING, SweepDocument, SweptRun
 
 PERIOD = 0.1
 
 
-def run(delay: float | None, predicted: float | None, happened: float | None = 5.0) -> SweepRun:
-    detected = None if delay is None or happened is None else happened + delay
-    fault = FaultRecord("slip", 5.0, happened, detected, recovered=20.0, predicted_delay=predicted)
-    return SweepRun(5.0, fault, RunReport())
+def swept(*runs: tuple[float | None, float | None, float | None]) -> SweepDocument:
+    """Delay and prediction of each run, and when the slip happened."""
+    found = []
+    for delay, predicted, happened in runs:
+        detected = None if delay is None or happened is None else happened + delay
+        known = {"happened": happened, "detected": detected, "predicted_delay": predicted}
+        found.append(SweptRun(name="slip", injected=5.0, recovered=20.0, x=5.0, outcome="done", time=20.0, **known))
+    return SweepDocument.of("cell", "slip@a4", 1, ["pickup g"], found, len(runs), PERIOD)
 
 
 def test_a_delay_is_as_predicted_up_to_the_longest_and_a_step_of_the_physics() -> None:
     off = PERIOD + PROCESSING
-    runs = [run(0.15, 0.15), run(0.152, 0.15), run(0.17, 0.15), run(0.3 - off, 0.3), run(0.5, 0.15), run(0.15, 0.5)]
-    summary = SweepSummary.of(runs, PERIOD)
-    assert summary.tolerance == pytest.approx(off)
-    assert (summary.predictable, summary.seen) == (6, 6)
-    assert (summary.as_predicted, summary.sooner, summary.later) == (3, 1, 2)
-    assert summary.excesses == pytest.approx((0.02, 0.35))
+    pairs = [(0.15, 0.15), (0.152, 0.15), (0.17, 0.15), (0.3 - off, 0.3), (0.5, 0.15), (0.15, 0.5)]
+    found = swept(*((delay, predicted, 5.0) for delay, predicted in pairs))
+    assert found.tolerance == pytest.approx(off)
+    assert (found.predictable, found.seen) == (6, 6)
+    assert (found.as_predicted, found.sooner, found.later) == (3, 1, 2)
+    assert [run.excess for run in found.runs if run.excess] == pytest.approx([0.02, 0.35])
 
 
 def test_what_cannot_be_predicted_or_did_not_happen_does_not_count_and_what_was_missed_is_not_seen() -> None:
-    summary = SweepSummary.of([run(0.1, None), run(None, 0.2, None), run(None, 0.2), run(0.2, 0.2)], PERIOD)
-    assert (summary.predictable, summary.seen, summary.as_predicted) == (2, 1, 1)
-    assert summary.unpromised == pytest.approx((0.1,))
-    assert summary.ends == (20.0,) * 4
+    found = swept((0.1, None, 5.0), (None, 0.2, None), (None, 0.2, 5.0), (0.2, 0.2, 5.0))
+    assert (found.predictable, found.seen, found.as_predicted) == (2, 1, 1)
+    assert "No image is promised to show the others, but usual images may: 1 of 1 were seen." in str(found)
+    assert "Seen after 0.15 s on average, 0.20 s at worst; done after 20.0 s on average." in str(found)
