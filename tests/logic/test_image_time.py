@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -146,7 +147,7 @@ def test_no_delay_gets_shorter_where_images_show_less(
     windows: list[Window], onset: Onset, shut: tuple[float, float]
 ) -> None:
     start, end = min(shut), max(shut)
-    parts = [(one._replace(end=min(one.end, start)), one._replace(start=max(one.start, end))) for one in windows]
+    parts = [(replace(one, end=min(one.end, start)), replace(one, start=max(one.start, end))) for one in windows]
     less = of([part for both in parts for part in both if part.end > part.start], onset)
     more = of(windows, onset)
     assert less.unseen >= more.unseen - 1e-9

@@ -5,11 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from sqrp_cli.knowledge.text.entries import Entry
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
+from sqrp_cli.logic.image_time import Window
 from sqrp_cli.program.record import Program, Replanner, Step
 from sqrp_cli.ros.dds import DdsTransport
 from sqrp_cli.runtime.cell.robot_file import RobotFile
@@ -111,6 +112,8 @@ def _longer(value: Any, name: str, factor: float) -> Any:  # noqa: ANN401 - of a
             return {key: _longer(part, name, factor) for key, part in value.items()}
         case Trajectory():
             return Trajectory(value.path, value.law.stretched(factor))
+        case Window():
+            return replace(value, start=value.start * factor, end=value.end * factor)
         case Entry():
             fields = ((field, getattr(value, field)) for field in type(value).model_fields)
             return value.model_copy(update={field: _longer(part, field, factor) for field, part in fields})
