@@ -69,9 +69,10 @@ def run_with_slip(sqrp: Callable[..., Any], cell: Cell) -> SlipRun:
     moments = {}
     real = Physics.advance
 
-    def advance(self: Physics, t: float, reference: object) -> None:
-        real(self, t, reference)
+    def advance(self: Physics, t: float, reference: object) -> float:
+        passed = real(self, t, reference)
         moments[round(self.t, 6)] = _moment(self)
+        return passed
 
     folder = cell.folder
     outputs = ("--log", folder / "run.jsonl", "--frames", folder / "frames", "--report", folder / "page.html")
