@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from sqrp_cli.errors import needed
 from sqrp_cli.geometry import Array, transform
 from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.knowledge.camera.projection import ImagePoints, Projection
+from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.report.pages.paint import Color
@@ -40,11 +39,13 @@ class RayScene:
 
     def __init__(self, meshes: Sequence[Triangles]) -> None:
         """Raises InputError where Embree is missing."""
-        embree = check_rays()
-        self._scene = embree.rtcore_scene.EmbreeScene()
+        check_rays()
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
+
+        self._scene = EmbreeScene()
         for mesh in meshes:
-            vertices, faces = mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32)
-            embree.mesh_construction.TriangleMesh(self._scene, vertices, faces)
+            TriangleMesh(self._scene, mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32))
 
     def first_hits(self, origin: Array, directions: Array) -> Hits:
         """What rays from `origin`, (3,), along unit vectors, (n, 3), hit first; normals look towards the origin."""
@@ -64,18 +65,11 @@ class RayScene:
         return blocked
 
 
-class Embree(NamedTuple):
-    """The modules of Embree."""
-
-    mesh_construction: ModuleType
-    rtcore_scene: ModuleType
-
-
-def check_rays() -> Embree:
-    """Embree's modules. Raises InputError, with the command that installs it, where it is missing."""
+def check_rays() -> None:
+    """Raises InputError, with the command that installs it, where Embree is missing."""
     with needed("pictures need the Python package `embreex`, which is not installed", "pip install embreex"):
-        from embreex import mesh_construction, rtcore_scene
-    return Embree(mesh_construction, rtcore_scene)
+        import embreex.mesh_construction
+        import embreex.rtcore_scene  # noqa: F401
 
 
 CLOSE = 1e-2
@@ -100,35 +94,31 @@ def directions(projection: Projection, pixels: Array) -> SeenDirections:
     Found by Newton's method from the point without distortion.
     """
     K = projection.camera.matrix
+
+    def rays(plane: Array) -> Array:
+        return np.column_stack([plane, np.ones(len(plane))])
+
+    def within(plane: Array, share: float) -> Array:
+        length = np.maximum(np.linalg.norm(plane, axis=1, keepdims=True), 1e-12)
+        return plane * np.minimum(1.0, share * projection.radius / length)
+
     plane = (pixels - K[:2, 2]) @ np.linalg.inv(K[:2, :2]).T
-    if projection.camera.distortion_model == "none":
-        return SeenDirections(_unit(plane), np.ones(len(plane), dtype=bool))
-    length = np.linalg.norm(plane, axis=1, keepdims=True)
-    plane = plane * np.minimum(1.0, 0.98 * projection.radius / np.maximum(length, 1e-12))
-    for _ in range(_ITERATIONS):
-        error = _seen_at(projection, plane)[0] - pixels
-        slopes = [(_seen_at(projection, plane + step)[0] - pixels - error) / _STEP for step in np.eye(2) * _STEP]
-        (a, c), (b, d) = (slope.T for slope in slopes)
-        determinant = a * d - b * c
-        safe = np.where(np.abs(determinant) > 1e-9, determinant, np.inf)
-        change = np.column_stack([d * error[:, 0] - b * error[:, 1], a * error[:, 1] - c * error[:, 0]]) / safe[:, None]
-        plane = plane - change
-        length = np.linalg.norm(plane, axis=1, keepdims=True)
-        plane = plane * np.minimum(1.0, 0.9999 * projection.radius / np.maximum(length, 1e-12))
-        if float(np.abs(change).max(initial=0.0)) < _STEP:
-            break
-    found, inside = _seen_at(projection, plane)
-    return SeenDirections(_unit(plane), inside & (np.abs(found - pixels).max(axis=1, initial=0.0) < CLOSE))
-
-
-def _seen_at(projection: Projection, plane: Array) -> ImagePoints:
-    return projection.pixels(np.column_stack([plane, np.ones(len(plane))]))
-
-
-def _unit(plane: Array) -> Array:
-    points = np.column_stack([plane, np.ones(len(plane))])
-    unit: Array = points / np.linalg.norm(points, axis=1, keepdims=True)
-    return unit
+    shown: NDArray[np.bool_] = np.ones(len(plane), dtype=bool)
+    if projection.camera.distortion_model != "none":
+        plane = within(plane, 0.98)
+        for _ in range(_ITERATIONS):
+            error = projection.pixels(rays(plane))[0] - pixels
+            slopes = [(projection.pixels(rays(plane + d))[0] - pixels - error) / _STEP for d in np.eye(2) * _STEP]
+            (a, c), (b, d) = (slope.T for slope in slopes)
+            safe = np.where(np.abs(a * d - b * c) > 1e-9, a * d - b * c, np.inf)[:, None]
+            change = np.column_stack([d * error[:, 0] - b * error[:, 1], a * error[:, 1] - c * error[:, 0]]) / safe
+            plane = within(plane - change, 0.9999)
+            if float(np.abs(change).max(initial=0.0)) < _STEP:
+                break
+        found, inside = projection.pixels(rays(plane))
+        shown = inside & (np.abs(found - pixels).max(axis=1, initial=0.0) < CLOSE)
+    unit = rays(plane)
+    return SeenDirections(unit / np.linalg.norm(unit, axis=1, keepdims=True), shown)
 
 
 Image = NDArray[np.uint8]
@@ -171,13 +161,8 @@ class Photographer:
     def __init__(self, cell: Cell, states: SceneStates) -> None:
         """States: of one instant."""
         self._states = states
-        solids = cell.observer.solids
-        self._scene = RayScene(
-            [
-                Triangles(transform(states.X_WF[solid.part.parent][0], solid.vertices), solid.triangles)
-                for solid in solids
-            ]
-        )
+        placed = ((states.X_WF[solid.part.parent][0], solid) for solid in cell.observer.solids)
+        self._scene = RayScene([Triangles(transform(X, solid.vertices), solid.triangles) for X, solid in placed])
 
     def image(self, camera: Camera, colors: Sequence[Color]) -> Image:
         """What the camera sees; colors: of every solid. Pixels on edges are sampled four times."""

@@ -81,16 +81,23 @@ def captioned(picture: Picture) -> Any:  # noqa: ANN401
 
 def contact_sheet(title: str, rows: Sequence[tuple[str, Sequence[Picture]]]) -> Any:  # noqa: ANN401
     """Rows of small pictures, each row with a heading, as Pillow's image."""
-    small = [(heading, [_small(picture) for picture in pictures]) for heading, pictures in rows]
-    columns = max(len(pictures) for _, pictures in small)
-    heights = [max(entry.height for entry in pictures) + LINE + _MARGIN for _, pictures in small]
+    resampling = _pillow("Image").Resampling.LANCZOS
+
+    def small(picture: Picture) -> Any:  # noqa: ANN401
+        photo = picture.photo
+        height = min(max(1, round(photo.height * _THUMB / photo.width)), _TALLEST)
+        return _framed(photo.resize((_THUMB, height), resampling), picture.captions, 13)
+
+    thumbs = [(heading, [small(picture) for picture in pictures]) for heading, pictures in rows]
+    columns = max(len(pictures) for _, pictures in thumbs)
+    heights = [max(entry.height for entry in pictures) + LINE + _MARGIN for _, pictures in thumbs]
     top = LINE + 3 * _MARGIN
     size = (columns * (_THUMB + _MARGIN) + _MARGIN, top + sum(heights))
     sheet = _pillow("Image").new("RGB", size, _PAPER)
-    draw = _pillow("ImageDraw").Draw(sheet)
-    draw.text((_MARGIN, _MARGIN), visible(title), fill=_INK, font=_font(20))
-    for (heading, pictures), height in zip(small, heights, strict=True):
-        draw.text((_MARGIN, top), visible(heading), fill=_FAINT, font=_font(15))
+    draw, font = _pillow("ImageDraw").Draw(sheet), _pillow("ImageFont").load_default
+    draw.text((_MARGIN, _MARGIN), visible(title), fill=_INK, font=font(20))
+    for (heading, pictures), height in zip(thumbs, heights, strict=True):
+        draw.text((_MARGIN, top), visible(heading), fill=_FAINT, font=font(15))
         for column, entry in enumerate(pictures):
             sheet.paste(entry, (_MARGIN + column * (_THUMB + _MARGIN), top + LINE + _MARGIN // 2))
         top += height
@@ -110,42 +117,35 @@ def check_drawing() -> None:
 
 
 def _silhouette(corners: Array, projection: Projection) -> list[tuple[float, float]]:
-    """The outline of a box in the image, its edges bent by the lens, as far as it lies before the camera."""
+    """The outline of a box in the image, its edges bent by the lens, as far as it lies before the camera.
+
+    The convex hull of points on the edges, by Andrew's monotone chain.
+    """
     points = np.concatenate([np.linspace(corners[a], corners[b], 17) for a, b in _EDGES])
     pixels, inside = projection.pixels(points[points[:, 2] > _LEAST_Z])
     pixels = pixels[inside]
-    return _convex_hull(pixels) if len(pixels) > 2 and np.abs(pixels).max() < _FARTHEST else []
-
-
-def _convex_hull(points: Array) -> list[tuple[float, float]]:
-    """The corners of the convex hull of points (n, 2) in order, by Andrew's monotone chain."""
-    ordered = sorted(map(tuple, points.tolist()))
+    if len(pixels) < 3 or np.abs(pixels).max() >= _FARTHEST:
+        return []
+    ordered = sorted(map(tuple, pixels.tolist()))
     hull: list[tuple[float, float]] = []
     for chain in (ordered, ordered[::-1]):
         start = len(hull)
-        for point in chain:
-            while len(hull) - start >= 2 and _cross(hull[-2], hull[-1], point) <= 0:
+        for x, y in chain:
+            while len(hull) - start >= 2:
+                (x0, y0), (x1, y1) = hull[-2:]
+                if (x1 - x0) * (y - y0) - (y1 - y0) * (x - x0) > 0:
+                    break
                 hull.pop()
-            hull.append(point)
+            hull.append((x, y))
         hull.pop()
     return hull
-
-
-def _cross(origin: tuple[float, float], first: tuple[float, float], second: tuple[float, float]) -> float:
-    return (first[0] - origin[0]) * (second[1] - origin[1]) - (first[1] - origin[1]) * (second[0] - origin[0])
-
-
-def _small(picture: Picture) -> Any:  # noqa: ANN401
-    photo = picture.photo
-    height = min(max(1, round(photo.height * _THUMB / photo.width)), _TALLEST)
-    return _framed(photo.resize((_THUMB, height), _pillow("Image").Resampling.LANCZOS), picture.captions, 13)
 
 
 def _framed(photo: Any, captions: Sequence[Caption], size: int) -> Any:  # noqa: ANN401
     """A photo with lines of text under it; long lines are cut."""
     frame = _pillow("Image").new("RGB", (photo.width, photo.height + len(captions) * LINE + 2 * _MARGIN), _PAPER)
     frame.paste(photo, (0, 0))
-    draw, font = _pillow("ImageDraw").Draw(frame), _font(size)
+    draw, font = _pillow("ImageDraw").Draw(frame), _pillow("ImageFont").load_default(size)
     for index, caption in enumerate(captions):
         x, y = _MARGIN, photo.height + _MARGIN + index * LINE
         if caption.color is not None:
@@ -156,10 +156,6 @@ def _framed(photo: Any, captions: Sequence[Caption], size: int) -> Any:  # noqa:
             text = text[:-2] + "…"
         draw.text((x, y), text, fill=_FAINT if index else _INK, font=font)
     return frame
-
-
-def _font(size: int) -> Any:  # noqa: ANN401
-    return _pillow("ImageFont").load_default(size)
 
 
 def _pillow(module: str) -> ModuleType:
