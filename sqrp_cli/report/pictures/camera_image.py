@@ -100,7 +100,8 @@ def directions(projection: Projection, pixels: Array) -> SeenDirections:
 
     def within(plane: Array, share: float) -> Array:
         length = np.maximum(np.linalg.norm(plane, axis=1, keepdims=True), 1e-12)
-        return plane * np.minimum(1.0, share * projection.radius / length)
+        shorter: Array = plane * np.minimum(1.0, share * projection.radius / length)
+        return shorter
 
     plane = (pixels - K[:2, 2]) @ np.linalg.inv(K[:2, :2]).T
     shown: NDArray[np.bool_] = np.ones(len(plane), dtype=bool)
