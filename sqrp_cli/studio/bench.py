@@ -38,9 +38,8 @@ from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.candidate_page import SceneModel, candidate_rows, played
 from sqrp_cli.report.pages.page import row
 from sqrp_cli.report.sentences import summary
-from sqrp_cli.studio.messages import findings, message
+from sqrp_cli.studio.messages import Choose, Hold, Question, Rank, findings, message
 from sqrp_cli.studio.moves import moved
-from sqrp_cli.studio.requests import Choose, Hold, Question, Rank
 from sqrp_cli.studio.sketch import Sketch, Steps
 
 KEPT_PLANS = 64

@@ -14,8 +14,7 @@ from pathlib import Path
 from sqrp_cli.errors import bad_input
 from sqrp_cli.platform.memory import give_back_memory
 from sqrp_cli.platform.processes import Worker, forked
-from sqrp_cli.studio.messages import kind_of
-from sqrp_cli.studio.requests import Asked, Choose, Hold, Question, Rank
+from sqrp_cli.studio.messages import Asked, Choose, Hold, Question, Rank, kind_of
 from sqrp_cli.studio.server import Live
 
 

@@ -20,9 +20,26 @@ from sqrp_cli.knowledge.text.yaml_edit import changed_values, from_here, patch, 
 from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document, replace_workspace, workspace_file
-from sqrp_cli.studio import requests
 from sqrp_cli.studio.jobs import Errands, Play, Search, Write
-from sqrp_cli.studio.messages import findings, handles, message, parameters, studio_page
+from sqrp_cli.studio.messages import (
+    Apply,
+    Asked,
+    AskTask,
+    Choose,
+    DropFault,
+    Hold,
+    Plain,
+    PutDown,
+    RunProgram,
+    SetValue,
+    WriteProgram,
+    findings,
+    handles,
+    message,
+    parameters,
+    read_request,
+    studio_page,
+)
 from sqrp_cli.studio.moves import Draft, DraftChange, written
 from sqrp_cli.studio.rankings import Bench, Rankings
 from sqrp_cli.studio.server import Live, Tell
@@ -125,11 +142,11 @@ class Studio:
         self._errands.end()
 
     def _rank(self) -> None:
-        self._rankings.rank(requests.Asked(self._draft.content, self._task, self._by))
+        self._rankings.rank(Asked(self._draft.content, self._task, self._by))
 
-    def _saved(self) -> requests.Asked:
+    def _saved(self) -> Asked:
         """What the saved file is ranked for, to compare."""
-        return requests.Asked(self._draft.saved, self._task, self._by)
+        return Asked(self._draft.saved, self._task, self._by)
 
     def _named(self, names: Sequence[str]) -> None:
         """The candidates of a new ranking."""
@@ -147,40 +164,40 @@ class Studio:
 
     def obey(self, text: str) -> None:
         """Do what a browser asks for. Raises InputError where that cannot be."""
-        match requests.read_request(text):
-            case requests.Hold() as asked:
+        match read_request(text):
+            case Hold() as asked:
                 self.live.tell(message("move", move=asked.move))
                 self._rankings.hold(asked)
-            case requests.PutDown(move=move):
+            case PutDown(move=move):
                 try:
                     label = move.in_words(handles(self._workspace)[move.kind].get(move.name))
                     self._edit(label, lambda: written(self._document(), self._workspace, move))
                 finally:
                     self.rest()
-            case requests.SetValue(path=path, value=value):
+            case SetValue(path=path, value=value):
                 self._edit(f"{path} = {value}", lambda: with_values(self._document(), {path: value}))
-            case requests.AskTask(text=task, by=by):
+            case AskTask(text=task, by=by):
                 from sqrp_cli.programming.task import read_task
 
                 read_task(task, self._workspace)
                 self._task, self._by = task, by
                 self._rank()
                 self._note("task", self._command("rank", task, *(["--by", by] if by != "q_eoi" else [])))
-            case requests.Choose() as asked:
+            case Choose() as asked:
                 self._chosen = asked.name
                 self._rankings.choose(asked)
                 self._note("shown", self._command("explain", self._task, "--choose", asked.name))
-            case requests.Apply(number=number):
+            case Apply(number=number):
                 self._apply(number)
-            case requests.WriteProgram(file=name):
+            case WriteProgram(file=name):
                 self._write(name)
-            case requests.RunProgram(file=name, faults=faults):
+            case RunProgram(file=name, faults=faults):
                 file = _program_file(name)
                 self._errands.begin(Play(file=file, faults=tuple(faults), seed=self._seed))
                 self._note("run", _run_line(str(file), faults))
-            case requests.DropFault():
+            case DropFault():
                 self._errands.drop()
-            case requests.Plain(do=do):
+            case Plain(do=do):
                 _PLAIN[do](self)
 
     def _document(self) -> SourceDocument:

@@ -13,8 +13,8 @@ from websockets.asyncio.client import connect
 
 from sqrp_cli.studio import jobs, rankings, server
 from sqrp_cli.studio.jobs import Play, Running, Search
+from sqrp_cli.studio.messages import Rank
 from sqrp_cli.studio.rankings import Bench
-from sqrp_cli.studio.requests import Rank
 from sqrp_cli.studio.server import MOST_AT_ONCE, MOST_PER_SECOND, MOST_UNREAD, MOST_WAITING, Live, _Browser
 
 

@@ -14,8 +14,8 @@ from sqrp_cli.api.cell import open_cell
 from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
 from sqrp_cli.studio import bench
 from sqrp_cli.studio.bench import _Bench
+from sqrp_cli.studio.messages import Rank
 from sqrp_cli.studio.moves import MOST_CHANGES, MOST_KEPT, Draft, DraftChange, Move, written
-from sqrp_cli.studio.requests import Rank
 from tests.studio.conftest import TASK
 
 FEW = 200

@@ -12,9 +12,9 @@ from sqrp_cli.api.cell import OpenCell
 from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
 from sqrp_cli.studio.jobs import Offer
+from sqrp_cli.studio.messages import Asked, Hold, Rank
 from sqrp_cli.studio.moves import Move, written
 from sqrp_cli.studio.rankings import Rankings
-from sqrp_cli.studio.requests import Asked, Hold, Rank
 from sqrp_cli.studio.server import Live
 from sqrp_cli.studio.session import Studio
 from tests.studio.conftest import TASK

@@ -14,7 +14,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from sqrp_cli.cli.main import run
-from sqrp_cli.studio.requests import Plain
+from sqrp_cli.studio.messages import Plain
 from sqrp_cli.studio.session import _PLAIN
 from tests.studio.conftest import TASK
 from tests.studio.started import ROOT
