@@ -6,6 +6,7 @@ import os
 import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
@@ -111,7 +112,14 @@ def resolve(reference: str, folder: Path, roots: Sequence[Path], place: Place | 
                 return path
             first = first or folder
         if first is not None:
-            raise bad_input("missing-file", f"`{reference}`: {_deepest(first, rest)}", place)
+            why = f"{first / rest} is a folder, expected a file"
+            for part in Path(rest).parts:  # the first missing part of the path, and the nearest name there
+                if not (first / part).exists():
+                    close = nearest(part, (entry.name for entry in first.iterdir())) if first.is_dir() else None
+                    why = f"{first} has no `{part}`" + (f"; did you mean `{close}`?" if close else "")
+                    break
+                first = first / part
+            raise bad_input("missing-file", f"`{reference}`: {why}", place)
         raise InputError(_no_package(f"`{reference}`: package `{name}`", name, roots, place))
     path = Path(unquote(reference.removeprefix("file://")) if reference.startswith("file://") else reference)
     # Not by `Path`, which raises its own errors for unknown users and impossible file names.
@@ -190,40 +198,19 @@ def _packages_below(root: Path) -> Mapping[str, Path]:
     """
     found: dict[str, Path] = {}
     level, looked = [root], 0
-    for _ in range(
-        DEEPEST_PACKAGE + 1
-        if not (
-            root.name in ("site-packages", "dist-packages") or root.is_relative_to(sys.prefix) or root.parent == root
-        )
-        else 1
-    ):
+    python = root.name in ("site-packages", "dist-packages") or root.is_relative_to(sys.prefix)
+    for _ in range(1 if python or root.parent == root else DEEPEST_PACKAGE + 1):
         below: list[Path] = []
         for folder in level:
             name = package_name(folder)
             if name is not None:
                 found.setdefault(name, folder)
             elif looked < MOST_FOLDERS:
-                entries = _subfolders(folder)
-                looked += len(entries)
-                below += entries
+                names: list[str] = []
+                with suppress(OSError), os.scandir(folder) as entries:
+                    names = sorted(entry.name for entry in entries if entry.name[0] != "." and entry.is_dir())
+                inside = [folder / name for name in names if name not in _NO_PACKAGES]
+                looked += len(inside)
+                below += inside
         level = below
     return MappingProxyType(found)
-
-
-def _subfolders(folder: Path) -> list[Path]:
-    try:
-        with os.scandir(folder) as entries:
-            names = [entry.name for entry in entries if entry.name[0] != "." and entry.is_dir()]
-    except OSError:
-        return []
-    return [folder / name for name in sorted(names) if name not in _NO_PACKAGES]
-
-
-def _deepest(folder: Path, rest: str) -> str:
-    """The first missing part of the path `rest` below `folder`, and the nearest name there."""
-    for part in Path(rest).parts:
-        if not (folder / part).exists():
-            close = nearest(part, (entry.name for entry in folder.iterdir())) if folder.is_dir() else None
-            return f"{folder} has no `{part}`" + (f"; did you mean `{close}`?" if close else "")
-        folder = folder / part
-    return f"{folder} is a folder, expected a file"

@@ -45,6 +45,12 @@ _SHAPES = ("box.*", "sphere", "cylinder.radius", "cylinder.length", "capsule.rad
 _STATED_PLACES = ("objects.*.pose", "fixtures.*.pose", "cameras.*.pose", "robot.base")
 _INNER_PLACES = ("robot.tool.pose", "robot.tool.frame", "robot.tool.boxes.*.pose", "objects.*.parts.*.pose")
 
+
+def _each(paths: str, least: float, most: float, dimension: Dimension | None, why: str) -> tuple[Usual, ...]:
+    """The same range for several paths, with blanks between them."""
+    return tuple(Usual(path, least, most, dimension, why) for path in paths.split())
+
+
 FIELD_OF_VIEW = Usual(
     "cameras.*.image.horizontal_fov",
     radians(1.0),
@@ -80,8 +86,7 @@ WORKSPACE = (
     Usual("detectors.*.min_visible", 0.02, 1.0, units.SHARE, "shares are only known to 2 points"),
     Usual("cameras.*{frame}.pose.position.*", -3.0, 3.0, units.LENGTH, "no link carries a camera further away"),
     Usual("cameras.*.pose.look_at.*", -200.0, 200.0, units.LENGTH, _ANYWHERE),
-    Usual("cameras.*.image.width", 64, 20_000, None, "images are not smaller or larger"),
-    Usual("cameras.*.image.height", 64, 20_000, None, "images are not smaller or larger"),
+    *_each("cameras.*.image.width cameras.*.image.height", 64, 20_000, None, "images are not smaller or larger"),
     FIELD_OF_VIEW,
     Usual("cameras.*.near", 1e-3, 10.0, units.LENGTH, "cameras see from nearer on"),
     Usual("cameras.*.far", 0.05, 200.0, units.LENGTH, "cameras see neither that near only nor so far"),
@@ -90,7 +95,7 @@ WORKSPACE = (
     Usual("cameras.*.exposure", 0.0, 0.2, units.TIME, "shutters are open for milliseconds"),
     Usual("cameras.*.gain", 0.02, 50.0, None, "images are neither that dark nor that bright"),
     Usual("lights.*.intensity", 1e-3, 50.0, None, "1 makes a white surface as bright as an image can show"),
-    *(Usual(f"lights.*.{place}.*", -50.0, 50.0, units.LENGTH, _ANYWHERE) for place in ("position", "look_at")),
+    *_each("lights.*.position.* lights.*.look_at.*", -50.0, 50.0, units.LENGTH, _ANYWHERE),
     Usual("objects.*{fixed}.size.*", 1e-4, 50.0, units.LENGTH, "fixtures are not larger"),
     Usual("objects.*.size.*", 1e-4, 5.0, units.LENGTH, "what an arm moves is not larger"),
     Usual("objects.*.pose.depth", 0.0, 1.0, units.LENGTH, "fingers are not longer"),
@@ -99,10 +104,7 @@ WORKSPACE = (
         for fixed, largest in (("{fixed}", 50.0), ("", 5.0))
         for shape in _SHAPES
     ),
-    *(
-        Usual(f"objects.*.parts.*.{scale}", -1000.0, 1000.0, None, "meshes in kilometres are rare")
-        for scale in ("scale", "scale.*")
-    ),
+    *_each("objects.*.parts.*.scale objects.*.parts.*.scale.*", -1e3, 1e3, None, "meshes in kilometres are rare"),
     *(Usual(f"{place}.position.*", -50.0, 50.0, units.LENGTH, _ANYWHERE) for place in _STATED_PLACES),
     *(Usual(f"{place}.position.*", -25.0, 25.0, units.LENGTH, "nothing is so large") for place in _INNER_PLACES),
     *(
@@ -110,8 +112,7 @@ WORKSPACE = (
         for place in (*_STATED_PLACES, *_INNER_PLACES)
     ),
     Usual("objects.*.pose.yaw", -_TURN, _TURN, units.ANGLE, _ANGLE_WHY),
-    Usual("tasks.*.min_q_avg", 1e-3, 1.0, units.SHARE, "every candidate reaches that"),
-    Usual("tasks.*.min_q_eoi", 1e-3, 1.0, units.SHARE, "every candidate reaches that"),
+    *_each("tasks.*.min_q_avg tasks.*.min_q_eoi", 1e-3, 1.0, units.SHARE, "every candidate reaches that"),
     Usual("tasks.*.max_time", 0.1, 3600.0, units.TIME, "no motion is shorter, and none takes hours"),
     Usual("tasks.*.max_delay", 1e-3, 60.0, units.TIME, "no camera is faster, and a fault is sought sooner"),
     Usual("padding", 0.0, 0.5, units.LENGTH, "no motion keeps so far from everything"),
@@ -120,40 +121,31 @@ WORKSPACE = (
 
 SKILL = (
     Usual("waypoints.*.depth", 0.0, 1.0, units.LENGTH, "fingers are not longer"),
-    Usual("waypoints.*.retreat", 0.0, 3.0, units.LENGTH, "arms do not reach so far"),
-    Usual("waypoints.*.raise", 0.0, 3.0, units.LENGTH, "arms do not reach so far"),
+    *_each("waypoints.*.retreat waypoints.*.raise", 0.0, 3.0, units.LENGTH, "arms do not reach so far"),
     Usual("waypoints.*.offset.*", -3.0, 3.0, units.LENGTH, "arms do not reach so far"),
     Usual("waypoints.*.pose.position.*", -50.0, 50.0, units.LENGTH, _ANYWHERE),
     Usual("waypoints.*.pose.rpy.*", -_TURN, _TURN, units.ANGLE, _ANGLE_WHY),
     Usual("primitives.*{joint_move}.speed", 0.01, 1.0, units.SHARE, "a motion would take a hundred times as long"),
-    Usual("primitives.*{straight_move}.speed", 1e-4, 5.0, units.SPEED, "arms move neither so slowly nor so fast"),
-    Usual("primitives.*{arc}.speed", 1e-4, 5.0, units.SPEED, "arms move neither so slowly nor so fast"),
-    Usual("primitives.*{helix}.speed", 1e-4, 5.0, units.SPEED, "arms move neither so slowly nor so fast"),
+    *_each("primitives.*{straight_move}.speed primitives.*{arc}.speed primitives.*{helix}.speed", 1e-4, 5.0,
+           units.SPEED, "arms move neither so slowly nor so fast"),
     Usual("primitives.*.turn_speed", 1e-2, 20.0, units.ANGULAR_SPEED, "tools turn neither so slowly nor so fast"),
     Usual("primitives.*.advance", -0.5, 0.5, units.LENGTH, "screws are shorter"),
     Usual("primitives.*.force", 0.5, 200.0, units.FORCE, "less is noise, more breaks things"),
-    Usual("primitives.*.fingers", 0.0, 0.5, units.LENGTH, "fingers do not open so far"),
-    Usual("primitives.*.width", 0.0, 0.5, units.LENGTH, "fingers do not open so far"),
+    *_each("primitives.*.fingers primitives.*.width", 0.0, 0.5, units.LENGTH, "fingers do not open so far"),
     Usual("primitives.*.acceleration", 1e-3, 100.0, units.ACCELERATION, "arms do not"),
     Usual("primitives.*.jerk", 1e-2, 10_000.0, units.JERK, "arms do not"),
-    Usual("primitives.*.duration", 0.0, 300.0, units.TIME, "no robot waits so long in one motion"),
-    Usual("primitives.*.release", 0.0, 300.0, units.TIME, "no robot waits so long in one motion"),
-    Usual("primitives.*.wait", 0.0, 300.0, units.TIME, "no robot waits so long in one motion"),
-    Usual("formulas.*.settle", 0.0, 30.0, units.TIME, "faults would be noticed only after that"),
-    Usual("faults.*.settle", 0.0, 30.0, units.TIME, "faults would be noticed only after that"),
-    Usual("formulas.*.response.retry", 1, 20, None, "a robot that failed so often needs a person"),
-    Usual("faults.*.response.retry", 1, 20, None, "a robot that failed so often needs a person"),
+    *_each("primitives.*.duration primitives.*.release primitives.*.wait", 0.0, 300.0, units.TIME,
+           "no robot waits so long in one motion"),
+    *_each("formulas.*.settle faults.*.settle", 0.0, 30.0, units.TIME, "faults would be noticed only after that"),
+    *_each("formulas.*.response.retry faults.*.response.retry", 1, 20, None, "a robot that failed so often needs a person"),
     Usual("targets.*.boxes.*.margin", -0.1, 0.5, units.LENGTH, "the box would hardly have to do with the object"),
     Usual("targets.*.boxes.*.size.*", 1e-4, 10.0, units.LENGTH, "nothing so large is seen at once"),
     Usual("targets.*.boxes.*.pose.position.*", -50.0, 50.0, units.LENGTH, _ANYWHERE),
     Usual("targets.*.boxes.*.pose.rpy.*", -_TURN, _TURN, units.ANGLE, _ANGLE_WHY),
-)
+)  # fmt: skip
 """Usual values of a skill file; a motion parameter counts where a field names it."""
 
-CALIBRATION = tuple(
-    Usual(key, 64, 20_000, None, "images are not smaller or larger")
-    for key in ("image_width", "image_height", "width", "height")
-)
+CALIBRATION = _each("image_width image_height width height", 64, 20_000, None, "images are not smaller or larger")
 """Usual values of a camera calibration file."""
 
 HAND_EYE = tuple(
@@ -169,28 +161,22 @@ def unusual_values(document: SourceDocument, usual: Sequence[Usual]) -> Iterator
     warned: set[KeyPath] = set()
     for path, value, row in rows_that_apply(document, usual):
         owner = path[:-1] if isinstance(path[-1], int) else path
-        doubt = _doubt(document, path, value, row)
-        if doubt is not None and owner not in warned:
-            warned.add(owner)
-            yield doubt
+        read = read_quantity(value)
+        if read is None or row.least <= read.value <= row.most or owner in warned:
+            continue
+        warned.add(owner)
+        message = f"found `{value}`, usual is {row}: {row.why}"
+        meant = meant_instead(value, row.dimension, row.least, row.most)
+        if meant is None:
+            yield warning(document, path, "unusual-value", message, "check the number and its unit")
+        else:
+            mend = f"write `{meant.stated}` or {meant.value:.4g}"
+            yield warning(document, path, "doubtful-unit", f"{message}; {meant}", mend)
 
 
 def warning(document: SourceDocument, path: KeyPath, code: str, message: str, mend: str) -> Problem:
     """A warning about the value at a path of a document."""
     return replace(document.problem(code, path, message, mend), severity="warning")
-
-
-def _doubt(document: SourceDocument, path: KeyPath, value: object, row: Usual) -> Problem | None:
-    read = read_quantity(value)
-    if read is None or row.least <= read.value <= row.most:
-        return None
-    message = f"found `{value}`, usual is {row}: {row.why}"
-    meant = meant_instead(value, row.dimension, row.least, row.most)
-    if meant is None:
-        return warning(document, path, "unusual-value", message, "check the number and its unit")
-    return warning(
-        document, path, "doubtful-unit", f"{message}; {meant}", f"write `{meant.stated}` or {meant.value:.4g}"
-    )
 
 
 class RatedValue(NamedTuple):
@@ -203,12 +189,21 @@ class RatedValue(NamedTuple):
 
 def rows_that_apply(document: SourceDocument, usual: Sequence[Usual]) -> Iterator[RatedValue]:
     """The values that a row applies to."""
-    rows = _tree(tuple(usual))
-    found: dict[KeyPath, tuple[object, Usual]] = {}
-    for path, value, row in _walk(document.data, rows, ()):
-        for used_path, used in _followed(document, path, value):
-            found.setdefault(used_path, (used, row))
-    yield from (RatedValue(path, value, row) for path, (value, row) in found.items())
+    found: dict[KeyPath, RatedValue] = {}
+    for path, value, row in _walk(document.data, _tree(tuple(usual)), ()):
+        used: list[tuple[KeyPath, object]] = [(path, value)]
+        if isinstance(value, str) and value.startswith("$"):  # the values of the motion parameter that it names
+            motion: KeyPath = ("motion", value[1:])
+            entry = document.data["motion"][value[1:]]
+            if not isinstance(entry, Mapping):
+                used = [(motion, entry)]
+            elif "values" in entry:
+                used = [((*motion, "values", index), listed) for index, listed in enumerate(entry["values"])]
+            else:
+                used = [((*motion, key), entry[key]) for key in ("from", "to")]
+        for one, stated in used:
+            found.setdefault(one, RatedValue(one, stated, row))
+    yield from found.values()
 
 
 class _Rows(dict[str, "_Rows"]):
@@ -235,27 +230,7 @@ def _walk(value: object, rows: _Rows, path: KeyPath) -> Iterator[tuple[KeyPath, 
         return
     for key, child in value.items() if isinstance(value, Mapping) else enumerate(value):
         for step, inner in rows.items():
-            if _is_meant(step, key, child):
+            wanted = step[2:-1] if step.startswith("*") else ""
+            meant = not wanted or (isinstance(child, Mapping) and child.get(wanted) not in (None, False, "world"))
+            if (step == key) if not step.startswith("*") else meant:
                 yield from _walk(child, inner, (*path, key))
-
-
-def _is_meant(step: str, key: str | int, child: object) -> bool:
-    if not step.startswith("*"):
-        return step == key
-    wanted = step[2:-1]
-    return not wanted or (isinstance(child, Mapping) and child.get(wanted) not in (None, False, "world"))
-
-
-def _followed(document: SourceDocument, path: KeyPath, value: object) -> Iterator[tuple[KeyPath, object]]:
-    """A value, or the values of the motion parameter that it names."""
-    if not (isinstance(value, str) and value.startswith("$")):
-        yield path, value
-        return
-    motion: KeyPath = ("motion", value[1:])
-    entry = document.data["motion"][value[1:]]
-    if not isinstance(entry, Mapping):
-        yield motion, entry
-    elif "values" in entry:
-        yield from (((*motion, "values", index), listed) for index, listed in enumerate(entry["values"]))
-    else:
-        yield from (((*motion, key), entry[key]) for key in ("from", "to"))

@@ -147,7 +147,7 @@ class _Tree:
         self._parser = parser = expat.ParserCreate()
         parser.specified_attributes = True  # other readers ignore the default values of a DOCTYPE
         parser.buffer_text, parser.buffer_size = True, _BUFFER
-        parser.StartElementHandler, parser.EndElementHandler = self._start, self._end
+        parser.StartElementHandler, parser.EndElementHandler = self._start, lambda _tag: self._open.pop()
         parser.EntityDeclHandler = self._refuse_entity
         if texts:
             parser.CharacterDataHandler = self._keep
@@ -159,7 +159,17 @@ class _Tree:
         try:
             self._parser.Parse(content, True)
         except expat.ExpatError as error:
-            raise InputError(self._syntax_problem(error, content, recognised)) from error
+            lines = re.split("\r\n?|\n", content.decode("utf-8", errors="replace"))  # as expat counts
+            line = lines[error.lineno - 1] if error.lineno <= len(lines) else ""
+            said = expat.ErrorString(error.code).removeprefix("not well-formed ").strip("()")
+            if error.code == _TAG_MISMATCH and self._open:  # it leaves an element open
+                element = self._open[-1]
+                shown = element if recognised else f"<{element.shown_tag}>"
+                said = f"{shown} of line {element.place.line} is not closed before another closing tag"
+            place = Place(self._path, error.lineno, error.offset + 1)
+            quote = excerpt(line, error.offset + 1) if recognised else None
+            message = f"not well-formed XML: {said}"
+            raise InputError(Problem("xml-syntax", message, place, excerpt=quote)) from error
         except (LookupError, ValueError) as error:  # an encoding that does not exist, or has no table of single bytes
             message = f"not well-formed XML: {error}"
             place = Place(self._path, 1)
@@ -180,9 +190,6 @@ class _Tree:
         (self._open[-1].children if self._open else self._top).append(element)
         self._open.append(element)
 
-    def _end(self, _tag: str) -> None:
-        self._open.pop()
-
     def _keep(self, text: str) -> None:
         if self._open and self._open[-1].tag in self._texts:
             self._open[-1].pieces.append(text)
@@ -194,18 +201,3 @@ class _Tree:
 
     def _refuse_entity(self, name: str, *_declaration: object) -> None:
         raise bad_input("xml-entity", f"declares the entity `{name}`; entities are not accepted", self._here())
-
-    def _syntax_problem(self, error: expat.ExpatError, content: bytes, recognised: bool) -> Problem:
-        lines = re.split("\r\n?|\n", content.decode("utf-8", errors="replace"))  # as expat counts
-        line = lines[error.lineno - 1] if error.lineno <= len(lines) else ""
-        message = f"not well-formed XML: {self._syntax_message(error, recognised)}"
-        place = Place(self._path, error.lineno, error.offset + 1)
-        return Problem("xml-syntax", message, place, excerpt=excerpt(line, error.offset + 1) if recognised else None)
-
-    def _syntax_message(self, error: expat.ExpatError, recognised: bool) -> str:
-        """The error in words; for a wrong closing tag, the element that it leaves open."""
-        if error.code != _TAG_MISMATCH or not self._open:
-            return expat.ErrorString(error.code).removeprefix("not well-formed ").strip("()")
-        element = self._open[-1]
-        shown = element if recognised else f"<{element.shown_tag}>"
-        return f"{shown} of line {element.place.line} is not closed before another closing tag"

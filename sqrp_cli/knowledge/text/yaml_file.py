@@ -79,7 +79,10 @@ def parse_yaml(
     path: Path, content: bytes, tags: frozenset[str] = frozenset(), keys: Collection[str] = ()
 ) -> source.SourceDocument:
     """As `read_yaml`, from content in memory; path: named in problems."""
-    text = _decode(path, content)
+    text = decoded(path, content)
+    if text.startswith("%YAML:"):  # OpenCV's header, which is not YAML
+        text = "#" + text[1:]
+    text = _CLOSING.sub("\n", text)
     try:
         root = _compose(path, text)
         if root is None:
@@ -94,7 +97,10 @@ def parse_yaml(
     except InputError as error:
         if not keys or top_key(keys).search(text):
             raise
-        raise InputError(*map(_unquoted, error.problems)) from None
+        hints = _SYNTAX_HINTS.values()
+        said = [one.message if one.message in hints else _QUOTED.sub("`...`", one.message) for one in error.problems]
+        unquoted = [replace(one, message=text, excerpt=None) for one, text in zip(error.problems, said, strict=True)]
+        raise InputError(*unquoted) from None
 
 
 def top_key(keys: Collection[str]) -> re.Pattern[str]:
@@ -102,20 +108,12 @@ def top_key(keys: Collection[str]) -> re.Pattern[str]:
     return re.compile(rf"""^(?:\{{\s*)?["']?(?:{"|".join(map(re.escape, keys))})["']?\s*:""", re.MULTILINE)
 
 
-def _unquoted(problem: Problem) -> Problem:
-    """The problem without quotes of the file."""
-    hint = problem.message in _SYNTAX_HINTS.values()
-    return replace(problem, message=problem.message if hint else _QUOTED.sub("`...`", problem.message), excerpt=None)
-
-
-def _decode(path: Path, content: bytes) -> str:
-    text = decoded(path, content)
-    if text.startswith("%YAML:"):  # OpenCV's header, which is not YAML
-        text = "#" + text[1:]
-    return _CLOSING.sub("\n", text)
-
-
 if yaml.__with_libyaml__:
+
+    @lru_cache(maxsize=16)
+    def _compose_fast(text: str) -> yaml.Node | None:
+        """As `_compose`, cached: cells often share the texts of skills."""
+        return _FastLoader(text).get_single_node()
 
     class _FastLoader(yaml.CSafeLoader):
         """libyaml's loader, ten times as fast; raises YAMLError for anything unusual."""
@@ -135,12 +133,6 @@ if yaml.__with_libyaml__:
             self.depth -= 1
 
 
-@lru_cache(maxsize=16)
-def _compose_fast(text: str) -> yaml.Node | None:
-    """As `_compose`, cached: cells often share the texts of skills."""
-    return _FastLoader(text).get_single_node()
-
-
 class _LimitedLoader(yaml.SafeLoader):
     """A loader that refuses deep nesting before Python's own stack does."""
 
@@ -152,16 +144,16 @@ class _LimitedLoader(yaml.SafeLoader):
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         self._depth += 1
         self._count += 1
-        if self._count > 2 * MAX_VALUES:  # a key is a node, too
-            raise InputError(self._quoting(Problem("too-many-values", f"more than {MAX_VALUES:,} values")))
-        if self._depth > MAX_DEPTH:
-            raise InputError(self._quoting(source.too_deep(None, MAX_DEPTH)))
+        many, deep = self._count > 2 * MAX_VALUES, self._depth > MAX_DEPTH  # a key is a node, too
+        if many or deep:
+            problem = source.too_deep(None, MAX_DEPTH)
+            if many:
+                problem = Problem("too-many-values", f"more than {MAX_VALUES:,} values")
+            mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
+            raise InputError(_quoting(problem, self._path, self._text, mark))
         node = super().compose_node(parent, index)
         self._depth -= 1
         return node
-
-    def _quoting(self, problem: Problem) -> Problem:
-        return _quoting(problem, self._path, self._text, self.peek_event().start_mark)  # type: ignore[no-untyped-call]
 
 
 def _compose(path: Path, text: str) -> yaml.Node | None:
@@ -174,7 +166,12 @@ def _compose(path: Path, text: str) -> yaml.Node | None:
         loader = _LimitedLoader(path, text)
         return loader.get_single_node()
     except yaml.MarkedYAMLError as error:
-        raise InputError(_syntax_problem(path, text, error)) from error
+        mark, opened, context = error.problem_mark or error.context_mark, error.context_mark, error.context or ""
+        if mark and opened and opened.line < mark.line and context.startswith("while") and "block" not in context:
+            mark = opened  # the start of a bracket, quote or key that is not closed in its line
+        said = error.problem or error.context or "not YAML"
+        hint = next((hint for part, hint in _SYNTAX_HINTS.items() if part in f"{error.context} {said}"), said)
+        raise InputError(_quoting(Problem("yaml-syntax", hint, Place(path)), path, text, mark)) from error
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         column = error.position - text.rfind("\n", 0, error.position)
@@ -183,18 +180,6 @@ def _compose(path: Path, text: str) -> yaml.Node | None:
     except (ValueError, OverflowError) as error:  # `\\U` or `%YAML` with a number that Python refuses
         problem = Problem("yaml-syntax", "the number of a character or of a version is too large")
         raise InputError(_quoting(problem, path, text, loader.get_mark())) from error
-
-
-def _syntax_problem(path: Path, text: str, error: yaml.MarkedYAMLError) -> Problem:
-    mark = error.problem_mark or error.context_mark
-    opened = error.context_mark
-    context = error.context or ""
-    if mark and opened and opened.line < mark.line and context.startswith("while") and "block" not in context:
-        mark = opened  # the start of a bracket, quote or key that is not closed in its line
-    problem = error.problem or error.context or "not YAML"
-    text_of_error = f"{error.context} {problem}"
-    hint = next((hint for fragment, hint in _SYNTAX_HINTS.items() if fragment in text_of_error), problem)
-    return _quoting(Problem("yaml-syntax", hint, Place(path)), path, text, mark)
 
 
 def _quoting(problem: Problem, path: Path, text: str, mark: yaml.Mark | None) -> Problem:
@@ -239,12 +224,21 @@ class _Values:
                 data[key] = self.build(value_node, (*path, key))
             return data
         if isinstance(node, yaml.SequenceNode):
-            return [self._item(child, (*path, index)) for index, child in enumerate(node.value)]
-        return self._scalar(node) if isinstance(node, yaml.ScalarNode) else None
-
-    def _item(self, node: yaml.Node, path: source.KeyPath) -> Any:  # noqa: ANN401
-        self.keys[path] = self._place(node)
-        return self.build(node, path)
+            for index, child in enumerate(node.value):
+                self.keys[(*path, index)] = self._place(child)
+            return [self.build(child, (*path, index)) for index, child in enumerate(node.value)]
+        if not isinstance(node, yaml.ScalarNode):
+            return None
+        text = str(node.value)
+        if node.style:
+            return text
+        if text.lower() in _WORDS:
+            return _WORDS[text.lower()]
+        if _INTEGER.fullmatch(text) and len(text) < 20:
+            return int(text)
+        if _NOT_FINITE.fullmatch(text) or (_FLOAT.fullmatch(text) and abs(float(text)) == float("inf")):
+            raise InputError(source.not_finite(self._place(node), text))
+        return float(text) if _FLOAT.fullmatch(text) else text
 
     def _pairs(self, node: yaml.MappingNode) -> Iterator[tuple[yaml.Node, yaml.Node]]:
         """Keys and values of a mapping, those merged with `<<: *anchor` after its own, which take precedence."""
@@ -264,18 +258,6 @@ class _Values:
             for pair in value_node.value:
                 if pair[0].value not in own:
                     yield pair
-
-    def _scalar(self, node: yaml.ScalarNode) -> source.LeafValue:
-        text = str(node.value)
-        if node.style:
-            return text
-        if text.lower() in _WORDS:
-            return _WORDS[text.lower()]
-        if _INTEGER.fullmatch(text) and len(text) < 20:
-            return int(text)
-        if _NOT_FINITE.fullmatch(text) or (_FLOAT.fullmatch(text) and abs(float(text)) == float("inf")):
-            raise InputError(source.not_finite(self._place(node), text))
-        return float(text) if _FLOAT.fullmatch(text) else text
 
     def _place(self, node: yaml.Node) -> Place:
         return Place(self.path, node.start_mark.line + 1, node.start_mark.column + 1)
