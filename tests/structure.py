@@ -32,7 +32,7 @@ _STUDY = (
 )
 ROOMS = {
     "foundations": ("errors geometry records shapes trajectory shown version", 1_144),
-    "files": ("knowledge/text", 2_299),
+    "files": ("knowledge/text", 2_300),
     "robot": ("knowledge/robot programming/arm", 3_250),
     "camera": ("knowledge/camera knowledge/light knowledge/markers knowledge/paint", 2_314),
     "cell": ("knowledge programming/cell programming/solids", 4_005),
