@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import chain
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -17,7 +16,7 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study, study
 from sqrp_cli.programming.coverage.robustness import DRAWS, Calibration, expected_quality, under_calibration_errors
 from sqrp_cli.programming.coverage.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
-from sqrp_cli.programming.coverage.verdict import verdict, verdicts
+from sqrp_cli.programming.coverage.verdict import verdict
 from sqrp_cli.programming.program_update import world_after
 from sqrp_cli.programming.ranking import winners
 from sqrp_cli.programming.result import (
@@ -29,18 +28,12 @@ from sqrp_cli.programming.result import (
     WaysFound,
 )
 from sqrp_cli.programming.task import Candidate, in_words
-from sqrp_cli.programming.ways.find import BestWay, Plans, WantedWay, find_ways
+from sqrp_cli.programming.ways.find import Plans, WantedWay, find_way
 from sqrp_cli.programming.ways.grips import choice_in_words, way_in_words
 from sqrp_cli.programming.whole_study import assessment_of_all, world_left
 
-Item = TypeVar("Item")
-Result = TypeVar("Result")
-
 WORTH_A_PROCESS, WORTH_WITH_WAYS = 8, 2
 """Least number of candidates per further process, and of those of which all ways are tried; fewer are not worth it."""
-
-TOGETHER = 8
-"""Candidates of which the fastest way is observed, and explained, together."""
 
 
 class ExplainedStep(NamedTuple):
@@ -102,40 +95,22 @@ class Assignment(Inquiry):
 
     def assess(self, candidate: Candidate) -> CandidateResult:
         """The figures of one candidate in the wanted way, or why it is infeasible."""
-        return self.assess_together([candidate])[0]
-
-    def assess_together(self, candidates: Sequence[Candidate]) -> list[CandidateResult]:
-        """As `assess` of each of several candidates, which is faster together."""
-        alone = iter(self._assess_alone([one for one in candidates if not one.steps]))
-        return [
-            assessment_of_all(one, [step.assessment for step in self.steps_done(one)]) if one.steps else next(alone)
-            for one in candidates
-        ]
-
-    def _assess_alone(self, candidates: Sequence[Candidate]) -> list[CandidateResult]:
-        """As `assess_together`, of candidates of one step."""
-        found = find_ways(self.cell, candidates, self.world, self.sampling, self.wanted, self.plans)
-        feasible = (one.study for one in found if isinstance(one, BestWay))
-        said = iter(verdicts(self.cell, list(feasible)))
-        return [
-            _infeasible(candidate, one) if isinstance(one, Infeasible) else self._assessment(candidate, one, next(said))
-            for candidate, one in zip(candidates, found, strict=True)
-        ]
-
-    def _assessment(self, candidate: Candidate, found: BestWay, verdict: str) -> CandidateResult:
-        study = found.study
-        assessment = replace(
+        if candidate.steps:
+            return assessment_of_all(candidate, [step.assessment for step in self.steps_done(candidate)])
+        found = find_way(self.cell, candidate, self.world, self.sampling, self.wanted, self.plans)
+        if isinstance(found, Infeasible):
+            ways = WaysFound(tried=found.tried, feasible=0, pareto=())
+            return CandidateResult.infeasible(candidate, found.reasons, verdict=found.reasons[0], ways=ways)
+        study, errors = found.study, self.calibration
+        return replace(
             found.assessment,
-            verdict=verdict,
+            verdict=verdict(self.cell, study),
             candidate=candidate,
             best_way=study.candidate,
             ways=found.ways,
             q_expected=expected_quality(self.cell, study),
+            recalibrated=() if errors is None else under_calibration_errors(self.cell, study, self.sampling, errors),
         )
-        if self.calibration is not None:
-            recalibrated = under_calibration_errors(self.cell, study, self.sampling, self.calibration)
-            assessment = replace(assessment, recalibrated=recalibrated)
-        return assessment
 
     def steps_done(self, candidate: Candidate) -> list[StepDone]:
         """The steps of a candidate of several, each in its wanted way in the world that those before it leave.
@@ -267,24 +242,12 @@ def assess_all(assignment: Assignment, candidates: Sequence[Candidate], jobs: in
     fastest = assignment.wanted.fastest
     tried = not fastest and any(candidate.leaves_free for candidate in candidates)
     processes = min(jobs, len(candidates) // (WORTH_WITH_WAYS if tried else WORTH_A_PROCESS))
-    # The same groups with any number of processes.
-    size = TOGETHER if fastest else 1
-    groups = [candidates[start : start + size] for start in range(0, len(candidates), size)]
-    assessments = chain.from_iterable(_mapped(assignment.assess_together, groups, processes))
+    assessments: Iterable[CandidateResult] = map(assignment.assess, candidates)
+    if processes > 1:
+        from sqrp_cli.platform.processes import in_processes
+
+        assessments = in_processes(assignment.assess, candidates, processes)
     for candidate, assessment in zip(candidates, assessments, strict=True):
         # A result from a process has its own copy of the skill; replace it by the caller's, which all share.
         way = assessment.best_way and replace(assessment.best_way, skill=candidate.skill)
         yield replace(assessment, candidate=candidate, best_way=way)
-
-
-def _mapped(work: Callable[[Item], Result], items: Sequence[Item], processes: int) -> Iterator[Result]:
-    if processes < 2:
-        return map(work, items)
-    from sqrp_cli.platform.processes import in_processes
-
-    return in_processes(work, items, processes)
-
-
-def _infeasible(candidate: Candidate, why: Infeasible) -> CandidateResult:
-    ways = WaysFound(tried=why.tried, feasible=0, pareto=())
-    return CandidateResult.infeasible(candidate, why.reasons, verdict=why.reasons[0], ways=ways)

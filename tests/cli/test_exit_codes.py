@@ -298,14 +298,14 @@ def test_schema_of_what_is_no_file_names_the_nearest(sqrp):
 
 @pytest.mark.usefixtures("heeded_ctrl_c")
 def test_ctrl_c_exits_130_and_keeps_what_is_finished(sqrp, watch, monkeypatch):
-    finished = pipeline.Assignment.assess_together
+    finished = pipeline.Assignment.assess
 
-    def interrupted_at_the_third(assignment, candidates):
-        if candidates[0].name == "near":
+    def interrupted_at_the_third(assignment, candidate):
+        if candidate.name == "near":
             signal.raise_signal(signal.SIGINT)
-        return finished(assignment, candidates)
+        return finished(assignment, candidate)
 
-    monkeypatch.setattr(pipeline.Assignment, "assess_together", interrupted_at_the_third)
+    monkeypatch.setattr(pipeline.Assignment, "assess", interrupted_at_the_third)
     outcome = sqrp("rank", watch, "watch cube", "--jobs", 1, "--json")
     assert outcome.code == 130
     assert [c["parameters"]["object"] for c in outcome.document["candidates"]] == ["seen", "turned"]
@@ -343,7 +343,7 @@ def test_ctrl_c_at_the_end_of_a_command_that_is_done_changes_nothing(sqrp_proces
 
 @pytest.mark.usefixtures("heeded_ctrl_c")
 def test_ctrl_c_before_anything_is_finished_exits_130(sqrp, watch, monkeypatch):
-    monkeypatch.setattr(pipeline.Assignment, "assess_together", press_ctrl_c)
+    monkeypatch.setattr(pipeline.Assignment, "assess", press_ctrl_c)
     for command in ("rank", "explain"):
         outcome = sqrp(command, watch, "watch cube", "--jobs", 1)
         assert outcome.code == 130
@@ -395,7 +395,7 @@ def test_ctrl_c_ends_a_process_with_130_and_no_traceback(watch):
         "import signal, time\nfrom sqrp_cli.programming import pipeline\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "def slow(*_):\n    print('ready', flush=True)\n    time.sleep(60)\n"
-        "pipeline.Assignment.assess_together = slow\nfrom sqrp_cli.cli.main import main\nmain()"
+        "pipeline.Assignment.assess = slow\nfrom sqrp_cli.cli.main import main\nmain()"
     )
     process = subprocess.Popen(
         [sys.executable, "-c", program, "rank", str(watch), "watch cube"],

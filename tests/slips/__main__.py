@@ -33,7 +33,7 @@ from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.coverage.verdict import verdict
 from sqrp_cli.programming.program_update import make_step
 from sqrp_cli.programming.task import read_task
-from sqrp_cli.programming.ways.find import BestWay, WantedWay, find_ways
+from sqrp_cli.programming.ways.find import BestWay, WantedWay, find_way
 from sqrp_cli.runtime.cell.requirements import check_simulator
 from sqrp_cli.runtime.record.report import RunReport
 from sqrp_cli.runtime.run.simulation import Simulation, slip_at
@@ -109,7 +109,7 @@ def slips(folder: Path, seed: int, count: int) -> tuple[dict[str, Study], list[S
     workspace = load_workspace(folder if folder.exists() else make_cell(folder, seed))
     cell = Cell.load(workspace)
     candidates = read_task(TASK, workspace).candidates
-    found = find_ways(cell, candidates, cell.initial_world, Adaptive(), WantedWay())
+    found = [find_way(cell, candidate, cell.initial_world, Adaptive(), WantedWay()) for candidate in candidates]
     ways = {one.study.candidate.name: one.study for one in found if isinstance(one, BestWay)}
     ways = {name: way for name, way in ways.items() if way.windows[FAULT]}
     kept, rng = folder / "slips.jsonl", np.random.default_rng(seed)

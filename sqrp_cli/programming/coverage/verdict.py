@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby, pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study
 from sqrp_cli.programming.coverage.blind_spans import by_name, first_failing
-from sqrp_cli.programming.coverage.stage import states_of
 from sqrp_cli.programming.result import NOTHING_MISSING
 from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, sees_all
@@ -171,15 +170,10 @@ class BlindStretch:
         sentence = f"{nearest.sentence(_SENTENCES, self.atom)} {when}"
         if not others:
             return sentence
-        return f"{sentence}, and no other camera makes up for it ({_listed(others)}){self._around}"
-
-    @property
-    def _around(self) -> str:
-        """Who sees it before and after the stretch, in words."""
         both = self.before == self.after
         times = [(self.before, "before and after")] if both else [(self.before, "before"), (self.after, "after")]
-        said = [f"{', '.join(names)} {_see(names)} it {word}" for names, word in times if names]
-        return f"; {', '.join(said)}" if said else ""
+        around = ", ".join(f"{', '.join(names)} {_see(names)} it {word}" for names, word in times if names)
+        return f"{sentence}, and no other camera makes up for it ({_listed(others)}){around and f'; {around}'}"
 
     @property
     def advice(self) -> str:
@@ -210,36 +204,17 @@ def verdict(cell: Cell, study: Study) -> str:
 
     Stretches within the events of interest come first. Moves that go around something are named at the end.
     """
-    return verdicts(cell, [study])[0]
-
-
-def verdicts(cell: Cell, studies: Sequence[Study]) -> list[str]:
-    """As `verdict` of each of several candidates, which is faster together."""
-    longest = list(map(_longest_loss, studies))
-    lost = [(study, rows) for study, rows in zip(studies, longest, strict=True) if rows is not None]
-    explained = iter(explain_stretches(cell, lost))
-    found = []
-    for study, rows in zip(studies, longest, strict=True):
-        sentences = NOTHING_MISSING
-        if rows is not None:
-            stretch, skill = next(explained), study.candidate.skill
-            stated = any(not parameter.implicit for parameter in skill.motion_parameters)
-            tried = study.candidate.branch or not (skill.waypoints or stated)
-            advice = stretch.advice.removesuffix(_OTHER_WAY) if tried else stretch.advice
-            sentences = f"{stretch}{HELP}{advice}."
-        ways = ", ".join(study.motion.remarks)
-        found.append(sentences + (f" On the way {ways}." if ways else ""))
-    return found
-
-
-def _longest_loss(study: Study) -> Indices | None:
-    """The samples of the longest stretch that is not covered; None if there is none."""
-    timeline = study.timeline
-    blind = timeline.monitored & ~timeline.covered
+    timeline, sentences = study.timeline, NOTHING_MISSING
+    t, blind = timeline.samples.t, timeline.monitored & ~timeline.covered
     interesting = blind & timeline.interesting
-    t = timeline.samples.t
-    candidates = list(stretches(interesting if interesting.any() else blind))
-    return max(candidates, key=lambda rows: t[rows[-1]] - t[rows[0]]) if candidates else None
+    if runs := list(stretches(interesting if interesting.any() else blind)):
+        longest, skill = max(runs, key=lambda rows: t[rows[-1]] - t[rows[0]]), study.candidate.skill
+        lost = explain_stretch(cell, study, longest)
+        stated = any(not parameter.implicit for parameter in skill.motion_parameters)
+        tried = study.candidate.branch or not (skill.waypoints or stated)
+        sentences = f"{lost}{HELP}{lost.advice.removesuffix(_OTHER_WAY) if tried else lost.advice}."
+    ways = ", ".join(study.motion.remarks)
+    return sentences + (f" On the way {ways}." if ways else "")
 
 
 def stretches(blind: Mask) -> Iterator[Indices]:
@@ -248,155 +223,128 @@ def stretches(blind: Mask) -> Iterator[Indices]:
     yield from (run for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if len(run))
 
 
-def explain_stretches(cell: Cell, lost: Sequence[tuple[Study, Indices]]) -> list[BlindStretch]:
-    """The lost literal in each run of uncovered samples, and why; of several literals, that lost in most of a few.
+def explain_stretch(cell: Cell, study: Study, rows: Indices) -> BlindStretch:
+    """The lost literal in a run of uncovered samples, and why; of several literals, that lost in most of a few.
 
     Where that one is lost for a part of the run only, the stretch is the longest such part.
     """
-    found = _worst_losses(cell, lost)
-    parts = iter(_worst_losses(cell, [(loss.study, loss.longest_part(cell)) for loss in found if not loss.lost.all()]))
-    return [(loss if loss.lost.all() else next(parts)).stretch(cell) for loss in found]
+    loss, timeline = _worst_loss(cell, study, rows), study.timeline
+    if not loss.lost.all():
+        samples, target = timeline.samples.some(rows), loss.target
+        (boxes,) = cell.observer.verdicts([target], study.stage.states(samples), shares=False)
+        lost = sees_all(boxes).sum(axis=1) < target.cameras
+        parts = stretches(timeline.observation.required[rows, loss.column] & lost)
+        rows = rows[max(parts, key=lambda part: samples.t[part[-1]] - samples.t[part[0]])]
+        loss = _worst_loss(cell, study, rows)
+    names = [camera.name for camera in cell.observer.cameras]
+    sees = sees_all(loss.boxes) & timeline.observation.required[loss.look, loss.column][:, None]
+    start, end = np.flatnonzero(loss.few)[[0, -1]].tolist()
+    before, after = (
+        tuple(name for name, seen in zip(names, some.any(axis=0), strict=True) if seen)
+        for some in (sees[:start], sees[end + 1 :])
+    )
+    causes = _causes(cell, loss)
+    outside = {cause.camera for cause in causes if cause.cause in (Cause.BEHIND, Cause.OUT_OF_IMAGE)}
+    turned = _least_turn(cell, study, loss, [camera for camera in cell.observer.cameras if camera.name in outside])
+    # A turn that closes the gap is the least change; else one who sees it before or after is nearest to seeing it.
+    causes = sorted(
+        (replace(cause, turn=turned.get(cause.camera)) for cause in causes),
+        key=lambda one: (one.turn is None, one.partly, one.camera not in (*before, *after), -one.cause),
+    )
+    blind = {cause.camera for cause in causes}
+    return BlindStretch(
+        start=float(timeline.samples.t[rows[0]]),
+        end=float(timeline.samples.t[rows[-1]]),
+        atom=loss.target.atom,
+        causes=tuple(causes),
+        seeing=tuple(name for name in names if name not in blind),
+        needed=loss.target.cameras,
+        before=before,
+        after=after,
+    )
 
 
-def _worst_losses(cell: Cell, runs: Sequence[tuple[Study, Indices]]) -> list[_Loss]:
-    """The literal that is lost in most of a few samples of each run, by verdicts on all runs at once."""
-    if not runs:
-        return []
-    losses = []
-    for number, (study, rows) in enumerate(runs):
-        count = _LOOKS_OF_SEVERAL if any(target.cameras > 1 for target in study.targets) else _LOOKS
-        few = rows[np.unique(np.linspace(0, len(rows) - 1, count).round().astype(np.int64))]
-        uncovered = study.timeline.observation.required & ~study.timeline.observation.covered
-        for column in np.flatnonzero(uncovered[few].any(axis=0)).tolist():
-            others = np.flatnonzero(~uncovered[:, column])
-            before, after = others[others < few[0]][-1:], others[others > few[-1]][:1]
-            look = np.concatenate([before, few, after])
-            losses.append(_Loss(number, study, rows, column, look, np.isin(look, few)))
-    sampled = [loss.study.timeline.samples.some(loss.look) for loss in losses]
-    states = states_of([loss.study.stage for loss in losses], sampled)
-    ends = np.cumsum([0, *map(len, sampled)]).tolist()
-    places = [np.arange(*pair) for pair in pairwise(ends)]
-    matrices = cell.observer.verdicts([loss.target for loss in losses], states, rows=places, shares=False)
-    seen = [replace(loss, boxes=boxes) for loss, boxes in zip(losses, matrices, strict=True)]
-    return [max(of_run, key=lambda loss: loss.lost.sum()) for _, of_run in groupby(seen, key=lambda loss: loss.run)]
-
-
-@dataclass(frozen=True, eq=False)
-class _Loss:
+class _Loss(NamedTuple):
     """A target that is not covered in a run of samples, looked at in a few of them."""
 
-    run: int
-    """Number of the run."""
-    study: Study
-    """Whose run it is."""
-    rows: Indices
-    """All samples of the run."""
     column: int
     """Index of the target."""
+    target: Target
     look: Indices
     """The few samples, and those beside them in which the target is covered or not required, shape (m,)."""
     few: Mask
     """Which of these are in the run, shape (m,)."""
-    boxes: tuple[BoxVerdicts, ...] = ()
-    """The verdicts on its boxes in these samples."""
-
-    @property
-    def target(self) -> Target:
-        """The target."""
-        return self.study.targets[self.column]
-
-    @property
-    def lost(self) -> Mask:
-        """In which of the few samples the target is required, and fewer cameras than needed see it."""
-        required = self.study.timeline.observation.required[self.look, self.column]
-        lost: Mask = required & (sees_all(self.boxes).sum(axis=1) < self.target.cameras)
-        return lost[self.few]
-
-    def longest_part(self, cell: Cell) -> Indices:
-        """The samples of the longest part of the run in which the target is required and lost."""
-        timeline, rows = self.study.timeline, self.rows
-        samples = timeline.samples.some(rows)
-        states = states_of([self.study.stage], [samples])
-        (boxes,) = cell.observer.verdicts([self.target], states, shares=False)
-        lost = sees_all(boxes).sum(axis=1) < self.target.cameras
-        parts = stretches(timeline.observation.required[rows, self.column] & lost)
-        return rows[max(parts, key=lambda part: samples.t[part[-1]] - samples.t[part[0]])]
-
-    def stretch(self, cell: Cell) -> BlindStretch:
-        """What the verdicts say about the run."""
-        names = [camera.name for camera in cell.observer.cameras]
-        sees = sees_all(self.boxes) & self.study.timeline.observation.required[self.look, self.column][:, None]
-        start, end = np.flatnonzero(self.few)[[0, -1]].tolist()
-        before, after = (
-            tuple(name for name, seen in zip(names, rows.any(axis=0), strict=True) if seen)
-            for rows in (sees[:start], sees[end + 1 :])
-        )
-        rows = np.flatnonzero(self.few)[self.lost]
-        causes = []
-        columns = (values.T.tolist() for values in first_failing(self.boxes, rows)[:3])
-        for name, *of_camera in zip(names, *columns, strict=True):
-            figures: dict[tuple[int, int], list[float]] = defaultdict(list)
-            for code, by, figure in zip(*of_camera, strict=True):
-                if code != Cause.NONE:
-                    figures[code, by].append(figure)
-            if figures:
-                (code, by), missed = max(figures.items(), key=lambda kind: len(kind[1]))
-                partly = sum(map(len, figures.values())) < len(rows)
-                cause, culprit = Cause(code), by_name(cell, Cause(code), by)
-                causes.append(CameraCause(name, cause, culprit, float(np.mean(missed)), partly))
-        outside = {cause.camera for cause in causes if cause.cause in (Cause.BEHIND, Cause.OUT_OF_IMAGE)}
-        turns = self._least_turn(cell, [camera for camera in cell.observer.cameras if camera.name in outside])
-        # A turn that closes the gap is the least change; else one who sees it before or after is nearest to seeing it.
-        causes = sorted(
-            (replace(cause, turn=turns.get(cause.camera)) for cause in causes),
-            key=lambda one: (one.turn is None, one.partly, one.camera not in (*before, *after), -one.cause),
-        )
-        blind = {cause.camera for cause in causes}
-        t = self.study.timeline.samples.t
-        return BlindStretch(
-            start=float(t[self.rows[0]]),
-            end=float(t[self.rows[-1]]),
-            atom=self.target.atom,
-            causes=tuple(causes),
-            seeing=tuple(name for name in names if name not in blind),
-            needed=self.target.cameras,
-            before=before,
-            after=after,
-        )
-
-    def _least_turn(self, cell: Cell, cameras: Sequence[Camera]) -> dict[str, Turn]:
-        """Of some cameras, the one that sees all the lost samples after the least turn; empty if none does.
-
-        The turn brings the corners of all boxes within the image; whether it then shows them is asked of the observer.
-        """
-        rows = self.look[self.few][self.lost]
-        states = states_of([self.study.stage], [self.study.timeline.samples.some(rows)])
-        corners = [transform(states.box_poses(box), box_corners(box.size)) for box in self.target.boxes]
-        corners_W = np.concatenate([np.broadcast_to(of_box, (len(rows), 8, 3)) for of_box in corners], axis=1)
-        turns = []
-        for camera in cameras:
-            x, y, z = np.moveaxis(transform(inverse(states.camera_poses(camera)), corners_W), -1, 0)
-            right, left, top, bottom = _reaches(Projection.of(camera))
-            aside = np.arctan2(x, z)
-            pan = max(aside.max() - right, 0.0) or min(aside.min() + left, 0.0)
-            above = np.arctan2(-y, np.hypot(x, z) * np.cos(aside - pan))
-            tilt = max(above.max() - top, 0.0) or min(above.min() + bottom, 0.0)
-            least = Turn(*np.degrees([tilt, pan]))
-            if 0.0 < least.angle <= _MOST_TURN:
-                whole = np.ceil(least.angle) / least.angle  # nobody turns a camera by less than a degree
-                turns.append((camera, Turn(whole * least.up, whole * least.right)))
-        turns = sorted(turns, key=lambda turn: turn[1].angle)[:_TURNS]
-        if not turns:
-            return {}
-        moved = tuple(replace(camera, X_FC=camera.X_FC @ pose(turn.rotation)) for camera, turn in turns)
-        (found,) = replace(cell.observer, cameras=moved, memory=None).verdicts([self.target], states, shares=False)
-        closes: list[bool] = np.all(sees_all(found), axis=0).tolist()
-        return next(({camera.name: turn} for (camera, turn), sees in zip(turns, closes, strict=True) if sees), {})
+    boxes: tuple[BoxVerdicts, ...]
+    """The verdicts on the target's boxes in these samples."""
+    lost: Mask
+    """In which of the few the target is required, and fewer cameras than needed see it."""
 
 
-def _reaches(projection: Projection) -> list[float]:
-    """How far the image reaches from the optical axis to the right, left, top and bottom, to half a degree [rad]."""
+def _worst_loss(cell: Cell, study: Study, rows: Indices) -> _Loss:
+    """The target that is lost in most of a few samples of a run."""
+    count = _LOOKS_OF_SEVERAL if any(target.cameras > 1 for target in study.targets) else _LOOKS
+    few = rows[np.unique(np.linspace(0, len(rows) - 1, count).round().astype(np.int64))]
+    seen = study.timeline.observation
+    uncovered = seen.required & ~seen.covered
+    losses = []
+    for column in np.flatnonzero(uncovered[few].any(axis=0)).tolist():
+        others, target = np.flatnonzero(~uncovered[:, column]), study.targets[column]
+        look = np.concatenate([others[others < few[0]][-1:], few, others[others > few[-1]][:1]])
+        states = study.stage.states(study.timeline.samples.some(look))
+        (boxes,) = cell.observer.verdicts([target], states, shares=False)
+        lost = seen.required[look, column] & (sees_all(boxes).sum(axis=1) < target.cameras)
+        inside = np.isin(look, few)
+        losses.append(_Loss(column, target, look, inside, boxes, lost[inside]))
+    return max(losses, key=lambda loss: loss.lost.sum())
+
+
+def _causes(cell: Cell, loss: _Loss) -> list[CameraCause]:
+    """Why each camera does not see the lost target, if it does not: its commonest first failing limit."""
+    rows = np.flatnonzero(loss.few)[loss.lost]
+    first = first_failing(loss.boxes, rows)
+    causes = []
+    for index, camera in enumerate(cell.observer.cameras):
+        missed: dict[tuple[int, int], list[float]] = defaultdict(list)
+        for code, by, figure in zip(*(values[:, index].tolist() for values in first[:3]), strict=True):
+            if code != Cause.NONE:
+                missed[code, by].append(figure)
+        if missed:
+            (code, by), figures = max(missed.items(), key=lambda kind: len(kind[1]))
+            cause, partly = Cause(code), sum(map(len, missed.values())) < len(rows)
+            causes.append(CameraCause(camera.name, cause, by_name(cell, cause, by), float(np.mean(figures)), partly))
+    return causes
+
+
+def _least_turn(cell: Cell, study: Study, loss: _Loss, cameras: Sequence[Camera]) -> dict[str, Turn]:
+    """Of some cameras, the one that sees all the lost samples after the least turn; empty if none does.
+
+    The turn brings the corners of all boxes within the image; whether it then shows them is asked of the observer.
+    """
+    rows = loss.look[loss.few][loss.lost]
+    states = study.stage.states(study.timeline.samples.some(rows))
+    corners = [transform(states.box_poses(box), box_corners(box.size)) for box in loss.target.boxes]
+    corners_W = np.concatenate([np.broadcast_to(of_box, (len(rows), 8, 3)) for of_box in corners], axis=1)
+    # Rays at each half degree from the optical axis to the right, left, top and bottom, shape (4, n, 3).
     angles = np.radians(np.arange(0.0, 90.0, 0.5))
     sides = np.array([(1, 0), (-1, 0), (0, -1), (0, 1)])
     rays = np.dstack([sides[:, :1] * np.sin(angles), sides[:, 1:] * np.sin(angles), np.tile(np.cos(angles), (4, 1))])
-    return [float(angles[max(row.sum() - 1, 0)]) for row in np.minimum.accumulate(projection.shows(rays), axis=1)]
+    turns = []
+    for camera in cameras:
+        shown = np.minimum.accumulate(Projection.of(camera).shows(rays), axis=1)
+        right, left, top, bottom = (float(angles[max(row.sum() - 1, 0)]) for row in shown)
+        x, y, z = np.moveaxis(transform(inverse(states.camera_poses(camera)), corners_W), -1, 0)
+        aside = np.arctan2(x, z)
+        pan = max(aside.max() - right, 0.0) or min(aside.min() + left, 0.0)
+        above = np.arctan2(-y, np.hypot(x, z) * np.cos(aside - pan))
+        tilt = max(above.max() - top, 0.0) or min(above.min() + bottom, 0.0)
+        least = Turn(*np.degrees([tilt, pan]))
+        if 0.0 < least.angle <= _MOST_TURN:
+            whole = np.ceil(least.angle) / least.angle  # nobody turns a camera by less than a degree
+            turns.append((camera, Turn(whole * least.up, whole * least.right)))
+    turns = sorted(turns, key=lambda turn: turn[1].angle)[:_TURNS]
+    if not turns:
+        return {}
+    moved = tuple(replace(camera, X_FC=camera.X_FC @ pose(turn.rotation)) for camera, turn in turns)
+    (found,) = replace(cell.observer, cameras=moved, memory=None).verdicts([loss.target], states, shares=False)
+    closes: list[bool] = np.all(sees_all(found), axis=0).tolist()
+    return next(({camera.name: turn} for (camera, turn), sees in zip(turns, closes, strict=True) if sees), {})

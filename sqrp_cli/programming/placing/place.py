@@ -26,7 +26,7 @@ from sqrp_cli.programming.placing.table import PlaceQuestion, Progress, UnseenTa
 from sqrp_cli.programming.ranking import compared_quality
 from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.task import Candidate
-from sqrp_cli.programming.ways.find import BestWay, TimeLimit, WantedWay, find_ways, with_branch
+from sqrp_cli.programming.ways.find import BestWay, TimeLimit, WantedWay, find_way, with_branch
 
 ROUNDED = 5e-4
 """Qualities that differ by less are the same: outputs and rankings round them to 0.1 points."""
@@ -476,8 +476,8 @@ class CameraPlacer:
                 all_seen = all(compared_quality(q) == compared_quality(1.0) for q in (seen.q_eoi, seen.q_avg))
                 if all_seen and not way.candidate.open_paths:  # no way that takes longer is better
                     limit = TimeLimit(found.motion.time + _SAME_TIME)
-                wanted, asked = WantedWay(limit=limit), [way.candidate]
-                (taken,) = find_ways(cell, asked, question.world, question.sampling, wanted, table.plans)
+                wanted = WantedWay(limit=limit)
+                taken = find_way(cell, way.candidate, question.world, question.sampling, wanted, table.plans)
             ranked = taken.assessment if isinstance(taken, BestWay) else None
             if isinstance(taken, BestWay) and not question.requirements.failure_tolerance:
                 new, old = taken.assessment, found.assessment("")

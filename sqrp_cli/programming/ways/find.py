@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, compress, islice
+from itertools import compress
 from math import inf
 
 import numpy as np
@@ -93,102 +93,37 @@ class WantedWay:
 
 
 def find_way(
-    cell: Cell, candidate: Candidate, world: World, sampling: Sampling, wanted: WantedWay
+    cell: Cell, candidate: Candidate, world: World, sampling: Sampling, wanted: WantedWay, plans: Plans | None = None
 ) -> BestWay | Infeasible:
-    """The wanted way of doing what a candidate says: every way is planned and observed, none is left out."""
-    return find_ways(cell, [candidate], world, sampling, wanted)[0]
+    """The wanted way of doing what a candidate says: every way is planned and observed, none is left out.
 
-
-def find_ways(
-    cell: Cell,
-    candidates: Sequence[Candidate],
-    world: World,
-    sampling: Sampling,
-    wanted: WantedWay,
-    plans: Plans | None = None,
-) -> list[BestWay | Infeasible]:
-    """As `find_way` of each of several candidates, which is faster, as all their ways are observed together.
-
-    plans: what is known of their motions already, and is added to.
+    plans: what is known of motions already, and is added to.
     """
-    plans = Plans() if plans is None else plans
-    of_objects = {_objects(candidate): candidate for candidate in candidates}
-    obstacles = {objects: impossible_start(cell, candidate, world) for objects, candidate in of_objects.items()}
-    allowed = [
-        obstacles[_objects(candidate)] or _allowed(cell, candidate, world, wanted, plans) for candidate in candidates
-    ]
-    found = [ways for ways in allowed if isinstance(ways, _Allowed)]
-    watched = iter(all_watched(cell, [scene for ways in found for scene in ways.scenes], sampling, full=False))
-    named = [_worth_naming(cell, ways, list(islice(watched, len(ways.scenes))), sampling, wanted) for ways in found]
-    studies = iter(with_delays(cell, list(chain(*named)), sampling))
-    best = (
-        _best(
-            ways,
-            list(
-                islice(studies, len(of)),
-            ),
-            wanted,
-        )
-        for ways, of in zip(found, named, strict=True)
-    )
-    return [ways if isinstance(ways, Infeasible) else next(best) for ways in allowed]
-
-
-@dataclass(frozen=True, eq=False)
-class _Allowed:
-    """The ways of a candidate that can be done in time."""
-
-    candidate: Candidate
-    tried: int
-    """How many ways there are."""
-    scenes: Sequence[Rehearsal]
-    longest: float
-    """How long each may take [s]."""
-
-
-def _objects(candidate: Candidate) -> tuple[str, ...]:
-    """All that decides whether a candidate can begin."""
-    return candidate.skill.name, *candidate.binding.values()
-
-
-def _allowed(cell: Cell, candidate: Candidate, world: World, wanted: WantedWay, plans: Plans) -> _Allowed | Infeasible:
-    planned = plans.of(cell, candidate, world, fastest=wanted.fastest)
-    scenes = planned.scenes
-    longest = inf
+    if (obstacle := impossible_start(cell, candidate, world)) is not None:
+        return obstacle
+    planned = (Plans() if plans is None else plans).of(cell, candidate, world, fastest=wanted.fastest)
+    scenes, longest = planned.scenes, inf
     if wanted.limit is not None and not isinstance(scenes, Infeasible):
         whose = "its way with `--ways fastest`" if wanted.fastest else "its fastest way"
         longest, scenes = wanted.limit.longest(scenes), wanted.limit.within(scenes, whose)
     if isinstance(scenes, Infeasible):
         return replace(scenes, tried=planned.tried)
-    return _Allowed(candidate, planned.tried, scenes, longest)
-
-
-def _worth_naming(
-    cell: Cell, ways: _Allowed, watched: Sequence[Watched], sampling: Sampling, wanted: WantedWay
-) -> list[Watched]:
-    """The ways that may be the best or Pareto-optimal, with seen paths if the candidate is open to them.
-
-    watched: all its direct ways. Where delays count first, none is left out.
-    """
-    if ways.candidate.open_paths:
+    watched: list[Watched] = all_watched(cell, scenes, sampling, full=False)
+    if candidate.open_paths:
         direct = (replace(one, candidate=one.candidate.with_paths({})) for one in watched)
-        watched = [*direct, *_seen(cell, ways.scenes, sampling, ways.longest, wanted.by)]
-    if wanted.by not in ("q_eoi", "q_avg", "time"):
-        return list(watched)
-    return list(compress(watched, contenders([one.without_delays for one in watched], wanted.by)))
-
-
-def _best(ways: _Allowed, studies: Sequence[Study], wanted: WantedWay) -> BestWay:
-    """The best of the ways that are worth naming."""
+        watched = [*direct, *_seen(cell, scenes, sampling, longest, wanted.by)]
+    if wanted.by in ("q_eoi", "q_avg", "time"):  # only these may be the best or Pareto-optimal
+        watched = list(compress(watched, contenders([one.without_delays for one in watched], wanted.by)))
+    studies = with_delays(cell, watched, sampling)
     ranked = rank([study.assessment("") for study in studies], wanted.by)
     best = ranked[0]
     chosen = next(study for study in studies if study.candidate is best.candidate)
-    found = WaysFound(
-        tried=ways.tried,
-        feasible=len(ways.scenes),
-        pareto=_optimal(ranked),
-        blind_ends=_blind_ends(ways.candidate, chosen),
-    )
+    ends: tuple[BlindEnd, ...] = ()
+    if candidate.open_paths:
+        from sqrp_cli.programming.seen.seen_ways import blind_ends
+
+        ends = blind_ends(chosen, candidate.open_paths)
+    found = WaysFound(tried=planned.tried, feasible=len(scenes), pareto=_optimal(ranked), blind_ends=ends)
     return BestWay(chosen, best, found)
 
 
@@ -308,15 +243,6 @@ def _seen(
     from sqrp_cli.programming.seen.seen_ways import seen_ways
 
     return seen_ways(cell, scenes, sampling, longest=longest, interest_first=by == "q_eoi")
-
-
-def _blind_ends(candidate: Candidate, study: Study) -> tuple[BlindEnd, ...]:
-    """Those of the joint moves whose paths a candidate leaves open, in the way that was studied."""
-    if not candidate.open_paths:
-        return ()
-    from sqrp_cli.programming.seen.seen_ways import blind_ends
-
-    return blind_ends(study, candidate.open_paths)
 
 
 def _optimal(ranked: Iterable[CandidateResult]) -> tuple[WayFigures, ...]:

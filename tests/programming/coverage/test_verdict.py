@@ -17,7 +17,7 @@ from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.coverage.verdict import (
     BlindStretch,
     CameraCause,
-    explain_stretches,
+    explain_stretch,
     stretches,
     verdict,
 )
@@ -95,7 +95,7 @@ def test_a_cell_whose_only_camera_is_hidden_names_the_occluder(cell: Cell, studi
     ]
     row, index = hidden[0]
     alone = dataclasses.replace(cell, observer=Observer((cell.observer.cameras[index],), cell.observer.solids))
-    (stretch,) = explain_stretches(alone, [(found, np.array([row]))])
+    stretch = explain_stretch(alone, found, np.array([row]))
     assert stretch.causes[0].cause is Cause.HIDDEN
     assert stretch.causes[0].by in {*cell.model.links, *cell.workspace.objects}
     assert f"behind {stretch.causes[0].by}" in str(stretch)
@@ -117,7 +117,7 @@ def test_where_two_cameras_are_needed_each_is_reported_with_whether_it_sees_for_
         stage=found.stage,
         targets=[dataclasses.replace(found.targets[0], cameras=2)],
     )
-    (stretch,) = explain_stretches(cell, [(asked, rows)])
+    stretch = explain_stretch(cell, asked, rows)
     share = dict(zip(cell.workspace.cameras, sees[rows].mean(axis=0), strict=True))
     partly = {camera for camera, seen in share.items() if 0.0 < seen < 1.0}
     assert partly
@@ -138,7 +138,7 @@ def test_a_literal_is_named_for_times_at_which_it_is_lost_itself(cell: Cell, stu
     seen = np.array([sees_all(boxes).any(axis=1) for boxes in matrix]).T
     lost = timeline.observation.required & ~seen
     every = np.flatnonzero(timeline.monitored & ~timeline.covered)
-    (stretch,) = explain_stretches(cell, [(found, every)])
+    stretch = explain_stretch(cell, found, every)
     column = next(place for place, target in enumerate(found.targets) if target.atom == stretch.atom)
     t = timeline.samples.t
     inside = timeline.monitored & (stretch.start <= t) & (t <= stretch.end)
@@ -176,7 +176,7 @@ def test_the_camera_to_turn_closes_the_gap_and_none_does_with_less(
     timeline, cameras = found.timeline, np.array(list(cell.workspace.cameras))
     blind = timeline.monitored & ~timeline.covered
     rows = max(stretches(blind & timeline.interesting if (blind & timeline.interesting).any() else blind), key=len)
-    (stretch,) = explain_stretches(cell, [(found, rows)])
+    stretch = explain_stretch(cell, found, rows)
     column = [target.atom for target in found.targets].index(stretch.atom)
     states = found.stage.states(timeline.samples)
 

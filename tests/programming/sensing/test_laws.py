@@ -32,7 +32,6 @@ from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.solids import load_solids
 from sqrp_cli.programming.targets import Target
 from sqrp_cli.programming.task import read_task
-from sqrp_cli.programming.ways.find import WantedWay
 from sqrp_cli.shapes import Capsule, Cylinder, Part, Sphere
 from tests.programming.sensing.views import (
     box_part,
@@ -446,15 +445,6 @@ def test_two_processes_give_what_one_gives(tabletop: Workspace, monkeypatch: pyt
     assignment = Assignment(FixedCount(20), cell=Cell.load(tabletop), world=tabletop.stated_world)
     one, two = ([figures(a) for a in assess_all(assignment, task, jobs)] for jobs in (1, 2))
     assert one == two
-
-
-def test_candidates_assessed_together_have_the_figures_that_each_has_alone(tabletop: Workspace) -> None:
-    task = read_task("pickup", tabletop).candidates
-    fastest = WantedWay(fastest=True)
-    assignment = Assignment(cell=Cell.load(tabletop), world=tabletop.stated_world, wanted=fastest)
-    together = list(map(figures, assignment.assess_together(task)))
-    assert together == [figures(assignment.assess(candidate)) for candidate in task]
-    assert sum(one["feasible"] is True for one in together) > 3
 
 
 def figures(assessment: CandidateResult) -> dict[str, object]:
