@@ -37,7 +37,6 @@ def live(default: Any = None) -> Any:  # noqa: ANN401 - a field of any type
     return field(default=default, metadata=LIVE, repr=False, compare=False)
 
 
-@dataclass(frozen=True, kw_only=True)
 class Record:
     """A part of a document; its fields are a contract with other programs. SI units, radians, shares in 0..1."""
 

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sqrp_cli.api.results import Check, Explanation, Scene, Scores
+from sqrp_cli.api.results import Check, Scene, Scores
 from sqrp_cli.ask import values
 from sqrp_cli.ask.request import question
 from sqrp_cli.ask.requests import (
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from sqrp_cli.api.placing import CellPlacement
     from sqrp_cli.knowledge.workspace.workspace import Workspace
     from sqrp_cli.programming.cell import Cell
+    from sqrp_cli.programming.result import Ranking
+    from sqrp_cli.report.documents.explanation import ExplainedAll, Explanation
 
 
 def open_cell(path: str | Path, *, seed: int = 0) -> OpenCell:
@@ -50,33 +52,41 @@ def ranked(cell: OpenCell, ask: RankRequest) -> Ranking:
     return session.ranking(list(assess(session, ask.jobs, ask.progress)), ask)
 
 
-def explained(cell: OpenCell, ask: ExplainRequest) -> Explanation:
+def explained(cell: OpenCell, ask: ExplainRequest) -> Explanation | ExplainedAll:
     """When each camera sees each literal, and what is in the way when it does not.
 
     `choose` None compares all candidates.
     """
     from sqrp_cli.api.session import Session, assess, at_step, check_choice, check_one_step, choose_candidate
     from sqrp_cli.programming.ranking import rank
+    from sqrp_cli.report.documents.explanation import CandidateStudy, ExplainedAll
 
-    session, choose, task = Session.begin(cell.cell, ask), ask.choose, ask.task
+    session, choose = Session.begin(cell.cell, ask), ask.choose
     check_choice(session.task, "best" if choose is None else choose)
     whole = bool(session.task.candidates[0].steps)
     if ask.step is not None and not whole:
-        raise bad_option(f"{ask.called('step')} is {ask.step}, but `{task}` is a task of one step")
+        raise bad_option(f"{ask.called('step')} is {ask.step}, but `{ask.task}` is a task of one step")
     if choose is None:
         check_one_step(session)
     ranking = rank(list(assess(session, ask.jobs, ask.progress)), "q_eoi")
-    place = None
-    if whole and choose is not None:
-        session, one, place = at_step(session, choose_candidate(ranking, choose), ask.step, ask.called("step"))
-        ranking, task, choose = (one,), session.task.text, "best"
-    chosen = list(ranking) if choose is None else [choose_candidate(ranking, choose)]
+    place, chosen = None, ranking
+    if choose is not None:
+        chosen = (choose_candidate(ranking, choose),)
+        if whole:
+            session, one, place = at_step(session, chosen[0], ask.step, ask.called("step"))
+            ranking = chosen = (one,)
     found = []
     with ask.progress("Looking up causes", len(chosen)) as advance:
         for one in chosen:
             found.append(session.assignment.explain(one))
             advance(1)
-    return Explanation(session, task, ranking, found, several=choose is None, step=place)
+    if choose is not None:
+        return session.explanation(found[0], ranking, place)
+    sampling = session.assignment.sampling
+    studies = [CandidateStudy.of_study(session.cell, one.study, one.result, sampling) for one in found]
+    return ExplainedAll(
+        workspace=cell.workspace.name, task=ask.task, candidates=studies, explained=found, ranking=ranking
+    )
 
 
 def advised(cell: OpenCell, ask: AdviseRequest) -> TaskAdvice:

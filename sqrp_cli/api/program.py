@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sqrp_cli.api.cell import OpenCell
-from sqrp_cli.api.results import Explanation
 from sqrp_cli.ask import values
 from sqrp_cli.ask.request import question
 from sqrp_cli.ask.requests import AuditRequest, RunRequest
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
     from sqrp_cli.knowledge.workspace.workspace import Workspace, World
     from sqrp_cli.program.record import Program, Step
     from sqrp_cli.programming.program_update import StepReplanner
+    from sqrp_cli.report.documents.explanation import Explanation
     from sqrp_cli.runtime.audit.footage import Footage
     from sqrp_cli.runtime.audit.report import AuditDocument, AuditedCamera
     from sqrp_cli.runtime.record.bag_recorder import BagRecorder
@@ -227,9 +227,8 @@ class OpenProgram:
         candidate = candidate_of(chosen, cell)
         task = Task(chosen.short_task, candidate.skill, (candidate,))
         ranking = rank([assignment.assess(candidate)], "q_eoi")
-        explained = [assignment.explain(ranking[0])]
-        place = StepShown(step, len(steps), task.text, None)
-        return Explanation(Session(task, assignment), task.text, ranking, explained, several=False, step=place)
+        place = StepShown(step, len(steps), None)
+        return Session(task, assignment).explanation(assignment.explain(ranking[0]), ranking, place)
 
     run = question(RunRequest, run)
     audit = question(AuditRequest, audited)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
@@ -19,14 +19,9 @@ from sqrp_cli.document import Document, as_text, how_many
 from sqrp_cli.errors import Place, Problem, bad_input
 
 if TYPE_CHECKING:
-    from sqrp_cli.api.session import Session
     from sqrp_cli.programming.cell import Cell
-    from sqrp_cli.programming.pipeline import Explained
-    from sqrp_cli.programming.result import CandidateResult
     from sqrp_cli.programming.suggestion import Feasibility, SuggestedStep
-    from sqrp_cli.programming.whole_study import StepShown
     from sqrp_cli.report.documents.checks import CheckDocument, CheckedCandidate
-    from sqrp_cli.report.documents.explanation import CandidateStudy, ExplainAllDocument, ExplainDocument
     from sqrp_cli.report.documents.scene import ShowDocument
     from sqrp_cli.report.documents.scores import ScoreDocument, TaskResult
     from sqrp_cli.scoring.scorecard import Scorecard
@@ -34,8 +29,8 @@ if TYPE_CHECKING:
 
 KINDS: Mapping[str, str] = {
     "rank": "sqrp_cli.programming.result:Ranking",
-    "explain": "sqrp_cli.report.documents.explanation:ExplainDocument",
-    "explain --all": "sqrp_cli.report.documents.explanation:ExplainAllDocument",
+    "explain": "sqrp_cli.report.documents.explanation:Explanation",
+    "explain --all": "sqrp_cli.report.documents.explanation:ExplainedAll",
     "advise": "sqrp_cli.report.documents.advice:AdviceDocument",
     "place": "sqrp_cli.report.documents.placing:PlaceDocument",
     "check": "sqrp_cli.report.documents.checks:CheckDocument",
@@ -136,73 +131,6 @@ class Answer(ABC, Generic[AnyDocument]):
         from sqrp_cli.terminal.console import as_html
 
         return as_html(self.show)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Explanation(Answer["ExplainDocument | ExplainAllDocument"]):
-    """Some candidates over time."""
-
-    session: Session
-    task: str
-    """Its text."""
-    ranking: Sequence[CandidateResult]
-    """Of all candidates."""
-    explained: Sequence[Explained]
-    """The requested ones."""
-    several: bool
-    """Whether they are compared, not explained one by one."""
-    step: StepShown | None = None
-    """Which step it is about; None for a task of one step."""
-
-    @property
-    def candidates(self) -> list[CandidateStudy]:
-        """The candidates with all data from which their figures can be recomputed."""
-        from sqrp_cli.report.documents.explanation import ExplainAllDocument
-
-        document = self.document
-        return document.candidates if isinstance(document, ExplainAllDocument) else [document]
-
-    @property
-    def brief(self) -> str:
-        """Its main figures, in a line."""
-        if self.several:
-            return f"{self.session.named}: {how_many(self.explained, 'candidate')}"
-        return f"{self.session.named}: {self.explained[0].result.brief}"
-
-    @cached_property
-    def document(self) -> ExplainDocument | ExplainAllDocument:
-        """The document of `sqrp explain`."""
-        from sqrp_cli.report.documents.explanation import CandidateStudy, ExplainAllDocument, ExplainDocument
-
-        cell, sampling, name = self.session.cell, self.session.assignment.sampling, self.session.workspace.name
-        studies = [
-            CandidateStudy.without(one.result)
-            if one.study is None
-            else CandidateStudy.of_study(cell, one.study, one.result, sampling)
-            for one in self.explained
-        ]
-        if self.several:
-            return ExplainAllDocument(workspace=name, task=self.task, candidates=studies)
-        return ExplainDocument(workspace=name, **{**vars(studies[0]), **self._step, "task": self.task})
-
-    @property
-    def _step(self) -> dict[str, int | bool | None]:
-        """The step's number and the place of the whole, which its document has instead of its own."""
-        if self.step is None:
-            return {}
-        whole = self.step.whole
-        place = {} if whole is None else {"rank": whole.rank, "pareto": whole.pareto}
-        return {"step": self.step.number, **place}
-
-    def show(self) -> None:
-        """Print the timeline of `sqrp explain`, or the comparison of `--all`."""
-        from sqrp_cli.terminal.timeline_chart import print_comparison, print_study
-
-        sampling = self.session.assignment.sampling
-        if self.several:
-            print_comparison(self.explained, sampling)
-        else:
-            print_study(self.session.cell, self.explained[0], sampling, self.step)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

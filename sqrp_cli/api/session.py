@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sqrp_cli.ask import values
 from sqrp_cli.errors import Infeasible, Place, bad_input, bad_option, expected_names
@@ -18,13 +18,14 @@ from sqrp_cli.program.record import Program
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import study
 from sqrp_cli.programming.coverage.sampling import Sampling
-from sqrp_cli.programming.pipeline import Assignment, assess_all, described, recalibrated, sampling_done
+from sqrp_cli.programming.pipeline import Assignment, Explained, assess_all, described, recalibrated, sampling_done
 from sqrp_cli.programming.program_update import make_step, with_usual_images
 from sqrp_cli.programming.ranking import rank
 from sqrp_cli.programming.result import CandidateResult, Ranking
 from sqrp_cli.programming.task import Task, read_task
 from sqrp_cli.programming.ways.grips import first_grip
 from sqrp_cli.programming.whole_study import StepShown, worst_seen
+from sqrp_cli.report.documents.explanation import CandidateStudy, Explanation
 
 if TYPE_CHECKING:
     from sqrp_cli.ask.requests import RankRequest, TaskRequest
@@ -89,6 +90,19 @@ class Session:
             candidates=tuple(map(described, rank(found, ask.by))),
             session=self,
         )
+
+    def explanation(
+        self, explained: Explained, ranking: Sequence[CandidateResult], place: StepShown | None = None
+    ) -> Explanation:
+        """What is found about one candidate of a ranking; place: which step it is, of a task of several."""
+        step: dict[str, Any] = {}
+        if place is not None:
+            step = {"step": place.number, "of_steps": place.steps}
+            if (whole := place.whole) is not None:
+                step |= {"whole": whole.candidate.name, "rank": whole.rank, "pareto": whole.pareto}
+        study = CandidateStudy.of_study(self.cell, explained.study, explained.result, self.assignment.sampling)
+        about = {"workspace": self.workspace.name, "task": self.task.text, "explained": explained, "ranking": ranking}
+        return Explanation(**{**vars(study), **step, **about})
 
     def write(self, ranking: Ranking, path: str | Path, choose: str) -> None:
         """Append a candidate of a ranking to a program file; see `Ranking.write`."""
@@ -207,7 +221,7 @@ def at_step(session: Session, chosen: CandidateResult, number: int | None, optio
     task = Task(candidate.task, candidate.skill, (candidate,))
     one = Session(task, replace(session.assignment, world=step.before))
     result = replace(step.assessment, rank=1 if step.assessment.feasible else None, pareto=True)
-    place = StepShown(number, len(chosen.candidate.steps), candidate.task, chosen)
+    place = StepShown(number, len(chosen.candidate.steps), chosen)
     return StepInWorld(one, result, place)
 
 

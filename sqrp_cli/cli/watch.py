@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import typer
 
-from sqrp_cli.api.results import Check, Explanation, Scores
+from sqrp_cli.api.results import Check, Scores
 from sqrp_cli.errors import ExitCode, bad_option
 
 if TYPE_CHECKING:
@@ -175,18 +175,16 @@ def _against(old: str, new: str) -> str:
 def view_of(answer: Answer[AnyDocument] | Document) -> AnswerView:
     """What of an answer is compared."""
     from sqrp_cli.programming.result import Ranking
+    from sqrp_cli.report.documents.explanation import ExplainedAll, Explanation
 
     match answer:
         case Ranking():
             rows = {one.name: _candidate(one) for one in answer.candidates}
             return AnswerView(("candidate", "#", *_TITLES), rows, _first(answer.candidates))
-        case Explanation(several=True):
-            names = [one.result.candidate.name for one in answer.explained]
-            rows = {name: _candidate(shown) for name, shown in zip(names, answer.candidates, strict=True)}
-            return AnswerView(("candidate", "#", *_TITLES), rows)
+        case ExplainedAll():
+            return AnswerView(("candidate", "#", *_TITLES), {one.name: _candidate(one) for one in answer.candidates})
         case Explanation():
-            (study,) = answer.candidates
-            return AnswerView(("", answer.explained[0].result.candidate.name), _study(study), _why(study))
+            return AnswerView(("", answer.name), _study(answer), _why(answer))
         case Check():
             verdicts = {
                 one.candidate.name: ("can be done" if one.feasible else one.reasons[0],) for one in answer.found

@@ -29,8 +29,6 @@ class StepShown(NamedTuple):
     """From 1."""
     steps: int
     """How many there are."""
-    task: str
-    """The skill and its objects."""
     whole: CandidateResult | None
     """The candidate of all steps in its ranking; None in a program, which has no ranking."""
 

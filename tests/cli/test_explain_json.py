@@ -521,7 +521,7 @@ FASTEST = ("pickup green", "--json", "--ways", "fastest")
 
 def test_without_a_choice_the_first_ranked_is_explained(sqrp, asked, tabletop):
     document = sqrp("explain", tabletop, *FASTEST).document
-    shared = {"schema", "workspace", "task"}
+    shared = {"schema", "document", "workspace", "task"}
     first = asked("explain", tabletop, *FASTEST, "--all").document["candidates"][0]
     assert {name: value for name, value in document.items() if name not in shared} == first
 

@@ -183,7 +183,7 @@ def test_a_prompt_shows_an_answer_as_one_short_line(cell, scores):
         "Ranking(pickup green in tabletop: 6 candidates, best g2, Q_eoi 100.0 %)",
         "Explanation(pickup object=g1,g6 in tabletop: g1, Q_eoi 0.0 %)",
         "Explanation(pickup object=g1,g6 in tabletop: g6, infeasible)",
-        "Explanation(pickup g2 in tabletop: 1 candidate)",
+        "ExplainedAll(pickup g2 in tabletop: 1 candidate)",
         "Check(tabletop: valid, 0 problems)",
         "Check(pickup green in tabletop: 5 of 6 candidates feasible, valid, 0 problems)",
         "Scene(tabletop: 6 cameras, 11 objects)",

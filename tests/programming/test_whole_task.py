@@ -85,9 +85,8 @@ def test_a_program_of_the_whole_has_its_steps_and_each_can_be_explained(
     assert [step.short_task for step in program.program.steps] == ["pickup peg1", "insert peg1 socket"]
     second = program.explain(2)
     assert second.task == "insert peg1 socket"
-    figures = second.explained[0].result
-    assert figures.time == pytest.approx(program.program.steps[1].time)
-    assert figures.q_avg == pytest.approx(program.program.steps[1].q_avg)
+    assert second.time == pytest.approx(program.program.steps[1].time)
+    assert second.q_avg == pytest.approx(program.program.steps[1].q_avg)
     second.show()
     assert capsys.readouterr().out.startswith("Step 2 of 2, insert peg1 socket\ntime ")
     with pytest.raises(InputError, match=r"^step is 3, but .* has 2 steps; expected 1 to 2"):
@@ -97,7 +96,7 @@ def test_a_program_of_the_whole_has_its_steps_and_each_can_be_explained(
 def test_a_step_of_a_task_is_explained_in_the_world_that_the_steps_before_leave(cell: OpenCell) -> None:
     found = cell.explain(TASK, step=2)
     assert found.task == "insert peg1 socket"
-    assert found.session.assignment.world.held == "peg1"
+    assert found.samples[0].held == "peg1"
 
 
 def test_the_explanation_of_a_step_says_which_it_is_and_the_place_of_the_whole(

@@ -71,7 +71,7 @@ class Page:
     def pictures(self, cell: str, task: str, choice: str, sampling: Sampling | None = None) -> None:
         """What the cameras see in the blind intervals of a candidate, in its fastest way."""
         opened = open_cell(f"workspaces/{cell}")
-        (explained,) = opened.explain(task, choice, sampling=sampling, ways="fastest").explained
+        explained = opened.explain(task, choice, sampling=sampling, ways="fastest").explained
         assert explained.study is not None
         with tempfile.TemporaryDirectory() as folder:
             if write_pictures(opened.cell, explained.study, Path(folder)):

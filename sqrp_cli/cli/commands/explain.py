@@ -20,9 +20,10 @@ from sqrp_cli.errors import ExitCode, InputError, Problem, first_names, nearest
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from sqrp_cli.api.results import Explanation
+    from sqrp_cli.knowledge.workspace.workspace import Workspace
     from sqrp_cli.programming.cell import Cell
     from sqrp_cli.programming.coverage.assessment import Study
+    from sqrp_cli.report.documents.explanation import Explanation
 
 NAME = "explain"
 
@@ -78,10 +79,12 @@ class ExplainCommand(
 
 def explain(context: Any, ask: ExplainCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
     """Explain a candidate, or a step of a program."""
-    from sqrp_cli.api.cell import explained
+    from sqrp_cli.api.cell import explained as explain_candidates
     from sqrp_cli.checks.cell_warnings import cell_warnings
     from sqrp_cli.checks.formulas import intervals_outside
+    from sqrp_cli.report.documents.explanation import Explanation
     from sqrp_cli.terminal.console import print_problems, progress
+    from sqrp_cli.terminal.rank_table import print_ways
 
     if ask.watch:
         return watched(context, {"--json": ask.json})
@@ -90,12 +93,16 @@ def explain(context: Any, ask: ExplainCommand) -> ExitCode:  # noqa: ANN401 - Ty
         return _explain_program(ask)
     workspace, after = Start.of(ask.workspace, ask.after)
     cell = open_with_warnings(workspace, ask.seed)
-    explanation = explained(cell, ask.but(after=after, choose=None if ask.all else ask.choose, progress=progress))
-    print_problems((*cell_warnings(cell.cell), *intervals_outside(one for one in explanation.ranking)))
-    answer(explanation, as_json=ask.json)
+    found = explain_candidates(cell, ask.but(after=after, choose=None if ask.all else ask.choose, progress=progress))
+    print_problems((*cell_warnings(cell.cell), *intervals_outside(found.ranking)))
+    answer(found, as_json=ask.json)
+    explained = [one for one in ([found.explained] if isinstance(found, Explanation) else found.explained) if one]
     if not ask.json:
-        _say_more(explanation, workspace, after, ask)
-    studies = [one.study for one in explanation.explained if one.study is not None]
+        if isinstance(found, Explanation):
+            _say_more(found, cell.workspace, workspace, after, ask)
+        if ask.ways == "all":
+            print_ways([one.result for one in explained])
+    studies = [one.study for one in explained if one.study is not None]
     if ask.images is not None:
         _write_images(cell.cell, studies, ask.images, several=ask.all)
     return ExitCode.OK if studies else ExitCode.NONE_FEASIBLE
@@ -127,33 +134,27 @@ def _check_options(ask: ExplainCommand) -> None:
         check_pictures(ask.images)
 
 
-def _say_more(explanation: Explanation, workspace: Path, after: Path | None, ask: ExplainCommand) -> None:
-    """The command that says how much of a remedy is enough, and the other ways if they are wanted.
-
-    ask: whose task the explanation may be about a step of.
-    """
+def _say_more(found: Explanation, cell: Workspace, workspace: Path, after: Path | None, ask: ExplainCommand) -> None:
+    """The command that says how much of a remedy is enough. ask: whose task the explanation may be about a step of."""
     from sqrp_cli.programming.advice.wish import wish_of
     from sqrp_cli.programming.coverage.quality import falls_short
     from sqrp_cli.programming.coverage.verdict import HELP
     from sqrp_cli.terminal.console import say_command
-    from sqrp_cli.terminal.rank_table import print_ways
 
-    found = explanation.explained[0].result
-    if not explanation.several and HELP in found.verdict:
-        lost = "q_eoi" if found.q_eoi is not None and falls_short(found.q_eoi, 1.0) else "q_avg"
-        listed = next((one for one in explanation.session.workspace.tasks if one.task == ask.task), None)
-        words = ["sqrp", "advise", str(workspace), ask.task]
-        if listed is None or wish_of(listed).met(found):  # else advice is about the thresholds that are missed
-            words += ["--want", f"{lost} 100 %"]
-        if ask.task != explanation.task:  # a step, which begins where no program ends
-            words += ["--choose", str(ask.choose)] if ask.choose != "best" else []
-        elif len(explanation.ranking) > 1:
-            words += ["--choose", found.candidate.name]
-        words += ["--ways", "fastest"] if ask.ways == "fastest" else []
-        words += ["--after", str(after)] if after is not None else []
-        say_command("\nHow much of that is enough, and what it costs:", shlex.join(words))
-    if ask.ways == "all":
-        print_ways([one.result for one in explanation.explained])
+    if HELP not in found.verdict:
+        return
+    lost = "q_eoi" if found.q_eoi is not None and falls_short(found.q_eoi, 1.0) else "q_avg"
+    listed = next((one for one in cell.tasks if one.task == ask.task), None)
+    words = ["sqrp", "advise", str(workspace), ask.task]
+    if listed is None or wish_of(listed).met(found):  # else advice is about the thresholds that are missed
+        words += ["--want", f"{lost} 100 %"]
+    if found.step is not None:  # it begins where no program ends
+        words += ["--choose", str(ask.choose)] if ask.choose != "best" else []
+    elif len(found.ranking) > 1:
+        words += ["--choose", found.name]
+    words += ["--ways", "fastest"] if ask.ways == "fastest" else []
+    words += ["--after", str(after)] if after is not None else []
+    say_command("\nHow much of that is enough, and what it costs:", shlex.join(words))
 
 
 def _write_images(cell: Cell, studies: Sequence[Study], images: Path, *, several: bool) -> None:

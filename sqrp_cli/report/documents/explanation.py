@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 
-from sqrp_cli.document import LEFT_OUT, Pose, Record, TaskDocument
+from sqrp_cli.document import LEFT_OUT, Pose, Record, TaskDocument, how_many, live
 from sqrp_cli.figures import Qualities
 from sqrp_cli.geometry import Array, box_corners, transform
-from sqrp_cli.knowledge.text.entries import completed
+from sqrp_cli.knowledge.camera.camera import assumed_latency
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study
-from sqrp_cli.programming.coverage.blind_spans import by_name
+from sqrp_cli.programming.coverage.blind_spans import by_name, cause_totals
 from sqrp_cli.programming.coverage.in_the_way import (
     HiddenView,
     HiddenViews,
@@ -28,9 +28,12 @@ from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.pipeline import sampling_done
 from sqrp_cli.programming.result import CandidateResult, SamplingDone
 from sqrp_cli.programming.sensing.limits import Cause, CauseLabel
-from sqrp_cli.programming.sensing.observer import BoxVerdicts, Occluder
-from sqrp_cli.programming.targets import Target
 from sqrp_cli.report.documents import requirements
+
+if TYPE_CHECKING:
+    from sqrp_cli.programming.pipeline import Explained
+else:  # no file has it
+    Explained = Any
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,11 +60,6 @@ class HidingPart(Record):
     """Share of the box's silhouette along whose rays from the camera it is the first part, in 0..1."""
     alone: float
     """Share that no other part hides: what would be seen without it, in 0..1."""
-
-    @classmethod
-    def of(cls, parts: Sequence[Occluder]) -> list[HidingPart]:
-        """Several parts in their order."""
-        return [cls(**part._asdict()) for part in parts]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,6 +109,24 @@ class HiddenTarget(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class UnseenTime(Record):
+    """For how long a cause keeps a camera from seeing a literal while it must be seen."""
+
+    literal: str
+    """Without `not`."""
+    camera: str
+    """Its name."""
+    cause: CauseLabel
+    """The first limit that fails."""
+    by: str | None
+    """What hides it or has its colour behind it, or the side on which it is out of the image."""
+    seconds: float
+    """Each sample counts for half of the time to its neighbours [s]."""
+    box: str | None = field(default=None, metadata=LEFT_OUT)
+    """Of a target with several boxes: the one that fails."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class BoxCoverage(Record):
     """A box at an instant."""
 
@@ -148,51 +164,59 @@ class Sample(Record):
     """The object in the tool; null if there is none."""
     covered: bool | None
     """Null where no formula requires anything."""
+    event: bool
+    """Whether it lies in an event of interest."""
     literals: Mapping[str, LiteralCoverage]
     """What formulas require to be seen at this instant, by literal."""
     expected: float | None = field(default=None, metadata=LEFT_OUT)
     """How likely images show all of them; left out where none is required, or no detector has a curve."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class CandidateStudy(CandidateResult):
-    """A candidate over time."""
+    """A candidate over time; of an infeasible one the lists are empty."""
 
-    sampling: SamplingDone | None
+    sampling: SamplingDone | None = None
     """How the motion was sampled; null if the candidate is infeasible."""
-    primitives: list[requirements.Span]
+    primitives: Sequence[requirements.Span] = ()
     """In the order in which they are done."""
-    formulas: list[requirements.Formula]
+    formulas: Sequence[requirements.Formula] = ()
     """One entry for each temporal operator of the skill's formulas."""
-    cameras: Mapping[str, requirements.CameraTiming]
+    cameras: Mapping[str, requirements.CameraTiming] = field(default_factory=dict)
     """By the camera's name."""
-    without_camera: Mapping[str, Qualities]
+    without_camera: Mapping[str, Qualities] = field(default_factory=dict)
     """The qualities if this camera fails."""
-    recovery: requirements.RecoveryTimes | None
+    recovery: requirements.RecoveryTimes | None = None
     """How long a stop and the way back take; null if the candidate is infeasible."""
-    sights: Mapping[str, requirements.FaultSight]
+    sights: Mapping[str, requirements.FaultSight] = field(default_factory=dict)
     """When images show each fault, by its name."""
-    targets: Mapping[str, requirements.TargetBoxes]
+    targets: Mapping[str, requirements.TargetBoxes] = field(default_factory=dict)
     """By literal, for every literal of `formulas`."""
-    samples: list[Sample]
+    samples: Sequence[Sample] = ()
     """The sampled instants in the order of time."""
-    hidden: list[HiddenTarget]
+    unseen_times: Sequence[UnseenTime] = ()
+    """Why each camera does not see each literal, the longest time first within each literal."""
+    hidden: Sequence[HiddenTarget] = ()
     """Who is in the way: of each literal, from each camera that it is hidden from."""
-    to_move: Sequence[ObjectToMove]
+    to_move: Sequence[ObjectToMove] = ()
     """Objects in the way, the largest `alone` first: the one to move first. Empty if only the robot is in the way."""
+    assumed: str = ""
+    """What delays assume of the cameras, in words; empty where all state their latency."""
 
     @classmethod
     def of_study(
-        cls, cell: Cell, study: Study, ranked: CandidateResult, sampling: Sampling, *, brief: bool = False
+        cls, cell: Cell, study: Study | None, found: CandidateResult, sampling: Sampling, *, brief: bool = False
     ) -> CandidateStudy:
-        """A feasible candidate with everything computed about it.
+        """A candidate with everything computed about it; study: None if it is infeasible.
 
         brief: without who is in the way and the verdicts of single boxes, which take most of the time.
         """
-        views = {} if brief else hidden_views(cell, study)
+        if study is None:
+            return cls(**vars(found))
+        views = None if brief else hidden_views(cell, study)
         return cls(
-            **vars(ranked),
-            sampling=sampling_done(sampling, [ranked]),
+            **vars(found),
+            sampling=sampling_done(sampling, [found]),
             primitives=[
                 requirements.Span(name=timed.name, start=timed.start, end=timed.end, does=stated.words)
                 for timed, stated in zip(study.motion.primitives, study.candidate.skill.primitives, strict=True)
@@ -203,70 +227,99 @@ class CandidateStudy(CandidateResult):
             recovery=requirements.RecoveryTimes(t=study.recovery.t.tolist(), duration=study.recovery.duration.tolist()),
             sights={fault: requirements.FaultSight.of(study, fault) for fault in study.windows},
             targets=requirements.targets_of(study),
-            samples=_samples(cell, study, None if brief else views),
-            hidden=[
-                completed(
-                    HiddenTarget, one, literal=str(one.atom), seconds=one.duration, parts=HidingPart.of(one.parts)
+            samples=_samples(cell, study, views),
+            unseen_times=[
+                UnseenTime(
+                    literal=str(one.atom),
+                    camera=one.camera,
+                    cause=cast("CauseLabel", one.cause.label),
+                    by=one.by,
+                    box=one.box,
+                    seconds=one.duration,
                 )
-                for one in (() if brief else in_the_way(cell, study, views))
+                for one in cause_totals(cell, study)
             ],
-            to_move=[] if brief else to_move(cell, study, views),
-        )
-
-    @classmethod
-    def without(cls, ranked: CandidateResult) -> CandidateStudy:
-        """An infeasible candidate, with the same fields as a feasible one."""
-        return cls(
-            **vars(ranked),
-            sampling=None,
-            primitives=[],
-            formulas=[],
-            cameras={},
-            without_camera={},
-            recovery=None,
-            sights={},
-            targets={},
-            samples=[],
-            hidden=[],
-            to_move=[],
+            hidden=[
+                HiddenTarget(
+                    literal=str(one.atom),
+                    camera=one.camera,
+                    seconds=one.duration,
+                    hidden=one.hidden,
+                    parts=[HidingPart(**part._asdict()) for part in one.parts],
+                )
+                for one in (() if views is None else in_the_way(cell, study, views))
+            ],
+            to_move=[] if views is None else to_move(cell, study, views),
+            assumed=assumed_latency(cell.observer.cameras),
         )
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class ExplainDocument(CandidateStudy, TaskDocument):
+class Explanation(CandidateStudy, TaskDocument):
     """What `sqrp explain` finds about one candidate.
 
     Of a task of several steps it is about one step; `rank` and `pareto` are those of all steps together.
     """
+
+    VIEW = "sqrp_cli.terminal.timeline_chart:print_study"
 
     document: Literal["explain"] = "explain"
     task: str
     """As it was asked for."""
     step: int | None = field(default=None, metadata=LEFT_OUT)
     """Which step, from 1: of a task of several, or of a program."""
+    of_steps: int | None = field(default=None, metadata=LEFT_OUT)
+    """How many steps there are."""
+    whole: str | None = field(default=None, metadata=LEFT_OUT)
+    """The name of the candidate of all steps; left out in a program, which has no ranking."""
+
+    explained: Explained | None = live()
+    """With the study behind it."""
+    ranking: Sequence[CandidateResult] = live(())
+    """All candidates of the task, best first."""
+
+    __repr__ = TaskDocument.__repr__
+
+    @property
+    def candidates(self) -> tuple[Explanation]:
+        """The only one, as `ExplainedAll` has several."""
+        return (self,)
+
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        return f"{self.task} in {self.workspace}: {super().brief}"
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class ExplainAllDocument(TaskDocument):
+class ExplainedAll(TaskDocument):
     """What `sqrp explain --all` finds."""
+
+    VIEW = "sqrp_cli.terminal.timeline_chart:print_comparison"
 
     document: Literal["explain --all"] = "explain --all"
     candidates: list[CandidateStudy]
     """The requested candidates, best first, infeasible ones last."""
 
+    explained: Sequence[Explained] = live(())
+    """With the studies behind them."""
+    ranking: Sequence[CandidateResult] = live(())
+    """All candidates of the task, best first."""
+
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        return f"{self.task} in {self.workspace}: {how_many(self.candidates, 'candidate')}"
+
 
 def _samples(cell: Cell, study: Study, views: HiddenViews | None) -> list[Sample]:
+    """Every sample with all verdicts; views: None to leave out those of single boxes."""
     timeline, samples = study.timeline, study.timeline.samples
     states, q, held = study.stage.states(samples), study.stage.positions(samples), study.stage.held(samples)
     objects = [name for name in cell.workspace.objects if name in states.X_WF]
-    observation, expected = timeline.observation, expectation(cell, study)
+    expected = expectation(cell, study)
     column = {target.atom: index for index, target in enumerate(study.targets)}
-    seen = [
-        _coverage(
-            cell, _Seen(index, target, boxes, observation.covered[:, index].tolist(), expected), states.X_WF, views
-        )
-        for index, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True))
-    ]
+    seen = [_coverage(cell, study, index, states.X_WF, views, expected) for index in range(len(study.targets))]
     return [
         Sample(
             t=float(samples.t[row]),
@@ -274,6 +327,7 @@ def _samples(cell: Cell, study: Study, views: HiddenViews | None) -> list[Sample
             objects={name: _at(states.X_WF[name], row).tolist() for name in objects},
             held=held[row],
             covered=bool(timeline.covered[row]) if timeline.monitored[row] else None,
+            event=bool(timeline.interesting[row]),
             literals={
                 str(literal): seen[column[literal.atom]][row]
                 for literal in timeline.pieces[int(samples.piece[row])].literals
@@ -284,77 +338,63 @@ def _samples(cell: Cell, study: Study, views: HiddenViews | None) -> list[Sample
     ]
 
 
-class _Seen(NamedTuple):
-    """What is known of a target."""
-
-    column: int
-    """Its index."""
-    target: Target
-    matrix: Sequence[BoxVerdicts]
-    """Of its boxes."""
-    covered: Sequence[bool]
-    """Per sample."""
-    expected: Expectation | None
-    """In a cell with curves."""
-
-    def sight(self, view: HiddenView) -> BoxSight | None:
-        """What the curve of a box's detector says of a camera's image."""
-        if self.expected is None:
-            return None
-        found, at = self.expected.boxes[view.column][view.box], (view.row, view.camera)
-        if found.sights is None:
-            return None
-        values = {name: _known(values[at]) for name, values in found.sights._asdict().items()}
-        return BoxSight(probability=float(found.probability[at]), **values)
-
-
-def _coverage(cell: Cell, seen: _Seen, X_WF: Mapping[str, Array], views: HiddenViews | None) -> list[LiteralCoverage]:
-    """The verdicts on a target's boxes and cameras, per sample; views: None to leave out those of boxes."""
-    names, target = [camera.name for camera in cell.observer.cameras], seen.target
+def _coverage(
+    cell: Cell,
+    study: Study,
+    column: int,
+    X_WF: Mapping[str, Array],
+    views: HiddenViews | None,
+    expected: Expectation | None,
+) -> list[LiteralCoverage]:
+    """The verdicts on the boxes of a target and on its cameras, per sample. column: index of the target."""
+    target, observation = study.targets[column], study.timeline.observation
+    matrix, names = observation.full_matrix[column], [camera.name for camera in cell.observer.cameras]
     corners = [transform(X_WF[box.frame] @ box.X_FB, box_corners(box.size)) for box in target.boxes]
+
+    def verdict(number: int, row: int, camera: int) -> BoxVerdict:
+        """Of a camera on a box: why not, and what the curve of the box's detector says, where it has one."""
+        boxes, view = matrix[number], HiddenView(column, number, row, camera)
+        cause, visible = Cause(int(boxes.cause[row, camera])), float(boxes.visible[row, camera])
+        found = None if expected is None else expected.boxes[column][number]
+        sight = None
+        if found is not None and found.sights is not None:
+            values = {name: _known(values[row, camera]) for name, values in found.sights._asdict().items()}
+            sight = BoxSight(probability=float(found.probability[row, camera]), **values)
+        parts = None if views is None else views.get(view)
+        return BoxVerdict(
+            covered=cause is Cause.NONE,
+            cause=cause.label,
+            by=by_name(cell, cause, int(boxes.by[row, camera])),
+            visible=_known(visible),
+            hidden_by=None if parts is None else [HidingPart(**part._asdict()) for part in parts],
+            sight=sight,
+        )
+
+    def first_failure(verdicts: Sequence[BoxVerdict]) -> Verdict:
+        number = next((number for number, one in enumerate(verdicts) if not one.covered), None)
+        if number is None:
+            return Verdict(covered=True, cause=None, by=None)
+        box = target.boxes[number].name if len(verdicts) > 1 else None
+        return Verdict(covered=False, cause=verdicts[number].cause, by=verdicts[number].by, box=box)
+
     found = []
-    for row in range(len(seen.covered)):
-        verdicts = [
-            {
-                name: _verdict(cell, boxes, HiddenView(seen.column, number, row, index), views or {}, seen)
-                for index, name in enumerate(names)
-            }
-            for number, boxes in enumerate(seen.matrix)
+    for row, covered in enumerate(observation.covered[:, column].tolist()):
+        of_boxes = [
+            {name: verdict(number, row, index) for index, name in enumerate(names)} for number in range(len(matrix))
         ]
         found.append(
             LiteralCoverage(
-                covered=seen.covered[row],
+                covered=covered,
                 boxes=[
                     BoxCoverage(corners=_at(points, row).tolist(), cameras=cameras)
-                    for points, cameras in zip(corners, verdicts, strict=True)
+                    for points, cameras in zip(corners, of_boxes, strict=True)
                     if views is not None
                 ],
-                cameras={name: _first_failure(target, [cameras[name] for cameras in verdicts]) for name in names},
-                expected=None if seen.expected is None else float(seen.expected.targets[row, seen.column]),
+                cameras={name: first_failure([cameras[name] for cameras in of_boxes]) for name in names},
+                expected=None if expected is None else float(expected.targets[row, column]),
             )
         )
     return found
-
-
-def _verdict(cell: Cell, boxes: BoxVerdicts, view: HiddenView, views: HiddenViews, seen: _Seen) -> BoxVerdict:
-    row, camera = view.row, view.camera
-    cause, visible = Cause(int(boxes.cause[row, camera])), float(boxes.visible[row, camera])
-    return BoxVerdict(
-        covered=cause is Cause.NONE,
-        cause=cause.label,
-        by=by_name(cell, cause, int(boxes.by[row, camera])),
-        visible=None if np.isnan(visible) else visible,
-        hidden_by=HidingPart.of(views[view]) if view in views else None,
-        sight=seen.sight(view),
-    )
-
-
-def _first_failure(target: Target, verdicts: Sequence[BoxVerdict]) -> Verdict:
-    number = next((number for number, verdict in enumerate(verdicts) if not verdict.covered), None)
-    if number is None:
-        return Verdict(covered=True, cause=None, by=None)
-    box = target.boxes[number].name if len(verdicts) > 1 else None
-    return Verdict(covered=False, cause=verdicts[number].cause, by=verdicts[number].by, box=box)
 
 
 def _known(value: float) -> float | None:

@@ -24,7 +24,7 @@ from sqrp_cli.knowledge.workspace.workspace import WorkspaceFile
 from sqrp_cli.programming.result import Ranking
 from sqrp_cli.report.documents.advice import AdviceDocument
 from sqrp_cli.report.documents.checks import CheckDocument, RulesDocument
-from sqrp_cli.report.documents.explanation import ExplainAllDocument, ExplainDocument
+from sqrp_cli.report.documents.explanation import ExplainedAll, Explanation
 from sqrp_cli.report.documents.placing import PlaceDocument
 from sqrp_cli.report.documents.programs import ProgramDocument
 from sqrp_cli.report.documents.scene import InitDocument, ShowDocument
@@ -52,7 +52,7 @@ _RECORD_NAMES: Mapping[str, str] = {
 
 DOCUMENTS: Mapping[str, Any] = {
     "rank": Ranking,
-    "explain": ExplainDocument | ExplainAllDocument,
+    "explain": Explanation | ExplainedAll,
     "advise": AdviceDocument,
     "place": PlaceDocument,
     "check": CheckDocument,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from sqrp_cli.api.cell import open_cell
-from sqrp_cli.api.results import Explanation
+from sqrp_cli.report.documents.explanation import Explanation
 
 SCREWS = Path(__file__).parents[3] / "workspaces" / "screws"
 
