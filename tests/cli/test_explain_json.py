@@ -90,7 +90,7 @@ def test_feasible_candidates_have_every_field_of_the_contract(scene):
                     "name", "detector", "normal", "encloses", "min_visible", "frame", "size", "pose",
                 }  # fmt: skip
         for sample in document["samples"]:
-            assert set(sample) == {"t", "q", "objects", "held", "covered", "literals"}
+            assert set(sample) == {"t", "q", "objects", "held", "covered", "event", "literals"}
             for literal in sample["literals"].values():
                 assert set(literal) == {"covered", "boxes", "cameras"}
                 for box in literal["boxes"]:

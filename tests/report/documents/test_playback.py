@@ -21,6 +21,7 @@ def sample(t: float, x: float) -> Sample:
         q={},
         objects={"part": [[x]], "table": [[0.0]]},
         held=None,
+        event=False,
         covered=True,
         literals={"hold": LiteralCoverage(covered=True, boxes=boxes, cameras={"cam": SEEN})},
     )
