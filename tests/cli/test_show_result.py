@@ -11,7 +11,6 @@ from sqrp_cli import read_result
 from sqrp_cli.api.results import KINDS
 from sqrp_cli.report.documents.schemas import DOCUMENTS
 
-
 WATCH = Path(__file__).parents[1] / "cases" / "watch"
 
 
