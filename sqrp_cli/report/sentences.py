@@ -13,8 +13,7 @@ from sqrp_cli.programming.result import CandidateResult, Criterion, SamplingDone
 if TYPE_CHECKING:
     from sqrp_cli.programming.advice.change import Kind, ProposedChange
     from sqrp_cli.programming.coverage.in_the_way import ObjectToMove
-    from sqrp_cli.programming.sensing.observer import Occluder
-    from sqrp_cli.report.documents.explanation import HidingPart
+    from sqrp_cli.programming.sensing.observer import HidingPart
 
 
 _CRITERION_WORDS: dict[Criterion, str] = {
@@ -101,7 +100,7 @@ def differing_parameters(candidates: Sequence[CandidateResult]) -> list[str]:
     return differing or list(words[0])[:1]
 
 
-def part_shares_in_words(parts: Sequence[HidingPart | Occluder]) -> str:
+def part_shares_in_words(parts: Sequence[HidingPart]) -> str:
     """What each of several parts hides, the rest together: `forearm_link 40.2 %, tray 3.1 %, 2 others 0.4 %`.
 
     Without those that hide less than 0.05 %, save the first.

@@ -20,7 +20,6 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import study
 from sqrp_cli.programming.coverage.blind_spans import cause_totals
 from sqrp_cli.programming.coverage.sampling import Adaptive
-from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.starter import search
 from sqrp_cli.starter.arm_guess import ArmGuess, guess_arm
@@ -241,8 +240,8 @@ def _told_apart(draft: Path, layout: Layout) -> Layout:
         if not isinstance(found, Infeasible):
             (own,) = candidate.binding.values()
             for total in cause_totals(cell, found):
-                if total.cause is Cause.SAME_COLOUR:
-                    lost[own, total.by or ""] += total.duration
+                if total.cause == "same_colour":
+                    lost[own, total.by or ""] += total.seconds
 
     def loss(colors: Sequence[str]) -> float:
         pairs = permutations(zip(names, colors, strict=True), 2)

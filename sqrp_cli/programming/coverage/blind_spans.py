@@ -7,19 +7,19 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import groupby, pairwise
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sqrp_cli.document import LEFT_OUT, Record
 from sqrp_cli.geometry import Array, Indices
 from sqrp_cli.logic.formula_time import Stretch, merge
-from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study
-from sqrp_cli.programming.sensing.limits import SIDES, Cause
+from sqrp_cli.programming.sensing.limits import SIDES, Cause, CauseLabel
 from sqrp_cli.programming.sensing.observer import BoxVerdicts
 
 
@@ -42,27 +42,26 @@ SEEN = Failure(Cause.NONE, -1, 0.0)
 _CAUSES = {int(cause): cause for cause in Cause}
 
 
-@dataclass(frozen=True)
-class CauseTotal:
-    """Total time that one cause keeps a camera from seeing an atom's target while it must be observable."""
+@dataclass(frozen=True, kw_only=True)
+class UnseenTime(Record):
+    """For how long a cause keeps a camera from seeing a literal while it must be seen."""
 
-    atom: Atom
+    literal: str
+    """Without `not`."""
     camera: str
     """Its name."""
-    cause: Cause
+    cause: CauseLabel
+    """The first limit that fails."""
     by: str | None
-    """The occluder, what has its colour behind it, or the side of the image; None otherwise."""
-    duration: float
-    """[s]."""
-    box: str | None = None
-    """Name of the box that is not seen, if its target has several."""
+    """What hides it or has its colour behind it, or the side on which it is out of the image."""
+    seconds: float
+    """Each sample counts for half of the time to its neighbours in its piece [s]."""
+    box: str | None = field(default=None, metadata=LEFT_OUT)
+    """Of a target with several boxes: the one that fails."""
 
 
-def cause_totals(cell: Cell, study: Study) -> tuple[CauseTotal, ...]:
-    """Totals of every atom, camera and cause, the longest first within each atom.
-
-    Each sample counts for half of the time to its neighbours in its piece.
-    """
+def cause_totals(cell: Cell, study: Study) -> tuple[UnseenTime, ...]:
+    """Totals of every literal, camera and cause, the longest first within each literal."""
     weights = sample_weights(study)
     observation = study.timeline.observation
     totals = []
@@ -74,18 +73,18 @@ def cause_totals(cell: Cell, study: Study) -> tuple[CauseTotal, ...]:
                 if failure.cause is not Cause.NONE:
                     sums[camera, failure.cause, failure.by, failure.box] += float(weights[row])
         found = [
-            CauseTotal(
-                atom=target.atom,
+            UnseenTime(
+                literal=str(target.atom),
                 camera=cell.observer.cameras[camera].name,
-                cause=cause,
+                cause=cast("CauseLabel", cause.label),
                 by=by_name(cell, cause, by),
-                duration=duration,
+                seconds=seconds,
                 box=target.boxes[box].name if len(target.boxes) > 1 else None,
             )
-            for (camera, cause, by, box), duration in sums.items()
-            if duration > 0
+            for (camera, cause, by, box), seconds in sums.items()
+            if seconds > 0
         ]
-        totals += sorted(found, key=lambda total: -total.duration)
+        totals += sorted(found, key=lambda total: -total.seconds)
     return tuple(totals)
 
 

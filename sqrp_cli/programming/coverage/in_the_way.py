@@ -12,13 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sqrp_cli.document import Record
 from sqrp_cli.geometry import Indices, Mask
-from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study
 from sqrp_cli.programming.coverage.blind_spans import first_failing, sample_weights
 from sqrp_cli.programming.sensing.limits import Cause
-from sqrp_cli.programming.sensing.observer import BoxViews, Occluder
+from sqrp_cli.programming.sensing.observer import BoxViews, HidingPart
 
 _VIEWS = 4000
 """Views to look at together, to bound the memory."""
@@ -37,17 +37,18 @@ class HiddenView(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class InTheWay:
-    """What hides an atom's target from a camera, on average over the time for which its first unseen box is hidden."""
+class HiddenTarget(Record):
+    """What hides a target from a camera, on average over the time for which it does."""
 
-    atom: Atom
+    literal: str
+    """Without `not`: a literal and its negation have one target."""
     camera: str
     """Its name."""
-    duration: float
-    """For how long while the atom must be observable [s]."""
+    seconds: float
+    """For how long the first box that the camera does not see is a hidden one [s]."""
     hidden: float
-    """Share of the box's silhouette that is hidden, in 0..1: the sum of the parts' shares."""
-    parts: tuple[Occluder, ...]
+    """Share of that box's silhouette that is hidden, in 0..1: the sum of the shares of `parts`."""
+    parts: tuple[HidingPart, ...]
     """The largest share first."""
 
 
@@ -63,7 +64,7 @@ class ObjectToMove:
     """The part of that which nothing else hides, in 0..1."""
 
 
-HiddenViews = Mapping[HiddenView, tuple[Occluder, ...]]
+HiddenViews = Mapping[HiddenView, tuple[HidingPart, ...]]
 """What hides each of several views, the largest share first."""
 
 
@@ -78,7 +79,7 @@ def hidden_views(cell: Cell, study: Study, rows: Indices | None = None) -> Hidde
     place = {key: number for number, key in enumerate(boxes)}
     sought = [study.targets[column].boxes[box] for column, box in boxes]
     states = study.stage.states(study.timeline.samples)
-    found: dict[HiddenView, tuple[Occluder, ...]] = {}
+    found: dict[HiddenView, tuple[HidingPart, ...]] = {}
     for start in range(0, len(views), _VIEWS):
         some = views[start : start + _VIEWS]
         asked = BoxViews(
@@ -90,7 +91,7 @@ def hidden_views(cell: Cell, study: Study, rows: Indices | None = None) -> Hidde
     return found
 
 
-def in_the_way(cell: Cell, study: Study, views: HiddenViews) -> tuple[InTheWay, ...]:
+def in_the_way(cell: Cell, study: Study, views: HiddenViews) -> tuple[HiddenTarget, ...]:
     """What hides each target from each camera, in the order of targets and cameras; views: all hidden ones."""
     weights, observation = sample_weights(study), study.timeline.observation
     found = []
@@ -108,7 +109,9 @@ def in_the_way(cell: Cell, study: Study, views: HiddenViews) -> tuple[InTheWay, 
                 parts = _mean(some, duration)
                 share = sum(part.share for part in parts)
                 found.append(
-                    InTheWay(atom=target.atom, camera=camera.name, duration=duration, hidden=share, parts=parts)
+                    HiddenTarget(
+                        literal=str(target.atom), camera=camera.name, seconds=duration, hidden=share, parts=parts
+                    )
                 )
     return tuple(found)
 
@@ -147,12 +150,12 @@ def _views(study: Study, wanted: Mask) -> Iterator[HiddenView]:
             yield from (HiddenView(column, number, *at) for at in zip(row.tolist(), camera.tolist(), strict=True))
 
 
-def _mean(some: Sequence[tuple[float, Sequence[Occluder]]], duration: float) -> tuple[Occluder, ...]:
+def _mean(some: Sequence[tuple[float, Sequence[HidingPart]]], duration: float) -> tuple[HidingPart, ...]:
     """The parts of several views, each with its weight, the largest share first; over the weights' sum."""
     shares: dict[str, list[float]] = defaultdict(lambda: [0.0, 0.0])
     for weight, parts in some:
         for part in parts:
             shares[part.name][0] += weight * part.share / duration
             shares[part.name][1] += weight * part.alone / duration
-    found = [Occluder(name=name, share=share, alone=alone) for name, (share, alone) in shares.items()]
+    found = [HidingPart(name=name, share=share, alone=alone) for name, (share, alone) in shares.items()]
     return tuple(sorted(found, key=lambda one: (-one.share, one.name)))

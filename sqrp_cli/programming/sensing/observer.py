@@ -8,11 +8,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import field
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sqrp_cli.document import Record
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.projection import Projection
@@ -45,15 +45,16 @@ class BoxVerdicts:
     """Visible share of the silhouette, NaN where an earlier limit failed, shape (m, c)."""
 
 
-class Occluder(NamedTuple):
+@dataclass(frozen=True, kw_only=True)
+class HidingPart(Record):
     """A part that hides something of a box, or of several on average."""
 
     name: str
-    """In output; all pieces of a link are one part."""
+    """As `by` names it; all pieces of a link are one part."""
     share: float
-    """Share of the box's silhouette that it hides as the first part on the ray from the camera, in 0..1."""
+    """Share of the box's silhouette along whose rays from the camera it is the first part, in 0..1."""
     alone: float
-    """Share that only it hides, which would be seen without it, in 0..1."""
+    """Share that no other part hides: what would be seen without it, in 0..1."""
 
 
 def sees_all(boxes: Sequence[BoxVerdicts]) -> Mask:
@@ -154,7 +155,9 @@ class Observer:
         response = self._response(sights, needed)
         return tuple(CoveredStates(~np.isnan(response), response).split(counts))
 
-    def occluders(self, boxes: Sequence[SoughtBox], states: SceneStates, views: BoxViews) -> list[tuple[Occluder, ...]]:
+    def occluders(
+        self, boxes: Sequence[SoughtBox], states: SceneStates, views: BoxViews
+    ) -> list[tuple[HidingPart, ...]]:
         """Which parts hide how much of the boxes in views, largest share first, ties by name; for each view.
 
         All corners of the boxes must lie in front of the cameras. The shares of a view add up to what is not visible.
@@ -164,7 +167,10 @@ class Observer:
         shares, alone = request.occluders(views.box, views.camera, views.state, len(names))
         found = []
         for first, only in zip(shares, alone, strict=True):
-            some = [Occluder(names[part], float(first[part]), float(only[part])) for part in np.flatnonzero(first)]
+            some = [
+                HidingPart(name=names[part], share=float(first[part]), alone=float(only[part]))
+                for part in np.flatnonzero(first)
+            ]
             found.append(tuple(sorted(some, key=lambda one: (-one.share, one.name))))
         return found
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -14,8 +14,9 @@ from sqrp_cli.geometry import Array, box_corners, transform
 from sqrp_cli.knowledge.camera.camera import assumed_latency
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study
-from sqrp_cli.programming.coverage.blind_spans import by_name, cause_totals
+from sqrp_cli.programming.coverage.blind_spans import UnseenTime, by_name, cause_totals
 from sqrp_cli.programming.coverage.in_the_way import (
+    HiddenTarget,
     HiddenView,
     HiddenViews,
     ObjectToMove,
@@ -28,6 +29,7 @@ from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.pipeline import sampling_done
 from sqrp_cli.programming.result import CandidateResult, SamplingDone
 from sqrp_cli.programming.sensing.limits import Cause, CauseLabel
+from sqrp_cli.programming.sensing.observer import HidingPart
 from sqrp_cli.report.documents import requirements
 
 if TYPE_CHECKING:
@@ -48,18 +50,6 @@ class Verdict(Record):
     """What hides it or has its colour behind it, or the side on which it is out of the image."""
     box: str | None = field(default=None, metadata=LEFT_OUT)
     """Of a target with several boxes: the first that fails, in their order."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class HidingPart(Record):
-    """A part that hides something of a box, or on average."""
-
-    name: str
-    """As `by` names it."""
-    share: float
-    """Share of the box's silhouette along whose rays from the camera it is the first part, in 0..1."""
-    alone: float
-    """Share that no other part hides: what would be seen without it, in 0..1."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,44 +76,10 @@ class BoxVerdict(Verdict):
 
     visible: float | None
     """Visible share of the box's silhouette; null if an earlier limit failed."""
-    hidden_by: list[HidingPart] | None = field(default=None, metadata=LEFT_OUT)
+    hidden_by: Sequence[HidingPart] | None = field(default=None, metadata=LEFT_OUT)
     """Of a hidden box: what every part hides, the largest share first. The shares add up to 1 - `visible`."""
     sight: BoxSight | None = field(default=None, metadata=LEFT_OUT)
     """How likely its detector sees it; left out where the detector has no curve."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class HiddenTarget(Record):
-    """What hides a target from a camera, on average over the time for which it does."""
-
-    literal: str
-    """Without `not`: a literal and its negation have one target."""
-    camera: str
-    """Its name."""
-    seconds: float
-    """For how long the first box that the camera does not see is a hidden one [s]."""
-    hidden: float
-    """Share of that box's silhouette that is hidden, in 0..1: the sum of the shares of `parts`."""
-    parts: list[HidingPart]
-    """The largest share first."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class UnseenTime(Record):
-    """For how long a cause keeps a camera from seeing a literal while it must be seen."""
-
-    literal: str
-    """Without `not`."""
-    camera: str
-    """Its name."""
-    cause: CauseLabel
-    """The first limit that fails."""
-    by: str | None
-    """What hides it or has its colour behind it, or the side on which it is out of the image."""
-    seconds: float
-    """Each sample counts for half of the time to its neighbours [s]."""
-    box: str | None = field(default=None, metadata=LEFT_OUT)
-    """Of a target with several boxes: the one that fails."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -228,28 +184,9 @@ class CandidateStudy(CandidateResult):
             sights={fault: requirements.FaultSight.of(study, fault) for fault in study.windows},
             targets=requirements.targets_of(study),
             samples=_samples(cell, study, views),
-            unseen_times=[
-                UnseenTime(
-                    literal=str(one.atom),
-                    camera=one.camera,
-                    cause=cast("CauseLabel", one.cause.label),
-                    by=one.by,
-                    box=one.box,
-                    seconds=one.duration,
-                )
-                for one in cause_totals(cell, study)
-            ],
-            hidden=[
-                HiddenTarget(
-                    literal=str(one.atom),
-                    camera=one.camera,
-                    seconds=one.duration,
-                    hidden=one.hidden,
-                    parts=[HidingPart(**part._asdict()) for part in one.parts],
-                )
-                for one in (() if views is None else in_the_way(cell, study, views))
-            ],
-            to_move=[] if views is None else to_move(cell, study, views),
+            unseen_times=cause_totals(cell, study),
+            hidden=() if views is None else in_the_way(cell, study, views),
+            to_move=() if views is None else to_move(cell, study, views),
             assumed=assumed_latency(cell.observer.cameras),
         )
 
@@ -366,7 +303,7 @@ def _coverage(
             cause=cause.label,
             by=by_name(cell, cause, int(boxes.by[row, camera])),
             visible=_known(visible),
-            hidden_by=None if parts is None else [HidingPart(**part._asdict()) for part in parts],
+            hidden_by=parts,
             sight=sight,
         )
 

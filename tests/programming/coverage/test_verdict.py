@@ -75,7 +75,7 @@ def test_the_totals_of_a_camera_and_the_time_it_sees_add_up_to_what_was_asked(
         required = observation.required[:, column]
         for index, camera in enumerate(cell.observer.cameras):
             sees = np.all([box.cause[:, index] == Cause.NONE for box in observation.full_matrix[column]], axis=0)
-            lost = sum(t.duration for t in totals if (t.atom, t.camera) == (target.atom, camera.name))
+            lost = sum(t.seconds for t in totals if (t.literal, t.camera) == (str(target.atom), camera.name))
             assert lost + weights[required & sees].sum() == pytest.approx(weights[required].sum(), abs=1e-9)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.geometry import look_at, pose
-from sqrp_cli.programming.sensing.observer import BoxViews, Observer, Occluder
+from sqrp_cli.programming.sensing.observer import BoxViews, HidingPart, Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.solids import load_solid, load_solids
 from sqrp_cli.shapes import Part
@@ -80,7 +80,7 @@ def test_shares_add_up_to_what_is_hidden_and_a_part_alone_hides_what_is_seen_wit
         target = replace(watch.target, boxes=tuple(boxes))
         return [box.visible for box in Observer(watch.cameras, left).verdicts([target], watch.states)[0]]
 
-    def occluders(number: int) -> dict[tuple[int, int], tuple[Occluder, ...]]:
+    def occluders(number: int) -> dict[tuple[int, int], tuple[HidingPart, ...]]:
         camera, state = np.nonzero(~np.isnan(before[number]).T)
         views = BoxViews(np.zeros(len(state), dtype=np.int64), camera, state)
         found = Observer(watch.cameras, solids).occluders([boxes[number]], watch.states, views)

@@ -21,7 +21,7 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.sensing.limits import Cause
-from sqrp_cli.programming.sensing.observer import BoxVerdicts, BoxViews, Observer, Occluder
+from sqrp_cli.programming.sensing.observer import BoxVerdicts, BoxViews, HidingPart, Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.solids import load_solids
 from sqrp_cli.programming.targets import SoughtBox, Target
@@ -253,7 +253,7 @@ class Comparison:
                 found[number, int(at[0]), int(at[1])] = shares
         return found
 
-    def _occluders(self, box: SoughtBox, views: BoxViews) -> list[tuple[Occluder, ...]]:
+    def _occluders(self, box: SoughtBox, views: BoxViews) -> list[tuple[HidingPart, ...]]:
         return self.observer.occluders([box], self.states, views)
 
     def views(self) -> Iterator[tuple[View, tuple[str, ...]]]:
