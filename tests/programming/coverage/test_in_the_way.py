@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -97,7 +98,7 @@ def test_explain_tells_it_in_text_document_and_pictures(
     explained = open_cell(folder).explain("watch behind")
     text = str(explained)
     assert "in_place(behind)  eye     100.0 %  bar " in text
-    (first, _) = explained.document.to_move
+    (first, _) = explained.to_move
     assert first.name == "wall"
     assert f"{100 * first.alone:.1f} % would be seen without it." in text.replace("\n", " ")
     lines: list[str] = []
@@ -110,6 +111,6 @@ def test_explain_tells_it_in_text_document_and_pictures(
 
 def test_parts_beyond_the_third_count_together(views: HiddenViews) -> None:
     wall = next(iter(views.values()))[0]
-    parts = [wall._replace(name=f"p{number}", share=0.1) for number in range(5)]
+    parts = [replace(wall, name=f"p{number}", share=0.1) for number in range(5)]
     assert part_shares_in_words(parts[:4]) == "p0 10.0 %, p1 10.0 %, p2 10.0 %, 1 other 10.0 %"
     assert part_shares_in_words(parts).endswith("2 others 20.0 %")
