@@ -36,6 +36,9 @@ from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Sphere
 NO_SIZE = (0.0, 0.0, 0.0)
 """The size of an object that is as large as its parts."""
 
+FLOOR_DEPTH = 0.7
+"""Of the floor below the lowest fixed object: the height of a table [m]."""
+
 MOST_TURNS = 64
 """Most turns of a stated symmetry."""
 

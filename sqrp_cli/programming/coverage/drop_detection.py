@@ -1,9 +1,10 @@
 """From when on images show that the tool has lost a part: what must lie apart first, and what must be in its place.
 
-A lost part falls freely, with the tool's velocity, down to where it stood or is to stand. An image shows that it is not
-held once it lies clear of where the tool would show it, or apart from there and in a place that the camera sees and in
-which it is looked for, too: seen in between, a detector of colours calls it neither held nor gone. An image shows that
-it is in its place once the line of sight through its centre meets the middle plane of its box inside the box.
+A lost part falls freely, with the tool's velocity, to where it stood or is to stand, or onto what is below it. An image
+shows that it is not held once it lies clear of where the tool would show it, or apart from there and in a place that
+the camera sees and in which it is looked for, too: seen in between, a detector of colours calls it neither held nor
+gone. An image shows that it is in its place once the line of sight through its centre meets the middle plane of its box
+inside the box.
 
 Cameras contradict each other as long as one of them takes the part for held. So there are two answers: images *surely*
 show a drop once the slowest camera does that may judge it soon after, and *usually* once more of these say so than say
@@ -19,14 +20,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.geometry import Array, Mask, transform
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.detector import ALIKE, BORDER, EMPTY, FULL, LEAST_SHARE, SHIFT_PIXELS, SHIFT_SHARE
+from sqrp_cli.knowledge.scene import FLOOR_DEPTH
 from sqrp_cli.knowledge.skill.target_box import object_of
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.logic.image_time import Onset
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.programming.coverage.stage import Stage
+from sqrp_cli.programming.motion.collision.placed_scene import CLEARANCE
 from sqrp_cli.programming.motion.fingers import move_fingers
 from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer
@@ -82,9 +85,6 @@ _FALL = _LONGEST * np.linspace(0.0, 1.0, 81) ** 2
 
 _SOON = 0.8
 """How long after a loss cameras count that judge the part [s]."""
-
-_EVERY = 3
-"""Of the times between two starts, so many pass until cameras are asked again what they see."""
 
 _NEVER = 1e3
 """How long after the motion what no image shows is shown [s]: after all windows."""
@@ -179,8 +179,12 @@ def onset(
     if fingers.joints:  # the windows are those of closed fingers
         start = stage.positions(stage.samples_at(np.array([interval.start])))[0, len(stage.model.arm) :]
         closing = move_fingers(fingers, start, fingers.closed, 0.0).duration
-    surely = _between(found.x, np.maximum(slowest, found.x + closing), interval)
-    usual = _between(found.x, found.usual, interval)
+    slowest = np.maximum(slowest, found.x + closing)
+    # What takes longer by more than a step is shown later at once, where between two starts is not known.
+    late = np.flatnonzero(np.diff(slowest - found.x) > _STEP) + 1
+    x = np.insert(found.x, late, found.x[late - 1] + 1e-6)
+    surely = _between(x, np.insert(slowest, late, slowest[late]), interval)
+    usual = _between(x, np.insert(found.usual, late, found.usual[late - 1]), interval)
     return Onset(surely.x, surely.shown, np.minimum(usual.shown, surely.shown))
 
 
@@ -227,9 +231,9 @@ def _shown(
     step = t[1] - t[0]
     times = np.append(t, np.arange(interval.end + step, interval.end + _LONGEST + step, step))
     states = stage.states(stage.samples_at(times))
-    path = np.broadcast_to(states.X_WF[name], (len(times), 4, 4))[:, :3, 3]
-    free = _falling(stage, name, path, times, len(t))
-    expected = _followed(path, times, len(t))
+    X_WO = np.broadcast_to(states.X_WF[name], (len(times), 4, 4))
+    free = _falling(stage, observer, name, X_WO, times, len(t))
+    expected = _followed(X_WO[:, :3, 3], times, len(t))
     eyes = [_followed(states.camera_poses(camera)[:, :3, 3], times, len(t)) for camera in observer.cameras]
     sight = Sight(np.array(eyes).reshape(-1, *free.shape), _focal(observer.cameras))
     R_WB, size = (
@@ -241,7 +245,7 @@ def _shown(
     by_color = left[0].limits.kind == "color"
     every = (box for target in targets.values() for box in boxes_of(target))
     places = [box for box in dict.fromkeys([*reached, *every]) if box.frame in stage.resting and by_color]
-    some = times[times <= interval.end + _SOON + _EVERY * step][::_EVERY]
+    some = times[times <= interval.end + _SOON + step]
     judged = _judging(observer, stage, [*left, *reached], some, robot_alone=True)
     seen = _judging(observer, stage.once_lost(), places, some, robot_alone=False)
     first, last = (np.searchsorted(some, edge) for edge in (t, t + _SOON))
@@ -329,21 +333,53 @@ def _followed(track: Array, times: Array, starts: int) -> Array:
     return np.stack([np.interp(when, times, track[:, axis]) for axis in range(3)], axis=2)
 
 
-def _falling(stage: Stage, name: str, path: Array, times: Array, starts: int) -> Array:
-    """Where the centre of a lost part is, shape (s, f, 3) [m]: it falls freely down to where it stood or is to stand.
+def _falling(stage: Stage, observer: Observer, name: str, X_WO: Array, times: Array, starts: int) -> Array:
+    """Where the centre of a lost part is, shape (s, f, 3) [m].
 
-    path: of its centre in the tool, at `times`, (n, 3) [m]. starts: how many of them are starts of a fall, s.
+    It falls freely to where it stood or is to stand, else onto the first solid below where it is lost, or the floor.
+
+    X_WO: of the part in the tool, at `times`, (n, 4, 4). starts: how many of them are starts of a fall, s.
     """
+    path = X_WO[:, :3, 3]
     start, velocity = path[:starts], np.gradient(path, times, axis=0)[:starts]
-    floor = np.full(starts, -np.inf)
+    floor = start[:, 2] - _height(observer, stage, name, X_WO[:starts])
     begins_held = stage.motion.primitives[0].held == name
-    for X_WO in (None if begins_held else stage.X_WO[name], stage.motion.final.X_WO.get(name)):
-        if X_WO is not None:
-            above = np.hypot(*(start - X_WO[:3, 3])[:, :2].T) < 0.02
-            floor = np.where(above, np.maximum(floor, X_WO[2, 3]), floor)
-    free: Array = start[:, None] + velocity[:, None] * _FALL[:, None]
-    free[..., 2] = np.maximum(free[..., 2] - 0.5 * GRAVITY * _FALL**2, np.minimum(floor, start[:, 2])[:, None])
+    for X_rest in (None if begins_held else stage.X_WO[name], stage.motion.final.X_WO.get(name)):
+        if X_rest is not None:
+            above = np.hypot(*(start - X_rest[:3, 3])[:, :2].T) < 0.02
+            floor = np.where(above, np.maximum(floor, X_rest[2, 3]), floor)
+    up, height = velocity[:, 2], np.maximum(start[:, 2] - floor, 0.0)
+    fall = np.minimum(_FALL, ((up + np.sqrt(up**2 + 2.0 * GRAVITY * height)) / GRAVITY)[:, None])
+    free: Array = start[:, None] + velocity[:, None] * fall[..., None]
+    free[..., 2] -= 0.5 * GRAVITY * fall**2
     return free
+
+
+def _height(observer: Observer, stage: Stage, name: str, X_WO: Array) -> Array:
+    """How far an object at s poses (s, 4, 4) is above what lies below its middle and its corners, shape (s,) [m]."""
+    others = [one for one in observer.solids if one.part.parent != name and one.part.parent in stage.resting]
+    faces = [transform(stage.resting[one.part.parent][0], one.vertices)[one.triangles] for one in others]
+    a, b, c = np.moveaxis(np.concatenate([np.empty((0, 3, 3)), *faces]), 1, 0)
+    corners = np.concatenate([one.corners for one in observer.solids if one.part.parent == name])
+    at = transform(X_WO, corners)
+    bottom, middle = at[..., 2].min(axis=1), at.mean(axis=1, keepdims=True)
+    feet = np.concatenate([middle, middle + 0.9 * (at - middle)], axis=1)[..., :2]
+    columns, of = np.unique(feet.round(3).reshape(-1, 2), axis=0, return_inverse=True)  # few where it is lifted
+    low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    q, r, floor = b - a, c - a, low[:, 2].min(initial=0.0) - FLOOR_DEPTH
+    area = q[:, 0] * r[:, 1] - q[:, 1] * r[:, 0]
+    near = (low[:, :2] <= columns.max(axis=0)).all(axis=1) & (high[:, :2] >= columns.min(axis=0)).all(axis=1)
+    near &= np.abs(area) > 1e-12
+    a, q, r, area = (one[near, None] for one in (a, q, r, area))
+    x, y = np.moveaxis(columns - a[..., :2], 2, 0)
+    u, v = (x * r[..., 1] - y * r[..., 0]) / area, (y * q[..., 0] - x * q[..., 1]) / area
+    z = np.where((u >= 0) & (v >= 0) & (u + v <= 1), a[..., 2] + u * q[..., 2] + v * r[..., 2], -np.inf)
+    tops = [
+        np.where(z[:, i] <= h + CLEARANCE, z[:, i], floor).max(initial=floor)
+        for i, h in zip(of.reshape(len(X_WO), -1), bottom, strict=True)
+    ]
+    height: Array = np.maximum(bottom - tops, 0.0)
+    return height
 
 
 def _judging(
@@ -351,7 +387,8 @@ def _judging(
 ) -> dict[SoughtBox, Mask]:
     """Whether each of c cameras judges each box at times (n,) [s], shape (n, c).
 
-    robot_alone: whether nothing else is in the way.
+    robot_alone: whether nothing else is in the way, and cameras count, too, that may judge a box or not: more of them
+    only ever show a drop later. Otherwise one that counts is sure to look for the part there.
     """
     if not boxes or not observer.cameras:
         return {box: np.zeros((len(t), len(observer.cameras)), dtype=bool) for box in boxes}
@@ -359,7 +396,10 @@ def _judging(
     asked = [replace(box, limits=box.limits.judging).seen_through(others) for box in boxes]
     states = stage.states(stage.samples_at(t))
     verdicts = observer.verdicts([Target(Atom(box.name), 1, (box,)) for box in asked], states)
-    found = (judged(box, seen, observer.cameras, states) for box, (seen,) in zip(asked, verdicts, strict=True))
+    found = (
+        judged(box, seen, observer.cameras, states) if robot_alone else seen.cause == Cause.NONE
+        for box, (seen,) in zip(asked, verdicts, strict=True)
+    )
     return dict(zip(boxes, found, strict=True))
 
 

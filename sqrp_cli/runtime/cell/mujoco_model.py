@@ -14,7 +14,7 @@ from sqrp_cli.knowledge.markers import DICTIONARIES, Marker, opencv_name
 from sqrp_cli.knowledge.mesh import read_mesh
 from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfLink, UrdfModel
-from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.knowledge.scene import FLOOR_DEPTH, SceneObject
 from sqrp_cli.knowledge.text.packages import resolve_mesh
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.runtime.cell.engine import mujoco
@@ -31,9 +31,6 @@ FRICTION = (0.8, 0.005, 0.0001)
 
 ARMATURE = 0.1
 """Inertia of each joint's motor and gear, as seen behind the gear [kg m^2, or kg]."""
-
-FLOOR_DEPTH = 0.7
-"""Of the floor below the lowest fixed object: the height of a table [m]."""
 
 MARKER_DEPTH = 2e-4
 """How far a marker stands out from its face, so that it is drawn in front of it [m]."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from sqrp_cli.figures import FaultMetrics
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.logic.image_time import Onset, Window
 from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage import drop_detection
 from sqrp_cli.programming.coverage.assessment import Study, observed_again
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.task import read_task
@@ -24,6 +26,12 @@ from tests.random_cell import Crowd, random_cell
 CELLS = (3, 5, *(pytest.param(seed, marks=pytest.mark.trial) for seed in range(10, 30)))
 
 PHASES, INSTANTS = 40, 200
+
+HAND = {
+    "frame": "flange", "pose": {"position": [0.12, 0.0, 0.0], "look_at": [0.0, 0.0, 0.14], "up": [1, 0, 0]},
+    "image": {"width": 640, "height": 480, "horizontal_fov": "80 deg"}, "near": 0.03, "far": 2.0,
+    "rate": 30, "latency": 0.2,
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module", params=[*CELLS, "two steps"])
@@ -43,11 +51,7 @@ def studied(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     for name, camera in zip(document["cameras"], document["cameras"].values(), strict=True):
         camera.update(rate=float(rng.choice([10, 25])), latency=float(rng.choice([0.02, 0.08])))
         assert name
-    document["cameras"]["hand"] = {
-        "frame": "flange", "pose": {"position": [0.12, 0.0, 0.0], "look_at": [0.0, 0.0, 0.14], "up": [1, 0, 0]},
-        "image": {"width": 640, "height": 480, "horizontal_fov": "80 deg"}, "near": 0.03, "far": 2.0,
-        "rate": 30, "latency": 0.2,
-    }  # fmt: skip
+    document["cameras"]["hand"] = HAND
     write_cell(document, folder)
     cell = Cell.load(load_workspace(folder))
     return cell, list(_studies(cell, read_task("pickup", cell.workspace).candidates[:4]))
@@ -132,3 +136,34 @@ def test_what_hides_more_makes_no_delay_shorter(studied: tuple[Cell, list[Study]
                     assert less.delay_worst is not None and less.delay_mean is not None  # noqa: PT018
                     assert less.delay_worst <= more.delay_worst + 2e-3  # instants at which sights change are bisected
                     assert less.delay_mean <= more.delay_mean + 2e-3
+
+
+def test_what_is_dropped_falls_onto_the_table_or_what_stands_there(
+    studied: tuple[Cell, list[Study]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drops, falling = [], drop_detection._falling
+    monkeypatch.setattr(drop_detection, "_falling", lambda *a: drops.append(falling(*a)) or drops[-1])
+    for study in studied[1]:
+        observed_again(studied[0], study, Adaptive(), full=False)
+    assert drops
+    for drop in drops:
+        assert drop[..., 2].min() > 0.015  # tables end at z = 0, and no part is flatter than 3 cm
+        assert (np.diff(drop[:, -10:], axis=1) == 0.0).all()
+
+
+def test_no_drop_between_those_followed_is_shown_later_than_promised(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In this cell a camera sees the place of the part only at some times while it is lifted."""
+    folder = random_cell(tmp_path / "cell", Crowd(13, 12, 4))
+    document, rng = read_cell(folder), np.random.default_rng(13)
+    for camera in document["cameras"].values():
+        camera.update(rate=float(rng.choice([10, 25])), latency=0.05)
+    document["cameras"] = {name: document["cameras"][name] for name in list(document["cameras"])[:1]} | {"hand": HAND}
+    write_cell(document, folder)
+    cell = Cell.load(load_workspace(folder))
+    (study,) = _studies(cell, read_task("pickup g3", cell.workspace).candidates)
+    monkeypatch.setattr(drop_detection, "_STEP", 0.01)
+    (promised,), (true,) = study.onsets["slip"], observed_again(cell, study, Adaptive(), full=False).onsets["slip"]
+    x = np.linspace(promised.x[0], promised.x[-1], 400)
+    assert (np.interp(x, promised.x, promised.shown) >= np.interp(x, true.x, true.shown) - 0.02).all()
