@@ -19,9 +19,7 @@ CASES = read_cases("bad_inputs.yaml")
 
 @pytest.mark.parametrize("case", CASES, ids=[case["case"] for case in CASES])
 def test_bad_input_is_refused_with_place_reason_and_remedy(
-    case: dict[str, Any],
-    damaged: Callable[[dict[str, Any]], Path],
-    position_of: Callable[[str, Path], tuple[int, int]],
+    case: dict[str, Any], damaged: Callable[[dict[str, Any]], Path], position_of: Callable[[str, Path], tuple[int, int]]
 ) -> None:
     cell = damaged(case)
     with pytest.raises(InputError) as caught:

@@ -232,8 +232,7 @@ def test_a_precondition_about_all_tuples_of_many_objects_is_refused(count: int, 
 
 
 @pytest.mark.parametrize(
-    ("section", "entry"),
-    [("waypoints", "w{0}: {{from: home, raise: 1 mm}}"), ("faults", "f{0}: {{formula: hold}}")],
+    ("section", "entry"), [("waypoints", "w{0}: {{from: home, raise: 1 mm}}"), ("faults", "f{0}: {{formula: hold}}")]
 )
 def test_a_skill_of_thousands_of_entries_is_refused(section: str, entry: str, cell: Path) -> None:
     path = cell / "pickup" / "skill.yaml"

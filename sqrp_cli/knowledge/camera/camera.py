@@ -16,18 +16,7 @@ from pydantic import BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.geometry import Array, check_finite, check_poses, read_only
-from sqrp_cli.knowledge.text.entries import (
-    CameraPose,
-    Entry,
-    In,
-    MappingOr,
-    Name,
-    Number,
-    Size,
-    Stored,
-    Text,
-    Time,
-)
+from sqrp_cli.knowledge.text.entries import CameraPose, Entry, In, MappingOr, Name, Number, Size, Stored, Text, Time
 from sqrp_cli.knowledge.text.units import ANGLE, FREQUENCY, LARGEST, PIXELS
 
 DistortionModel = Literal["none", "plumb_bob", "rational_polynomial", "equidistant"]

@@ -318,9 +318,7 @@ class RobotReader(EntryReader):
             self._warn("assumed-limit", message, self.document.key_place(("robot", "limits")), mend)
         return {
             joint.name: robot.JointLimits(
-                lower=joint.lower,
-                upper=joint.upper,
-                **{limit: values[joint.name] for limit, values in limits.items()},
+                lower=joint.lower, upper=joint.upper, **{limit: values[joint.name] for limit, values in limits.items()}
             )
             for joint in joints
         }

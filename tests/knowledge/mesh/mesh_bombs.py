@@ -220,9 +220,7 @@ def stl_bombs() -> dict[str, Bomb]:
         "no triangle": Bomb(".stl", bytes(84), "no triangles"),
         "less than a header": Bomb(".stl", bytes(10), "10 bytes"),
         "not finite": Bomb(
-            ".stl",
-            binary[:96] + struct.pack("<f", np.nan) + binary[100:],
-            f"point 1 is `nan 0 0`, expected {FINITE}",
+            ".stl", binary[:96] + struct.pack("<f", np.nan) + binary[100:], f"point 1 is `nan 0 0`, expected {FINITE}"
         ),
         "text cut off": Bomb(".stl", text[:-200], "cut off"),
         "text without end": Bomb(".stl", _changed(text, b"endsolid cube", b""), "cut off"),

@@ -100,10 +100,7 @@ def test_a_workspace_takes_them_with_their_scaling(cell: Path) -> None:
     limits = workspace.robot.limits
     assert (limits["shoulder"].velocity, limits["shoulder"].acceleration) == (0.5 * 2.175, 0.1 * 0.52)
     assert limits["shoulder"].jerk == 300.0
-    assert (limits["slide"].velocity, limits["slide"].acceleration) == (
-        0.5 * 0.5,
-        3.0,
-    )
+    assert (limits["slide"].velocity, limits["slide"].acceleration) == (0.5 * 0.5, 3.0)
     assert limits["elbow"].jerk == 40.0
     assert (limits["elbow"].lower, limits["elbow"].upper) == (radians(-45), 1.5)
     (warning,) = [warning for warning in workspace.warnings if warning.code == "unknown-joint"]

@@ -276,11 +276,7 @@ def moments(xx: float, yy: float, zz: float, xy: float = 0.0) -> str:
     ("text", "line", "told"),
     [
         (with_inertial('<mass value="-2"/>'), 5, "link `hand` has a mass of -2 kg"),
-        (
-            with_inertial(moments(-0.1, 0.1, 0.1)),
-            5,
-            "a moment of inertia of -0.1 kg m^2, expected none below 0",
-        ),
+        (with_inertial(moments(-0.1, 0.1, 0.1)), 5, "a moment of inertia of -0.1 kg m^2, expected none below 0"),
         (with_inertial("", 'lower="-1" upper="2" effort="-5"'), 17, "`effort` is -5, expected a positive number"),
         (with_inertial("", 'lower="-1" upper="2" velocity="-3"'), 17, "`velocity` is -3, expected a positive number"),
         (with_inertial("", 'lower="-1" upper="2" velocity="1e-300"'), 17, "`velocity` is 1e-300, expected at least"),

@@ -11,14 +11,7 @@ from pydantic import Field, Tag
 
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.knowledge.skill import read_skill, settings
-from sqrp_cli.knowledge.skill.skill import (
-    GraspWaypoint,
-    Names,
-    RaiseWaypoint,
-    RetreatWaypoint,
-    SkillFile,
-    origins,
-)
+from sqrp_cli.knowledge.skill.skill import GraspWaypoint, Names, RaiseWaypoint, RetreatWaypoint, SkillFile, origins
 from sqrp_cli.knowledge.text.entries import Entry, Name, one_of
 from sqrp_cli.knowledge.workspace.load import load_workspace
 

@@ -13,13 +13,7 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.geometry import displacement, look_at, read_only
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.yaml_edit import patch
-from sqrp_cli.knowledge.workspace.edits import (
-    stated_look_at,
-    with_camera,
-    with_further_camera,
-    with_object,
-    with_task,
-)
+from sqrp_cli.knowledge.workspace.edits import stated_look_at, with_camera, with_further_camera, with_object, with_task
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
