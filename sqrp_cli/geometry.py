@@ -50,18 +50,15 @@ def check_poses(what: str, *poses: Array | None) -> None:
     what: name of the object with these poses, for the message. None, an unknown pose, passes.
     """
     for X in poses:
-        if X is not None and not _are_poses(X):
+        if X is None:
+            continue
+        R = X[..., :3, :3]
+        # Comparisons with NaN are false, so it does not pass.
+        orthonormal = (np.abs(R @ R.swapaxes(-1, -2) - np.eye(3)) <= _ORTHONORMAL).all()
+        right_handed = (np.einsum("...i,...i", cross(R[..., 0], R[..., 1]), R[..., 2]) > 0.0).all()
+        affine = (X[..., 3, :] == [0.0, 0.0, 0.0, 1.0]).all()
+        if not (np.isfinite(X).all() and orthonormal and right_handed and affine):
             raise ValueError(f"the pose of {what} is none: {X.tolist()}")
-
-
-def _are_poses(X: Array) -> bool:
-    R = X[..., :3, :3]
-    # Comparisons with NaN are false, so it does not pass.
-    off_axes, off_row = np.abs(R @ R.swapaxes(-1, -2) - np.eye(3)), np.abs(X[..., 3, :] - [0.0, 0.0, 0.0, 1.0])
-    right_handed = np.einsum("...i,...i", cross(R[..., 0], R[..., 1]), R[..., 2]) > 0.0
-    return bool(
-        np.isfinite(X).all() and (off_axes <= _ORTHONORMAL).all() and (off_row == 0.0).all() and right_handed.all()
-    )
 
 
 def check_finite(what: str, *figures: ArrayLike | None) -> None:
@@ -87,12 +84,6 @@ def transform(X_AB: Array, points_B: Array) -> Array:
     X_AB: poses, shape (..., 4, 4); points_B: shape (..., n, 3), leading dimensions broadcast against those of X_AB.
     """
     return points_B @ X_AB[..., :3, :3].swapaxes(-1, -2) + X_AB[..., None, :3, 3]
-
-
-def norms(vectors: Array) -> Array:
-    """Lengths of vectors (n, 3), shape (n,); about twice as fast as `np.linalg.norm`."""
-    lengths: Array = np.sqrt(np.einsum("ni,ni->n", vectors, vectors))
-    return lengths
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -224,10 +215,3 @@ def ranges(first: NDArray[Any], last: NDArray[Any]) -> Ranges:
     count = np.maximum(last.astype(np.int64) - first, 0)
     index = np.repeat(np.arange(len(count)), count)
     return Ranges(index, np.arange(len(index)) + np.repeat(first - np.cumsum(count) + count, count))
-
-
-def begins_run(values: NDArray[Any]) -> Mask:
-    """Whether each value (n,) differs from the one before it; the first one does."""
-    begins = np.ones(len(values), dtype=bool)
-    np.not_equal(values[1:], values[:-1], out=begins[1:])
-    return begins

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, bad_input
-from sqrp_cli.knowledge.robot.urdf import UrdfModel
+from sqrp_cli.errors import Place, bad_input
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.collision import CollisionScene, SelfContacts, find_self_contacts
@@ -17,7 +14,6 @@ from sqrp_cli.programming.motion.collision.placed_scene import NamePairs
 from sqrp_cli.programming.motion.fingers import closed_on
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.solids import load_solid
-from sqrp_cli.shapes import Part
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +40,9 @@ class Cell:
         contacts = find_self_contacts(model, seed) if robot.srdf is None else None
         unchecked = robot.disabled_pairs if contacts is None else contacts.unchecked
         colors = {obj.name: obj.color or "" for obj in objects}
-        solids = tuple(replace(load_solid(part, _name(part, model)), color=colors.get(part.parent)) for part in parts)
+        own = set(model.links) - model.tool_links  # a part of the robot has the name of its link in output
+        named = [(part, part.parent if part.parent in own else part.name) for part in parts]
+        solids = tuple(replace(load_solid(part, name), color=colors.get(part.parent)) for part, name in named)
         return cls(
             workspace=workspace,
             model=model,
@@ -85,12 +83,6 @@ class Cell:
         return self.observer.solids[index].name
 
 
-def _name(part: Part, model: RobotModel) -> str:
-    """The name of a part in output: its link if it belongs to the robot, else the part's name."""
-    of_robot = part.parent in model.links and part.parent not in model.tool_links
-    return part.parent if of_robot else part.name
-
-
 LARGEST_LINK = 20.0
 """Largest extent of a moving link from its origin, and largest distance of joints from each other [m].
 
@@ -111,24 +103,23 @@ def _check_size(workspace: Workspace, model: RobotModel) -> None:
         message = f"robot and objects have {shapes:,} shapes, expected at most {MOST_SHAPES:,}"
         raise bad_input("too-many-shapes", message, workspace.whole_file, mend="join them into meshes")
     tree, robot = model.tree, workspace.robot
-    for joint, parent, X_PJ in zip(tree.joints, tree.parents, tree.still, strict=True):
-        if parent >= 0 and (away := float(np.linalg.norm(X_PJ[:3, 3]))) > LARGEST_LINK:
-            raise _refusal(f"joint `{joint.name}` is {away:.3g} m from the one that carries it", joint.place)
+    far: list[tuple[float, str, Place | None]] = [
+        (
+            float(np.linalg.norm(X_PJ[:3, 3])),
+            f"joint `{joint.name}` is {{}} m from the one that carries it",
+            joint.place,
+        )
+        for joint, parent, X_PJ in zip(tree.joints, tree.parents, tree.still, strict=True)
+        if parent >= 0
+    ]
+    places = {link.name: link.place for urdf in robot.urdfs for link in urdf.links.values()}
     for part in model.parts:
         if tree.mounts[part.parent].joint >= 0:
             away = float(np.linalg.norm(load_solid(part).vertices, axis=1).max())
-            if away > LARGEST_LINK:
-                message = (
-                    f"link `{part.parent}` moves, and part `{part.name}` of it reaches {away:.3g} m from its origin"
-                )
-                raise _refusal(message, _place(robot.urdfs, part.parent))
-
-
-def _refusal(message: str, place: Place | None) -> InputError:
-    mend = "check the units, in metres, and the `scale` of meshes"
-    return bad_input("link-too-large", f"{message}, expected at most {LARGEST_LINK:g} m", place, mend=mend)
-
-
-def _place(urdfs: Sequence[UrdfModel], name: str) -> Place | None:
-    links = chain.from_iterable(urdf.links.values() for urdf in urdfs)
-    return next((link.place for link in links if link.name == name), None)
+            what = f"link `{part.parent}` moves, and part `{part.name}` of it reaches {{}} m from its origin"
+            far.append((away, what, places.get(part.parent)))
+    for away, what, place in far:
+        if away > LARGEST_LINK:
+            message = f"{what.format(f'{away:.3g}')}, expected at most {LARGEST_LINK:g} m"
+            mend = "check the units, in metres, and the `scale` of meshes"
+            raise bad_input("link-too-large", message, place, mend=mend)

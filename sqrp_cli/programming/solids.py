@@ -60,7 +60,17 @@ class Solid:
     @cached_property
     def compiled(self) -> kernel.Solid:
         """The solid as the kernel holds it; made once for all that are alike, whoever loaded them."""
-        form, half = _form(self.part.shape)
+        match self.part.shape:
+            case Box((x, y, z)):
+                form, half = kernel.Form.BOX, (x / 2, y / 2, z / 2)
+            case Sphere(radius):
+                form, half = kernel.Form.SPHERE, (radius, 0.0, 0.0)
+            case Cylinder(radius, length):
+                form, half = kernel.Form.CYLINDER, (radius, 0.0, length / 2)
+            case Capsule(radius, length):
+                form, half = kernel.Form.CAPSULE, (radius, 0.0, length / 2)
+            case Mesh():
+                form, half = kernel.Form.MESH, (0.0, 0.0, 0.0)
         surface = hashlib.blake2b(self.vertices.tobytes() + self.triangles.tobytes()).digest()
         key = form, half, self.part.X_PG.tobytes(), surface
         if (made := _made.get(key)) is None:
@@ -113,12 +123,8 @@ def load_solid(part: Part, name: str | None = None) -> Solid:
     try:
         surface = _load_shape(part.shape)
     except InputError as error:
-        raise InputError(
-            *(
-                replace(problem, message=f"{problem.message}; it is the mesh of `{part.name}`")
-                for problem in error.problems
-            )
-        ) from error
+        whose = f"; it is the mesh of `{part.name}`"
+        raise InputError(*(replace(one, message=one.message + whose) for one in error.problems)) from error
     vertices = transform(part.X_PG, surface.vertices)
     low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
     corners = transform(part.X_PG, (low + high) / 2 + BOX_SIGNS * (high - low) / 2)
@@ -155,20 +161,6 @@ def distance(first: Solid, X_WA: Array, second: Solid, X_WB: Array, within: floa
     than the nearest ones, which saves time. A mesh is its surface: nothing touches it inside.
     """
     return first.compiled.distance(second.compiled, inverse(X_WA) @ X_WB, within, enough)
-
-
-def _form(shape: Shape) -> tuple[kernel.Form, tuple[float, float, float]]:
-    match shape:
-        case Box((x, y, z)):
-            return kernel.Form.BOX, (x / 2, y / 2, z / 2)
-        case Sphere(radius):
-            return kernel.Form.SPHERE, (radius, 0.0, 0.0)
-        case Cylinder(radius, length):
-            return kernel.Form.CYLINDER, (radius, 0.0, length / 2)
-        case Capsule(radius, length):
-            return kernel.Form.CAPSULE, (radius, 0.0, length / 2)
-        case Mesh():
-            return kernel.Form.MESH, (0.0, 0.0, 0.0)
 
 
 @cache

@@ -12,11 +12,11 @@ from math import radians, tan
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, TypeAdapter
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.geometry import Array, check_finite, check_poses, read_only
-from sqrp_cli.knowledge.text.entries import CameraPose, Entry, In, MappingOr, Name, Number, Size, Stored, Text, Time
+from sqrp_cli.knowledge.text.entries import CameraPose, In, MappingOr, Name, Number, Size, Stored, Text, Time
 from sqrp_cli.knowledge.text.units import ANGLE, FREQUENCY, LARGEST, PIXELS
 
 DistortionModel = Literal["none", "plumb_bob", "rational_polynomial", "equidistant"]
@@ -244,8 +244,8 @@ class PoseFile(Stored):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class CalibrationEntry(Stored):
-    """Where a camera is and how it makes an image: stated, or by files that others wrote."""
+class CameraEntry(Sensing):
+    """A camera: where it is and how it makes an image, stated, or by files that others wrote."""
 
     frame: Text | None = None
     """`world` (the default), the cell's; or the link that carries the camera, where `robot/world` is a link that the
@@ -272,11 +272,6 @@ class CalibrationEntry(Stored):
     def calibration_file(self) -> CalibrationFile | None:
         """The calibration file, if there is one."""
         return CalibrationFile(file=self.calibration) if isinstance(self.calibration, str) else self.calibration
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class CameraEntry(Sensing, CalibrationEntry):
-    """A camera."""
 
     def __post_init__(self) -> None:
         """Raises PydanticCustomError for keys that contradict each other."""
@@ -309,14 +304,9 @@ class CatalogueEntry(Sensing):
     image: Annotated[ImageEntry, Field(description="Size and focal length of the image.")]
 
 
-class _CatalogueFile(Entry):
-    entries: dict[Name, CatalogueEntry]
-
-
 @cache
 def catalogue() -> Mapping[str, CatalogueEntry]:
     """The entries by name."""
     from sqrp_cli.knowledge.text.yaml_file import read_yaml
 
-    document = read_yaml(CATALOGUE)
-    return _CatalogueFile.model_validate({"entries": document.data}).entries
+    return TypeAdapter(dict[Name, CatalogueEntry]).validate_python(read_yaml(CATALOGUE).data)
