@@ -31,26 +31,26 @@ _STUDY = (
     "programming/whole_study",
 )
 ROOMS = {
-    "foundations": ("errors geometry records shapes trajectory shown version", 1_144),
+    "foundations": ("errors geometry records shapes trajectory shown version", 1_128),
     "files": ("knowledge/text", 2_300),
     "robot": ("knowledge/robot programming/arm", 3_250),
-    "camera": ("knowledge/camera knowledge/light knowledge/markers knowledge/paint", 2_314),
-    "cell": ("knowledge programming/cell programming/solids", 4_008),
+    "camera": ("knowledge/camera knowledge/light knowledge/markers knowledge/paint", 2_293),
+    "cell": ("knowledge programming/cell programming/solids", 3_989),
     "logic": ("logic", 2_892),
     "skill, program": ("knowledge/skill program", 2_002),
     "task": ("programming", 1_791),
     "motion": ("programming/motion", 3_351),
-    "sight": ("sight programming/sensing", 1_292),
+    "sight": ("sight programming/sensing", 1_298),
     "study": ("programming/coverage programming/seen " + " ".join(_STUDY), 4_226),
     "search": ("programming/advice programming/placing", 4_648),
     "checks": ("checks", 1_379),
     "run": ("runtime", 8_727),
     "field": ("ros runtime/audit runtime/serve calibrating", 3_650),
     "score": ("scoring", 2_919),
-    "show": ("terminal report document figures", 6_751),
-    "ask": ("ask api cli __init__ __main__", 6_753),
+    "show": ("terminal report document figures", 6_692),
+    "ask": ("ask api cli __init__ __main__", 6_703),
     "studio": ("studio", 2_220),
-    "starter, platform": ("starter platform", 2_077),
+    "starter, platform": ("starter platform", 2_076),
 }
 """The rooms of the package: what is in each, the longest beginning of a path counts, and how many lines it may have.
 
