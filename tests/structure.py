@@ -44,7 +44,7 @@ ROOMS = {
     "study": ("programming/coverage programming/seen " + " ".join(_STUDY), 4_226),
     "search": ("programming/advice programming/placing", 4_648),
     "checks": ("checks", 1_379),
-    "run": ("runtime", 8_727),
+    "run": ("runtime", 8_708),
     "field": ("ros runtime/audit runtime/serve calibrating", 3_650),
     "score": ("scoring", 2_919),
     "show": ("terminal report document figures", 6_692),

@@ -36,12 +36,12 @@ class _FingerWay(NamedTuple):
 
     def closure(self, marker: FoundMarker) -> float:
         """How far the fingers are closed by a marker: 0 open, 1 closed."""
-        return float((_center(marker) - self.opened) @ self.step / max(float(self.step @ self.step), 1e-9))
+        return float((marker.center - self.opened) @ self.step / max(float(self.step @ self.step), 1e-9))
 
     def carries(self, marker: FoundMarker, outline: ProjectedBox) -> bool:
         """Whether a marker lies on it, to half the size of the marker's outline."""
         nearest = self.opened + np.clip(self.closure(marker), 0.0, 1.0) * self.step
-        return bool(np.hypot(*(_center(marker) - nearest)) <= 0.5 * outline.area**0.5)
+        return bool(np.hypot(*(marker.center - nearest)) <= 0.5 * outline.area**0.5)
 
 
 class MarkerDetector:
@@ -63,7 +63,7 @@ class MarkerDetector:
             """The marker of the box among several: that on a finger lies where the fingers can carry it."""
             alike = (marker for marker in markers if wanted is not None and marker.id == wanted.id)
             carried = (marker for marker in alike if way is None or way.carries(marker, outline))
-            return min(carried, key=lambda marker: np.hypot(*(_center(marker) - outline.center)), default=None)
+            return min(carried, key=lambda marker: np.hypot(*(marker.center - outline.center)), default=None)
 
         found, because = None if wanted is None else nearest(view.markers(wanted.dictionary)), MissReason.DETECTOR
         crop = view.crop(outline.polygon, round(AROUND * outline.area**0.5)) if found is None else None
@@ -80,10 +80,14 @@ class MarkerDetector:
         if way is not None:
             evidence = Truth.UNKNOWN if found is None else self._on_finger(atom, way, found)
         elif found is not None:
-            near = np.hypot(*(_center(found) - outline.center)) <= max(0.5 * outline.area**0.5, 2.0)
+            near = np.hypot(*(found.center - outline.center)) <= max(0.5 * outline.area**0.5, 2.0)
             evidence = Truth.TRUE if near else Truth.FALSE
         else:
-            share = self._background_share(outline)
+            # The share of the outline in which the background is seen and the robot is not.
+            if (crop := view.crop(outline.polygon, 2)) is not None:
+                background = filled(crop, [outline.corners]) & self._background.matches(view.image, crop)
+                background &= ~dilated(view.robot.mask(crop, outline), 1)
+                share = min(1.0, float(background.sum()) / max(outline.area, 1.0))
             evidence = Truth.FALSE if share >= ABSENT_SHARE else Truth.UNKNOWN
         return BoxDetection(box.name, evidence, share, outline.polygon, because)
 
@@ -110,18 +114,3 @@ class MarkerDetector:
         if np.hypot(*way.step) * OPEN_SHARE < 1.0:
             return Truth.UNKNOWN  # too small in the image to tell open from closed
         return Truth.TRUE if (way.closure(marker) <= OPEN_SHARE) == sought.when_open[atom] else Truth.FALSE
-
-    def _background_share(self, outline: ProjectedBox) -> float:
-        """The share of an outline in which the background is seen and the robot is not."""
-        crop = self._view.crop(outline.polygon, 2)
-        if crop is None:
-            return 0.0
-        background = filled(crop, [outline.corners]) & self._background.matches(self._view.image, crop)
-        background &= ~dilated(self._view.robot.mask(crop, outline), 1)
-        return min(1.0, float(background.sum()) / max(outline.area, 1.0))
-
-
-def _center(marker: FoundMarker) -> Array:
-    """Of a marker in the image, (2,) [pixels]."""
-    center: Array = marker.corners.mean(axis=0)
-    return center

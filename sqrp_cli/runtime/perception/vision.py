@@ -28,6 +28,12 @@ class FoundMarker:
     id: int
     corners: Array
 
+    @property
+    def center(self) -> Array:
+        """Where it is, (2,) [pixels]."""
+        center: Array = self.corners.mean(axis=0)
+        return center
+
 
 @dataclass(frozen=True, eq=False)
 class Blob:
@@ -150,35 +156,28 @@ def middle(mask: Mask) -> Array:
     return np.array([columns.mean(), rows.mean()])
 
 
-def displaced(shown: Mask, judged: Mask, expected: Mask) -> Array:
+def displacement(shown: Mask, judged: Mask, expected: Callable[[int], Mask], reaches: Sequence[int]) -> Array:
     """By how much (x, y) something lies beside where it is expected, (2,) [pixels].
 
     shown: where it is seen, shape (h, w). judged: where it would be seen if it were there, (h, w). expected: its
-    silhouette, with the margin on every side by which it may lie beside it. Of all that explains which of the judged
-    pixels show it, but for a share `ALIKE` of the silhouette as far as it is judged, it is the least.
+    silhouette, with a margin on every side by which it may lie beside it, one of some rising reaches. The first reach
+    counts that does not end where it lies, so that what is alike further away does not matter where something nearer
+    explains the image. Of all that explains which of the judged pixels show it, but for a share `ALIKE` of the
+    silhouette as far as it is judged, it is the least.
     """
+    least = np.zeros(2)
     score = np.where(judged, np.where(shown, -1.0, 1.0), 0.0).astype(np.float32)
-    wrong = cv2.matchTemplate(expected.astype(np.float32), score, cv2.TM_CCORR)
-    down, right = ((size - 1) // 2 for size in wrong.shape)
-    there = expected[down : down + shown.shape[0], right : right + shown.shape[1]] & judged
-    rows, columns = np.nonzero(wrong <= wrong.min() + ALIKE * float(there.sum()))
-    steps = np.stack([right - columns, down - rows], axis=1)
-    least: Array = steps[np.hypot(*steps.T).argmin()].astype(float)
-    return least
-
-
-def displacement(shown: Mask, judged: Mask, expected: Callable[[int], Mask], reaches: Sequence[int]) -> Array:
-    """As `displaced`, within the first of some reaches that does not end where it lies, (2,) [pixels].
-
-    expected: its silhouette with so wide a margin. Rising reaches, so that what is alike further away does not matter
-    where something nearer explains the image.
-    """
-    found = np.zeros(2)
     for reach in reaches:
-        found = displaced(shown, judged, expected(reach))
-        if np.abs(found).max() < reach:
+        silhouette = expected(reach)
+        wrong = cv2.matchTemplate(silhouette.astype(np.float32), score, cv2.TM_CCORR)
+        down, right = ((size - 1) // 2 for size in wrong.shape)
+        there = silhouette[down : down + shown.shape[0], right : right + shown.shape[1]] & judged
+        rows, columns = np.nonzero(wrong <= wrong.min() + ALIKE * float(there.sum()))
+        steps = np.stack([right - columns, down - rows], axis=1)
+        least = steps[np.hypot(*steps.T).argmin()].astype(float)
+        if np.abs(least).max() < reach:
             break
-    return found
+    return least
 
 
 def dilated(mask: Mask, pixels: int) -> Mask:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from bisect import insort
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from itertools import groupby
 from typing import Literal, NamedTuple
@@ -36,6 +35,10 @@ FEELING = 0.004
 
 SAME_INSTANT = 0.0015
 """Times that are closer are one [s]: the simulation steps by 2 ms, and takes images at the nearest step."""
+
+
+DueKind = Literal["tool", "primitive", "fault"]
+"""A command to the tool, the beginning of a primitive, or a fault to inject."""
 
 
 class CommandedRobot:
@@ -202,16 +205,6 @@ def _evidence_seen(evidence: Evidence, attempt: Attempt, now: float) -> Evidence
     return EvidenceSeen(t=now, exposed=round(exposure.t, 6), step_time=step_time, literals=literals)
 
 
-@dataclass(frozen=True)
-class Due:
-    """Something to do at a time [s] of the cell's clock."""
-
-    t: float
-    kind: Literal["tool", "primitive", "fault"]
-    """A command to the tool, the beginning of a primitive, or a fault to inject."""
-    do: Callable[[], None]
-
-
 class Lockstep:
     """Everything of a run that time passes for."""
 
@@ -225,7 +218,7 @@ class Lockstep:
     ) -> None:
         self.robot, self.collector, self.faults, self.publisher = robot, collector, faults, publisher
         self._truth = truth
-        self._due: list[Due] = []
+        self._due: list[tuple[float, DueKind, Callable[[], None]]] = []
         self.now = 0.0
         """The time on the cell's clock [s]."""
         self.attempt: Attempt | None = None
@@ -235,13 +228,13 @@ class Lockstep:
         self.standing_since: float | None = None
         """When it stood after that [s]; None before."""
 
-    def schedule(self, due: Due) -> None:
-        """Do something at its time, after what is due at the same time already."""
-        insort(self._due, due, key=lambda one: one.t)
+    def schedule(self, t: float, kind: DueKind, do: Callable[[], None]) -> None:
+        """Do something at a time [s] of the cell's clock, after what is due at the same time already."""
+        insort(self._due, (t, kind, do), key=lambda due: due[0])
 
     def cancel(self, *kinds: str) -> None:
         """Do nothing of some kinds any more."""
-        self._due = [due for due in self._due if due.kind not in kinds]
+        self._due = [due for due in self._due if due[1] not in kinds]
 
     def tau(self, t: float | None = None) -> float | None:
         """The time of the step's motion at time t or now [s], None before it."""
@@ -273,7 +266,7 @@ class Lockstep:
         """
         streams, motion, cell = self.collector.streams, self.robot.motion, self.robot.cell
         coming = [streams.next_exposure, streams.next_arrival, streams.next_check]
-        coming += [self._due[0].t] if self._due else []
+        coming += [self._due[0][0]] if self._due else []
         coming += [end] if self.now < end - 1e-9 else []
         coming += [self.now + TRUTH_SPACING] if self.faults.is_pending else []
         coming += [self.now + FEELING] if motion.force_limit(self.now) is not None else []
@@ -286,8 +279,8 @@ class Lockstep:
         if self.faults.is_pending and self.attempt is not None:
             self.faults.look(self.now, self.tau(), self.attempt, self._truth.atoms(self.attempt, self.tau()))
         arrived = self.collector.collect(self.now)
-        while self._due and self._due[0].t <= self.now + 1e-9:
-            self._due.pop(0).do()
+        while self._due and self._due[0][0] <= self.now + 1e-9:
+            self._due.pop(0)[2]()
         if streams.next_exposure <= self.now + 1e-9 and self.attempt is not None:
             self.collector.expose(self.now, self._moment)
         if (failure := cell.trouble() or streams.failure(self.now)) is not None:

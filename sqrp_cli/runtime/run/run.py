@@ -34,7 +34,7 @@ from sqrp_cli.runtime.record.report import MonitoringLost, Outcome, RunReport, S
 from sqrp_cli.runtime.robot_body import RobotBody
 from sqrp_cli.runtime.run.faults import FaultTracker, InjectedFault, StepPlace, parse_fault
 from sqrp_cli.runtime.run.ground_truth import GroundTruth, StateRecorder, step_began
-from sqrp_cli.runtime.run.lockstep import SAME_INSTANT, CommandedRobot, Due, EvidenceCollector, Lockstep
+from sqrp_cli.runtime.run.lockstep import SAME_INSTANT, CommandedRobot, EvidenceCollector, Lockstep
 
 LOOK_AGAIN = 2.0
 """How long the robot stands and waits for the condition of a retry to be seen [s]."""
@@ -200,14 +200,14 @@ class Run:
         for primitive in attempt.step.primitives:
             begin, end = start + primitive.start, start + primitive.end
             if primitive.action == "Grasp":
-                schedule(Due(begin, "tool", partial(self._grasp, attempt)))
+                schedule(begin, "tool", partial(self._grasp, attempt))
             elif primitive.action == "Release":  # fingers follow their motion from its beginning
-                schedule(Due(begin if robot.fingers is not None else end, "tool", self._cell.release))
-                schedule(Due(end, "tool", partial(robot.command_hold, holding=False)))
-            schedule(Due(begin, "primitive", partial(self._begin, primitive.name, primitive.does)))
+                schedule(begin if robot.fingers is not None else end, "tool", self._cell.release)
+                schedule(end, "tool", partial(robot.command_hold, holding=False))
+            schedule(begin, "primitive", partial(self._begin, primitive.name, primitive.does))
         for fault in self._faults:
             if fault.step == number:
-                schedule(Due(start + (fault.t or 0.0), "fault", partial(self._inject, fault)))
+                schedule(start + (fault.t or 0.0), "fault", partial(self._inject, fault))
         self._faults = [fault for fault in self._faults if fault.step != number]
         robot.motion.play(attempt.step.primitives, start)
         end = attempt.end
@@ -242,7 +242,7 @@ class Run:
             if self._report.steps[-1].attempts > 1:
                 raise bad_input("bad-fault", "a fault happens in the first try of a step")
             fault = parse_fault(text, self._program.steps, (), np.random.default_rng(0), "slip")
-            self._lockstep.schedule(Due(start + (fault.t or 0.0), "fault", partial(self._inject, fault)))
+            self._lockstep.schedule(start + (fault.t or 0.0), "fault", partial(self._inject, fault))
         except InputError as error:
             refused = error.problems[0].message
         spectator.told(text, refused)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sqrp_cli.geometry import Mask
-from sqrp_cli.runtime.perception.vision import displaced, displacement
+from sqrp_cli.runtime.perception.vision import displacement
 
 SHAPE, REACH = (60, 80), 9
 TOP, LEFT, ROWS, COLUMNS = 20, 30, 24, 18
@@ -23,7 +23,7 @@ def part(down: int = 0, right: int = 0, *, margin: int = 0) -> Mask:
 
 
 def found(judged: Mask, down: int, right: int) -> tuple[float, float]:
-    across, along = displaced(part(down, right), judged, part(margin=REACH)).tolist()
+    across, along = displacement(part(down, right), judged, lambda by: part(margin=by), (REACH,)).tolist()
     return along, across
 
 
@@ -53,8 +53,8 @@ def test_where_both_ends_are_hidden_it_may_be_where_it_is_expected(down: int) ->
 @given(down=steps, right=steps)
 def test_the_edge_of_the_image_is_no_end_of_it(down: int, right: int) -> None:
     first = TOP + ROWS // 2
-    seen, expected = part(down, right)[first:], part(margin=REACH)[first:]
-    across, along = displaced(seen, np.ones_like(seen), expected).tolist()
+    seen = part(down, right)[first:]
+    across, along = displacement(seen, np.ones_like(seen), lambda by: part(margin=by)[first:], (REACH,)).tolist()
     assert (along, across) == (down, right)
 
 
