@@ -13,17 +13,13 @@ Other spellings: `G` `F` `□` `◇` for the temporal operators, `!` `¬`, `&` `
 from __future__ import annotations
 
 import math
-from functools import cache, lru_cache
-from importlib.resources import files
-from typing import TYPE_CHECKING
+import re
+from collections.abc import Callable
+from typing import NamedTuple
 
-from sqrp_cli.errors import InputError, Place, Problem, bad_input, nearest
+from sqrp_cli.errors import InputError, Place, bad_input, nearest
 from sqrp_cli.logic import formula as mtl
-from sqrp_cli.logic.source_text import SourceText, TextOrigin, character_name, is_token
-
-if TYPE_CHECKING:
-    from lark import Lark, Token, Tree
-    from lark.exceptions import UnexpectedInput
+from sqrp_cli.logic.source_text import SourceText, TextOrigin, character_name
 
 MAX_DEPTH = 50
 """Deepest nesting of a formula."""
@@ -31,17 +27,34 @@ MAX_DEPTH = 50
 MAX_LENGTH = 20_000
 """Most characters of a formula."""
 
-_EXPECTED = {
-    "ALWAYS": "`always`", "EVENTUALLY": "`eventually`", "NOT": "`not`", "AND": "`and`", "OR": "`or`",
-    "IMPLIES": "`->`", "EDGE": "`start` or `end`", "SIGN": "`+`, `-`", "NUMBER": "a number of seconds",
-    "NAME": "a name", "LPAR": "`(`", "RPAR": "`)`", "LSQB": "`[`", "RSQB": "`]`", "COMMA": "`,`", "DOT": "`.`",
-    "$END": "the end of the formula",
+# A word ends where no name goes on. No keyword is a name. A hyphen belongs to a name only between letters or digits, so
+# that `a->b` is an implication.
+_WORD_ENDS, _SPACE = r"(?!-?[A-Za-z0-9_])", re.compile(r"[ \t\f\r\n]*")
+_TERMINALS = {
+    kind: (words, re.compile(pattern))
+    for kind, words, pattern in (
+        ("always", "`always`", rf"(?:always|G){_WORD_ENDS}|□"),
+        ("eventually", "`eventually`", rf"(?:eventually|F){_WORD_ENDS}|◇"),
+        ("not", "`not`", rf"not{_WORD_ENDS}|!|¬"),
+        ("and", "`and`", rf"and{_WORD_ENDS}|&&?|∧"),
+        ("or", "`or`", rf"or{_WORD_ENDS}|\|\|?|∨"),
+        ("implies", "`->`", rf"implies{_WORD_ENDS}|->|→"),
+        ("edge", "`start` or `end`", r"(?:start|end)(?![A-Za-z0-9_])"),
+        ("sign", "`+`, `-`", "[-+−]"),
+        ("number", "a number of seconds", r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"),
+        (
+            "name", "a name",
+            rf"(?!(?:always|eventually|not|and|or|implies|G|F){_WORD_ENDS})[A-Za-z_][A-Za-z0-9_]*(?:-[A-Za-z0-9_]+)*",
+        ),
+        ("(", "`(`", r"\("), (")", "`)`", r"\)"), ("[", "`[`", r"\["), ("]", "`]`", r"\]"), (",", "`,`", ","),
+        (".", "`.`", r"\."), ("end", "the end of the formula", r"\Z"),
+    )
 }  # fmt: skip
-"""Names of the grammar's terminals in messages, in the order of their listing."""
+"""What formulas are written in, and its names in messages, in the order of their listing."""
 
-_KEYWORDS = {
-    "ALWAYS": "always", "EVENTUALLY": "eventually", "NOT": "not", "AND": "and", "OR": "or", "IMPLIES": "implies",
-}  # fmt: skip
+_BEGINNINGS, _JOINTS = ("always", "eventually", "not", "name", "("), ("and", "or", "implies")
+_BINDING = {"implies": 0, "or": 1, "and": 2, "prefix": 3}
+"""How tightly operators bind."""
 
 
 def parse_formula(text: str, place: Place, indent: int = 0) -> mtl.Formula:
@@ -50,90 +63,139 @@ def parse_formula(text: str, place: Place, indent: int = 0) -> mtl.Formula:
     place: where the text starts. indent: columns before every further line of the text in the file that are not part of
     it. Raises InputError with line, column and an excerpt of the text. `check_formula` checks the names.
     """
-    from lark.exceptions import UnexpectedInput
-
     source = SourceText(text, place, indent)
     if len(text) > MAX_LENGTH:
         raise bad_input("mtl-too-long", f"the formula has {len(text)} characters; at most {MAX_LENGTH} are read", place)
-    try:
-        tree = _tree(text)
-    except UnexpectedInput as error:
-        raise InputError(_syntax_problem(source, error)) from None
-    return _formula(tree, source, 1)
+    formula = _Reader(source).formula()
+    level: tuple[mtl.Formula, ...] = (formula,)
+    depth = 1
+    while level := tuple(part for one in level for part in mtl.children(one)):
+        if (depth := depth + 1) > MAX_DEPTH:
+            raise InputError(source.problem("mtl-too-deep", f"the formula is nested deeper than {MAX_DEPTH} levels", 0))
+    return formula
 
 
-@cache
-def _parser() -> Lark:
-    from lark import Lark
-
-    grammar = files("sqrp_cli.logic").joinpath("mtl.lark").read_text(encoding="utf-8")
-    return Lark(grammar, parser="lalr", maybe_placeholders=False)
+class _Token(NamedTuple):
+    kind: str
+    text: str
+    start: int
 
 
-@lru_cache(maxsize=256)
-def _tree(text: str) -> Tree[Token]:
-    """The syntax tree of a text, cached: cells often share the texts of skills."""
-    return _parser().parse(text)
+class _Reader:
+    """Reads a text from left to right, its operators by how tightly they bind."""
 
+    def __init__(self, source: SourceText) -> None:
+        self._source, self._at = source, 0
+        self._before: _Token | None = None
 
-def _formula(tree: Tree[Token], source: SourceText, level: int) -> mtl.Formula:
-    if level > MAX_DEPTH:
-        raise InputError(source.problem("mtl-too-deep", f"the formula is nested deeper than {MAX_DEPTH} levels", 0))
-    trees = [part for part in tree.children if not is_token(part)]
-    tokens = [part for part in tree.children if is_token(part)]
-    match tree.data:
-        case "bare_predicate":
-            return mtl.Predicate(str(tokens[0]), None, _origin(tokens[0], source))
-        case "predicate":
-            return mtl.Predicate(str(tokens[0]), tuple(map(str, tokens[1:])), _origin(tokens[0], source))
-        case "always" | "eventually" as kind:
-            start, end = (_instant(bound, source) for bound in trees[0].children if not is_token(bound))
-            operator = mtl.Always if kind == "always" else mtl.Eventually
-            return operator(mtl.Interval(start, end), _formula(trees[1], source, level + 1), _origin(tokens[0], source))
-    parts = tuple(_formula(part, source, level + 1) for part in trees)
-    if tree.data in ("and_", "or_"):
-        return mtl.And(parts) if tree.data == "and_" else mtl.Or(parts)
-    return mtl.Not(*parts) if tree.data == "not_" else mtl.Implies(*parts)
+    def formula(self) -> mtl.Formula:
+        """The whole text. What waits for its right side lies on stacks, so that parentheses may be nested at will."""
+        formulas: list[mtl.Formula] = []
+        waiting: list[tuple[str, Callable[[mtl.Formula], mtl.Formula]]] = []
+        opened, kinds = 0, _BEGINNINGS
+        while True:
+            token = self._next(*kinds)
+            if token.kind in ("not", "always", "eventually"):
+                waiting.append(("prefix", mtl.Not if token.kind == "not" else self._temporal(token)))
+            elif token.kind == "(":
+                waiting.append(("(", mtl.Not))
+                opened += 1
+            elif token.kind == "name":
+                arguments = self._arguments()
+                formulas.append(mtl.Predicate(token.text, arguments, TextOrigin(self._source, token.start)))
+                kinds = (*_JOINTS, ")" if opened else "end", *(("(",) if arguments is None else ()))
+            else:  # what binds more tightly is put together, up to the last open parenthesis
+                binding = _BINDING.get(token.kind, -1)
+                while waiting and _BINDING.get(waiting[-1][0], -2) > binding:
+                    kind, prefixed = waiting.pop()
+                    if kind == "prefix":
+                        formulas[-1] = prefixed(formulas[-1])
+                    elif kind == "implies":
+                        formulas[-2:] = [mtl.Implies(*formulas[-2:])]
+                    else:
+                        count = 2
+                        while waiting and waiting[-1][0] == kind:
+                            waiting.pop()
+                            count += 1
+                        formulas[-count:] = [(mtl.And if kind == "and" else mtl.Or)(tuple(formulas[-count:]))]
+                if token.kind == "end":
+                    return formulas[0]
+                if token.kind == ")":
+                    waiting.pop()
+                    opened -= 1
+                    kinds = (*_JOINTS, ")" if opened else "end")
+                else:
+                    waiting.append((token.kind, mtl.Not))
+                    kinds = _BEGINNINGS
 
+    def _temporal(self, operator: _Token) -> Callable[[mtl.Formula], mtl.Formula]:
+        self._next("[")
+        start = self._instant(",")
+        interval = mtl.Interval(start, self._instant("]"))
+        kind = mtl.Always if operator.kind == "always" else mtl.Eventually
+        return lambda operand: kind(interval, operand, TextOrigin(self._source, operator.start))
 
-def _instant(node: Tree[Token], source: SourceText) -> mtl.Instant:
-    tokens = [part for part in node.children if is_token(part)]
-    first, last = tokens[0], tokens[-1]
-    seconds = float(last) if last.type == "NUMBER" else 0.0
-    if not math.isfinite(seconds):
-        raise InputError(_origin(last, source).problem("mtl-number", f"`{last}` is too large for a time in seconds"))
-    if node.data == "time":
-        return mtl.Instant(offset=seconds, origin=_origin(first, source))
-    if len(tokens) > 2 and tokens[2] != "+":
-        seconds = -seconds
-    return mtl.Instant(str(first), str(tokens[1]), seconds, _origin(first, source))
+    def _instant(self, until: str) -> mtl.Instant:
+        """An instant and the sign after it."""
+        first = self._next("number", "name")
+        origin = TextOrigin(self._source, first.start)
+        if first.kind == "number":
+            self._next(until)
+            return mtl.Instant(offset=self._seconds(first), origin=origin)
+        self._next(".")
+        edge, seconds = self._next("edge"), 0.0
+        if (sign := self._next("sign", until)).kind == "sign":
+            seconds = self._seconds(self._next("number")) * (1 if sign.text == "+" else -1)
+            self._next(until)
+        return mtl.Instant(first.text, edge.text, seconds, origin)
 
+    def _seconds(self, number: _Token) -> float:
+        if not math.isfinite(seconds := float(number.text)):
+            message = f"`{number.text}` is too large for a time in seconds"
+            raise InputError(self._source.problem("mtl-number", message, number.start))
+        return seconds
 
-def _origin(token: Token, source: SourceText) -> TextOrigin:
-    return TextOrigin(source, token.start_pos or 0)
+    def _arguments(self) -> tuple[str, ...] | None:
+        if self._found("(") is None:
+            return None
+        names = [self._next("name").text]
+        while self._next(",", ")").kind == ",":
+            names.append(self._next("name").text)
+        return tuple(names)
 
+    def _found(self, *kinds: str) -> _Token | None:
+        """The next token, if it is of one of these kinds."""
+        text, start = self._source.text, _SPACE.match(self._source.text, self._at).end()  # type: ignore[union-attr]
+        for kind in kinds:
+            if (found := _TERMINALS[kind][1].match(text, start)) is not None:
+                self._at, self._before = found.end(), _Token(kind, found[0], start)
+                return self._before
+        return None
 
-def _syntax_problem(source: SourceText, error: UnexpectedInput) -> Problem:
-    from lark.exceptions import UnexpectedToken
+    def _next(self, *kinds: str) -> _Token:
+        """As `_found`. Raises InputError, which says what is there instead."""
+        before, token = self._before, self._found(*kinds)
+        if token is not None:
+            return token
+        expected = [words for kind, (words, _) in _TERMINALS.items() if kind in kinds]
+        listed = " or ".join([", ".join(expected[:-1]), expected[-1]] if len(expected) > 1 else expected)
+        token, text = self._found(*_TERMINALS), self._source.text
+        if token is None:
+            offset = _SPACE.match(text, self._at).end()  # type: ignore[union-attr]
+            raise self._wrong(f"unexpected character {character_name(text[offset])}", offset)
+        if token.kind == "end":
+            end = len(text.rstrip())
+            raise self._wrong(
+                f"{'the formula ends too early' if end else 'the formula is empty'}; expected {listed}", end
+            )
+        if token.kind == "[" and before is not None and before.kind == "name":
+            hint = nearest(before.text, ["always", "eventually", "G", "F"])
+            advice = f"did you mean `{hint}`?" if hint else "expected `always` or `eventually`"
+            raise self._wrong(f"`{before.text}` is no temporal operator but has an interval; {advice}", before.start)
+        keywords = [kind for kind in kinds if kind in ("always", "eventually", "not", *_JOINTS)]
+        hint = nearest(token.text, keywords) if token.kind == "name" else None
+        advice = f"did you mean `{hint}`?" if hint else f"expected {listed}"
+        raise self._wrong(f"unexpected `{token.text}`; {advice}", token.start)
 
-    if not isinstance(error, UnexpectedToken):
-        offset = error.pos_in_stream or 0
-        return source.problem("mtl-syntax", f"unexpected character {character_name(source.text[offset])}", offset)
-    token = error.token
-    expected = [words for name, words in _EXPECTED.items() if name in error.expected]
-    listed = " or ".join([", ".join(expected[:-1]), expected[-1]] if len(expected) > 1 else expected)
-    if token.type == "$END":
-        end = len(source.text.rstrip())
-        found = "the formula ends too early" if end else "the formula is empty"
-        return source.problem("mtl-syntax", f"{found}; expected {listed}", end)
-    offset = token.start_pos or 0
-    before = error.token_history[-1] if error.token_history else None
-    if token.type == "LSQB" and before is not None and before.type == "NAME":
-        hint = nearest(before, ["always", "eventually", "G", "F"])
-        advice = f"did you mean `{hint}`?" if hint else "expected `always` or `eventually`"
-        message = f"`{before}` is no temporal operator but has an interval; {advice}"
-        return source.problem("mtl-syntax", message, before.start_pos or 0)
-    keywords = [keyword for name, keyword in _KEYWORDS.items() if name in error.expected]
-    hint = nearest(token, keywords) if token.type == "NAME" else None
-    advice = f"did you mean `{hint}`?" if hint else f"expected {listed}"
-    return source.problem("mtl-syntax", f"unexpected `{token}`; {advice}", offset)
+    def _wrong(self, message: str, offset: int) -> InputError:
+        return InputError(self._source.problem("mtl-syntax", message, offset))

@@ -1,15 +1,12 @@
-"""Text that a grammar parses, positions and excerpts in it, and lark's trees."""
+"""Text that is parsed, and positions and excerpts in it."""
 
 from __future__ import annotations
 
 import unicodedata
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeGuard
 
 from sqrp_cli.errors import Place, Problem
 
-if TYPE_CHECKING:
-    from lark import Token, Tree
 
 LONGEST = 160
 """Characters of a line that an excerpt shows whole."""
@@ -79,8 +76,3 @@ class TextOrigin:
     def problem(self, code: str, message: str, mend: str | None = None) -> Problem:
         """An error at this character."""
         return self.source.problem(code, message, self.offset, mend)
-
-
-def is_token(node: Tree[Token] | Token) -> TypeGuard[Token]:
-    """Whether a node is a token, not a tree."""
-    return isinstance(node, str)

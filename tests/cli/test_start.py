@@ -21,7 +21,7 @@ HEAVY = (
 )  # fmt: skip
 """Modules that no ranking of cubes on a table needs."""
 
-READING = ("numpy", "pydantic", "rich.console", "yaml", "lark", "coal")
+READING = ("numpy", "pydantic", "rich.console", "yaml", "coal")
 """Modules that wait until a workspace is read."""
 
 

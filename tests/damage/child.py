@@ -29,7 +29,6 @@ _SOURCES += (
     "embreex",
     "PIL",
     "fast_simplification",
-    "lark",
     "rich",
     "yaml",
     "pydantic",

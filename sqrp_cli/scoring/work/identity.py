@@ -42,7 +42,7 @@ def code_digest(root: Path) -> str:
     Code that only prints counts too: a list of what figures depend on would go stale.
     """
     hashed = hashlib.sha256()
-    for file in sorted(path for path in root.rglob("*") if path.suffix in (".py", ".lark")):
+    for file in sorted(path for path in root.rglob("*") if path.suffix == ".py"):
         hashed.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes())
     return hashed.hexdigest()
 

@@ -11,7 +11,7 @@ import sqrp_cli
 from sqrp_cli.scoring.work.identity import code_digest
 
 PACKAGE = Path(sqrp_cli.__file__).parent
-CODE = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*") if path.suffix in (".py", ".lark"))
+CODE = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*") if path.suffix == ".py")
 
 
 @pytest.fixture
