@@ -36,7 +36,7 @@ ROOMS = {
     "robot": ("knowledge/robot programming/arm", 3_250),
     "camera": ("knowledge/camera knowledge/light knowledge/markers knowledge/paint", 2_293),
     "cell": ("knowledge programming/cell programming/solids", 3_989),
-    "logic": ("logic", 2_892),
+    "logic": ("logic", 2_946),
     "skill, program": ("knowledge/skill program", 2_002),
     "task": ("programming", 1_791),
     "motion": ("programming/motion", 3_351),
