@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from sqrp_cli.errors import Place, Problem
 
-
 LONGEST = 160
 """Characters of a line that an excerpt shows whole."""
 

@@ -15,7 +15,6 @@ from sqrp_cli.cli.options import answer, open_to_write, page_is_written
 from sqrp_cli.cli.start import Start
 from sqrp_cli.cli.watch import watched
 from sqrp_cli.errors import ExitCode
-from sqrp_cli.programming.result import Ranking
 
 if TYPE_CHECKING:
     from sqrp_cli.api.session import Session
