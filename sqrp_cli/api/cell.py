@@ -21,7 +21,6 @@ from sqrp_cli.ask.requests import (
     TaskRequest,
 )
 from sqrp_cli.errors import InputError, Problem, bad_option
-from sqrp_cli.programming.result import Ranking
 
 if TYPE_CHECKING:
     from sqrp_cli.api.advice import TaskAdvice

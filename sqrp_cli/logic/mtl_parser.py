@@ -52,7 +52,8 @@ _TERMINALS = {
 }  # fmt: skip
 """What formulas are written in, and its names in messages, in the order of their listing."""
 
-_BEGINNINGS, _JOINTS = ("always", "eventually", "not", "name", "("), ("and", "or", "implies")
+_BEGINNINGS: tuple[str, ...] = ("always", "eventually", "not", "name", "(")
+_JOINTS = ("and", "or", "implies")
 _BINDING = {"implies": 0, "or": 1, "and": 2, "prefix": 3}
 """How tightly operators bind."""
 
