@@ -19,6 +19,7 @@ from sqrp_cli.geometry import Array, Indices
 from sqrp_cli.logic.formula_time import Stretch, merge
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study
+from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.sensing.limits import SIDES, Cause, CauseLabel
 from sqrp_cli.programming.sensing.observer import BoxVerdicts
 
@@ -166,14 +167,15 @@ class TargetCoverage:
 
     def later(self, start: float) -> TargetCoverage:
         """The same, so much later [s]."""
-        return TargetCoverage(
-            self.needed,
-            tuple(_later(stretch, start) for stretch in self.required),
-            {
-                camera: tuple(replace(span, stretch=_later(span.stretch, start)) for span in spans)
-                for camera, spans in self.blind.items()
-            },
-        )
+
+        def moved(stretch: Stretch) -> Stretch:
+            return Stretch(stretch.start + start, stretch.end + start)
+
+        blind = {
+            camera: tuple(replace(span, stretch=moved(span.stretch)) for span in spans)
+            for camera, spans in self.blind.items()
+        }
+        return TargetCoverage(self.needed, tuple(map(moved, self.required)), blind)
 
     def seen_by(self, camera: str) -> tuple[Stretch, ...]:
         """When a camera sees it; never if there is no such camera."""
@@ -185,12 +187,16 @@ class TargetCoverage:
     def covered(self) -> tuple[Stretch, ...]:
         """When enough cameras see it."""
         seen = [self.seen_by(camera) for camera in self.blind]
-        edges = sorted({edge for stretches in (self.required, *seen) for s in stretches for edge in (s.start, s.end)})
+        edges = sorted({edge for some in (self.required, *seen) for s in some for edge in (s.start, s.end)})
+
+        def holds(some: Sequence[Stretch], t: float) -> bool:
+            return any(stretch.start <= t <= stretch.end for stretch in some)
+
+        middles = ((Stretch(start, end), 0.5 * (start + end)) for start, end in pairwise(edges))
         return merge(
-            Stretch(start, end)
-            for start, end in pairwise(edges)
-            if sum(_contains(stretches, 0.5 * (start + end)) for stretches in seen) >= self.needed
-            and _contains(self.required, 0.5 * (start + end))
+            part
+            for part, t in middles
+            if holds(self.required, t) and sum(holds(some, t) for some in seen) >= self.needed
         )
 
 
@@ -209,15 +215,16 @@ def coverage_of(cell: Cell, study: Study) -> Coverage:
 
     Between neighbouring samples of equal verdict that verdict holds; between others the target counts as not seen.
     """
-    observation = study.timeline.observation
+    observation, samples, pieces = study.timeline.observation, study.timeline.samples, study.timeline.pieces
     targets = {}
     for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
         rows = np.flatnonzero(observation.required[:, column])
-        required = _required(study, rows.tolist())
-        blind = {}
-        for index, camera in enumerate(cell.observer.cameras):
-            failures = first_failures(boxes, rows, index)
-            blind[camera.name] = tuple(_blind_spans(cell, study, rows.tolist(), failures))
+        numbers = dict.fromkeys(samples.piece[rows].tolist())
+        required = merge(Stretch(pieces[number].start, pieces[number].end) for number in numbers)
+        blind = {
+            camera.name: tuple(_blind_spans(cell, samples.some(rows), first_failures(boxes, rows, index)))
+            for index, camera in enumerate(cell.observer.cameras)
+        }
         targets[str(target.atom)] = TargetCoverage(target.cameras, required, blind)
     return Coverage({primitive.name: primitive.end for primitive in study.motion.primitives}, targets)
 
@@ -257,34 +264,16 @@ def intersection(stretches: Sequence[Stretch], others: Sequence[Stretch]) -> tup
     return difference(stretches, difference(stretches, others))
 
 
-def _later(stretch: Stretch, start: float) -> Stretch:
-    return Stretch(stretch.start + start, stretch.end + start)
-
-
-def _contains(stretches: Sequence[Stretch], t: float) -> bool:
-    return any(stretch.start <= t <= stretch.end for stretch in stretches)
-
-
-def _required(study: Study, rows: Sequence[int]) -> tuple[Stretch, ...]:
-    """When the target of the samples `rows` must be observable: the pieces of these samples."""
-    samples, pieces = study.timeline.samples, study.timeline.pieces
-    numbers = dict.fromkeys(samples.piece[list(rows)].tolist())
-    return merge(Stretch(pieces[number].start, pieces[number].end) for number in numbers)
-
-
-def _blind_spans(cell: Cell, study: Study, rows: Sequence[int], failures: Sequence[Failure]) -> Iterator[BlindSpan]:
+def _blind_spans(cell: Cell, samples: Samples, failures: Sequence[Failure]) -> Iterator[BlindSpan]:
     """The stretches around the samples at which a camera fails, up to the neighbours at which it does not."""
-    t, piece = study.timeline.samples.t, study.timeline.samples.piece
-
-    for (cause, by), group in groupby(range(len(rows)), key=lambda index: (failures[index].cause, failures[index].by)):
-        if cause is Cause.NONE:
-            continue
+    t, piece = samples.t.tolist(), samples.piece.tolist()
+    for (cause, by), group in groupby(range(len(t)), key=lambda index: (failures[index].cause, failures[index].by)):
         indices = list(group)
         first, last = indices[0], indices[-1]
-        start, end = float(t[rows[first]]), float(t[rows[last]])
-        if first > 0 and failures[first - 1].cause is Cause.NONE and piece[rows[first - 1]] == piece[rows[first]]:
-            start = float(t[rows[first - 1]])
-        if last + 1 < len(rows) and piece[rows[last + 1]] == piece[rows[last]]:
-            end = float(t[rows[last + 1]])
-        if end > start:
+        start, end = t[first], t[last]
+        if first > 0 and failures[first - 1].cause is Cause.NONE and piece[first - 1] == piece[first]:
+            start = t[first - 1]
+        if last + 1 < len(t) and piece[last + 1] == piece[last]:
+            end = t[last + 1]
+        if cause is not Cause.NONE and end > start:
             yield BlindSpan(Stretch(start, end), cause, by_name(cell, cause, by))

@@ -6,14 +6,14 @@ It takes every triangle near a hidden view, so only what explains a candidate as
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from sqrp_cli.document import Record
-from sqrp_cli.geometry import Indices, Mask
+from sqrp_cli.geometry import Indices
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study
 from sqrp_cli.programming.coverage.blind_spans import first_failing, sample_weights
@@ -74,7 +74,13 @@ def hidden_views(cell: Cell, study: Study, rows: Indices | None = None) -> Hidde
     if rows is not None:
         wanted[:] = False
         wanted[rows] = True
-    views = list(_views(study, wanted))
+    observation = study.timeline.observation
+    views: list[HiddenView] = []  # neighbours are of one box and camera
+    for column, of_target in enumerate(observation.full_matrix):
+        asked_for = (observation.required[:, column] & wanted)[:, None]
+        for number, verdicts in enumerate(of_target):
+            camera, row = np.nonzero(((verdicts.cause == Cause.HIDDEN) & asked_for).T)
+            views += [HiddenView(column, number, *at) for at in zip(row.tolist(), camera.tolist(), strict=True)]
     boxes = list(dict.fromkeys((view.column, view.box) for view in views))
     place = {key: number for number, key in enumerate(boxes)}
     sought = [study.targets[column].boxes[box] for column, box in boxes]
@@ -138,16 +144,6 @@ def to_move(cell: Cell, study: Study, views: HiddenViews) -> tuple[ObjectToMove,
             shares[parent][1] += part.alone / total
     found = [ObjectToMove(name=name, share=share, alone=alone) for name, (share, alone) in shares.items()]
     return tuple(sorted(found, key=lambda one: (-one.alone, -one.share, one.name)))
-
-
-def _views(study: Study, wanted: Mask) -> Iterator[HiddenView]:
-    """The hidden views in some samples; neighbours are of one box and camera."""
-    observation = study.timeline.observation
-    for column, boxes in enumerate(observation.full_matrix):
-        asked = (observation.required[:, column] & wanted)[:, None]
-        for number, box in enumerate(boxes):
-            camera, row = np.nonzero(((box.cause == Cause.HIDDEN) & asked).T)
-            yield from (HiddenView(column, number, *at) for at in zip(row.tolist(), camera.tolist(), strict=True))
 
 
 def _mean(some: Sequence[tuple[float, Sequence[HidingPart]]], duration: float) -> tuple[HidingPart, ...]:

@@ -198,28 +198,13 @@ class _FinerSamples(NamedTuple):
 def _finer(timeline: Timeline, tolerance: float) -> _FinerSamples | None:
     """Samples that cut every bracket around a transition that is still too wide; None if none is.
 
-    Each is cut into equal parts, in the number of rounds with the least total cost: many parts at once, or few
-    repeatedly.
-    """
-    t, piece, steps = timeline.samples.t, timeline.samples.piece, np.nan_to_num(timeline.steps)
-    ratio = steps / _allowed_widths(timeline, tolerance)
-    rows = np.flatnonzero(ratio > 1 + 1e-9)
-    if not len(rows):
-        return None
-    ways = [(rounds, np.ceil(ratio[rows] ** (1 / rounds) - 1e-9).astype(np.int64).clip(2)) for rounds in _ROUNDS]
-    _, parts = min(ways, key=lambda way: way[0] * (_LOOK + int(way[1].sum())))
-    bracket, part = ranges(np.ones(len(rows)), parts)
-    row = rows[bracket]
-    return _FinerSamples(Samples(piece[row], t[row] + (steps[rows] / parts)[bracket] * part), bracket=row)
-
-
-def _allowed_widths(timeline: Timeline, tolerance: float) -> Array:
-    """How wide the bracket from each sample to the next may be [s], shape (m - 1,); infinite where nothing changes.
-
     The brackets around changes of the state's coverage share `_SHARE` of the allowed error of Q_avg, and those in
     events of interest that of Q_eoi. A change of a fault's coverage, on which a delay depends, is found as exactly as a
-    single change in events of interest; one of a camera's, in the full matrix, to the allowed error of Q_avg.
+    single change in events of interest; one of a camera's, in the full matrix, to the allowed error of Q_avg. Each is
+    cut into equal parts, in the number of rounds with the least total cost: many parts at once, or few repeatedly.
     """
+    t, piece, steps = timeline.samples.t, timeline.samples.piece, np.nan_to_num(timeline.steps)
+    # How wide the bracket from each sample to the next may be [s], shape (m - 1,); infinite where nothing changes.
     apart = ~np.isnan(timeline.steps)
     state = (timeline.covered[1:] != timeline.covered[:-1]) & apart
     interesting = state & timeline.interesting[:-1]
@@ -233,4 +218,12 @@ def _allowed_widths(timeline: Timeline, tolerance: float) -> Array:
         cameras = np.concatenate([sees_all(boxes) for boxes in timeline.observation.matrix], axis=1)
         changes = (cameras[1:] != cameras[:-1]).any(axis=1) & apart
         allowed[changes] = np.minimum(allowed[changes], error)
-    return np.maximum(allowed, SHORTEST_BRACKET)
+    ratio = steps / np.maximum(allowed, SHORTEST_BRACKET)
+    rows = np.flatnonzero(ratio > 1 + 1e-9)
+    if not len(rows):
+        return None
+    ways = [(rounds, np.ceil(ratio[rows] ** (1 / rounds) - 1e-9).astype(np.int64).clip(2)) for rounds in _ROUNDS]
+    _, parts = min(ways, key=lambda way: way[0] * (_LOOK + int(way[1].sum())))
+    bracket, part = ranges(np.ones(len(rows)), parts)
+    row = rows[bracket]
+    return _FinerSamples(Samples(piece[row], t[row] + (steps[rows] / parts)[bracket] * part), bracket=row)

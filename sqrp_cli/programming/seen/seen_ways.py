@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.geometry import Array, Indices
+from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.skill.skill import HOME
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.cell import Cell
@@ -80,31 +80,22 @@ def move_spaces(cell: Cell, scene: Rehearsal, moves: Mapping[int, WatchedMove], 
 
 def blind_ends(study: Study, names: Collection[str]) -> tuple[BlindEnd, ...]:
     """The ends of the named joint moves at which the state itself is not covered, in the order of time."""
-    return tuple(end for move in open_moves(study, names) for end in _ends_of(study, move.primitive))
-
-
-def _ends_of(study: Study, primitive: int) -> Iterator[BlindEnd]:
-    timeline = study.timeline
-    within = np.array([piece.primitive == primitive for piece in timeline.pieces])[timeline.samples.piece]
-    rows = np.flatnonzero(within)
-    move = study.candidate.skill.primitives[primitive]
-    stops = [getattr(action, "to", None) for action in study.candidate.skill.primitives[:primitive]]
-    begin = next((stop for stop in reversed(stops) if stop is not None), HOME)
-    whole = float(timeline.samples.t[rows[-1]] - timeline.samples.t[rows[0]])
-    for at, in_order in ((begin, rows), (str(getattr(move, "to", "")), rows[::-1])):
-        if seconds := _blind_from(study, in_order):
-            yield BlindEnd(primitive=move.name, at=at, seconds=seconds)
-        if seconds == whole:
-            break  # It is not covered anywhere: once is enough.
-
-
-def _blind_from(study: Study, rows: Indices) -> float:
-    """How long the state is not covered from the first of some samples in a row to the first that is covered [s]."""
-    timeline = study.timeline
-    blind = timeline.monitored[rows] & ~timeline.covered[rows]
-    seen = np.flatnonzero(~blind)
-    last = int(seen[0]) if len(seen) else len(rows) - 1
-    return float(abs(timeline.samples.t[rows[last]] - timeline.samples.t[rows[0]])) if blind[0] else 0.0
+    timeline, actions = study.timeline, study.candidate.skill.primitives
+    t, blind, ends = timeline.samples.t, timeline.monitored & ~timeline.covered, list[BlindEnd]()
+    for index in (move.primitive for move in open_moves(study, names)):
+        within = np.array([piece.primitive == index for piece in timeline.pieces])[timeline.samples.piece]
+        rows = np.flatnonzero(within)
+        stops = [stop for action in actions[:index] if (stop := getattr(action, "to", None)) is not None]
+        for at, in_order in ((str([HOME, *stops][-1]), rows), (str(getattr(actions[index], "to", "")), rows[::-1])):
+            if not blind[in_order[0]]:
+                continue
+            seen = np.flatnonzero(~blind[in_order])  # up to the first sample that is covered
+            seconds = float(abs(t[in_order[seen[0] if len(seen) else -1]] - t[in_order[0]]))
+            if seconds:
+                ends.append(BlindEnd(primitive=actions[index].name, at=at, seconds=seconds))
+            if not len(seen):
+                break  # It is not covered anywhere: once is enough.
+    return tuple(ends)
 
 
 BLIND_WEIGHT, BLIND_WEIGHT_WITHIN = 4.0, 20.0
@@ -261,9 +252,13 @@ def _runners(cell: Cell, scenes: Sequence[Rehearsal], longest: float, interest_f
         level = glance.level(of_way) if interest_first else 0
         return -level, weight * glance.elsewhere(of_way) + glance.scene.motion.time
 
+    def same(scene: Rehearsal, other: Rehearsal) -> bool:
+        same_branch = scene.candidate.branch == other.candidate.branch
+        return same_branch and abs(scene.motion.time - other.motion.time) < SAME_TIME
+
     chosen: list[_Glance] = []
     for glance in sorted(glances, key=promise):
-        if len(chosen) < ROUNDS[0][0] and not any(_alike(glance.scene, other.scene) for other in chosen):
+        if len(chosen) < ROUNDS[0][0] and not any(same(glance.scene, other.scene) for other in chosen):
             chosen.append(glance)
     runners = []
     for glance in chosen:
@@ -281,11 +276,6 @@ def _runners(cell: Cell, scenes: Sequence[Rehearsal], longest: float, interest_f
     return runners
 
 
-def _alike(scene: Rehearsal, other: Rehearsal) -> bool:
-    same_branch = scene.candidate.branch == other.candidate.branch
-    return same_branch and abs(scene.motion.time - other.motion.time) < SAME_TIME
-
-
 def _searches(runners: Sequence[_Runner]) -> list[MoveSearch]:
     """The searches that still may win something."""
     return [search for runner in runners for search in runner.searches if not search.is_settled]
@@ -296,7 +286,18 @@ def _result(cell: Cell, runner: _Runner, sampling: Sampling, longest: float) -> 
     spare = longest - runner.scene.motion.time
     left = [search.left(runner.weight, LEFT) for search in runner.searches]
     look_at_paths(cell.observer, runner.searches, left, EXACTLY)
-    paths = _best_together(runner, left, spare)
+    # A free path for each move, together of the least cost within the time.
+    spaces = [search.space for search in runner.searches]
+    most = sum(space.direct.time for space in spaces) + spare + ROUNDING
+    together = (paths for paths in product(*left) if sum(path.time for path in paths) <= most)
+    paths = next(
+        (
+            paths
+            for paths in sorted(together, key=runner.cost_with)
+            if all(space.is_free(path) for space, path in zip(spaces, paths, strict=True))
+        ),
+        tuple(space.direct for space in spaces),
+    )
     vias = {search.space.move.name: path.vias for search, path in zip(runner.searches, paths, strict=True)}
     vias = {name: found for name, found in vias.items() if len(found)}
     if not vias:
@@ -306,14 +307,3 @@ def _result(cell: Cell, runner: _Runner, sampling: Sampling, longest: float) -> 
         return None
     blind = (1.0 - (average_quality(found.timeline) or 0.0)) * found.timeline.T
     return found if runner.cost_of(blind, found.motion.time) < runner.direct_cost else None
-
-
-def _best_together(runner: _Runner, left: Sequence[Sequence[SeenPath]], spare: float) -> tuple[SeenPath, ...]:
-    """A free path for each move, together of the least cost within the spare time beyond the direct ones [s]."""
-    spaces = [search.space for search in runner.searches]
-    longest = sum(space.direct.time for space in spaces) + spare + ROUNDING
-    combinations = (paths for paths in product(*left) if sum(path.time for path in paths) <= longest)
-    for paths in sorted(combinations, key=runner.cost_with):
-        if all(space.is_free(path) for space, path in zip(spaces, paths, strict=True)):
-            return paths
-    return tuple(space.direct for space in spaces)
