@@ -41,7 +41,7 @@ ROOMS = {
     "task": ("programming", 1_791),
     "motion": ("programming/motion", 3_351),
     "sight": ("sight programming/sensing", 1_298),
-    "study": ("programming/coverage programming/seen " + " ".join(_STUDY), 4_226),
+    "study": ("programming/coverage programming/seen " + " ".join(_STUDY), 4_194),
     "search": ("programming/advice programming/placing", 4_648),
     "checks": ("checks", 1_379),
     "run": ("runtime", 8_708),
