@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import starmap
 from pathlib import Path
 from random import Random
 
@@ -93,37 +94,26 @@ def _in_place(name: str, make: Callable[[Path], None]) -> Bomb:
 
 
 _INSIDE_WORDS = {
-    "nul": b"\0",
-    "escape": b"\x1b[31m",
-    "bell": b"\x07",
-    "delete": b"\x7f",
-    "next-line": b"\xc2\x85",
-    "tab": b"\x0b",
-}
-_INSIDE_WORDS |= {"leftwards": b"\xe2\x80\xae", "line-separator": b"\xe2\x80\xa8", "surrogate": b"\xed\xa0\x80"}
+    "nul": b"\0", "escape": b"\x1b[31m", "bell": b"\x07", "delete": b"\x7f", "next-line": b"\xc2\x85", "tab": b"\x0b",
+    "leftwards": b"\xe2\x80\xae", "line-separator": b"\xe2\x80\xa8", "surrogate": b"\xed\xa0\x80",
+}  # fmt: skip
 
-NUMBERS = (
-    at_a(_NUMBER, "number-of-400-digits", b"7" * 400),
-    at_a(_NUMBER, "number-of-5000-digits", b"3" * 5000),
-    at_a(_NUMBER, "decimals", b"0." + b"1" * 5000),
-    at_a(_NUMBER, "1e999", b"1e999"),
-    at_a(_NUMBER, "-1e308", b"-1e308"),
-    at_a(_NUMBER, "1e18", b"1e18"),
-    at_a(_NUMBER, "1e-320", b"1e-320"),
-    at_a(_NUMBER, "1e-12", b"1e-12"),
-    at_a(_NUMBER, "exponent", b"1e" + b"9" * 1000),
-    at_a(_NUMBER, "2^63", b"9223372036854775808"),
-    at_a(_NUMBER, "2^31", b"-2147483649"),
-)
+NUMBERS = tuple(
+    at_a(_NUMBER, name, number)
+    for name, number in (
+        ("number-of-400-digits", b"7" * 400), ("number-of-5000-digits", b"3" * 5000), ("decimals", b"0." + b"1" * 5000),
+        ("1e999", b"1e999"), ("-1e308", b"-1e308"), ("1e18", b"1e18"), ("1e-320", b"1e-320"), ("1e-12", b"1e-12"),
+        ("exponent", b"1e" + b"9" * 1000), ("2^63", b"9223372036854775808"), ("2^31", b"-2147483649"),
+    )
+)  # fmt: skip
 """In place of a number."""
 
 TEXT = (
     *NUMBERS,
-    _inserted("brackets", b"[" * 100_000),
-    _inserted("braces", b'{"a":' * 100_000),
-    _inserted("parentheses", b"(" * 100_000),
-    _inserted("elements", b"<a>" * 100_000),
-    _inserted("line-ends", b"\n" * 300_000),
+    *starmap(_inserted, (
+        ("brackets", b"[" * 100_000), ("braces", b'{"a":' * 100_000), ("parentheses", b"(" * 100_000),
+        ("elements", b"<a>" * 100_000), ("line-ends", b"\n" * 300_000),
+    )),
     at_a(_WORD, "word-of-a-million", b"w" * 1_000_000),
     at_a(_WORD, "word-of-signs", "ä€😀".encode() * 30),
     *(at_a(_WORD, f"{name}-in-word", lambda word, sign=sign: word[:2] + sign + word[2:])
@@ -134,10 +124,9 @@ TEXT = (
     edited("carriage-returns", lambda content, _: content.replace(b"\n", b"\r")),
     edited("no-line-ends", lambda content, _: content.replace(b"\n", b" ")),
     edited("tabs", lambda content, _: content.replace(b"  ", b"\t")),
-    whole("empty", b""),
-    whole("blanks", b" \n" * 1000),
-    whole("only-line-ends", b"\n" * 900_000),
-    whole("nuls", bytes(100_000)),
+    *starmap(whole, (
+        ("empty", b""), ("blanks", b" \n" * 1000), ("only-line-ends", b"\n" * 900_000), ("nuls", bytes(100_000)),
+    )),
     whole("noise", lambda: Random(0).randbytes(10_000)),  # noqa: S311
     whole("a-scalar", b"42\n"),
     whole("a-list", b"[1, 2, 3]\n"),
@@ -166,32 +155,37 @@ def _before(name: str, text: str | Callable[[], str]) -> Bomb:
 
 
 YAML = (
-    _before("aliases", _aliases),
-    _before("merges", _merges),
-    _before("itself", "a: &a\n  b: *a\n"),
-    _before("indents", lambda: "".join(" " * i + "a:\n" for i in range(1200))),
-    _before("dashes", "- " * 100_000 + "x\n"),
-    _before("questions", "? " * 100_000 + "x\n"),
-    _before("values", "x: [" + "a," * 400_000 + "a]\n"),
-    _before("bytes", "x: '" + "a" * 2_000_000 + "'\n"),
-    _before("keys", lambda: "".join(f"key{i}: 1\n" for i in range(60_000))),
-    _before("key-of-a-million", "k" * 1_000_000 + ": 1\n"),
-    _before("complex-key", "? [a, b]\n: 1\n"),
-    _before("object", "x: !!python/object/apply:os.system [exit]\n"),
-    _before("set", "x: !!set {a, b}\n"),
-    _before("binary", "x: !!binary gggg\n"),
-    _before("timestamp", "x: 2001-99-99\n"),
-    _before("documents", "--- 1\n" * 1000),
-    _before("sexagesimal", "x: " + "1:" * 5000 + "0\n"),
-    _before("hexadecimal", "x: 0x" + "f" * 100_000 + "\n"),
-    _before("binary-number", "x: 0b" + "1" * 100_000 + "\n"),
-    _before("underscores", "x: 1" + "_" * 100_000 + "1\n"),
-    _before("quotes", "x: '" + "''" * 200_000 + "'\n"),
-    _before("escapes", 'x: "' + "\\U0010ffff" * 10_000 + '"\n'),
-    _before("wrong-escape", 'x: "\\UFFFFFFFF"\n'),
-    _before("directive-of-5000-digits", "%YAML " + "9" * 5000 + ".1\n---\n"),
-    _before("lone-surrogate", 'x: "\\ud800"\n'),
-    _before("directives", "%YAML 9.9\n---\n"),
-    _before("tags", "%TAG ! tag:" + "x" * 100_000 + "\n---\n"),
+    *starmap(
+        _before,
+        (
+            ("aliases", _aliases),
+            ("merges", _merges),
+            ("itself", "a: &a\n  b: *a\n"),
+            ("indents", lambda: "".join(" " * i + "a:\n" for i in range(1200))),
+            ("dashes", "- " * 100_000 + "x\n"),
+            ("questions", "? " * 100_000 + "x\n"),
+            ("values", "x: [" + "a," * 400_000 + "a]\n"),
+            ("bytes", "x: '" + "a" * 2_000_000 + "'\n"),
+            ("keys", lambda: "".join(f"key{i}: 1\n" for i in range(60_000))),
+            ("key-of-a-million", "k" * 1_000_000 + ": 1\n"),
+            ("complex-key", "? [a, b]\n: 1\n"),
+            ("object", "x: !!python/object/apply:os.system [exit]\n"),
+            ("set", "x: !!set {a, b}\n"),
+            ("binary", "x: !!binary gggg\n"),
+            ("timestamp", "x: 2001-99-99\n"),
+            ("documents", "--- 1\n" * 1000),
+            ("sexagesimal", "x: " + "1:" * 5000 + "0\n"),
+            ("hexadecimal", "x: 0x" + "f" * 100_000 + "\n"),
+            ("binary-number", "x: 0b" + "1" * 100_000 + "\n"),
+            ("underscores", "x: 1" + "_" * 100_000 + "1\n"),
+            ("quotes", "x: '" + "''" * 200_000 + "'\n"),
+            ("escapes", 'x: "' + "\\U0010ffff" * 10_000 + '"\n'),
+            ("wrong-escape", 'x: "\\UFFFFFFFF"\n'),
+            ("directive-of-5000-digits", "%YAML " + "9" * 5000 + ".1\n---\n"),
+            ("lone-surrogate", 'x: "\\ud800"\n'),
+            ("directives", "%YAML 9.9\n---\n"),
+            ("tags", "%TAG ! tag:" + "x" * 100_000 + "\n---\n"),
+        ),
+    ),
 )
 """In any YAML file."""

@@ -24,21 +24,10 @@ LONGEST, MOST = 10.0, 1000.0
 _WAIT, _MEMORY = 120, 3 << 30
 """When a command is killed [s], and its address space [bytes]: more than it may take, less than there is."""
 
-_SOURCES = ("sqrp_cli", "cv2", "distributed", "mujoco", "coal", "pinocchio", "ompl", "eaik")
-_SOURCES += (
-    "embreex",
-    "PIL",
-    "fast_simplification",
-    "rich",
-    "yaml",
-    "pydantic",
-    "numpy",
-    "ruckig",
-    "rosbags",
-    "apsw",
-    "backports",
-    "ruamel",
-)
+_SOURCES = (
+    "sqrp_cli", "cv2", "distributed", "mujoco", "coal", "pinocchio", "ompl", "eaik", "embreex", "PIL", "ruamel",
+    "fast_simplification", "rich", "yaml", "pydantic", "numpy", "ruckig", "rosbags", "apsw", "backports",
+)  # fmt: skip
 
 _modules: list[str] = []
 

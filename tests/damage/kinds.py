@@ -18,8 +18,6 @@ from tests.damage.bombs import Bomb
 from tests.damage.cell import BASELINE, FRAME, FRAMES, LOG, MCAP, RESULTS, ROS1, ROSBAG2, SCORE, TASK, WATCHED
 from tests.damage.mutations import damage
 
-Command = Callable[[Path], Sequence[object]]
-
 
 @dataclass(frozen=True)
 class Damaged:
@@ -51,97 +49,33 @@ class Kind:
     parts: bool = True
 
 
-def _file(
-    file: str,
-    command: Command,
-    bombs: Sequence[Bomb],
-    share: int = 2,
-    title: str = "",
-    *,
-    harmless: bool = False,
-    parts: bool = True,
-) -> Kind:
-    """A file of the cell: in three of four turns as people and disks damage it, in the fourth a bomb."""
-
-    def do(cell: Path, random: Random, turn: int) -> Damaged:
-        path = _first(cell, file)
-        name = ROSBAG2 if path.parent.name == ROSBAG2 else path.name
-        if turn % 4 == 0:
-            bomb = bombs[turn // 4 % len(bombs)]
-            bomb.set(path, random)
-            return Damaged(bomb.name, command(cell), name)
-        done = damage(path.read_bytes(), random)
-        path.unlink()  # the undamaged cell has the same file
-        path.write_bytes(done.content)
-        lines = done.lines if parts and path.name != "binary.stl" else None
-        return Damaged(done.what, command(cell), name, lines, done.words)
-
-    return Kind(title or file, share, do, harmless, parts)
+COMMANDS = {
+    "rank": f"rank .|{TASK}|--samples 2",
+    "check": f"check .|{TASK}",
+    "show": "show . --json",
+    "after": f"check .|{TASK}|--after ./program.yaml",
+    "listing": "program ./program.yaml",
+    "replay": f"run --replay ./{WATCHED}/{LOG} --json",
+    "replay page": f"run --replay ./{WATCHED}/{LOG} --json --report ./page.html",
+    "replay program": f"run ./{WATCHED}/program.yaml --replay ./{WATCHED}/{LOG} --report ./page.html --json",
+    **{name: f"audit ./{WATCHED}/program.yaml ./{WATCHED}/{name} --json" for name in (FRAMES, MCAP, ROS1, ROSBAG2)},
+    "baseline": f"score . {' '.join(SCORE)} --out ./{RESULTS} --resume --baseline ./{BASELINE}",
+    "results": f"score . {' '.join(SCORE)} --out ./{RESULTS} --resume",
+    "cluster": f"score . {' '.join(SCORE)} --cluster ./scheduler.json",
+}
+"""Words of commands, divided by blanks; with bars where a word has blanks. A dot begins what is in the cell."""
 
 
-def _first(cell: Path, file: str) -> Path:
-    return sorted(cell.glob(file))[0]
-
-
-def _rank(cell: Path) -> Sequence[object]:
-    return ["rank", cell, TASK, "--samples", "2"]
-
-
-def _check(cell: Path) -> Sequence[object]:
-    return ["check", cell, TASK]
-
-
-def _after(cell: Path) -> Sequence[object]:
-    return ["check", cell, TASK, "--after", cell / "program.yaml"]
-
-
-def _listing(cell: Path) -> Sequence[object]:
-    return ["program", cell / "program.yaml"]
-
-
-def _replay(cell: Path) -> Sequence[object]:
-    return ["run", "--replay", cell / WATCHED / LOG, "--json"]
-
-
-def _replay_page(cell: Path) -> Sequence[object]:
-    return [*_replay(cell), "--report", cell / "page.html"]
-
-
-def _replay_program(cell: Path) -> Sequence[object]:
-    return [
-        "run",
-        cell / WATCHED / "program.yaml",
-        "--replay",
-        cell / WATCHED / LOG,
-        "--report",
-        cell / "page.html",
-        "--json",
-    ]
-
-
-def _audit(cell: Path) -> Sequence[object]:
-    return ["audit", cell / WATCHED / "program.yaml", cell / WATCHED / FRAMES, "--json"]
-
-
-def _recording(name: str) -> Command:
-    return lambda cell: ["audit", cell / WATCHED / "program.yaml", cell / WATCHED / name, "--json"]
-
-
-def _baseline(cell: Path) -> Sequence[object]:
-    return ["score", cell, *SCORE, "--out", cell / RESULTS, "--resume", "--baseline", cell / BASELINE]
-
-
-def _results(cell: Path) -> Sequence[object]:
-    return ["score", cell, *SCORE, "--out", cell / RESULTS, "--resume"]
-
-
-def _cluster(cell: Path) -> Sequence[object]:
-    """A file that leads to another machine is not tried."""
-    path = cell / "scheduler.json"
-    address = ""
-    with suppress(OSError, ValueError, LookupError, TypeError, RecursionError):
-        address = json.loads(path.read_text(encoding="utf-8"))["address"] if path.is_file() else ""
-    return _check(cell) if _is_far(address) else ["score", cell, *SCORE, "--cluster", path]
+def asked(command: str, cell: Path) -> list[str]:
+    """The words of one of the commands about a cell; a scheduler file that leads to another machine is not tried."""
+    if command == "cluster":
+        address, path = "", cell / "scheduler.json"
+        with suppress(OSError, ValueError, LookupError, TypeError, RecursionError):
+            address = json.loads(path.read_text(encoding="utf-8"))["address"] if path.is_file() else ""
+        command = "check" if _is_far(address) else command
+    text = COMMANDS[command]
+    words = [word for part in text.split("|") for word in ([part] if part == TASK else part.split())]
+    return [str(cell / word) if word[0] == "." else word for word in words]
 
 
 def _is_far(address: object) -> bool:
@@ -152,33 +86,46 @@ def _is_far(address: object) -> bool:
     return "//127.0.0.1" not in str(address) and "//[::1" not in str(address) and "//" in str(address)
 
 
+def _damage_in_place(path: Path, random: Random) -> tuple[str, range, frozenset[str]]:
+    done = damage(path.read_bytes(), random)
+    path.unlink()  # the undamaged cell has the same file
+    path.write_bytes(done.content)
+    return done.what, done.lines, done.words
+
+
+def _file(
+    file: str, command: str, bombs: Sequence[Bomb], share: int = 2, title: str = "", *, harmless: bool = False,
+    parts: bool = True,
+) -> Kind:  # fmt: skip
+    """A file of the cell: in three of four turns as people and disks damage it, in the fourth a bomb."""
+
+    def do(cell: Path, random: Random, turn: int) -> Damaged:
+        path = sorted(cell.glob(file))[0]
+        name = ROSBAG2 if path.parent.name == ROSBAG2 else path.name
+        if turn % 4 == 0:
+            bomb = bombs[turn // 4 % len(bombs)]
+            bomb.set(path, random)
+            return Damaged(bomb.name, asked(command, cell), name)
+        what, lines, words = _damage_in_place(path, random)
+        return Damaged(what, asked(command, cell), name, lines if parts and name != "binary.stl" else None, words)
+
+    return Kind(title or file, share, do, harmless, parts)
+
+
 def _task(cell: Path, random: Random, turn: int) -> Damaged:
     """A task on the command line."""
-    if turn % 2 == 0:
-        text, what = (
-            record_bombs.TASKS[turn // 2 % len(record_bombs.TASKS)],
-            f"task {turn // 2 % len(record_bombs.TASKS)}",
-        )
-    else:
+    which = turn // 2 % len(record_bombs.TASKS)
+    text, what = record_bombs.TASKS[which], f"task {which}"
+    if turn % 2:
         done = damage(record_bombs.TASK.encode(), random)
         text, what = done.content.decode(errors="surrogateescape"), done.what
     return Damaged(what, ["check", cell, text.replace("\0", "")], "")
 
 
 _ODD = (
-    b"c\xe9ll",
-    b"\xff",
-    b"a b'c\"d",
-    b"-x",
-    b"\xe2\x80\xae",
-    b"line\nend",
-    b"\x1b[31m",
-    b"x" * 250,
-    b"$(x)",
-    b"~",
-    b"%41",
-    b"#",
-)
+    b"c\xe9ll", b"\xff", b"a b'c\"d", b"-x", b"\xe2\x80\xae", b"line\nend", b"\x1b[31m", b"x" * 250, b"$(x)", b"~",
+    b"%41", b"#",
+)  # fmt: skip
 
 
 def _path(cell: Path, random: Random, turn: int) -> Damaged:
@@ -188,60 +135,54 @@ def _path(cell: Path, random: Random, turn: int) -> Damaged:
     odd.parent.mkdir(exist_ok=True)
     shutil.rmtree(odd, ignore_errors=True)
     odd.mkdir()
-    moved = shutil.move(cell, odd / "cell")
-    other = odd / name
+    moved, other = shutil.move(cell, odd / "cell"), odd / name
+    plain = ("rank", "check", "show", "replay page", FRAMES, "baseline", "cluster", "after")
     commands: list[Sequence[object]] = [
-        _rank(moved), _check(moved), ["show", moved, "--json"], _replay_page(moved), _audit(moved), _baseline(moved),
-            _cluster(moved), _after(moved),
-        [*_rank(moved), "--program", other], [*_rank(moved), "--report", odd / f"{name[:200]}.html"], ["show",
-            other], ["check", odd, TASK], ["program", other],
-        ["program", moved / "program.yaml", "--export", odd / f"{name[:200]}.csv"], ["program", other, "--export",
-            odd / "none" / name], ["run", "--replay", other],
-        ["audit", moved / WATCHED / "program.yaml", odd], ["score", other, *SCORE], ["score", moved, *SCORE,
-            "--baseline", other], ["score", moved, *SCORE, "--cluster", other],
-        ["score", moved, *SCORE, "--out", other], ["init", other], ["init", odd, "--urdf", other], ["diff", other,
-            moved], ["explain", moved, TASK, "--json", "--samples", "2"],
+        *(asked(command, moved) for command in plain),
+        [*asked("rank", moved), "--program", other], [*asked("rank", moved), "--report", odd / f"{name[:200]}.html"],
+        ["show", other], ["check", odd, TASK], ["program", other],
+        ["program", moved / "program.yaml", "--export", odd / f"{name[:200]}.csv"],
+        ["program", other, "--export", odd / "none" / name], ["run", "--replay", other],
+        ["audit", moved / WATCHED / "program.yaml", odd], ["score", other, *SCORE],
+        ["score", moved, *SCORE, "--baseline", other], ["score", moved, *SCORE, "--cluster", other],
+        ["score", moved, *SCORE, "--out", other], ["init", other], ["init", odd, "--urdf", other],
+        ["diff", other, moved], ["explain", moved, TASK, "--json", "--samples", "2"],
         ["score", moved, *SCORE, "--junit", odd / "none" / name], ["score", moved, *SCORE, "--save-baseline", other],
     ]  # fmt: skip
     which = turn // len(_ODD) % len(commands)
     if turn % 3 == 0:
-        path = moved / random.choice(["workspace.yaml", "robots/six_axis_arm.urdf", "program.yaml"])
-        done = damage(path.read_bytes(), random)
-        path.unlink()
-        path.write_bytes(done.content)
+        _damage_in_place(moved / random.choice(["workspace.yaml", "robots/six_axis_arm.urdf", "program.yaml"]), random)
     return Damaged(f"name {turn % len(_ODD)}, command {which}", commands[which], "")
 
 
 KINDS = (
-    _file("workspace.yaml", _rank, cell_bombs.WORKSPACE, 4),
-    _file("skills/pickup/skill.yaml", _rank, cell_bombs.SKILL, 4),
-    _file("skills/pickup/pickup.pddl", _check, cell_bombs.PDDL, 4),
-    _file("camera.yaml", _check, cell_bombs.CAMERA),
-    _file("opencv.yaml", _check, cell_bombs.CAMERA),
-    _file("hand_eye.yaml", _check, cell_bombs.HAND_EYE),
-    _file("robots/six_axis_arm.urdf", _rank, robot_bombs.ARM, 4),
-    _file("robots/suction_cup.urdf", _rank, robot_bombs.TOOL),
-    _file("arm.srdf", _check, robot_bombs.GROUPS),
-    _file("cube.stl", _rank, mesh_bombs.TEXT_STL),
-    _file("binary.stl", _rank, mesh_bombs.BINARY_STL),
-    _file("cube.obj", _rank, mesh_bombs.OBJ, 3),
-    _file("cube.dae", _rank, mesh_bombs.COLLADA, 4),
-    _file("program.yaml", _after, record_bombs.PROGRAM, 2, "program to go on from"),
-    _file("program.yaml", _listing, record_bombs.PROGRAM, 2, "program to list"),
-    _file(f"{WATCHED}/{LOG}", _replay, record_bombs.LOG, 3, "log to replay"),
-    _file(f"{WATCHED}/{LOG}", _replay_page, record_bombs.LOG, 1, "log for a page"),
-    _file(f"{WATCHED}/{LOG}", _replay_program, record_bombs.LOG, 1, "log with its program"),
-    _file(BASELINE, _baseline, record_bombs.BASELINE, 3),
-    _file(f"{RESULTS}/*/*.json", _results, record_bombs.JSON, 2, "kept result", harmless=True),
-    _file(f"{WATCHED}/{FRAMES}/frames.csv", _audit, record_bombs.FRAMES, 1, "frames.csv"),
-    _file(f"{WATCHED}/{FRAMES}/{FRAME}", _audit, record_bombs.PNG, 1, "frame", parts=False),
-    _file(f"{WATCHED}/{MCAP}", _recording(MCAP), recording_bombs.MCAP, 2, "MCAP", parts=False),
-    _file(f"{WATCHED}/{ROS1}", _recording(ROS1), recording_bombs.ROS1, 2, "bag of ROS 1", parts=False),
-    _file(
-        f"{WATCHED}/{ROSBAG2}/*.db3", _recording(ROSBAG2), recording_bombs.SQLITE, 1, "rosbag2 with SQLite", parts=False
-    ),
-    _file(f"{WATCHED}/{ROSBAG2}/*.yaml", _recording(ROSBAG2), record_bombs.YAML, 1, "metadata.yaml", parts=False),
-    _file("scheduler.json", _cluster, record_bombs.SCHEDULER, 2),
+    _file("workspace.yaml", "rank", cell_bombs.WORKSPACE, 4),
+    _file("skills/pickup/skill.yaml", "rank", cell_bombs.SKILL, 4),
+    _file("skills/pickup/pickup.pddl", "check", cell_bombs.PDDL, 4),
+    _file("camera.yaml", "check", cell_bombs.CAMERA),
+    _file("opencv.yaml", "check", cell_bombs.CAMERA),
+    _file("hand_eye.yaml", "check", cell_bombs.HAND_EYE),
+    _file("robots/six_axis_arm.urdf", "rank", robot_bombs.ARM, 4),
+    _file("robots/suction_cup.urdf", "rank", robot_bombs.TOOL),
+    _file("arm.srdf", "check", robot_bombs.GROUPS),
+    _file("cube.stl", "rank", mesh_bombs.TEXT_STL),
+    _file("binary.stl", "rank", mesh_bombs.BINARY_STL),
+    _file("cube.obj", "rank", mesh_bombs.OBJ, 3),
+    _file("cube.dae", "rank", mesh_bombs.COLLADA, 4),
+    _file("program.yaml", "after", record_bombs.PROGRAM, 2, "program to go on from"),
+    _file("program.yaml", "listing", record_bombs.PROGRAM, 2, "program to list"),
+    _file(f"{WATCHED}/{LOG}", "replay", record_bombs.LOG, 3, "log to replay"),
+    _file(f"{WATCHED}/{LOG}", "replay page", record_bombs.LOG, 1, "log for a page"),
+    _file(f"{WATCHED}/{LOG}", "replay program", record_bombs.LOG, 1, "log with its program"),
+    _file(BASELINE, "baseline", record_bombs.BASELINE, 3),
+    _file(f"{RESULTS}/*/*.json", "results", record_bombs.JSON, 2, "kept result", harmless=True),
+    _file(f"{WATCHED}/{FRAMES}/frames.csv", FRAMES, record_bombs.FRAMES, 1, "frames.csv"),
+    _file(f"{WATCHED}/{FRAMES}/{FRAME}", FRAMES, record_bombs.PNG, 1, "frame", parts=False),
+    _file(f"{WATCHED}/{MCAP}", MCAP, recording_bombs.MCAP, 2, "MCAP", parts=False),
+    _file(f"{WATCHED}/{ROS1}", ROS1, recording_bombs.ROS1, 2, "bag of ROS 1", parts=False),
+    _file(f"{WATCHED}/{ROSBAG2}/*.db3", ROSBAG2, recording_bombs.SQLITE, 1, "rosbag2 with SQLite", parts=False),
+    _file(f"{WATCHED}/{ROSBAG2}/*.yaml", ROSBAG2, record_bombs.YAML, 1, "metadata.yaml", parts=False),
+    _file("scheduler.json", "cluster", record_bombs.SCHEDULER, 2),
     Kind("task", 3, _task),
     Kind("name of a file", 2, _path),
 )

@@ -12,35 +12,12 @@ _WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]{2,}")
 _KEY = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(?=\s*[:=])")
 
 _NUMBERS = (
-    "-1",
-    "0",
-    "1e308",
-    "-1e308",
-    "1e999",
-    ".nan",
-    "inf",
-    "1e-300",
-    "99999999999999999999",
-    "1,5",
-    "0x10",
-    "abc",
-    "",
-)
+    "-1", "0", "1e308", "-1e308", "1e999", ".nan", "inf", "1e-300", "99999999999999999999", "1,5", "0x10", "abc", "",
+)  # fmt: skip
 _VALUES = (
-    "null",
-    "true",
-    "[]",
-    "{}",
-    "[1, 2]",
-    "{a: 1}",
-    "''",
-    "*x",
-    "&x 1",
-    "!!python/object:os.system x",
-    "|",
-    "~",
+    "null", "true", "[]", "{}", "[1, 2]", "{a: 1}", "''", "*x", "&x 1", "!!python/object:os.system x", "|", "~",
     "30 lbs",
-)
+)  # fmt: skip
 _CHARACTERS = "{}[]()<>:,'\"-&*#\t\n$é0%@`\0\x07\ufeff"
 
 
@@ -71,9 +48,8 @@ def damage(content: bytes, random: Random) -> Damage:
 def _concerned(before: bytes, after: bytes) -> tuple[range, frozenset[str]]:
     """The lines of the damaged file that differ, with one around them, and the words on them before and after."""
     old, new = (text.decode("utf-8", errors="replace").split("\n") for text in (before, after))
-    start = next(
-        (k for k, pair in enumerate(zip(old, new, strict=False)) if pair[0] != pair[1]), min(len(old), len(new))
-    )
+    differing = (k for k, pair in enumerate(zip(old, new, strict=False)) if pair[0] != pair[1])
+    start = next(differing, min(len(old), len(new)))
     tail = 0
     while tail < min(len(old), len(new)) - start and old[-1 - tail] == new[-1 - tail]:
         tail += 1

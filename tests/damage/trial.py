@@ -90,7 +90,7 @@ def _try(cell: Path, number: int) -> Trial:
         done = call([str(word) for word in damage.command])
         unlike = kind.harmless and done.out != (cell / "score.json").read_text(encoding="utf-8")
         said = done.said.replace(str(copy), "CELL").replace(folder, "FOLDER")
-    message = _first_error(said)
+    message = _ERROR.split(said)[:2][-1]
     return Trial(
         number=number,
         kind=kind.name,
@@ -105,11 +105,6 @@ def _try(cell: Path, number: int) -> Trial:
         named=_names(message, kind, damage),
         near=None if damage.lines is None else _is_near(message, damage),
     )
-
-
-def _first_error(said: str) -> str:
-    errors = _ERROR.split(said)
-    return errors[1] if len(errors) > 1 else said
 
 
 def _names(message: str, kind: Kind, damage: Damaged) -> bool:
@@ -146,28 +141,20 @@ def report(trials: Sequence[Trial], worst: int) -> str:
                 f"  {kind.name:26} {len(of_kind):5} {refused:7} {_percent(named_)} {_percent(near_)}"
                 f" {max(t.seconds for t in of_kind):5.1f} s {max(t.memory for t in of_kind):4.0f} MB"
             )
-    lines += [shown(trial) for trial in _worst(trials)[:worst]]
-    return "\n".join(lines)
-
-
-def _worst(trials: Sequence[Trial]) -> list[Trial]:
-    refused = [trial for trial in trials if trial.sound and trial.refused]
-    unnamed = [trial for trial in refused if not trial.named]
-    return [t for t in trials if not t.sound] + unnamed + [t for t in refused if t.named and t.near is False]
+    refusals = [trial for trial in trials if trial.sound and trial.refused]
+    bad = [t for t in trials if not t.sound] + [t for t in refusals if not t.named]
+    bad += [t for t in refusals if t.named and t.near is False]
+    return "\n".join([*lines, *map(shown, bad[:worst])])
 
 
 def shown(trial: Trial) -> str:
     """A trial as a user would see it, below what was done."""
     where = "" if trial.lines is None else f", lines {trial.lines.start} to {trial.lines.stop - 1}"
-    spent = (
-        f"exit {trial.code}{', another result' if trial.unlike else ''}, {trial.seconds:.1f} s, {trial.memory:.0f} MB"
-    )
+    spent = f"exit {trial.code}{', another result' * trial.unlike}, {trial.seconds:.1f} s, {trial.memory:.0f} MB"
     wrong = "unsound" if not trial.sound else "" if not trial.refused else "unnamed" if not trial.named else "named"
-    said = (
-        trial.said.rstrip().encode("unicode_escape").decode("ascii").replace("\\n", "\n")
-        if trial.controls
-        else trial.said.rstrip()
-    )
+    said = trial.said.rstrip()
+    if trial.controls:
+        said = said.encode("unicode_escape").decode("ascii").replace("\\n", "\n")
     return f"--- {trial.number}: {trial.kind}, {trial.what}{where}; {spent}; {wrong}\n{said[:1200]}"
 
 
