@@ -48,7 +48,7 @@ ROOMS = {
     "field": ("ros runtime/audit runtime/serve calibrating", 3_650),
     "score": ("scoring", 2_919),
     "show": ("terminal report document figures", 6_692),
-    "ask": ("ask api cli __init__ __main__", 6_703),
+    "ask": ("ask api cli __init__ __main__", 6_701),
     "studio": ("studio", 2_220),
     "starter, platform": ("starter platform", 2_076),
 }
