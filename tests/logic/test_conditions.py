@@ -4,15 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from sqrp_cli.logic.conditions import (
-    All,
-    GroundCondition,
-    Some,
-    apply_effect,
-    failing_literals,
-    ground_condition,
-    literal_count,
-)
+from sqrp_cli.logic.conditions import apply_effect, failing_literals
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.pddl_parser import parse_domain
 
@@ -78,36 +70,3 @@ def test_an_effect_deletes_before_it_adds_and_leaves_the_rest() -> None:
         "on g1 bin", "on g2 t1", "hand_empty"
     )
     assert apply_effect(action, {"x": "g1", "from": "t1", "to": "t1"}, facts) == facts
-
-
-@pytest.mark.parametrize(
-    "condition",
-    [
-        "(hand_empty)",
-        "(not (hold ?x))",
-        "(and (hand_empty) (hold ?x) (not (hold ?y)))",
-        "(forall (?a ?b - movable ?c - tray) (on ?a ?c))",
-        "(exists (?a - movable) (forall (?b - movable) (or (hold ?a) (hold ?b))))",
-        "(not (forall (?a - movable) (exists (?c - tray) (on ?a ?c))))",
-    ],
-)
-def test_literals_are_counted_as_many_as_there_are_once_a_condition_is_expanded(condition: str) -> None:
-    domain = parse_domain(
-        f"""(define (domain d)
-      (:requirements :typing :negative-preconditions :disjunctive-preconditions :quantified-preconditions)
-      (:types movable tray)
-      (:predicates (hold ?x - movable) (on ?x - movable ?y - tray) (hand_empty))
-      (:action a :parameters (?x ?y - movable) :precondition {condition} :effect (and)))""",
-        Path("d.pddl"),
-    )
-    objects = {**OBJECTS, "bin": frozenset({"tray"})}
-    precondition = domain.actions["a"].precondition
-
-    def literals(part: GroundCondition) -> int:
-        match part:
-            case All(parts) | Some(parts, _):
-                return sum(map(literals, parts))
-        return 1
-
-    ground = ground_condition(precondition, {"x": "g1", "y": "g2"}, objects, domain)
-    assert literal_count(precondition, objects, domain) == literals(ground)

@@ -192,19 +192,17 @@ def test_verdicts_worked_out_by_hand(formula: Formula, trace: Trace, truth: Trut
     assert evaluate(formula, trace).truth == truth
 
 
-def test_a_monitor_decides_as_soon_as_the_evidence_does() -> None:
-    monitor = Monitor(Always(interval(1, 2), P), 10.0)
-    assert monitor.observe(0.0, {P.atom: FALSE}).truth == UNKNOWN
-    assert monitor.observe(1.0, {P.atom: TRUE}).truth == UNKNOWN
-    assert monitor.observe(1.9, {P.atom: TRUE}).truth == UNKNOWN
-    assert monitor.observe(2.0, {P.atom: TRUE}).truth == TRUE
-    assert monitor.observe(3.0, {P.atom: FALSE}).truth == TRUE
-
-
-def test_a_violation_is_seen_at_once() -> None:
-    monitor = Monitor(Always(interval(1, 9), P), 10.0)
-    monitor.observe(0.0, {P.atom: TRUE})
-    assert monitor.observe(4.0, {P.atom: FALSE}).truth == FALSE
+@pytest.mark.parametrize(
+    ("end", "evidence"),
+    [
+        (2, [(0.0, FALSE, UNKNOWN), (1.0, TRUE, UNKNOWN), (1.9, TRUE, UNKNOWN), (2.0, TRUE, TRUE), (3.0, FALSE, TRUE)]),
+        (9, [(0.0, TRUE, UNKNOWN), (4.0, FALSE, FALSE)]),
+    ],
+)
+def test_a_monitor_decides_as_soon_as_the_evidence_does(end: float, evidence: list[tuple[float, Truth, Truth]]) -> None:
+    monitor = Monitor(Always(interval(1, end), P), 10.0)
+    for time, seen, truth in evidence:
+        assert monitor.observe(time, {P.atom: seen}).truth == truth
 
 
 def test_evidence_must_arrive_in_order() -> None:

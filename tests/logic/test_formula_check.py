@@ -5,9 +5,8 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.errors import Place
-from sqrp_cli.logic.formula import Formula, Predicate
+from sqrp_cli.logic.formula import Formula
 from sqrp_cli.logic.formula_check import argument_lists, bind, check_formula
-from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.logic.pddl_parser import parse_domain
 
@@ -37,17 +36,18 @@ def test_argument_lists_are_those_of_precondition_and_effect() -> None:
     }
 
 
-def test_binding_fills_in_left_out_arguments_and_replaces_parameters() -> None:
-    bound = bind(
-        parse("always[a1.start, 2] (on and not hold(object) or hand_empty)"), {"object": "g1", "onto": "t2"}, LISTS
-    )
-    assert str(bound) == "always[a1.start, 2] (on(g1, t2) and not hold(g1) or hand_empty)"
-
-
-def test_constants_stay_when_bound() -> None:
-    bound = bind(parse("full(bin)"), {"object": "g1", "onto": "t2"}, LISTS)
-    assert isinstance(bound, Predicate)
-    assert bound.atom == Atom("full", ("bin",))
+@pytest.mark.parametrize(
+    ("text", "bound"),
+    [
+        (
+            "always[a1.start, 2] (on and not hold(object) or hand_empty)",
+            "always[a1.start, 2] (on(g1, t2) and not hold(g1) or hand_empty)",
+        ),
+        ("full(bin)", "full(bin)"),
+    ],
+)
+def test_binding_fills_in_left_out_arguments_replaces_parameters_and_keeps_constants(text: str, bound: str) -> None:
+    assert str(bind(parse(text), {"object": "g1", "onto": "t2"}, LISTS)) == bound
 
 
 def test_arguments_that_are_not_unique_cannot_be_filled_in() -> None:

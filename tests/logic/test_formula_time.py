@@ -38,10 +38,6 @@ def ground(text: str) -> tuple[GroundOperator, ...]:
     return ground_operators(bind(formula, {"object": "g1"}, argument_lists(ACTION)), SPANS, TOTAL)
 
 
-def times(text: str) -> list[tuple[str, float, float]]:
-    return [(entry.operator, entry.start, entry.end) for entry in ground(text)]
-
-
 HOLD, ON_TABLE, EMPTY = (
     Literal(Atom("hold", ("g1",))),
     Literal(Atom("obj_on_table", ("g1",))),
@@ -56,67 +52,56 @@ def test_a_fault_is_one_entry_with_its_literals_as_written() -> None:
     assert [str(literal) for literal in ground(text)[0].literals] == ["not hold(g1)", "obj_on_table(g1)"]
 
 
-def test_offsets_and_numbers_are_seconds() -> None:
-    assert times("always[a4.start + 0.25, a5.end - 1] hold") == [("always", 4.25, 7.0)]
-    assert times("always[1.5, a2.end] hold") == [("always", 1.5, 3.0)]
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        # Offsets and numbers are seconds.
+        ("always[a4.start + 0.25, a5.end - 1] hold", [("always", 4.25, 7.0)]),
+        ("always[1.5, a2.end] hold", [("always", 1.5, 3.0)]),
+        ("always[a1.end, a2.start] hold", [("always", 2.0, 2.0)]),
+        # Intervals are clipped to the motion; those outside have no entry.
+        ("always[a1.start - 1, a5.end + 1] hold", [("always", 0.0, 8.0)]),
+        ("always[8.5, 9] hold and always[1, 2] hold", [("always", 1.0, 2.0)]),
+        ("always[8, 9] hold", [("always", 8.0, 8.0)]),
+        # Nested ones are Minkowski sums with all parents, clipped after the sum.
+        (
+            "always[1, 2] (hold -> eventually[0.5, 1] (obj_on_table and always[0.25, 0.5] hand_empty))",
+            [("always", 1.0, 2.0), ("eventually", 1.5, 3.0), ("always", 1.75, 3.5)],
+        ),
+        ("always[7, 20] eventually[0, 5] hold", [("always", 7.0, 8.0), ("eventually", 7.0, 8.0)]),
+        ("always[0, 2] eventually[7, 9] hold", [("always", 0.0, 2.0), ("eventually", 7.0, 8.0)]),
+    ],
+)
+def test_operators_have_their_intervals_in_seconds(text: str, expected: list[tuple[str, float, float]]) -> None:
+    assert [(entry.operator, entry.start, entry.end) for entry in ground(text)] == expected
 
 
-def test_intervals_are_clipped_to_the_motion() -> None:
-    assert times("always[a1.start - 1, a5.end + 1] hold") == [("always", 0.0, 8.0)]
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        # Each literal belongs to the innermost operator around it; outside of all it counts at time zero.
+        (
+            "hand_empty and always[1, 2] (hold and eventually[1, 2] obj_on_table)",
+            [("always", (EMPTY,)), ("always", (HOLD,)), ("eventually", (ON_TABLE,))],
+        ),
+        ("not hold and hand_empty", [("always", (HOLD.negated(), EMPTY))]),
+        # An operator without literals of its own still has an entry.
+        ("always[0, 1] eventually[0, 1] hold", [("always", ()), ("eventually", (HOLD,))]),
+        # A negated `eventually` stays an event of interest and keeps its literals; in a body negations are pushed down.
+        ("not eventually[a4.start, a4.end] (hold)", [("eventually", (HOLD,))]),
+        ("always[0, 1] not (hold and not obj_on_table)", [("always", (HOLD.negated(), ON_TABLE))]),
+        ("always[0, 1] (hold -> obj_on_table)", [("always", (HOLD.negated(), ON_TABLE))]),
+        # A repeated literal is listed once, but its negation is another.
+        ("always[0, 1] (hold and hold or not hold)", [("always", (HOLD, HOLD.negated()))]),
+    ],
+)
+def test_operators_have_their_own_literals(text: str, expected: list[tuple[str, tuple[Literal, ...]]]) -> None:
+    assert [(entry.operator, entry.literals) for entry in ground(text)] == expected
 
 
-def test_an_interval_outside_the_motion_has_no_entry() -> None:
-    assert times("always[8.5, 9] hold and always[1, 2] hold") == [("always", 1.0, 2.0)]
-    assert times("always[8, 9] hold") == [("always", 8.0, 8.0)]
-
-
-def test_nested_intervals_are_minkowski_sums_with_all_parents() -> None:
-    assert times("always[1, 2] (hold -> eventually[0.5, 1] (obj_on_table and always[0.25, 0.5] hand_empty))") == [
-        ("always", 1.0, 2.0),
-        ("eventually", 1.5, 3.0),
-        ("always", 1.75, 3.5),
-    ]
-
-
-def test_a_nested_interval_is_clipped_after_the_sum() -> None:
-    assert times("always[7, 20] eventually[0, 5] hold") == [("always", 7.0, 8.0), ("eventually", 7.0, 8.0)]
-    assert times("always[0, 2] eventually[7, 9] hold")[1] == ("eventually", 7.0, 8.0)
-
-
-def test_each_literal_belongs_to_the_innermost_operator_around_it() -> None:
-    entries = ground("hand_empty and always[1, 2] (hold and eventually[1, 2] obj_on_table)")
-    assert [(entry.operator, entry.literals) for entry in entries] == [
-        ("always", (EMPTY,)),
-        ("always", (HOLD,)),
-        ("eventually", (ON_TABLE,)),
-    ]
-
-
-def test_literals_outside_any_operator_count_at_time_zero() -> None:
+def test_literals_outside_any_operator_have_the_formula_as_text_and_the_start_as_interval() -> None:
     (entry,) = ground("not hold and hand_empty")
-    assert (entry.start, entry.end, entry.literals) == (0.0, 0.0, (HOLD.negated(), EMPTY))
-    assert entry.text == "not hold(g1) and hand_empty"
-
-
-def test_an_operator_without_literals_of_its_own_still_has_an_entry() -> None:
-    assert [entry.literals for entry in ground("always[0, 1] eventually[0, 1] hold")] == [(), (HOLD,)]
-
-
-def test_a_negated_eventually_stays_an_event_of_interest_and_keeps_its_literals() -> None:
-    (entry,) = ground("not eventually[a4.start, a4.end] (hold)")
-    assert (entry.operator, entry.literals) == ("eventually", (HOLD,))
-
-
-def test_negations_in_a_body_are_pushed_down_to_the_literals() -> None:
-    (entry,) = ground("always[0, 1] not (hold and not obj_on_table)")
-    assert entry.literals == (HOLD.negated(), ON_TABLE)
-    (entry,) = ground("always[0, 1] (hold -> obj_on_table)")
-    assert entry.literals == (HOLD.negated(), ON_TABLE)
-
-
-def test_a_repeated_literal_is_listed_once_but_its_negation_is_another() -> None:
-    (entry,) = ground("always[0, 1] (hold and hold or not hold)")
-    assert entry.literals == (HOLD, HOLD.negated())
+    assert (entry.start, entry.end, entry.text) == (0.0, 0.0, "not hold(g1) and hand_empty")
 
 
 @pytest.mark.parametrize("text", ["always[a1.end, a1.start + 1.5] hold", "hold or eventually[3, a1.end] hold"])
@@ -127,10 +112,6 @@ def test_an_interval_that_is_empty_once_grounded_names_the_numbers(text: str) ->
     assert problem.code == "mtl-empty-interval"
     assert "from 2 s to 1.5 s" in problem.message or "from 3 s to 2 s" in problem.message
     assert problem.excerpt is not None
-
-
-def test_an_interval_may_be_a_single_instant() -> None:
-    assert times("always[a1.end, a2.start] hold") == [("always", 2.0, 2.0)]
 
 
 def test_formula_time_is_a_union_without_what_no_formula_covers() -> None:

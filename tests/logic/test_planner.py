@@ -186,15 +186,3 @@ def test_solvable_and_impossible_agree_with_looking_at_every_state() -> None:
         if isinstance(result, Plan):
             assert_reaches(result, domain, objects, facts, goal)
     assert min(outcomes.values()) >= 50, outcomes
-
-
-def test_it_gives_up_on_actions_of_many_parameters_even_where_none_of_them_fits() -> None:
-    parameters = " ".join(f"?v{i}" for i in range(15))
-    domain = read(
-        f"""(define (domain d) (:requirements :strips) (:predicates (never ?x) (done))
-          (:action a :parameters ({parameters}) :precondition (never ?v14) :effect (done)))"""
-    )
-    objects = {f"o{i}": frozenset({"object"}) for i in range(5)}
-    result = find_plan(domain, objects, frozenset(), goal_of("done"), {})
-    assert isinstance(result, GaveUp)
-    assert result.within == "500,000 choices of objects"
