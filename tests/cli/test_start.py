@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
+
+import sqrp_cli
 
 TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
 
@@ -37,3 +41,15 @@ def test_a_ranking_loads_only_what_it_uses():
 
 def test_help_is_there_before_anything_is_read():
     assert loaded((*HEAVY, *READING), "--help") == "0"
+
+
+def test_byte_code_goes_to_the_cache_where_it_may_not_be_written_beside_the_sources(tmp_path: Path):
+    plain = shutil.ignore_patterns("__pycache__", "*.so")
+    shutil.copytree(Path(sqrp_cli.__file__).parent, tmp_path / "sqrp_cli", ignore=plain)
+    environment = os.environ | {
+        "PYTHONPATH": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1", "XDG_CACHE_HOME": str(tmp_path / "cache"),
+    }  # fmt: skip
+    environment.pop("PYTHONPYCACHEPREFIX", None)
+    subprocess.run([sys.executable, "-m", "sqrp_cli", "--help"], env=environment, cwd=tmp_path, check=True)
+    assert list((tmp_path / "cache" / "sqrp" / "bytecode").rglob("app.*.pyc"))
+    assert not list((tmp_path / "sqrp_cli").rglob("__pycache__"))
