@@ -87,6 +87,14 @@ inline double distance(const Solid& A, const Solid& B, const Pose& X_AB, double 
     return best;
 }
 
+// The pose of a joint in its parent at a position: of its matrices A, B and C, by Rodrigues' formula if it turns.
+inline Pose joint_pose(const double* terms, bool turns, double at) {
+    double one = turns ? sin(at) : at, two = turns ? 1 - cos(at) : 0;
+    Pose X;
+    for (int k = 0; k < 12; k++) X.m[k] = terms[k] + one * terms[16 + k] + two * terms[32 + k];
+    return X;
+}
+
 // An arm, and solids that it carries or that rest; arrays of Python, which says what each is: `placed_scene.py`.
 struct Collisions {
     int64_t joints, driven, arm, spine_joints, bodies, pairs;
@@ -161,10 +169,7 @@ public:
         for (int64_t j = 0; j < S.joints; j++) {
             double at = S.offsets[j];
             for (int64_t k = 0; k < S.driven; k++) at += S.ratios[S.driven * j + k] * q[k];
-            const double* term = S.terms + 48 * j;  // Rodrigues' formula
-            double one = S.turns[j] ? sin(at) : at, two = S.turns[j] ? 1 - cos(at) : 0;
-            Pose X;
-            for (int k = 0; k < 12; k++) X.m[k] = term[k] + one * term[16 + k] + two * term[32 + k];
+            Pose X = joint_pose(S.terms + 48 * j, S.turns[j], at);
             X_WF[int(j)] = S.parents[j] < 0 ? X : X_WF[int(S.parents[j])] * X;
         }
     }

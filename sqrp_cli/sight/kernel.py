@@ -181,6 +181,21 @@ class Aspects(NamedTuple):
     """Square root of the area of the outline of its corners; NAN behind a camera [pixels]."""
 
 
+def joint_poses(parents: Indices, turns: Mask, terms: Array, positions: Array) -> Array:
+    """World poses (N, m, 4, 4) of N joints at m positions (m, N) [rad or m]; see `JointTree` for the other arrays."""
+    terms, positions = np.ascontiguousarray(terms, dtype=float), np.ascontiguousarray(positions, dtype=float)
+    joints, count = len(parents), len(positions)
+    if len(turns) != joints or terms.shape != (joints, 3, 4, 4) or positions.shape != (count, joints):
+        raise ValueError(f"{joints} joints have terms of shape {terms.shape} and positions of shape {positions.shape}")
+    if not (np.asarray(parents) < np.arange(joints)).all():
+        raise ValueError("a joint comes before its parent")
+    X_WJ = np.empty((joints, count, 4, 4))
+    parents, turns = _whole(parents), np.ascontiguousarray(turns, dtype=np.int64)
+    given = (c_int64(joints), _at(parents), _at(turns), _at(terms), c_int64(count), _at(positions), _at(X_WJ))
+    library.load().joint_poses(*given)
+    return X_WJ
+
+
 class _Collisions(ctypes.Structure):
     """`Collisions` in `collision.hpp`."""
 

@@ -169,6 +169,17 @@ void look_from(const Request* request, int poses, const double* X_FC, int items,
     }
 }
 
+// World poses (joints, m, 4, 4) of joints, parents first, at m positions (m, joints).
+void joint_poses(int64_t joints, const int64_t* parents, const int64_t* turns, const double* terms, int64_t m, const double* q, double* X_WJ) {
+    for (int64_t j = 0; j < joints; j++)
+        for (int64_t i = 0; i < m; i++) {
+            Pose X = joint_pose(terms + 48 * j, turns[j], q[i * joints + j]);
+            if (parents[j] >= 0) X = Pose::of(X_WJ + 16 * (parents[j] * m + i)) * X;
+            double *to = X_WJ + 16 * (j * m + i), last[4] = {0, 0, 0, 1};
+            memcpy(to, X.m, sizeof X.m), memcpy(to + 12, last, sizeof last);
+        }
+}
+
 // The distance of two solids, see `distance`; X_AB: of the second one's parent in that of the first one.
 double solid_distance(const void* first, const void* second, const double* X_AB, double limit, double enough) {
     return distance(*static_cast<const Solid*>(first), *static_cast<const Solid*>(second), Pose::of(X_AB), limit, enough, true);

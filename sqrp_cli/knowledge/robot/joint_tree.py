@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfModel
+from sqrp_cli.sight.kernel import joint_poses
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,15 +122,7 @@ class JointTree:
 
     def poses(self, positions: Array) -> Array:
         """World poses X_WJ of all joints, shape (m, N, 4, 4), at positions of shape (m, N) [rad or m]."""
-        factors = np.empty((*positions.T.shape, 3))  # joints first: faster
-        factors[..., 0], factors[..., 1], factors[..., 2] = 1.0, np.sin(positions).T, 1.0 - np.cos(positions).T
-        if len(self.sliding):
-            factors[self.sliding, :, 1], factors[self.sliding, :, 2] = positions[:, self.sliding].T, 0.0
-        by_joint: Array = (factors @ self.terms.reshape(-1, 3, 16)).reshape(*positions.T.shape, 4, 4)
-        for index, parent in enumerate(self.parents):
-            if parent >= 0:
-                by_joint[index] = by_joint[parent] @ by_joint[index]
-        return by_joint.swapaxes(0, 1)
+        return joint_poses(np.array(self.parents), self.turns, self.terms, positions).swapaxes(0, 1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import combinations
 from typing import NamedTuple
@@ -242,18 +242,30 @@ class RobotModel:
 
         With those of the arm alone, shape (m, n), the fingers are open.
         """
-        X_WJ = self.tree.poses(self.couplings.positions(self.with_fingers(q)))
-        poses = {}
-        for link, mount in self.tree.mounts.items():
-            X_WL = np.broadcast_to(mount.X_JL, (len(q), 4, 4)) if mount.joint < 0 else X_WJ[:, mount.joint]
-            poses[link] = X_WL @ mount.X_JL if link in self._offset_links else X_WL
-        return poses
+        tree, rows = self._link_tree
+        positions = self.couplings.positions(self.with_fingers(q))
+        rests = np.zeros((len(q), len(tree.parents) - len(self.tree.parents)))
+        X_WL = tree.poses(np.concatenate([positions, rests], axis=1))
+        still = {
+            link: np.broadcast_to(on.X_JL, (len(q), 4, 4)) for link, on in self.tree.mounts.items() if on.joint < 0
+        }
+        return {link: still[link] if link in still else X_WL[:, rows[link]] for link in self.tree.mounts}
 
     @cached_property
-    def _offset_links(self) -> frozenset[str]:
-        """The links that are elsewhere than the frame of the joint that carries them."""
-        mounts, eye = self.tree.mounts, np.eye(4)
-        return frozenset(one for one, on in mounts.items() if on.joint >= 0 and not np.array_equal(on.X_JL, eye))
+    def _link_tree(self) -> tuple[JointTree, Mapping[str, int]]:
+        """The tree with a joint at rest for each link beside the one that carries it, and which of all has each link."""
+        tree, eye = self.tree, np.eye(4)
+        beside = {k: on for k, on in tree.mounts.items() if on.joint >= 0 and not np.array_equal(on.X_JL, eye)}
+        terms = np.zeros((len(beside), 3, 4, 4))
+        terms[:, 0] = [on.X_JL for on in beside.values()] or terms[:, 0]
+        extended = replace(
+            tree,
+            parents=(*tree.parents, *(on.joint for on in beside.values())),
+            turns=np.concatenate([tree.turns, np.zeros(len(beside), dtype=bool)]),
+            terms=np.concatenate([tree.terms, terms]),
+        )
+        rows = {link: on.joint for link, on in tree.mounts.items()}
+        return extended, rows | {link: len(tree.parents) + k for k, link in enumerate(beside)}
 
     def frame_poses(self, q: Array) -> Array:
         """World poses X_WF of the frames of all joints of `tree`, and of the world as the last (or index -1).
