@@ -253,7 +253,7 @@ class RobotModel:
 
     @cached_property
     def _link_tree(self) -> tuple[JointTree, Mapping[str, int]]:
-        """The tree with a joint at rest for each link beside the one that carries it, and which of all has each link."""
+        """The tree with a joint at rest for each link beside the one that carries it, and which joint each link has."""
         tree, eye = self.tree, np.eye(4)
         beside = {k: on for k, on in tree.mounts.items() if on.joint >= 0 and not np.array_equal(on.X_JL, eye)}
         terms = np.zeros((len(beside), 3, 4, 4))
