@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
@@ -122,17 +123,18 @@ def _assessor(assignment: Assignment, candidates: Sequence[Candidate], memory: S
 def serve(pipe: Connection, path: Path, seed: int, jobs: int) -> None:
     """Answer questions until the other end is closed. Answers are texts in JSON, with `do` first."""
     bench = _Bench(pipe, path, seed, jobs)
-    try:
+    with suppress(EOFError, OSError):
         while True:
             try:
                 bench.work()
             except (EOFError, OSError):
-                raise
+                break
             except Exception as error:  # the next question may be answered all the same
                 bench.drop()
-                bench.fail(error)
-    except (EOFError, OSError):
-        bench.drop()
+                internal = Problem("internal-error", f"internal error: {type(error).__name__}: {error}")
+                problems = error.problems if isinstance(error, InputError) else (internal,)
+                bench.say("problems", number=None, problems=findings(problems))
+    bench.drop()
 
 
 class _Bench:
@@ -154,12 +156,6 @@ class _Bench:
     def say(self, do: str, **fields: object) -> None:
         """Send an answer."""
         self._pipe.send(message(do, **fields))
-
-    def fail(self, error: Exception) -> None:
-        """Say that something went wrong."""
-        internal = Problem("internal-error", f"internal error: {type(error).__name__}: {error}")
-        problems = error.problems if isinstance(error, InputError) else (internal,)
-        self.say("problems", number=None, problems=findings(problems))
 
     def drop(self) -> None:
         """End what is computed."""
@@ -191,8 +187,14 @@ class _Bench:
                     self._ranked(run)
                 elif not run.asked.of_saved:
                     self.say("progress", done=run.done, of=count, number=run.asked.number)
-        if self._explaining is not None and self._explaining.pipe in ready:
-            self._show()
+        if (explaining := self._explaining) is not None and explaining.pipe in ready:
+            self._explaining = None
+            detail = explaining.receive()
+            explaining.close()
+            self._pipe.send(detail)
+            if self._chosen and not self._pipe.poll():
+                self._base()  # so that a hand need not wait for it
+                give_back_memory()  # nor for this: cells that are no longer shown refer to themselves
 
     def _answer(self, question: Question) -> None:
         number = getattr(question, "number", None)
@@ -232,9 +234,9 @@ class _Bench:
             before = self._task[1]
             return Session(before.task, replace(before.assignment, cell=cell, wanted=wanted))
         session = Session.begin(cell, TaskRequest(asked.task))
-        session = Session(session.task, replace(session.assignment, wanted=wanted))
-        if len(session.task.candidates) <= KEPT_PLANS:
-            session = Session(session.task, replace(session.assignment, plans=Plans()))
+        assignment, keeps = replace(session.assignment, wanted=wanted), len(session.task.candidates) <= KEPT_PLANS
+        session = Session(session.task, replace(assignment, plans=Plans()) if keeps else assignment)
+        if keeps:
             self._task = asked.task, session
         return session
 
@@ -293,24 +295,11 @@ class _Bench:
         self._explaining = Worker(forked(), _explainer, self._session.assignment, chosen)
         self._explaining.send(self._chosen)
 
-    def _show(self) -> None:
-        worker, self._explaining = self._explaining, None
-        assert worker is not None  # noqa: S101 - it has answered
-        detail = worker.receive()
-        worker.close()
-        self._pipe.send(detail)
-        if self._chosen and not self._pipe.poll():
-            self._base()  # so that a hand need not wait for it
-            give_back_memory()  # nor for this: cells that are no longer shown refer to themselves
-
     def _base(self) -> Steps | None:
         """The chosen candidate's motions with all verdicts of the cell as it is written."""
-        if self._chosen not in self._sketches and self._session is not None:
-            chosen = self._find(self._chosen)
-            if chosen is None or not chosen.feasible:
-                return None
-            found = _steps(self._session.cell, chosen)
-            if found is None:
+        chosen = self._find(self._chosen)
+        if self._chosen not in self._sketches and self._session is not None and chosen is not None and chosen.feasible:
+            if (found := _steps(self._session.cell, chosen)) is None:
                 return None
             self._sketches = {self._chosen: found}
             found.shown  # noqa: B018 - computed now

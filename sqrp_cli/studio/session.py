@@ -188,9 +188,25 @@ class Studio:
                 self._rankings.choose(asked)
                 self._note("shown", self._command("explain", self._task, "--choose", asked.name))
             case Apply(number=number):
-                self._apply(number)
+                offers = self._errands.offers
+                if not 1 <= number <= len(offers):
+                    raise bad_option(f"there is no change {number}")
+                if self._searched != self._draft.content:
+                    changed = "the cell has changed since this was found"
+                    raise bad_input("changed-meanwhile", changed, mend="ask for advice or places again")
+                offer = offers[number - 1]
+                self._edit(offer.words, lambda: offer.content, self._command(*offer.line))
+                self._errands.forget_offers()
             case WriteProgram(file=name):
-                self._write(name)
+                if self._draft.dirty:
+                    raise bad_input("unsaved", "a program is for the cell as it is saved", mend="save first, or undo")
+                file, task, by, chosen = _program_file(name), self._task, self._by, self._chosen
+                cell, seed, jobs = self._given, self._seed, self._jobs
+                job = Write(path=cell, task=task, by=by, chosen=chosen, file=file, seed=seed, jobs=jobs)
+                self._errands.begin(job)
+                order = ["--by", by] if by != "q_eoi" else []
+                line = self._command("rank", task, *order, "--program", str(file), "--choose", chosen)
+                self._note("program", line)
             case RunProgram(file=name, faults=faults):
                 file = _program_file(name)
                 self._errands.begin(Play(file=file, faults=tuple(faults), seed=self._seed))
@@ -203,8 +219,11 @@ class Studio:
     def _document(self) -> SourceDocument:
         return read_workspace_document(self._draft.path, self._draft.content)
 
-    def _edit(self, label: str, make: Callable[[], bytes]) -> None:
-        """Change the text. Raises InputError where that makes no workspace; then nothing changes."""
+    def _edit(self, label: str, make: Callable[[], bytes], line: str | None = None) -> None:
+        """Change the text. Raises InputError where that makes no workspace; then nothing changes.
+
+        line: the command that does it, if it is not the one that sets what differs.
+        """
         document = self._document()
         content = make()
         if content == self._draft.content:
@@ -213,7 +232,7 @@ class Studio:
         workspace = self._read(content)
         values = changed_values(document, content)
         self._go_on(self._draft.changed(DraftChange(label=label, values=values, content=content)), workspace)
-        self._note(label, self._setting(values))
+        self._note(label, self._setting(values) if line is None else line)
 
     def rest(self) -> None:
         """Nothing is held any more: rank again what a hand has interrupted without changing anything."""
@@ -281,54 +300,13 @@ class Studio:
 
     def search(self, *, placing: bool) -> None:
         """Look for the least changes that help the chosen candidate, or for other places of all cameras."""
-        self._searched = self._draft.content
+        content = self._searched = self._draft.content
+        path, task, chosen, seed, jobs = self._given, self._task, self._chosen or "best", self._seed, self._jobs
         self._errands.begin(
-            Search(
-                path=self._given,
-                content=self._draft.content,
-                task=self._task,
-                chosen=self._chosen or "best",
-                seed=self._seed,
-                jobs=self._jobs,
-                placing=placing,
-            )
+            Search(path=path, content=content, task=task, chosen=chosen, seed=seed, jobs=jobs, placing=placing)
         )
         line = ("place", self._task) if placing else ("advise", self._task, "--choose", self._chosen)
         self._note("asked", self._command(*line))
-
-    def _apply(self, number: int) -> None:
-        if not 1 <= number <= len(self._errands.offers):
-            raise bad_option(f"there is no change {number}")
-        if self._searched != self._draft.content:
-            message = "the cell has changed since this was found"
-            raise bad_input("changed-meanwhile", message, mend="ask for advice or places again")
-        offer = self._errands.offers[number - 1]
-        workspace = self._read(offer.content)
-        values = changed_values(self._document(), offer.content)
-        change = DraftChange(label=offer.words, values=values, content=offer.content)
-        self._go_on(self._draft.changed(change), workspace)
-        self._errands.forget_offers()
-        self._note(offer.words, self._command(*offer.line))
-
-    def _write(self, name: str) -> None:
-        """Append the chosen candidate to a program. Raises InputError while there are unsaved changes."""
-        if self._draft.dirty:
-            raise bad_input("unsaved", "a program is for the cell as it is saved", mend="save first, or undo")
-        file = _program_file(name)
-        by = ["--by", self._by] if self._by != "q_eoi" else []
-        self._errands.begin(
-            Write(
-                path=self._given,
-                task=self._task,
-                by=self._by,
-                chosen=self._chosen,
-                file=file,
-                seed=self._seed,
-                jobs=self._jobs,
-            )
-        )
-        line = self._command("rank", self._task, *by, "--program", str(file), "--choose", self._chosen)
-        self._note("program", line)
 
     # Changes of others
 
