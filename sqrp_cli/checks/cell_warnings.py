@@ -30,7 +30,7 @@ from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.program_update import world_after
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.solids import OBJECT_FACTOR, Solid, distance, load_solid, scale_doubt
-from sqrp_cli.shapes import LEAST_SIZE, Box, Mesh, Part
+from sqrp_cli.shapes import LEAST_SIZE, Box, Mesh
 
 LARGEST, SMALLEST = 20.0, 1e-3
 """Sizes of a link's mesh, as shares of the robot's length, from which its scale is doubted."""
@@ -96,7 +96,15 @@ def parts_outside_size(workspace: Workspace) -> Iterator[Problem]:
     """
     for item in workspace.objects.values():
         if not any(scale_doubt(solid, item) for solid in map(load_solid, item.parts)):
-            reached = np.array([_reach(part) for part in item.parts])
+            # How far each part reaches from the object's centre along its axes; its solid would be slightly too wide.
+            reached = np.array(
+                [
+                    np.abs(load_solid(part).vertices).max(axis=0)
+                    if isinstance(part.shape, Mesh)
+                    else np.abs(part.X_PG[:3, 3]) + part.shape.half_extents(part.X_PG[:3, :3])
+                    for part in item.parts
+                ]
+            )
             outside = reached - 0.5 * np.asarray(item.size)
             if outside.max() > ALLOWED + 1e-9:
                 index, axis = divmod(int(outside.argmax()), 3)
@@ -259,18 +267,6 @@ def fastest_tool(model: RobotModel) -> float:
     lengths = _lengths(model) + np.where(model.turns, 0.0, model.upper - model.lower)
     reaches = np.cumsum(lengths[::-1])[::-1]
     return float(model.velocity @ np.where(model.turns, reaches, 1.0))
-
-
-def _reach(part: Part) -> Array:
-    """The largest distance of a part from its object's centre along each of the object's axes [m], shape (3,).
-
-    Exact for round shapes too; their solids are slightly too wide.
-    """
-    if isinstance(part.shape, Mesh):
-        reach: Array = np.abs(load_solid(part).vertices).max(axis=0)
-        return reach
-    outermost: Array = np.abs(part.X_PG[:3, 3]) + part.shape.half_extents(part.X_PG[:3, :3])
-    return outermost
 
 
 def _lengths(model: RobotModel) -> Array:

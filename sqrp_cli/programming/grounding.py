@@ -153,10 +153,3 @@ class TargetGrounder:
         if frame == self.model.tool_frame:
             return X_TO
         return inverse(frame_poses({}, X_WO, X_WO)[frame]) @ X_WT @ X_TO
-
-    def _enclosed(self, spec: BoxSpec, owner: str, binding: Mapping[str, str]) -> tuple[str, ...]:
-        if spec.encloses is None:
-            return (owner,) if owner in self.objects else ()
-        links, parts = self.model.links, self.model.parts if TOOL in spec.encloses else ()
-        named = [link_called(binding.get(name, name), links) for name in spec.encloses if name != TOOL]
-        return tuple(sorted({*named, *(part.name for part in parts if part.parent in self.model.hand_links)}))

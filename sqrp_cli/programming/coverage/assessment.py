@@ -165,16 +165,11 @@ def rehearsal(cell: Cell, candidate: Candidate, world: World, motion: Motion) ->
 
 def observed(cell: Cell, scene: Rehearsal, sampling: Sampling, *, full: bool) -> Study:
     """What the cameras see of a motion; see `study`."""
-    return all_observed(cell, [scene], sampling, full=full)[0]
-
-
-def all_observed(cell: Cell, scenes: Sequence[Rehearsal], sampling: Sampling, *, full: bool) -> list[Study]:
-    """As `observed` of each of several motions, which is faster together."""
-    return with_delays(cell, all_watched(cell, scenes, sampling, full=full), sampling)
+    return with_delays(cell, all_watched(cell, [scene], sampling, full=full), sampling)[0]
 
 
 def all_watched(cell: Cell, scenes: Sequence[Rehearsal], sampling: Sampling, *, full: bool) -> list[Watched]:
-    """As `all_observed`, without delays."""
+    """As `observed` of each of several motions, without delays."""
     for scene in scenes:
         if (count := sample_count(sampling, scene.motion)) > MAX_SAMPLES:
             name = scene.candidate.name

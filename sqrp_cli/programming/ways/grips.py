@@ -5,7 +5,7 @@ They are sides, yaws and stops; of what looks the same one counts.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from math import gcd
@@ -53,29 +53,27 @@ def grips(cell: Cell, candidate: Candidate, world: World) -> tuple[Candidate, ..
 
 
 def _sides(cell: Cell, candidate: Candidate) -> Iterator[_Values]:
-    """The sides of a grasped object that look the same."""
-    objects = cell.workspace.objects
-    return _combined(
-        {
-            parameter: _common(
-                equal_sides(objects[candidate.binding[part.object]])
-                for part in parts
-                if isinstance(part, GraspWaypoint)
-            )
-            for parameter, parts in _free(candidate.skill, "side", candidate.values).items()
-        }
-    )
+    """The sides of a grasped object that look the same; of several objects, those that do for all."""
+    objects, choices = cell.workspace.objects, dict[str, list[str]]()
+    for parameter, parts in _free(candidate.skill, "side", candidate.values).items():
+        grasps = (part for part in parts if isinstance(part, GraspWaypoint))
+        first, *others = (equal_sides(objects[candidate.binding[part.object]]) for part in grasps)
+        choices[parameter] = [side for side in first if all(side in other for other in others)]
+    return _combined(choices)
 
 
 def _yaws(cell: Cell, candidate: Candidate) -> Iterator[_Values]:
     """The yaws at which what is grasped or put looks the same."""
 
     def turns(part: Entry) -> int:
-        objects, binding = cell.workspace.objects, candidate.binding
+        if not isinstance(part, GraspWaypoint | PutWaypoint):
+            return 1
+        if isinstance(part, GraspWaypoint) and tool_turns(cell.model) == ROUND:
+            return ROUND
+        side = FIRST_SIDE
         if isinstance(part, GraspWaypoint):
             side = side_of(setting_value(part.side, candidate.values))
-            return ROUND if tool_turns(cell.model) == ROUND else part_turns(objects[binding[part.object]], side)
-        return part_turns(objects[binding[part.object]], FIRST_SIDE) if isinstance(part, PutWaypoint) else 1
+        return part_turns(cell.workspace.objects[candidate.binding[part.object]], side)
 
     free = _free(candidate.skill, "yaw", candidate.values)
     return _combined({parameter: equal_turns(gcd(*map(turns, parts))) for parameter, parts in free.items()})
@@ -101,12 +99,6 @@ def _free(skill: Skill, setting: str, values: _Values) -> dict[str, list[Entry]]
         if isinstance(stated, Reference) and values[stated.parameter] == ANY:
             found.setdefault(stated.parameter, []).append(part)
     return found
-
-
-def _common(choices: Iterable[Sequence[str]]) -> list[str]:
-    """What all of some lists contain, in the order of the first."""
-    first, *others = choices
-    return [choice for choice in first if all(choice in other for other in others)]
 
 
 def _combined(choices: Mapping[str, Sequence[MotionValue]]) -> Iterator[_Values]:
@@ -208,10 +200,20 @@ def way_in_words(skill: Skill, asked: Mapping[str, MotionValue], found: Mapping[
     values = in_words(skill, found)
     chosen = [(name, values[name]) for name, value in found.items() if asked.get(name) != value]
     chosen.sort(key=lambda pair: _ORDER.index(pair[1]) if pair[1] in _ORDER else len(_ORDER))
-    joint_moves = [primitive for primitive in skill.primitives if isinstance(primitive, JointMove)]
-    owners = {name: _owners(joint_moves, name) for name, _ in chosen}
-    several = len(set().union(*owners.values()) & {move.name for move in joint_moves}) > 1
-    said = [_said(name, value, owners[name], several=several) for name, value in chosen if value not in _UNSAID]
+    moves = [primitive for primitive in skill.primitives if isinstance(primitive, JointMove)]
+    owners = dict[str, set[str]]()  # of each choice: the move or waypoint it is called after, or all moves with it
+    for name, _ in chosen:
+        owner, stated = name.rpartition(".")[0], Reference(name)
+        users = {move.name for move in moves if stated in (move.elbow, move.shoulder, move.wrist, move.via)}
+        owners[name] = {owner} if owner else users
+    several = len(set().union(*owners.values()) & {move.name for move in moves}) > 1
+    said = []
+    for name, value in chosen:
+        if value not in _UNSAID:
+            setting = name.rpartition(".")[2]
+            words = f"{setting} {value}" if setting == "solution" else _SAID.get(value, value)
+            named = len(owners[name]) == 1 and (several or setting not in (name, "solution"))
+            said.append(f"{min(owners[name])} {words}" if named else words)
     if asked.get("path", "direct") != found.get("path", "direct") == "direct":
         said.append("direct path")
     return ", ".join(said) or NOTHING_SPECIAL
@@ -223,19 +225,3 @@ def choice_in_words(asked: Candidate, way: Candidate) -> str:
         return way_in_words(asked.skill, asked.parameters, way.parameters)
     pairs = enumerate(zip(asked.steps, way.steps, strict=True), 1)
     return ", ".join(f"step {number} {choice_in_words(one, done)}" for number, (one, done) in pairs)
-
-
-def _said(name: str, value: str, owners: set[str], *, several: bool) -> str:
-    """A choice in words. several: whether there are choices for several joint moves."""
-    _, _, setting = name.rpartition(".")
-    said = f"{setting} {value}" if setting == "solution" else _SAID.get(value, value)
-    named = len(owners) == 1 and (several or setting not in (name, "solution"))
-    return f"{min(owners)} {said}" if named else said
-
-
-def _owners(joint_moves: Sequence[JointMove], parameter: str) -> set[str]:
-    """Names of what a parameter is for: of the move or waypoint that it is called after, or all joint moves with it."""
-    owner, _, _ = parameter.rpartition(".")
-    stated = Reference(parameter)
-    users = {move.name for move in joint_moves if stated in (move.elbow, move.shoulder, move.wrist, move.via)}
-    return {owner} if owner else users
