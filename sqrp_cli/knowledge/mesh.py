@@ -247,10 +247,19 @@ def _obj(path: Path, content: bytes) -> _Surface:
             vertices.append(words[1:4])
             lines.append(number)
         elif keyword == b"f":
-            face = _face(path, number, words[1:], len(vertices), total)
-            corners += face
-            sizes.append(len(face))
-            triangles += len(face) - 2
+            # Indices of corners; in the file they count from 1, or back from the last one so far.
+            try:
+                stated = [int(word.partition(b"/")[0]) for word in words[1:]]
+            except ValueError:
+                message = f"found the face `{_shown(words[1:])}`, expected numbers such as `7/1/1`"
+                raise _damaged(path, message, number) from None
+            if not 3 <= len(stated) <= MAX_CORNERS:
+                raise _polygon(path, len(stated), number)
+            if wrong := [index for index in stated if not (1 <= index <= total or 1 <= -index <= len(vertices))]:
+                raise _damaged(path, f"found the vertex {wrong[0]:,}, of {total:,} that there are", number)
+            corners += [index - 1 if index > 0 else len(vertices) + index for index in stated]
+            sizes.append(len(stated))
+            triangles += len(stated) - 2
             if triangles > MAX_TRIANGLES:
                 _check_count(path, triangles)
         elif keyword not in _KEYWORDS:
@@ -261,20 +270,6 @@ def _obj(path: Path, content: bytes) -> _Surface:
     points = np.array(vertices, dtype=float).reshape(-1, 3)
     faces = _cut(path, points, np.array(corners, dtype=np.int64), np.array(sizes, dtype=np.int64))
     return _Surface(points, faces, 1.0, lines.__getitem__)
-
-
-def _face(path: Path, line: int, words: list[bytes], count: int, total: int) -> list[int]:
-    """Indices of the corners of a face; in the file they count from 1, or back from the last of `count` so far."""
-    try:
-        stated = [int(word.partition(b"/")[0]) for word in words]
-    except ValueError:
-        raise _damaged(path, f"found the face `{_shown(words)}`, expected numbers such as `7/1/1`", line) from None
-    if not 3 <= len(stated) <= MAX_CORNERS:
-        raise _polygon(path, len(stated), line)
-    for index in stated:
-        if not (1 <= index <= total or 1 <= -index <= count):
-            raise _damaged(path, f"found the vertex {index:,}, of {total:,} that there are", line)
-    return [index - 1 if index > 0 else count + index for index in stated]
 
 
 def _shown(words: list[bytes]) -> str:
@@ -363,7 +358,7 @@ def _dae(path: Path, content: bytes) -> _Surface:
         message = f'found `<unit meter="{stated[:60]}">`, expected the length of the unit in metres'
         raise bad_input("wrong-value", message, Place(path, unit.place.line), mend="export it again")
     points, faces, count = [np.empty((0, 3))], [np.empty((0, 3), dtype=np.int64)], 0
-    for more, corners in _Collada(root).placed():
+    for more, corners in _placed(root):
         points.append(more)
         faces.append(corners + count)
         count += len(more)
@@ -372,26 +367,15 @@ def _dae(path: Path, content: bytes) -> _Surface:
     return _Surface(np.concatenate(points), np.concatenate(faces), meter)
 
 
-class _Collada:
-    """The scenes of a COLLADA file, and what they place."""
+def _placed(root: Element) -> Iterator[tuple[Array, Integers]]:
+    """Points and triangles of each geometry in the scene; in all scenes, if the file does not say which."""
+    every, parts, placements = list(root.inside()), dict[int, list[tuple[Array, Integers]]](), 0
+    scenes, nodes, geometries = (
+        _by_id(one for one in every if one.tag == tag) for tag in ("visual_scene", "node", "geometry")
+    )
 
-    def __init__(self, root: Element) -> None:
-        self._root, self._placements = root, 0
-        every = list(root.inside())
-        self._named = {
-            tag: _by_id(one for one in every if one.tag == tag) for tag in ("visual_scene", "node", "geometry")
-        }
-        self._read: dict[int, list[tuple[Array, Integers]]] = {}
-
-    def placed(self) -> Iterator[tuple[Array, Integers]]:
-        """Points and triangles of each geometry in the scene; in all scenes, if the file does not say which."""
-        scene = self._root.first("scene")
-        instance = scene.first("instance_visual_scene") if scene else None
-        scenes = [one for library in self._root.all("library_visual_scenes") for one in library.all("visual_scene")]
-        for one in scenes if instance is None else [_referred(instance, "url", self._named["visual_scene"])]:
-            yield from self._of(one, np.eye(4), 0)
-
-    def _of(self, node: Element, X: Array, depth: int) -> Iterator[tuple[Array, Integers]]:
+    def inside(node: Element, X: Array, depth: int) -> Iterator[tuple[Array, Integers]]:
+        nonlocal placements
         if depth > MAX_DEPTH:
             raise _wrong(node, f"nodes place each other in more than {MAX_DEPTH} levels, or themselves")
         for child in node.children:
@@ -401,23 +385,26 @@ class _Collada:
                 X = X @ _transformation(child)
             if child.tag not in ("node", "instance_node", "instance_geometry"):
                 continue
-            self._placements += 1
-            if self._placements > MAX_NODES:
+            placements += 1
+            if placements > MAX_NODES:
                 message = f"this mesh places too many nodes and geometries, the limit is {MAX_NODES:,}"
                 raise child.error("mesh-too-large", message, mend="join its pieces")
             if child.tag != "instance_geometry":
-                inner = child if child.tag == "node" else _referred(child, "url", self._named["node"])
-                yield from self._of(inner, X, depth + 1)
+                yield from inside(child if child.tag == "node" else _referred(child, "url", nodes), X, depth + 1)
                 continue
-            geometry = _referred(child, "url", self._named["geometry"])
-            if id(geometry) not in self._read:
-                parts = (
-                    (mesh, part) for mesh in geometry.all("mesh") for part in mesh.children if part.tag in _POLYGONS
-                )
-                self._read[id(geometry)] = [_part(*pair) for pair in parts]
+            geometry = _referred(child, "url", geometries)
+            if id(geometry) not in parts:
+                found = ((mesh, part) for mesh in geometry.all("mesh") for part in mesh.children)
+                parts[id(geometry)] = [_part(*pair) for pair in found if pair[1].tag in _POLYGONS]
             mirrored = np.linalg.det(X[:3, :3]) < 0.0
-            for points, faces in self._read[id(geometry)]:
+            for points, faces in parts[id(geometry)]:
                 yield points @ X[:3, :3].T + X[:3, 3], faces[:, ::-1] if mirrored else faces
+
+    scene = root.first("scene")
+    instance = scene.first("instance_visual_scene") if scene else None
+    listed = [one for library in root.all("library_visual_scenes") for one in library.all("visual_scene")]
+    for one in listed if instance is None else [_referred(instance, "url", scenes)]:
+        yield from inside(one, np.eye(4), 0)
 
 
 def _by_id(elements: Iterable[Element]) -> dict[str, list[Element]]:
@@ -449,10 +436,8 @@ def _part(mesh: Element, part: Element) -> tuple[Array, Integers]:
     for element in part.all("p"):
         numbers = _numbers(element, np.int64)
         if len(numbers) % width:
-            message = (
-                f"{element} has {len(numbers):,} numbers, expected a multiple of {width:,}, as many as a corner has"
-            )
-            raise _wrong(element, message)
+            found = f"{element} has {len(numbers):,} numbers, expected a multiple of {width:,}"
+            raise _wrong(element, f"{found}, as many as a corner has")
         corners = numbers[column::width]
         wrong = np.flatnonzero((corners < 0) | (corners >= len(points)))
         if len(wrong):
@@ -466,10 +451,8 @@ def _part(mesh: Element, part: Element) -> tuple[Array, Integers]:
     elif part.tag == "polylist" and count:
         sizes = _numbers(part.need("vcount"), np.int64)
     if len(sizes) != count or sizes.sum() != len(corners):
-        message = (
-            f"{part}: `count` is {count:,}, but there are {len(sizes):,} polygons of {sizes.sum():,} corners in all"
-        )
-        raise _wrong(part, f"{message}, and its <p> has {len(corners):,}")
+        message = f"`count` is {count:,}, but there are {len(sizes):,} polygons of {sizes.sum():,} corners in all"
+        raise _wrong(part, f"{part}: {message}, and its <p> has {len(corners):,}")
     if part.tag not in ("trifans", "tristrips"):
         return points, _cut(part.place.file, points, corners, sizes, part.place.line)
     faces = [np.empty((0, 3), dtype=np.int64)]
@@ -494,10 +477,8 @@ def _points(mesh: Element, vertices: Element) -> Array:
     if accessor is not None:
         count, stride, offset = _whole(accessor, "count"), _whole(accessor, "stride", 1), _whole(accessor, "offset", 0)
     if stride < 3 or offset + count * stride > stated:
-        message = (
-            f"says {offset:,} + {count:,} x {stride:,} numbers, expected three for each point, of {stated:,} in all"
-        )
-        raise _wrong(source, f"the accessor of {source} {message}")
+        message = f"the accessor of {source} says {offset:,} + {count:,} x {stride:,} numbers"
+        raise _wrong(source, f"{message}, expected three for each point, of {stated:,} in all")
     return numbers[offset : offset + count * stride].reshape(count, stride)[:, :3]
 
 

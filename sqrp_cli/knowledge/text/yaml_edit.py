@@ -51,28 +51,26 @@ def with_values(document: SourceDocument, values: Mapping[str, str]) -> bytes:
     leaves = {path: text for path, text in values.items() if path in document.leaves}
     content = edited(document, leaves) if leaves else document.content
     for path, text in values.items():
-        if path not in leaves:
-            content = _with_value(parse_yaml(document.path, content), path, text)
+        if path in leaves:
+            continue
+        document = parse_yaml(document.path, content)
+        known = {dotted(keys): keys for keys in document.values}
+        keys, (parent, _, key) = known.get(path) if path else None, path.rpartition(".")
+        if keys is not None and isinstance(document.at(keys[:-1]), dict):
+            content = respelled(document, keys, str(keys[-1]), text)
+        elif keys is not None:
+            whole = document.content.decode("utf-8-sig")
+            node = _node(_root(whole), keys)
+            content = _checked(document, whole[: node.start_mark.index] + text + whole[_end(node) :], keys)
+        elif key and parent in known and isinstance(document.at(known[parent]), dict):
+            content = appended(document, known[parent], f"{key}: {text}")
+        else:
+            # All paths of a file are hundreds: those of its top, and the nearest, are enough to go on from.
+            close = nearest(path, known)
+            names = {name for name, keys in known.items() if len(keys) == 1 or (keys and name == close)}
+            message = f"the file has no value `{path}`; {expected_names(path, names)}"
+            raise bad_input("unknown-value", message, Place(document.path))
     return content
-
-
-def _with_value(document: SourceDocument, path: str, text: str) -> bytes:
-    known = {dotted(keys): keys for keys in document.values}
-    if path and path in known:
-        keys = known[path]
-        if isinstance(document.at(keys[:-1]), dict):
-            return respelled(document, keys, str(keys[-1]), text)
-        whole = document.content.decode("utf-8-sig")
-        node = _node(_root(whole), keys)
-        return _checked(document, whole[: node.start_mark.index] + text + whole[_end(node) :], keys)
-    parent, _, key = path.rpartition(".")
-    if not key or parent not in known or not isinstance(document.at(known[parent]), dict):
-        # All paths of a file are hundreds: those of its top, and the nearest, are enough to go on from.
-        close = nearest(path, known)
-        names = {name for name, keys in known.items() if len(keys) == 1 or (keys and name == close)}
-        message = f"the file has no value `{path}`; {expected_names(path, names)}"
-        raise bad_input("unknown-value", message, Place(document.path))
-    return appended(document, known[parent], f"{key}: {text}")
 
 
 def changed_values(before: SourceDocument, content: bytes) -> dict[str, str] | None:
