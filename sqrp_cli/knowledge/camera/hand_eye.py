@@ -87,28 +87,24 @@ class HandEye(Seat):
     """Its keys and values, of easy_handeye."""
 
 
-class Vector(ForeignEntry):
-    """A position [m]."""
-
+class _Vector(ForeignEntry):
     x: Length
     y: Length
     z: Length
 
 
-class QuaternionEntry(ForeignEntry):
-    """A rotation."""
-
+class _Quaternion(ForeignEntry):
     x: Number
     y: Number
     z: Number
     w: Number
 
 
-class TransformEntry(ForeignEntry):
+class _Transform(ForeignEntry):
     """`geometry_msgs/Transform`."""
 
-    translation: Vector
-    rotation: QuaternionEntry
+    translation: _Vector
+    rotation: _Quaternion
 
 
 class _Header(ForeignEntry):
@@ -118,7 +114,7 @@ class _Header(ForeignEntry):
 class _Stamped(ForeignEntry):
     header: _Header
     child_frame_id: Text
-    transform: TransformEntry
+    transform: _Transform
 
 
 class _Message(ForeignEntry):
@@ -139,10 +135,7 @@ class _Parameters(ForeignEntry):
     tracking_base_frame: Text
 
 
-class _Transformation(ForeignEntry):
-    x: Length
-    y: Length
-    z: Length
+class _Transformation(_Vector):
     qx: Number
     qy: Number
     qz: Number
@@ -151,7 +144,7 @@ class _Transformation(ForeignEntry):
 
 class _Result(ForeignEntry):
     transformation: _Transformation | None = None
-    transform: TransformEntry | None = None
+    transform: _Transform | None = None
 
 
 class _File(_Result):

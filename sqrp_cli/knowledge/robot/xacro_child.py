@@ -50,26 +50,23 @@ class _MissingError(OSError):
         self.problem = problem
 
 
-class _Carry:
-    """Copies a node's place to its copies."""
-
-    def handle(self, _operation: int, key: str, place: Place, _node: minidom.Node, copy: minidom.Node | None) -> None:
-        if copy is not None:
-            copy.setUserData(key, place, self)
-
-
 class _PlacedBuilder(expatbuilder.ExpatBuilderNS):
-    """Builds a document whose elements know where they were written."""
+    """Builds a document whose elements, and copies of them, know where they were written."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()
-        self._path, self._carry = path, _Carry()
+        self._path = path
+
+    def handle(self, _operation: int, key: str, place: Place, _node: minidom.Node, copy: minidom.Node | None) -> None:
+        """Copies the place of a node to a copy of it."""
+        if copy is not None:
+            copy.setUserData(key, place, self)
 
     def start_element_handler(self, name: str, attributes: list[str]) -> None:
         super().start_element_handler(name, attributes)
         parser = self.getParser()
         place = Place(self._path, parser.CurrentLineNumber, parser.CurrentColumnNumber + 1)
-        self.curNode.setUserData(_PLACE, place, self._carry)
+        self.curNode.setUserData(_PLACE, place, self)
 
 
 class _Expansion:
@@ -86,63 +83,57 @@ class _Expansion:
 
     def run(self) -> minidom.Element | None:
         """The document. Raises InputError, or what the library raises."""
+
+        def noting(function: Callable[..., Any]) -> Callable[..., Any]:
+            """A function of the library that first notes the place of its node."""
+
+            def noted(node: Any, *rest: Any) -> Any:  # noqa: ANN401
+                self._at = node.getUserData(_PLACE) or self._at
+                self._elements += function.__name__ == "eval_all"
+                if self._elements > MAX_EXPANDED:
+                    message = f"the file expands to more than {MAX_EXPANDED:,} elements"
+                    raise bad_input("too-many-elements", message, self._at)
+                return function(node, *rest)
+
+            return noted
+
         for name in ("eval_all", "handle_macro_call", "check_attrs", "reqd_attrs"):
-            setattr(xacro, name, self._noting(getattr(xacro, name)))
+            setattr(xacro, name, noting(getattr(xacro, name)))
 
-        def warning(*what: object, **_how: object) -> None:
-            message = "the file warns: " + " ".join(map(str, what))[:300]
-            self.warnings.append(Problem("xacro-warning", message, self._at, severity="warning"))
+        def warning(*what: object, **_how: object) -> str:
+            text = "the file warns: " + " ".join(map(str, what))[:300]
+            self.warnings.append(Problem("xacro-warning", text, self._at, severity="warning"))
+            return ""
 
-        def message(*_what: object, **_how: object) -> None: ...
-
-        def print_location() -> None: ...
+        def message(*_what: object, **_how: object) -> str:
+            return ""
 
         xacro.warning = xacro.message = xacro.print_location = message  # of the library itself
         xacro.parse, xacro.abs_filename_spec, xacro.safe_eval = self._parsed, self._absolute, evaluate
         symbols = xacro.create_global_symbols()
-        symbols["xacro"].update(warning=self._said(warning), error=self._said(warning), message=self._said(message),
-                                print_location=self._said(message), arg=self._argument)  # fmt: skip
+        symbols["xacro"].update(warning=warning, error=warning, message=message, print_location=message)
+        symbols["xacro"]["arg"] = self._argument
         for name in UNOFFERED:
             symbols["python"].pop(name, None)
         xacro._global_symbols = symbols
         substitution_args._eval_find, substitution_args._eval_env = self._find, self._environment
         substitution_args._eval_optenv = self._environment
         substitution_args._eval_arg = self._argument
-        substitution_args._eval = self._evaluated
+
+        def evaluated(text: str, context: dict[str, Any]) -> str:
+            """`$(eval ...)`: arguments are names, too."""
+            convert = substitution_args.convert_value
+            names = {**xacro._global_symbols, "true": True, "false": False}
+            names.update({name: convert(value, "auto") for name, value in context["arg"].items()})
+            names.update(arg=lambda name: convert(self._argument(name), "auto"), find=self._find,
+                         dirname=lambda: str(Path(xacro.filestack[-1]).parent))  # fmt: skip
+            return str(evaluate(text, names))
+
+        substitution_args._eval = evaluated
         xacro.init_stacks(str(self._path))
         document = self._parsed(None, str(self._path))
         xacro.process_doc(document, mappings=dict(self._arguments), verbosity=0)
         return document.documentElement
-
-    @staticmethod
-    def _said(function: Callable[..., None]) -> Callable[..., str]:
-        def said(*what: object, **how: object) -> str:
-            function(*what, **how)
-            return ""
-
-        return said
-
-    def _noting(self, function: Callable[..., Any]) -> Callable[..., Any]:
-        """A function of the library that first notes the place of its node."""
-
-        def noted(node: Any, *rest: Any) -> Any:  # noqa: ANN401
-            self._at = node.getUserData(_PLACE) or self._at
-            self._elements += function.__name__ == "eval_all"
-            if self._elements > MAX_EXPANDED:
-                message = f"the file expands to more than {MAX_EXPANDED:,} elements"
-                raise bad_input("too-many-elements", message, self._at)
-            return function(node, *rest)
-
-        return noted
-
-    def _evaluated(self, text: str, context: dict[str, Any]) -> str:
-        """`$(eval ...)`: arguments are names, too."""
-        convert = substitution_args.convert_value
-        names = {**xacro._global_symbols, "true": True, "false": False}
-        names.update({name: convert(value, "auto") for name, value in context["arg"].items()})
-        names.update(arg=lambda name: convert(self._argument(name), "auto"), find=self._find,
-                     dirname=lambda: str(Path(xacro.filestack[-1]).parent))  # fmt: skip
-        return str(evaluate(text, names))
 
     def _argument(self, name: str, args: object = None) -> str:  # noqa: ARG002 - the library hands it on
         self.asked.setdefault(name, None)
