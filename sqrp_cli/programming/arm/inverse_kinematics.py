@@ -29,59 +29,40 @@ from sqrp_cli.programming.arm.pose_search import (
 )
 from sqrp_cli.programming.arm.reach import Unreachable, beyond_reach, closest_turns, limit_excess, why_unreachable
 
-SOLVED = 1e-11
-"""Largest pose error of a solution, in m and rad; most are a thousand times better."""
-
-POLISHED = 1e-13
-"""Pose error at which Newton's method stops before its last step."""
-
-NEARLY_SOLVED = 1e-6
-"""Largest pose error from which Newton's method starts."""
+SOLVED, POLISHED, NEARLY_SOLVED = 1e-11, 1e-13, 1e-6
+"""Largest pose error of a solution, in m and rad (most are a thousand times better); that at which Newton's method
+stops before its last step; and the largest from which it starts."""
 
 SAME = 1e-4
 """Solutions that differ by no more than this in each joint, whole turns ignored, count as one [rad or m]."""
 
-NEAR_SINGULAR = 1e-3
-"""Smallest singular value of the Jacobian below which neighbouring branches may merge or be curves."""
+NEAR_SINGULAR, SINGULAR = 1e-3, 1e-6
+"""Smallest singular values of the Jacobian below which neighbouring branches may merge or be curves, and below which a
+solution may lie on a curve of solutions."""
 
-SINGULAR = 1e-6
-"""Smallest singular value of the Jacobian below which a solution may lie on a curve of solutions."""
+STARTS, STARTS_AT_ONCE, STEPS = 512, 64, 40
+"""Starting points of the search for branches of an arm with up to six joints (the results give more), and steps in
+which each must lead to a solution. They are taken some at a time, until none of these leads to a further branch."""
 
-STARTS, STARTS_AT_ONCE = 512, 64
-"""Starting points of the search for branches of an arm with up to six joints; the results give more.
-
-They are taken some at a time, until none of these leads to a further branch.
-"""
-
-STARTS_PER_SAMPLE = 64
-"""Starting points for each redundancy sample of an arm with more joints, and no closed form."""
+STARTS_PER_SAMPLE, FIRST_STARTS = 64, (16, 64, STARTS)
+"""Starting points for each redundancy sample of an arm with more joints, and no closed form; and those of the search
+with all joints of such an arm, until there is a solution."""
 
 GENERIC = (0.7, 0.4, 0.6, 0.5)
 """Positions of held joints at which an arm is asked for its closed form: no special ones."""
 
-FIRST_STARTS = (16, 64, STARTS)
-"""Numbers of starting points of the search with all joints of such an arm, until there is a solution."""
-
-STEPS = 40
-"""Steps in which a starting point must lead to a solution."""
-
 SPREAD_STARTS = 16
 """Positions of three joints that are tried around a branch that is close to singular."""
 
-LONGEST_SLIDE = 0.2
-"""Longest step along a curve of solutions [rad or m]."""
-
-SLIDES = 60
-"""Most steps along a curve of solutions."""
+LONGEST_SLIDE, SLIDES = 0.2, 60
+"""Longest step along a curve of solutions [rad or m], and most steps."""
 
 MOST_BRANCHES = 64
 """Solutions after which the search stops: no arm of six joints has more than 16 isolated ones."""
 
-SEED_STEPS = 20
-"""Steps in which an approximate solution must lead to a solution."""
-
-SEED_STARTS, SEED_SPREAD = 8, 0.5
-"""Starting points around an inexact approximate solution, and their largest distance from it [rad]."""
+SEED_STEPS, SEED_STARTS, SEED_SPREAD = 20, 8, 0.5
+"""Steps in which an approximate solution must lead to a solution; starting points around an inexact one, and their
+largest distance from it [rad]."""
 
 REDUNDANCY_SAMPLES, MORE_REDUNDANCY_SAMPLES = 8, 32
 """Numbers of positions tried for the held joints of an arm with more than six joints.
