@@ -32,10 +32,10 @@ _STUDY = (
 )
 ROOMS = {
     "foundations": ("errors geometry records shapes trajectory shown version", 1_128),
-    "files": ("knowledge/text", 2_300),
-    "robot": ("knowledge/robot programming/arm", 3_255),
-    "camera": ("knowledge/camera knowledge/light knowledge/markers knowledge/paint", 2_293),
-    "cell": ("knowledge programming/cell programming/solids", 3_989),
+    "files": ("knowledge/text", 2_298),
+    "robot": ("knowledge/robot programming/arm", 3_227),
+    "camera": ("knowledge/camera knowledge/light knowledge/markers knowledge/paint", 2_286),
+    "cell": ("knowledge programming/cell programming/solids", 3_970),
     "logic": ("logic", 2_946),
     "skill, program": ("knowledge/skill program", 2_002),
     "task": ("programming", 1_770),
