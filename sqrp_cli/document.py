@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sized
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from functools import cache
 from importlib import import_module
 from typing import Any, ClassVar, Literal, Self
@@ -32,8 +32,10 @@ LIVE: Mapping[str, bool] = {"live": True}
 """Metadata of a field that no document has; see `live`."""
 
 
-def live(default: Any = None) -> Any:  # noqa: ANN401 - a field of any type
+def live(default: Any = None, *, factory: Any = MISSING) -> Any:  # noqa: ANN401 - a field of any type
     """A field that is known only in the process that found the result: its default in a result that was read."""
+    if factory is not MISSING:
+        return field(default_factory=factory, metadata=LIVE, repr=False, compare=False)
     return field(default=default, metadata=LIVE, repr=False, compare=False)
 
 

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sqrp_cli.api.results import Check, Scene, Scores
+from sqrp_cli.api.results import Check, Scene
 from sqrp_cli.ask import values
 from sqrp_cli.ask.request import question
 from sqrp_cli.ask.requests import (
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.cell import Cell
     from sqrp_cli.programming.result import Ranking
     from sqrp_cli.report.documents.explanation import ExplainedAll, Explanation
+    from sqrp_cli.scoring.scorecard import Scorecard
 
 
 def open_cell(path: str | Path, *, seed: int = 0) -> OpenCell:
@@ -155,7 +156,7 @@ def _doubts(cell: Cell) -> Iterator[Problem]:
         yield Problem("contact-at-home", message, place, severity="warning", mend=mend)
 
 
-def scored(cell: OpenCell, ask: ScoreRequest) -> Scores:
+def scored(cell: OpenCell, ask: ScoreRequest) -> Scorecard:
     """All tasks of the workspace."""
     from sqrp_cli.programming.coverage.sampling import Adaptive
     from sqrp_cli.scoring.score import read_cells
@@ -163,7 +164,7 @@ def scored(cell: OpenCell, ask: ScoreRequest) -> Scores:
     from sqrp_cli.scoring.work.compute import Means, open_computer
 
     with open_computer(Means(ask.sampling or Adaptive(), ask.jobs, None, ask.out, cell.seed)) as computer:
-        return Scores(score_cells(list(read_cells([cell.workspace.path])), computer, ask.progress))
+        return score_cells(list(read_cells([cell.workspace.path])), computer, ask.progress)
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.suggestion import Feasibility, SuggestedStep
     from sqrp_cli.report.documents.checks import CheckDocument, CheckedCandidate
     from sqrp_cli.report.documents.scene import ShowDocument
-    from sqrp_cli.report.documents.scores import ScoreDocument, TaskResult
-    from sqrp_cli.scoring.scorecard import Scorecard
 
 
 KINDS: Mapping[str, str] = {
@@ -40,9 +38,9 @@ KINDS: Mapping[str, str] = {
     "run --sweep": "sqrp_cli.runtime.record.report:SweepDocument",
     "audit": "sqrp_cli.runtime.audit.report:AuditDocument",
     "calibrate": "sqrp_cli.calibrating.report:CalibrateDocument",
-    "score": "sqrp_cli.report.documents.scores:ScoreDocument",
-    "diff": "sqrp_cli.report.documents.scores:ScoreDocument",
-    "score --vary": "sqrp_cli.report.documents.scores:VaryDocument",
+    "score": "sqrp_cli.scoring.scorecard:Scorecard",
+    "diff": "sqrp_cli.scoring.scorecard:Scorecard",
+    "score --vary": "sqrp_cli.scoring.sweep:Sweep",
     "show": "sqrp_cli.report.documents.scene:ShowDocument",
     "init": "sqrp_cli.report.documents.scene:InitDocument",
 }
@@ -212,51 +210,3 @@ class Scene(Answer["ShowDocument"]):
         from sqrp_cli.terminal.scene_table import print_scene
 
         print_scene(self.cell)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Scores(Answer["ScoreDocument"]):
-    """Every task of some workspaces."""
-
-    findings: Scorecard
-
-    @property
-    def passed(self) -> bool:
-        """Whether nothing failed and nothing is wrong."""
-        return self.findings.passed
-
-    @property
-    def results(self) -> list[TaskResult]:
-        """A result per task."""
-        return self.document.results
-
-    @property
-    def brief(self) -> str:
-        """Its main figures, in a line."""
-        passed = self.findings.count("passed")
-        cut = ", interrupted" if self.findings.interrupted else ""
-        return f"{passed} of {how_many(self.findings.results, 'task')} passed{cut}"
-
-    @cached_property
-    def document(self) -> ScoreDocument:
-        """The document of `sqrp score`."""
-        from sqrp_cli.report.documents.scores import ScoreDocument
-
-        return ScoreDocument.of(self.findings)
-
-    def show(self) -> None:
-        """Print the table of `sqrp score`."""
-        from sqrp_cli.terminal.score_table import print_report
-
-        print_report(self.findings)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Difference(Scores):
-    """What differs between two versions of a workspace, and the effect on its tasks."""
-
-    def show(self) -> None:
-        """Print what `sqrp diff` prints."""
-        from sqrp_cli.terminal.score_table import print_difference
-
-        print_difference(self.findings)

@@ -17,7 +17,6 @@ from sqrp_cli.errors import bad_input, bad_option
 
 if TYPE_CHECKING:
     from sqrp_cli.api.run_results import RunOutputs, SimulatedRun
-    from sqrp_cli.ros.transport import Transport
     from sqrp_cli.runtime.cell.robot_file import RobotFile
     from sqrp_cli.runtime.record.events import Listener
     from sqrp_cli.runtime.run.robot_run import ConnectedRobot
@@ -95,7 +94,14 @@ def serve(
 
     transport = DdsTransport(file.domain, file.network)
     try:
-        _check_alone(transport, file)
+        # Raises InputError where somebody else sends the time: nobody could tell two clocks, and two arms, apart.
+        from sqrp_cli.runtime.cell.ros_cell import CLOCK
+
+        inbox = transport.subscribe(CLOCK)
+        transport.wait(LISTENED)
+        if inbox.count:
+            message = f"somebody else, such as another cell, sends `/clock` {file.where}"
+            raise bad_input("no-network", message, mend="--domain N, with another number")
         with SimulatedCell(cell.workspace, world, seed) as simulated:
             simulated.frames(list(cell.workspace.cameras))  # the processes that draw are ready then
             server = CellServer(simulated, cell.workspace, file, transport, Faults(injected, steps, joints), tell)
@@ -103,17 +109,6 @@ def serve(
             server.serve(lambda: False, factor)
     finally:
         transport.close()
-
-
-def _check_alone(transport: Transport, file: RobotFile) -> None:
-    """Raises InputError where somebody else sends the time: nobody could tell two clocks, and two arms, apart."""
-    from sqrp_cli.runtime.cell.ros_cell import CLOCK
-
-    inbox = transport.subscribe(CLOCK)
-    transport.wait(LISTENED)
-    if inbox.count:
-        message = f"somebody else, such as another cell, sends `/clock` {file.where}"
-        raise bad_input("no-network", message, mend="--domain N, with another number")
 
 
 def _free_domain() -> int:

@@ -72,7 +72,7 @@ class ScoreRun:
         try:
             return compare_with(findings, self.cells, expected, self._lookup, self.progress)
         except KeyboardInterrupt:
-            return replace(findings, interrupted=True)
+            return replace(findings, interrupted=True, unfinished=0)
 
     def write(self, findings: Scorecard, *, junit: Path | None, summary: Path | None, baseline: Path | None) -> None:
         """Write the requested files. Raises InputError for one that cannot be written."""
@@ -81,7 +81,7 @@ class ScoreRun:
         if summary is not None:
             write_summary(findings, summary)
         if baseline is not None:
-            scores = [result.score for result in findings.results]
+            scores = findings.results
             self._lookup.prepare([(score, way) for score in scores for way in score.ways.values()], self.progress)
             save_baseline(baseline_of(self.cells, scores, self._lookup, self.computer.sampling), baseline)
 
@@ -92,13 +92,13 @@ class ScoreRun:
 
 def nothing_scored(*found: Scorecard) -> bool:
     """Whether every task or workspace is an error, so that there is nothing to print."""
-    statuses = {result.score.status for findings in found for result in findings.results}
+    statuses = {result.status for findings in found for result in findings.results}
     return statuses == {"error"} and not any(findings.interrupted for findings in found)
 
 
 def why_not_scored(*found: Scorecard) -> list[Problem]:
     """The reasons for tasks that could not be scored, each once."""
-    scores = (result.score for findings in found for result in findings.results if result.score.status == "error")
+    scores = (one for findings in found for one in findings.results if one.status == "error")
     return [Problem("not-scored", why) for why in dict.fromkeys(reason for one in scores for reason in one.reasons)]
 
 

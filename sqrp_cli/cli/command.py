@@ -67,7 +67,15 @@ class Command(TyperCommand):
             error.ctx = error.ctx or ctx  # an option without its value has none
             raise
         if not ctx.resilient_parsing:
-            self._check_paths(ctx, args)
+            # Raises InputError for an empty word where a path is expected, which would be the current folder.
+            words, *_ = self.make_parser(ctx).parse_args(list(args))
+            params: list[Any] = self.get_params(ctx)
+            for one in params:
+                read = _each(ctx.params.get(one.name))
+                if "" in _each(words.get(one.name)) and any(isinstance(value, Path) for value in read):
+                    is_argument = one.param_type_name == "argument"
+                    what, kind = (one.metavar, "") if is_argument else (one.opts[0], f" {one.metavar}")
+                    raise bad_option(f"{what} is empty; expected{kind}: {one.help}")
         return rest
 
     def _check_values(self, ctx: Any, args: list[str]) -> None:  # noqa: ANN401 # as above
@@ -78,17 +86,6 @@ class Command(TyperCommand):
         for one in options:
             if names.intersection(value for value in _each(words.get(one.name)) if isinstance(value, str)):
                 raise bad_option(f"{one.metavar} is missing after {one.opts[0]}: {one.help}")
-
-    def _check_paths(self, ctx: Any, args: list[str]) -> None:  # noqa: ANN401 # as above
-        """Raises InputError for an empty word where a path is expected, which would be the current folder."""
-        words, *_ = self.make_parser(ctx).parse_args(list(args))
-        params: list[Any] = self.get_params(ctx)
-        for one in params:
-            read = _each(ctx.params.get(one.name))
-            if "" in _each(words.get(one.name)) and any(isinstance(value, Path) for value in read):
-                is_argument = one.param_type_name == "argument"
-                what, kind = (one.metavar, "") if is_argument else (one.opts[0], f" {one.metavar}")
-                raise bad_option(f"{what} is empty; expected{kind}: {one.help}")
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:  # noqa: ANN401 # as above
         """The words after the command's name in its usage line."""

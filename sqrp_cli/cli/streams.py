@@ -17,24 +17,16 @@ class ResultsLost(Exception):  # noqa: N818 - no error of the program's
 
 def prepare_streams() -> None:
     """Make the streams of this process work with anything that they are connected to."""
-    _open_closed()
+    for descriptor in range(3):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDONLY if descriptor == 1 else os.O_RDWR)
     if sys.stdin is None:
         sys.stdin = Path(os.devnull).open(encoding="utf-8")  # noqa: SIM115 - for good
     sys.stdout, sys.stderr = _writable(sys.stdout, results=True), _writable(sys.stderr, results=False)
     if isinstance(sys.stdin, io.TextIOWrapper):
         sys.stdin.reconfigure(errors="replace")
-
-
-def _open_closed() -> None:
-    """Connect closed descriptors to the null device; otherwise the next opened file would receive the output.
-
-    That of results is opened for reading only: to write them is an error, as if it were closed.
-    """
-    for descriptor in range(3):
-        try:
-            os.fstat(descriptor)
-        except OSError:
-            os.open(os.devnull, os.O_RDONLY if descriptor == 1 else os.O_RDWR)  # gets the lowest number that is free
 
 
 def _writable(stream: TextIO | None, *, results: bool) -> TextIO:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import typer
 
-from sqrp_cli.api.results import Check, Scores
+from sqrp_cli.api.results import Check
 from sqrp_cli.errors import ExitCode, bad_option
 
 if TYPE_CHECKING:
@@ -176,11 +176,14 @@ def view_of(answer: Answer[AnyDocument] | Document) -> AnswerView:
     """What of an answer is compared."""
     from sqrp_cli.programming.result import Ranking
     from sqrp_cli.report.documents.explanation import ExplainedAll, Explanation
+    from sqrp_cli.scoring.scorecard import Scorecard
 
     match answer:
         case Ranking():
             rows = {one.name: _candidate(one) for one in answer.candidates}
-            return AnswerView(("candidate", "#", *_TITLES), rows, _first(answer.candidates))
+            return AnswerView(
+                ("candidate", "#", *_TITLES), rows, _why(answer.candidates[0]) if answer.candidates else ""
+            )
         case ExplainedAll():
             return AnswerView(("candidate", "#", *_TITLES), {one.name: _candidate(one) for one in answer.candidates})
         case Explanation():
@@ -191,7 +194,7 @@ def view_of(answer: Answer[AnyDocument] | Document) -> AnswerView:
             }
             said = {f"{one.place or answer.workspace} {one.message}": (one.severity,) for one in answer.problems}
             return AnswerView(("candidate" if answer.task else "finding", "verdict"), {**verdicts, **said})
-        case Scores():
+        case Scorecard():
             rows = {
                 f"{one.workspace}: {one.task}": (one.status, *(_SHOWN_NONE if one.best is None else _figures(one.best)))
                 for one in answer.results
@@ -224,11 +227,6 @@ def _percent(share: float | None) -> str:
 
 def _seconds(value: float | None) -> str:
     return "–" if value is None else f"{value:.2f}"
-
-
-def _first(candidates: Sequence[CandidateResult]) -> str:
-    """What is said about the first of a ranking."""
-    return _why(candidates[0]) if candidates else ""
 
 
 def _why(found: CandidateResult) -> str:

@@ -11,7 +11,8 @@ from pathlib import Path
 from xml.etree import ElementTree as Xml
 
 from sqrp_cli.platform.files import write_atomically
-from sqrp_cli.scoring.scorecard import ComparedScore, Scorecard, listed
+from sqrp_cli.scoring.score import TaskScore
+from sqrp_cli.scoring.scorecard import Scorecard, listed
 from sqrp_cli.shown import one_line
 
 _HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n'
@@ -27,12 +28,12 @@ def write_junit(scorecard: Scorecard, path: Path) -> None:
     """
     gone = [] if scorecard.may_vanish else scorecard.vanished
     root = Xml.Element("testsuites", {"name": "sqrp score", **_counts(scorecard.results, len(gone))})
-    for workspace, group in groupby(scorecard.results, key=lambda result: result.score.workspace):
+    for workspace, group in groupby(scorecard.results, key=lambda result: result.workspace):
         results = list(group)
         suite = Xml.SubElement(root, "testsuite", {"name": one_line(workspace), **_counts(results)})
         told: Counter[str] = Counter()
         for result in results:
-            name = one_line(result.score.task or "workspace")
+            name = one_line(result.task or "workspace")
             told[name] += 1
             # A server of tests takes cases of one name for one case; a task may be listed twice.
             _case(suite, result, name if told[name] == 1 else f"{name} ({told[name]})")
@@ -62,28 +63,27 @@ def write_summary(scorecard: Scorecard, path: Path) -> None:
 
 def _findings(scorecard: Scorecard) -> Iterator[str]:
     """An item for everything that is wrong, and for what is otherwise than in the baseline."""
-    for score in (result.score for result in scorecard.results):
+    for score in scorecard.results:
         yield from (f"- **{score.status}** {_text(score.named)}: {_text(reason)}" for reason in score.reasons)
     yield from (f"- **vanished** {_text(gone.workspace)}, {_text(gone.task)}" for gone in scorecard.vanished)
     yield from (f"- **renamed** {_text(now)} is {_text(was)} of the baseline" for now, was in scorecard.renamed.items())
     for result in scorecard.results:
-        if result.comparison is not None:
-            named, ways = _text(result.score.named), result.comparison.ways
-            yield from [f"- **new** {named}"] if result.comparison.verdict == "new" else []
+        if result.baseline is not None:
+            named, ways = _text(result.named), result.baseline.ways
+            yield from [f"- **new** {named}"] if result.baseline.verdict == "new" else []
             yield from (f"- **improved** {named} for {_text(str(way))}" for way in ways if not way.worse)
     for name, changes in scorecard.changes.items():
         yield from [f"- changed in {_text(name)}: {_text(listed(changes))}"] if changes else []
 
 
-def _counts(results: Sequence[ComparedScore], gone: int = 0) -> dict[str, str]:
+def _counts(results: Sequence[TaskScore], gone: int = 0) -> dict[str, str]:
     """gone: how many tasks vanished that must not."""
-    statuses = [result.score.status for result in results] + ["failed"] * gone
+    statuses = [result.status for result in results] + ["failed"] * gone
     counts = {"tests": len(statuses), "failures": statuses.count("failed"), "errors": statuses.count("error")}
     return {name: str(count) for name, count in {**counts, "skipped": 0}.items()}
 
 
-def _case(suite: Xml.Element, result: ComparedScore, name: str) -> None:
-    score = result.score
+def _case(suite: Xml.Element, score: TaskScore, name: str) -> None:
     case = Xml.SubElement(suite, "testcase", classname=one_line(score.workspace), name=name)
     if score.status != "passed":
         kind = "failure" if score.status == "failed" else "error"
@@ -93,18 +93,17 @@ def _case(suite: Xml.Element, result: ComparedScore, name: str) -> None:
         best = score.best
         qualities = [("Q_eoi", best.q_eoi), ("Q_avg", best.q_avg)]
         lines = [f"{label}: {100 * quality:.1f} %" for label, quality in qualities if quality is not None]
-        lines = [f"best: {best.candidate.name}", *lines, f"time: {best.time:.2f} s"]
+        lines = [f"best: {best.name}", *lines, f"time: {best.time:.2f} s"]
         Xml.SubElement(case, "system-out").text = "\n".join(map(one_line, lines))
 
 
-def _row(result: ComparedScore) -> str:
-    score = result.score
+def _row(score: TaskScore) -> str:
     cells = [score.workspace, score.task or "", "", "", "", "", "", score.status]
     if score.best is not None:
         best = score.best
         figures = [None if q is None else 100 * q for q in (best.q_eoi, best.q_avg)]
         cells[2:7] = [
-            best.candidate.name,
+            best.name,
             *("-" if figure is None else f"{figure:.1f}" for figure in figures),
             f"{best.time:.2f}",
             "-" if best.latest is None else "never" if best.latest == inf else f"{best.latest:.2f}",

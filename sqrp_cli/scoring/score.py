@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import glob
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import inf
 from pathlib import Path
 from typing import Literal
 
 from sqrp_cli.checks.lint import lint
+from sqrp_cli.document import Record, live
 from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask, Workspace
@@ -17,10 +18,12 @@ from sqrp_cli.knowledge.workspace.workspace_file import WORKSPACE_FILE, workspac
 from sqrp_cli.programming.candidate import THEN
 from sqrp_cli.programming.coverage.quality import falls_short
 from sqrp_cli.programming.coverage.verdict import HELP
+from sqrp_cli.programming.pipeline import described
 from sqrp_cli.programming.ranking import rank
 from sqrp_cli.programming.result import NOTHING_MISSING, CandidateResult
 from sqrp_cli.programming.suggestion import with_first_steps
 from sqrp_cli.programming.task import Candidate, Task, read_task
+from sqrp_cli.scoring.changes import Comparison
 from sqrp_cli.scoring.work.compute import Computer, Wanted
 from sqrp_cli.scoring.work.identity import content_digest
 from sqrp_cli.shown import shown_name
@@ -152,20 +155,24 @@ Status = Literal["passed", "failed", "error"]
 
 
 @dataclass(frozen=True, eq=False)
-class TaskScore:
-    """The score of a task in a workspace."""
+class TaskScore(Record):
+    """The score of a task in a workspace, compared with its baseline."""
 
     workspace: str
+    """Its name, with as much of its path as makes it unique."""
     task: str | None
-    """None where the workspace itself cannot be used."""
+    """Null where the workspace itself cannot be used."""
     status: Status
+    """Failed if the task is not good enough or got worse; error if it cannot be ranked."""
     reasons: tuple[str, ...]
-    """One sentence each: what is not good enough, or what the error is."""
+    """What is not good enough or got worse, or what the error is, in a sentence each."""
     best: CandidateResult | None = None
-    """The first in the ranking; None if none is feasible."""
-    ways: Mapping[str, CandidateResult] = field(default_factory=dict)
+    """The first in the ranking; null if none is feasible."""
+    baseline: Comparison | None = None
+    """What changed since the baseline; null without a baseline, or after an error."""
+    ways: Mapping[str, CandidateResult] = live(factory=dict)
     """The best candidate for every choice of objects, by `way_name`; infeasible where none of them is feasible."""
-    content: str = ""
+    content: str = live("")
     """Digest of the workspace, see `identity.content_digest`."""
 
     @property
@@ -227,10 +234,10 @@ def _task_score(cell: ScoredCell, task: ScoredTask, computer: Computer) -> TaskS
     ways: dict[str, CandidateResult] = {}
     for ranked in ranking:
         ways.setdefault(way_name(ranked.candidate), ranked)
-    best = ranking[0] if ranking[0].rank is not None else None
+    best = described(ranking[0]) if ranking[0].feasible else None
     first = ranking[0]
     why_none = f"{first.candidate.name}: {first.reasons[0]}" if best is None else ""
-    reasons = shortcomings(None if best is None else best, task.expected, why_none)
+    reasons = shortcomings(best, task.expected, why_none)
     return TaskScore(
         workspace=cell.name,
         task=task.text,

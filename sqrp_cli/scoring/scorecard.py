@@ -6,15 +6,16 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
+from sqrp_cli.document import LEFT_OUT, Document, how_many
 from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.workspace.workspace_file import workspace_file
 from sqrp_cli.programming.coverage.blind_spans import Coverage
 from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.scoring.baselines.baseline import Baseline, TaskRecord, VanishedTask, baseline_of, identified, vanished
-from sqrp_cli.scoring.baselines.changes import Change, workspace_changes
-from sqrp_cli.scoring.baselines.comparison import Comparison, changed_ways, compare
+from sqrp_cli.scoring.baselines.comparison import changed_ways, compare
+from sqrp_cli.scoring.changes import Change, workspace_changes
 from sqrp_cli.scoring.score import ScoredCell, TaskScore, read_cell, score, scores_of
 from sqrp_cli.scoring.work.compute import Computer, Wanted
 
@@ -25,41 +26,46 @@ CHANGES_SHOWN = 4
 """Most changes of a workspace in a sentence."""
 
 
-@dataclass(frozen=True, eq=False)
-class ComparedScore:
-    """The score of a task, compared with its baseline."""
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Scorecard(Document):
+    """A scoring run: every task, what changed since a baseline or another version, and whether it passed.
 
-    score: TaskScore
-    comparison: Comparison | None
-    """None if there is no baseline."""
+    The same bytes wherever it is computed.
+    """
 
+    VIEW = "sqrp_cli.terminal.score_table:print_scorecard"
 
-@dataclass(frozen=True, eq=False)
-class Scorecard:
-    """A scoring run: scores, comparisons with a baseline, and failures."""
-
-    results: tuple[ComparedScore, ...]
+    document: Literal["score", "diff"] = "score"
+    results: tuple[TaskScore, ...]
+    """One for each task, and for each workspace that cannot be used."""
     changes: Mapping[str, tuple[Change, ...]] = field(default_factory=dict)
-    """By workspace, since the baseline."""
+    """By workspace, since the baseline; those without any are left out."""
     vanished: tuple[VanishedTask, ...] = ()
     """Tasks that exist only in the baseline."""
     may_vanish: bool = True
     """Whether that is no failure."""
     renamed: Mapping[str, str] = field(default_factory=dict)
     """The baseline's name of each workspace that it knows by another one, by its name now."""
-    interrupted: bool = False
-    unfinished: int = 0
-    """How many results are missing because the run was interrupted."""
+    interrupted: bool | None = field(default=None, metadata=LEFT_OUT)
+    """True if Ctrl-C came before everything was scored."""
+    unfinished: int | None = field(default=None, metadata=LEFT_OUT)
+    """If so, how many results are missing."""
+    passed: bool = False
+    """Whether every task passed and none is missing; a vanished one is, unless that is allowed. Found by itself."""
+
+    def __post_init__(self) -> None:
+        complete = (self.may_vanish or not self.vanished) and not self.interrupted
+        object.__setattr__(self, "passed", complete and all(one.status == "passed" for one in self.results))
 
     def count(self, status: str) -> int:
         """How many results have a status."""
-        return sum(result.score.status == status for result in self.results)
+        return sum(one.status == status for one in self.results)
 
     @property
-    def passed(self) -> bool:
-        """Whether nothing failed and nothing is wrong."""
-        complete = self.may_vanish or not self.vanished
-        return not self.interrupted and complete and all(one.score.status == "passed" for one in self.results)
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        cut = ", interrupted" if self.interrupted else ""
+        return f"{self.count('passed')} of {how_many(self.results, 'task')} passed{cut}"
 
 
 def score_cells(cells: Sequence[ScoredCell], computer: Computer, progress: Progress) -> Scorecard:
@@ -69,10 +75,10 @@ def score_cells(cells: Sequence[ScoredCell], computer: Computer, progress: Progr
         with progress("Scoring", total) as advance:
             scores = score(cells, computer, advance)
     except KeyboardInterrupt:
-        finished = tuple(ComparedScore(result, None) for cell in cells for result in scores_of(cell, computer))
+        finished = tuple(result for cell in cells for result in scores_of(cell, computer))
         total = sum(1 if cell.workspace is None else len(cell.tasks) for cell in cells)
-        return Scorecard(finished, interrupted=True, unfinished=total - len(finished))
-    return Scorecard(tuple(ComparedScore(result, None) for result in scores))
+        return Scorecard(results=finished, interrupted=True, unfinished=total - len(finished))
+    return Scorecard(results=tuple(scores))
 
 
 class CoverageLookup:
@@ -125,7 +131,7 @@ def compare_with(
         for record in [baseline.workspaces[known[cell.name]]]
     }
     tasks = {name: baseline.workspaces[before].tasks for name, before in known.items()}
-    pairs = [(one.score, tasks.get(one.score.workspace, {}).get(one.score.task or "")) for one in scorecard.results]
+    pairs = [(one, tasks.get(one.workspace, {}).get(one.task or "")) for one in scorecard.results]
     lookup.prepare(list(_ways_to_explain(pairs, expected.allowance)), progress)
     results = [_compared(one, record, expected, lookup, changes.get(one.workspace, ())) for one, record in pairs]
     names = {known.get(cell.name, ""): [task.text for task in cell.tasks] for cell in cells}
@@ -133,7 +139,7 @@ def compare_with(
     return replace(
         scorecard,
         results=tuple(results),
-        changes=changes,
+        changes={name: found for name, found in changes.items() if found},
         vanished=tuple(task for task in vanished(baseline, names) if task.workspace not in unreadable),
         may_vanish=expected.may_vanish,
         renamed={name: before for name, before in known.items() if name != before},
@@ -181,36 +187,34 @@ def difference(
 
     Raises InputError where results cannot be kept, or candidates cannot be computed.
     """
-    first = score_cells([before], computer, progress)
+    first = replace(score_cells([before], computer, progress), document="diff")
     if first.interrupted:
         return replace(first, results=())
     lookup = CoverageLookup([before], computer)
-    scores = [result.score for result in first.results]
-    lookup.prepare([(score, way) for score in scores for way in score.ways.values()], progress)
-    baseline = baseline_of([before], scores, lookup, computer.sampling)
-    second = score_cells([after], computer, progress)
+    lookup.prepare([(score, way) for score in first.results for way in score.ways.values()], progress)
+    baseline = baseline_of([before], first.results, lookup, computer.sampling)
+    second = replace(score_cells([after], computer, progress), document="diff")
     if second.interrupted:
         return second
     # Only what is worse than before counts as failed, not what is below a threshold in both.
-    results_now = (replace(result, score=_expecting_nothing(result.score)) for result in second.results)
-    second = replace(second, results=tuple(results_now))
+    results = (replace(one, status="passed", reasons=()) if one.status == "failed" else one for one in second.results)
+    second = replace(second, results=tuple(results))
     lookup = CoverageLookup([after], computer)
     return compare_with(second, [after], Expected(baseline, allowance, may_vanish=True), lookup, progress)
 
 
 def _compared(
     result: TaskScore, record: TaskRecord | None, expected: Expected, lookup: CoverageLookup, changes: Sequence[Change]
-) -> ComparedScore:
+) -> TaskScore:
     if result.status == "error":
-        return ComparedScore(result, None)
+        return result
     comparison = compare(record, result, expected.allowance, lookup)
     since = f"; since the baseline {listed(changes)}" if changes else ""
     reasons = [f"{result.task} got worse for {change}{since}" for change in comparison.ways if change.worse]
     if not expected.may_vanish:
         reasons += [f"{result.task} for {way} is in the baseline, and no longer here{since}" for way in comparison.gone]
-    if not reasons:
-        return ComparedScore(result, comparison)
-    return ComparedScore(replace(result, status="failed", reasons=(*result.reasons, *reasons)), comparison)
+    status = "failed" if reasons else result.status
+    return replace(result, status=status, reasons=(*result.reasons, *reasons), baseline=comparison)
 
 
 def _read_version(path: Path) -> ScoredCell:
@@ -220,7 +224,3 @@ def _read_version(path: Path) -> ScoredCell:
     if problems:
         raise InputError(*problems)
     return cell
-
-
-def _expecting_nothing(score: TaskScore) -> TaskScore:
-    return replace(score, status="passed", reasons=()) if score.status == "failed" else score

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sqrp_cli.document import WorkspaceDocument, live
 from sqrp_cli.errors import InputError, bad_option
+from sqrp_cli.figures import Qualities
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.yaml_edit import edited, from_here, patch
 from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
-from sqrp_cli.scoring.score import ScoredCell, read_cell
+from sqrp_cli.scoring.score import ScoredCell, TaskScore, read_cell
 from sqrp_cli.scoring.scorecard import Progress, Scorecard, score_cells
 from sqrp_cli.scoring.work.compute import Computer
 
@@ -139,35 +141,34 @@ class Variant:
     """The workspace read from it."""
 
 
-@dataclass(frozen=True, eq=False)
-class ScoredVariant:
-    """A variant with its scores.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ScoredVariant(Qualities):
+    """A variant of a workspace, with means over the choices of objects that can be done, each by its best candidate.
 
-    Figures are means over the feasible choices of objects, each by its best candidate; None if a variant cannot be
-    scored, or a figure is undefined for all.
+    Figures are null where a variant cannot be scored, or one is undefined for all.
     """
 
-    variant: Variant
-    findings: Scorecard
+    rank: int = 0
+    """Place from 1."""
+    values: Mapping[str, str]
+    """Values that differ from the workspace as it is, by path."""
     choices: int = 0
-    """Of objects, of every task."""
+    """Choices of objects of every task."""
     feasible: int = 0
-    """How many of them can be done."""
-    q_eoi: float | None = None
-    """In 0..1."""
-    q_avg: float | None = None
-    """In 0..1."""
+    """Feasible ones among them; the figures are means over these."""
     time: float | None = None
-    """Duration [s]."""
+    """Mean duration of the motion [s]."""
     delay: float | None = None
-    """The longest time that a fault may remain unnoticed [s]; None without faults, and where one may never be."""
+    """Mean of the longest time that a fault may remain unnoticed [s]; null where there is none, or one may never be
+    noticed."""
     unseen: float | None = None
-    """The largest share of times after which a fault may never be noticed, mean; None without faults."""
-
-    @property
-    def passed(self) -> int:
-        """How many tasks reach their thresholds."""
-        return self.findings.count("passed")
+    """Mean of the largest share of times after which a fault may never be noticed, in 0..1; null without faults."""
+    results: tuple[TaskScore, ...]
+    """One for each task."""
+    variant: Any = live()
+    """The `Variant`."""
+    findings: Any = live()
+    """Its `Scorecard`."""
 
     @property
     def order(self) -> tuple[float, ...]:
@@ -175,32 +176,41 @@ class ScoredVariant:
         qualities = [-round((quality or 0.0) / _QUALITY_STEP) for quality in (self.q_eoi, self.q_avg)]
         time = math.inf if self.time is None else self.time
         delay = math.inf if self.delay is None else round(self.delay / _DELAY_STEP)
-        return (self.findings.count("error"), -self.passed, -self.feasible, *qualities, time, delay)
+        found = self.findings
+        return (found.count("error"), -found.count("passed"), -self.feasible, *qualities, time, delay)
 
 
-@dataclass(frozen=True, eq=False)
-class Sweep:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Sweep(WorkspaceDocument):
     """The variants of a workspace, the best first. The unchanged workspace is one of them.
 
     Of equally good ones the unchanged workspace comes first, else the one with most margin, see `most_margin`; the
     others are in the order of their values.
     """
 
-    document: SourceDocument
+    VIEW = "sqrp_cli.terminal.score_table:print_sweep"
+
+    document: Literal["score --vary"] = "score --vary"
     variants: tuple[ScoredVariant, ...]
+    """The best first."""
+    best: Mapping[str, str] = field(default_factory=dict)
+    """The `values` of the best variant; empty if that is the workspace as it is."""
     equals: int = 1
-    """How many variants are best."""
-    interrupted: bool = False
+    """Variants that are as good as the best; it has the most room around it."""
+    file: str
+    """The workspace file, from here."""
+    patch: str | None = None
+    """The file that was written."""
+    passed: bool = False
+    """Whether every task of the best variant passed."""
+    interrupted: bool = live(False)
+    source: Any = live()
+    """The workspace file, a `SourceDocument`."""
 
     @property
-    def best(self) -> ScoredVariant:
-        """The best variant."""
-        return self.variants[0]
-
-    @property
-    def patch(self) -> str:
+    def best_patch(self) -> str:
         """A unified diff from the workspace file to the best variant; empty if nothing is better."""
-        return patch(self.document, self.best.variant.content, from_here(self.document.path))
+        return patch(self.source, self.variants[0].variant.content, self.file)
 
 
 class Variants(NamedTuple):
@@ -241,18 +251,24 @@ def sweep(
     Raises InputError where results cannot be kept.
     """
     findings = score_cells([variant.cell for variant in variants], computer, progress)
+    about: dict[str, Any] = {"workspace": variants[0].cell.name, "file": from_here(document.path), "source": document}
     if findings.interrupted:
-        return Sweep(document, (), interrupted=True)
+        return Sweep(variants=(), interrupted=True, **about)
     results = iter(findings.results)
     scored = []
     for variant in variants:
         count = max(1, len(variant.cell.tasks))
         scored.append(_scored(variant, replace(findings, results=tuple(next(results) for _ in range(count)))))
-    least = min(variant.order for variant in scored)
-    equal = [variant.order == least for variant in scored]
+    least = min(one.order for one in scored)
+    equal = [one.order == least for one in scored]
     best = scored[0 if equal[0] else 1 + most_margin(equal[1:], [variant.values for variant in variants[1:]], shape)]
-    ranked = sorted(scored, key=lambda variant: (variant.order, variant is not best))
-    return Sweep(document, tuple(ranked), sum(equal))
+    ranked = sorted(scored, key=lambda one: (one.order, one is not best))
+    name = variants[0].cell.name
+    placed = (
+        replace(one, rank=rank, results=tuple(replace(result, workspace=name) for result in one.results))
+        for rank, one in enumerate(ranked, 1)
+    )
+    return Sweep(variants=tuple(placed), best=best.values, equals=sum(equal), passed=best.findings.passed, **about)
 
 
 def most_margin(equal: Sequence[bool], values: Sequence[Values], shape: tuple[int, ...] | None) -> int:
@@ -262,9 +278,8 @@ def most_margin(equal: Sequence[bool], values: Sequence[Values], shape: tuple[in
 
 
 def _scored(variant: Variant, findings: Scorecard) -> ScoredVariant:
-    if findings.count("error"):
-        return ScoredVariant(variant, findings)
-    ways = [way for result in findings.results for way in result.score.ways.values()]
+    scored = () if findings.count("error") else findings.results
+    ways = [way for result in scored for way in result.ways.values()]
     feasible = [way for way in ways if way.feasible]
 
     def mean(name: str) -> float | None:
@@ -272,8 +287,8 @@ def _scored(variant: Variant, findings: Scorecard) -> ScoredVariant:
         return float(np.mean(known)) if known else None
 
     return ScoredVariant(
-        variant,
-        findings,
+        values=dict(variant.values),
+        results=findings.results,
         choices=len(ways),
         feasible=len(feasible),
         q_eoi=mean("q_eoi"),
@@ -281,6 +296,8 @@ def _scored(variant: Variant, findings: Scorecard) -> ScoredVariant:
         time=mean("time"),
         delay=None if any(way.unseen for way in feasible) else mean("delay_worst"),
         unseen=mean("unseen"),
+        variant=variant,
+        findings=findings,
     )
 
 

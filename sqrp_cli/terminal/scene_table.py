@@ -10,7 +10,6 @@ import numpy as np
 from sqrp_cli.knowledge.camera.detector import marker_ranges
 from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.knowledge.workspace.workspace import Workspace
-from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.motion.collision.collision import SAMPLES
 from sqrp_cli.report.documents.scene import FirstRun
@@ -26,23 +25,6 @@ def print_scene(cell: Cell) -> None:
         f"{workspace.name}: {robot.urdf.path.name} with {len(model.arm)} arm joints, tool frame {robot.tool_frame}\n",
         "bold",
     )
-    _print_joints(model)
-    if robot.angle_tolerance:
-        say(f"\ntool may be turned by {np.degrees(robot.angle_tolerance):g} deg from a pose")
-    _print_hand(robot)
-    say(_checked_pairs(cell))
-    _print_cameras(workspace)
-    _print_ranges(workspace)
-    _print_files(cell)
-    say()
-    _print_objects(cell)
-    _print_lights(workspace)
-    say(f"\nskills  {', '.join(workspace.skills)}")
-    say(f"state   {', '.join(sorted(map(str, workspace.state))) or 'nothing holds'}")
-    say(f"tasks   {', '.join(expected.task for expected in workspace.tasks) or 'none'}")
-
-
-def _print_joints(model: RobotModel) -> None:
     joints = [
         (name, *(f"{np.degrees(value):z.0f}" if turns else f"{1000 * value:z.0f} mm" for value in values))
         for name, turns, *values in zip(
@@ -51,6 +33,23 @@ def _print_joints(model: RobotModel) -> None:
         )
     ]  # fmt: skip
     print_table([Column("joint [deg, s]"), *numbers("min", "max", "v", "a", "j", "home")], joints)
+    if robot.angle_tolerance:
+        say(f"\ntool may be turned by {np.degrees(robot.angle_tolerance):g} deg from a pose")
+    _print_hand(robot)
+    say(_checked_pairs(cell))
+    _print_cameras(workspace)
+    _print_ranges(workspace)
+    for camera in cell.workspace.cameras.values():
+        files = {"lens": camera.lens_file, "pose": camera.pose_file}
+        known = [f"{what} from {file}" for what, file in files.items() if file is not None]
+        if known:
+            say(f"{camera.name}: {', '.join(known)}")
+    say()
+    _print_objects(cell)
+    _print_lights(workspace)
+    say(f"\nskills  {', '.join(workspace.skills)}")
+    say(f"state   {', '.join(sorted(map(str, workspace.state))) or 'nothing holds'}")
+    say(f"tasks   {', '.join(expected.task for expected in workspace.tasks) or 'none'}")
 
 
 def _print_cameras(workspace: Workspace) -> None:
@@ -124,15 +123,6 @@ def print_new_cell(folder: Path, starter: Starter, run: FirstRun | None, *, own_
         say(f"`{starter.task}` was run once in the simulated cell: {run.outcome} at {run.time:.2f} s, {run.reason}")
     if starter.task is not None:
         say_command("Try:", f'sqrp rank {where} "{starter.task}"')
-
-
-def _print_files(cell: Cell) -> None:
-    """What was read from which kind of file."""
-    for camera in cell.workspace.cameras.values():
-        files = {"lens": camera.lens_file, "pose": camera.pose_file}
-        known = [f"{what} from {file}" for what, file in files.items() if file is not None]
-        if known:
-            say(f"{camera.name}: {', '.join(known)}")
 
 
 def _print_hand(robot: Robot) -> None:

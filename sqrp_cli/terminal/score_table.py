@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
-from pathlib import Path
 
-from sqrp_cli.knowledge.text.yaml_edit import from_here
-from sqrp_cli.scoring.scorecard import ComparedScore, Scorecard, listed
-from sqrp_cli.scoring.sweep import ScoredVariant, Sweep
+from sqrp_cli.scoring.score import TaskScore
+from sqrp_cli.scoring.scorecard import Scorecard, listed
+from sqrp_cli.scoring.sweep import Sweep
 from sqrp_cli.terminal.console import (
     Column,
     Styled,
@@ -31,15 +30,17 @@ ROWS = 20
 _FIGURES = ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nat worst", "can be\ndone", "tasks\npassed")
 
 
-def print_report(findings: Scorecard) -> None:
-    """The table with a row per task, then a sentence for every failure."""
+def print_scorecard(findings: Scorecard) -> None:
+    """The table with a row per task, then a sentence for every failure; of two versions what differs."""
+    if findings.document == "diff":
+        print_difference(findings)
+        return
     if findings.results:
         print_results(findings.results)
-    for result in findings.results:
-        score = result.score
+    for score in findings.results:
         for reason in score.reasons:
             named = score.task is None or reason.startswith(score.task)
-            where = score.workspace if named else result.score.named
+            where = score.workspace if named else score.named
             say(joined(["\n", (score.status, _STYLES[score.status]), f" {where}: {reason}"]))
     print_comparison(findings)
     if findings.results:
@@ -48,7 +49,7 @@ def print_report(findings: Scorecard) -> None:
         say(verdict(findings))
 
 
-def print_results(results: Sequence[ComparedScore]) -> None:
+def print_results(results: Sequence[TaskScore]) -> None:
     """The table with a row per task."""
     columns = [Column("workspace", shrink=True), Column("task", shrink=True), Column("best", shrink=True)]
     columns += numbers("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nat worst")
@@ -58,25 +59,25 @@ def print_results(results: Sequence[ComparedScore]) -> None:
 def print_comparison(findings: Scorecard) -> None:
     """Improvements, new and vanished tasks, and what changed where nothing got worse."""
     for result in findings.results:
-        comparison = result.comparison
+        comparison = result.baseline
         if comparison is None:
             continue
         for change in comparison.ways:
             if not change.worse:
-                say(joined(["\n", ("improved", "green"), f" {result.score.named} for {change}"]))
+                say(joined(["\n", ("improved", "green"), f" {result.named} for {change}"]))
         if comparison.verdict == "new":
-            say(joined(["\n", ("new", "yellow"), f" {result.score.named} is not in the baseline"]))
+            say(joined(["\n", ("new", "yellow"), f" {result.named} is not in the baseline"]))
         for way in comparison.gone:
-            say(joined(["\n", ("gone", "yellow"), f" {result.score.named} for {way}: there is no such way any more"]))
+            say(joined(["\n", ("gone", "yellow"), f" {result.named} for {way}: there is no such way any more"]))
     for name, before in findings.renamed.items():
         say(joined(["\n", ("renamed", "yellow"), f" {name} is {before} of the baseline"]))
     style = "yellow" if findings.may_vanish else "red"
     for gone in findings.vanished:
         say(joined(["\n", ("vanished", style), f" {gone.workspace}, {gone.task} is only in the baseline"]))
-    missing = findings.vanished or any(one.comparison and one.comparison.gone for one in findings.results)
+    missing = findings.vanished or any(one.baseline and one.baseline.gone for one in findings.results)
     if missing and not findings.may_vanish:
         say("\nWhat is gone fails: --allow-missing lets it pass, --save-baseline makes a new baseline.")
-    worse = {result.score.workspace for result in findings.results if result.comparison and result.comparison.ways}
+    worse = {result.workspace for result in findings.results if result.baseline and result.baseline.ways}
     for workspace, changes in findings.changes.items():
         if changes and workspace not in worse:
             say(joined(["\n", ("changed", "dim"), f" {workspace}, with no effect: {listed(changes)}"]))
@@ -91,16 +92,16 @@ def print_difference(findings: Scorecard) -> None:
     say("What differs in the workspace:" if changes else "Nothing that matters differs in the workspace.")
     for change in changes:
         say(f"  {change}", indent=4)
-    ways = [(result, change) for result in findings.results if result.comparison for change in result.comparison.ways]
+    ways = [(result, change) for result in findings.results if result.baseline for change in result.baseline.ways]
     say("\nWhat that does:" if ways else "\nNo task gets better or worse.")
     for result, way in ways:
         mark = ("better", "green") if not way.worse else ("mixed ", "yellow") if way.better else ("worse ", "red")
-        say(joined(["  ", mark, f"  {result.score.task} for {way}"]), indent=10)
+        say(joined(["  ", mark, f"  {result.task} for {way}"]), indent=10)
     for result in findings.results:
-        if result.comparison and result.comparison.verdict == "new":
-            say(joined(["  ", ("new   ", "yellow"), f"  {result.score.task}"]), indent=10)
-        for name in result.comparison.gone if result.comparison else ():
-            say(joined(["  ", ("gone  ", "yellow"), f"  {result.score.task} for {name}"]), indent=10)
+        if result.baseline and result.baseline.verdict == "new":
+            say(joined(["  ", ("new   ", "yellow"), f"  {result.task}"]), indent=10)
+        for name in result.baseline.gone if result.baseline else ():
+            say(joined(["  ", ("gone  ", "yellow"), f"  {result.task} for {name}"]), indent=10)
     for vanished in findings.vanished:
         say(joined(["  ", ("gone  ", "yellow"), f"  {vanished.task}"]), indent=10)
     if changes:
@@ -109,7 +110,7 @@ def print_difference(findings: Scorecard) -> None:
 
 def verdict(findings: Scorecard) -> str:
     """The sentence that ends a run."""
-    total = len(findings.results) + findings.unfinished
+    total = len(findings.results) + (findings.unfinished or 0)
     of_all = f"of {total} task{'s' if total != 1 else ''}"
     counts = [f"{findings.count('passed')} {of_all} passed"]
     if findings.interrupted:
@@ -123,23 +124,42 @@ def verdict(findings: Scorecard) -> str:
     return ", ".join(counts) + "."
 
 
-def print_sweep(sweep: Sweep, patch: Path) -> None:
-    """The table of variants, the best first, and how to apply it. patch: the file with the best variant."""
-    paths = [path for path, _ in max((scored.variant.values for scored in sweep.variants), key=len)]
+def print_sweep(found: Sweep) -> None:
+    """The table of variants, the best first, and the command that applies the best."""
+    paths = max((list(one.values) for one in found.variants), key=len)
     columns = [Column("#", right=True), *(Column(name, right=True, shrink=True) for name in column_titles(paths))]
     columns += numbers(*_FIGURES)
-    shown = list(enumerate(sweep.variants[:ROWS], 1))
-    shown += [
-        (rank, scored) for rank, scored in enumerate(sweep.variants, 1) if rank > ROWS and not scored.variant.values
-    ]
-    print_table(columns, [_variant_row(rank, scored, paths) for rank, scored in shown])
-    for reason, ranks in _reasons(shown).items():
+    shown = [one for one in found.variants if one.rank <= ROWS or not one.values]
+    rows: list[list[Styled]] = []
+    reasons: dict[str, list[int]] = {}
+    for one in shown:
+        errors = [result for result in one.results if result.status == "error"]
+        if errors:
+            reasons.setdefault(errors[0].reasons[0], []).append(one.rank)
+        passed = f"{sum(result.status == 'passed' for result in one.results)} of {len(one.results)}"
+        rows.append(
+            [
+                str(one.rank),
+                *(one.values.get(path, "as it is") for path in paths),
+                *(percent(one.q_eoi), percent(one.q_avg), seconds(one.time), delay(one.delay, one.unseen)),
+                f"{one.feasible} of {one.choices}",
+                plain("error", "bold red") if errors else passed,
+            ]
+        )
+    print_table(columns, rows)
+    for reason, ranks in reasons.items():
         say(f"{', '.join(f'#{rank}' for rank in ranks)}: {reason}")
-    if len(sweep.variants) > len(shown):
-        say(plain(f"{len(sweep.variants) - len(shown)} more are in the document of --json.", "dim"))
+    if len(found.variants) > len(shown):
+        say(plain(f"{len(found.variants) - len(shown)} more are in the document of --json.", "dim"))
     say(plain("Figures are means over the choices of objects, of every task, that can be done.", "dim"))
     say()
-    _conclude(sweep, patch)
+    if found.patch is None:
+        say("None is better than the workspace as it is.")
+        return
+    values = ", ".join(f"{path} = {value}" for path, value in found.best.items())
+    among = "" if found.equals == 1 else f" Of {found.equals} that are as good it has the most room around it."
+    say(f"Best is {values}.{among} To have it:")
+    say_line(f"  patch {shlex.quote(found.file)} < {shlex.quote(found.patch)}")
 
 
 def column_titles(paths: list[str]) -> list[str]:
@@ -148,45 +168,13 @@ def column_titles(paths: list[str]) -> list[str]:
     return titles if len(set(titles)) == len(titles) else paths
 
 
-def _row(result: ComparedScore) -> list[Styled]:
-    score = result.score
+def _row(score: TaskScore) -> list[Styled]:
     status = plain(score.status, _STYLES[score.status])
     if score.best is None:
         return [score.workspace, score.task or "", "", "", "", "", "", status]
     best = score.best
     figures = [percent(best.q_eoi), percent(best.q_avg), seconds(best.time), delay(best.delay_worst, best.unseen)]
-    return [score.workspace, score.task or "", best.candidate.name, *figures, status]
-
-
-def _conclude(found: Sweep, patch: Path) -> None:
-    """Which values are best, and the command that sets them."""
-    if not found.patch:
-        say("None is better than the workspace as it is.")
-        return
-    values = ", ".join(f"{path} = {value}" for path, value in found.best.variant.values)
-    among = "" if found.equals == 1 else f" Of {found.equals} that are as good it has the most room around it."
-    say(f"Best is {values}.{among} To have it:")
-    say_line(f"  patch {shlex.quote(from_here(found.document.path))} < {shlex.quote(str(patch))}")
-
-
-def _variant_row(rank: int, scored: ScoredVariant, paths: list[str]) -> list[Styled]:
-    values = dict(scored.variant.values)
-    cells: list[Styled] = [str(rank), *(values.get(path, "as it is") for path in paths)]
-    figures = [percent(scored.q_eoi), percent(scored.q_avg), seconds(scored.time), delay(scored.delay, scored.unseen)]
-    figures.append(f"{scored.feasible} of {scored.choices}")
-    errors = scored.findings.count("error")
-    passed = f"{scored.passed} of {len(scored.findings.results)}"
-    return [*cells, *figures, plain("error", "bold red") if errors else passed]
-
-
-def _reasons(shown: list[tuple[int, ScoredVariant]]) -> dict[str, list[int]]:
-    """Why variants cannot be scored: each reason with the ranks of its variants."""
-    found: dict[str, list[int]] = {}
-    for rank, scored in shown:
-        errors = [result.score for result in scored.findings.results if result.score.status == "error"]
-        if errors:
-            found.setdefault(errors[0].reasons[0], []).append(rank)
-    return found
+    return [score.workspace, score.task or "", best.name, *figures, status]
 
 
 def _owner_and_end(words: list[str]) -> list[str]:

@@ -187,7 +187,7 @@ def test_a_prompt_shows_an_answer_as_one_short_line(cell, scores):
         "Check(tabletop: valid, 0 problems)",
         "Check(pickup green in tabletop: 5 of 6 candidates feasible, valid, 0 problems)",
         "Scene(tabletop: 6 cameras, 11 objects)",
-        "Scores(1 of 1 task passed)",
+        "Scorecard(1 of 1 task passed)",
     ]
 
 

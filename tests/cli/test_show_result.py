@@ -23,10 +23,14 @@ WATCH = Path(__file__).parents[1] / "cases" / "watch"
         ("rank", WATCH, "watch green", "--dt", "0.5", "--ways", "all", "--calibration", "5 mm, 0.5 deg"),
         ("explain", WATCH, "watch seen"),
         ("explain", WATCH, "watch cube", "--all"),
+        ("score", WATCH, "--samples", "3"),
+        ("score", WATCH, "--samples", "3", "--vary", "cameras.eye.near=0.5:0.6:2"),
+        ("diff", WATCH, WATCH, "--samples", "3"),
     ],
     ids=lambda command: " ".join(map(str, command)).replace(str(WATCH), "watch"),
 )
-def test_a_saved_result_is_shown_as_its_command_showed_it(sqrp, tmp_path, command):
+def test_a_saved_result_is_shown_as_its_command_showed_it(sqrp, tmp_path, command, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     file = tmp_path / "result.json"
     file.write_text(sqrp(*command, "--json").out, encoding="utf-8")
     assert sqrp("show", file).out == sqrp(*command).out.partition("\n\nHow much of that is enough")[0]

@@ -35,7 +35,7 @@ def outcome() -> Outcome:
         computer.compute([first], lambda _: None)
         best = computer.outcome(first)
         assert best is not None
-        way = replace(first, candidate=best.way)
+        way = replace(first, candidate=best.assessment.way)
         computer.compute([way], lambda _: None, coverage=True)
         found = computer.outcome(way, coverage=True)
     assert found is not None
@@ -68,11 +68,11 @@ def test_kept_results_have_the_figures_of_each_step(outcome: Outcome) -> None:
 
 def test_what_a_narrower_camera_no_longer_sees_is_said_with_the_step(compared: Scorecard) -> None:
     (result,) = compared.results
-    assert result.comparison is not None
-    change = next(one for one in result.comparison.ways if one.way == "peg2 then peg2 socket")
-    losses = {(loss.literal, loss.camera): loss for loss in change.losses}
+    assert result.baseline is not None
+    change = next(one for one in result.baseline.ways if one.way == "peg2 then peg2 socket")
+    losses = {(loss.literal, loss.camera): loss for loss in change.lost}
     assert ("2.inserted(peg2)", "left") in losses
     assert {"1.hold(peg2)", "2.hold(peg2)"} <= {literal for literal, _ in losses}
-    best = change.losses[0].stretch
-    first = result.score.ways[change.way].steps[0].time
+    best = change.lost[0]
+    first = result.ways[change.way].steps[0].time
     assert best.start > first

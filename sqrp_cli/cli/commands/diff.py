@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from sqrp_cli.api.results import Difference
 from sqrp_cli.ask import requests, values
 from sqrp_cli.ask.request import Command, argument, option
 from sqrp_cli.ask.values import PATH
@@ -42,12 +41,12 @@ def diff(_context: Any, ask: DiffCommand) -> ExitCode:  # noqa: ANN401 - Typer's
         means = Means(ask.sampling or Adaptive(), ask.jobs, workers, ask.out, ask.seed)
         old, new = read_versions(ask.before, ask.after)
         if not ask.json and old.content == new.content:  # nothing can differ, not even what is computed
-            return show(Difference(Scorecard(())), as_json=ask.json)
+            return show(Scorecard(document="diff", results=()), as_json=ask.json)
         with open_computer(means) as computer:
             findings = difference(old, new, computer, ask.allow, progress)
         if findings.count("error"):
             raise InputError(*why_not_scored(findings))
-        return show(Difference(findings), as_json=ask.json)
+        return show(findings, as_json=ask.json)
 
 
 command = command_of(DiffCommand, diff)

@@ -88,7 +88,13 @@ def explain(context: Any, ask: ExplainCommand) -> ExitCode:  # noqa: ANN401 - Ty
 
     if ask.watch:
         return watched(context, {"--json": ask.json})
-    _check_options(ask)
+    # Raises InputError for options that exclude each other, and where no pictures can be written.
+    if ask.all:
+        check_excluded("--all", {"--choose": ask.choose if ask.choose != "best" else None})
+    if ask.images is not None:
+        from sqrp_cli.report.pictures.pictures import check_pictures
+
+        check_pictures(ask.images)
     if not ask.task:
         return _explain_program(ask)
     workspace, after = Start.of(ask.workspace, ask.after)
@@ -122,16 +128,6 @@ def _explain_program(ask: ExplainCommand) -> ExitCode:
         raise InputError(Problem("no-program", message, mend=mend))
     answer(open_program(file, seed=ask.seed).explain(ask.step, option=ask.called("step")), as_json=ask.json)
     return ExitCode.OK
-
-
-def _check_options(ask: ExplainCommand) -> None:
-    """Raises InputError for options that exclude each other, and where no pictures can be written."""
-    if ask.all:
-        check_excluded("--all", {"--choose": ask.choose if ask.choose != "best" else None})
-    if ask.images is not None:
-        from sqrp_cli.report.pictures.pictures import check_pictures
-
-        check_pictures(ask.images)
 
 
 def _say_more(found: Explanation, cell: Workspace, workspace: Path, after: Path | None, ask: ExplainCommand) -> None:

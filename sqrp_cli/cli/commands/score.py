@@ -7,21 +7,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sqrp_cli.api.results import Scores
 from sqrp_cli.ask import requests, values
 from sqrp_cli.ask.request import Command, argument, option
 from sqrp_cli.ask.values import FLAG, PATH
 from sqrp_cli.cli.command import command_of
 from sqrp_cli.cli.options import Patches, answer, check_needed, check_report, note_late
 from sqrp_cli.cli.watch import watched
-from sqrp_cli.document import as_text
 from sqrp_cli.errors import ExitCode, InputError, bad_option
 from sqrp_cli.platform.files import check_distinct, check_not_read, check_writable
 
 if TYPE_CHECKING:
     from sqrp_cli.api.scores import ScoreRun
     from sqrp_cli.scoring.scorecard import Expected, Scorecard
-    from sqrp_cli.scoring.sweep import Sweep
     from sqrp_cli.scoring.work.compute import Means
 
 NAME = "score"
@@ -154,14 +151,14 @@ def _score(ask: ScoreCommand, expected: Expected | None, means: Means, arguments
         if findings is None:
             raise
         note("interrupted before all files were written")
-        findings = replace(findings, interrupted=True)
+        findings = replace(findings, interrupted=True, unfinished=findings.unfinished or 0)
     except InputError:  # a file that cannot be written takes nothing from what was scored
         if findings is not None and not nothing_scored(findings):
-            show(Scores(findings), as_json=ask.json)
+            show(findings, as_json=ask.json)
         raise
     if nothing_scored(findings):
         raise InputError(*why_not_scored(findings))
-    return show(Scores(findings), as_json=ask.json)
+    return show(findings, as_json=ask.json)
 
 
 def _findings(run: ScoreRun) -> Scorecard:
@@ -174,17 +171,18 @@ def _findings(run: ScoreRun) -> Scorecard:
             note(f"{cell.name} lists no tasks")
     findings = run.score()
     print_problems(run.doubts)
-    note(run.count(interrupted=findings.interrupted))
+    note(run.count(interrupted=bool(findings.interrupted)))
     return findings
 
 
-def show(scores: Scores, *, as_json: bool) -> ExitCode:
+def show(findings: Scorecard, *, as_json: bool) -> ExitCode:
     """Print the findings; returns their exit code."""
-    answer(scores, as_json=as_json)
-    return _code(scores.findings)
+    answer(findings, as_json=as_json)
+    return exit_code(findings)
 
 
-def _code(findings: Scorecard) -> ExitCode:
+def exit_code(findings: Scorecard) -> ExitCode:
+    """What a scoring run ends with."""
     if findings.interrupted:
         return ExitCode.INTERRUPTED
     if findings.count("error"):
@@ -194,6 +192,7 @@ def _code(findings: Scorecard) -> ExitCode:
 
 def _vary(ask: ScoreCommand, means: Means) -> ExitCode:
     """Score variants, print them and write the best as a patch."""
+    from sqrp_cli.api.scores import nothing_scored, why_not_scored
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.scoring.score import find_workspaces, short_names, wanted_of
     from sqrp_cli.scoring.sweep import grid_shape, read_variants, read_variation, sweep, variants
@@ -217,30 +216,18 @@ def _vary(ask: ScoreCommand, means: Means) -> ExitCode:
         assessments = [outcome.assessment for outcome in map(computer.outcome, wants) if outcome is not None]
     print_problems(problem for problem in read[0].cell.problems if problem.severity == "warning")
     print_problems(intervals_outside(assessments))
-    if not found.interrupted:
-        return _show_sweep(found, name, patch, as_json=ask.json)
-    count = len(read)
-    note(f"interrupted before all {count} variants were scored, so none is named the best and no patch is written")
-    return ExitCode.INTERRUPTED
-
-
-def _show_sweep(found: Sweep, name: str, patch: Path, *, as_json: bool) -> ExitCode:
-    """Print the variants of a workspace and write the best as a patch; returns its exit code."""
-    from sqrp_cli.api.scores import nothing_scored, why_not_scored
-    from sqrp_cli.report.documents.scores import VaryDocument
-    from sqrp_cli.terminal.console import say_raw
-    from sqrp_cli.terminal.score_table import print_sweep
-
+    if found.interrupted:
+        what = f"all {len(read)} variants were scored, so none is named the best and no patch is written"
+        note(f"interrupted before {what}")
+        return ExitCode.INTERRUPTED
     each = [variant.findings for variant in found.variants]
     if nothing_scored(*each):
         raise InputError(*why_not_scored(*each))
-    if found.patch:
-        PATCHES.write(patch, found.patch)
-    if as_json:
-        say_raw(as_text(VaryDocument.of(found, name, str(patch) if found.patch else None)))
-    else:
-        print_sweep(found, patch)
-    return _code(found.best.findings)
+    if content := found.best_patch:
+        PATCHES.write(patch, content)
+        found = replace(found, patch=str(patch))
+    answer(replace(found, workspace=name), as_json=ask.json)
+    return exit_code(found.variants[0].findings)
 
 
 command = command_of(ScoreCommand, score)

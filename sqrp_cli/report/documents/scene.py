@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -354,12 +354,14 @@ def _objects(workspace: Workspace, cell: Cell) -> dict[str, ObjectScene]:
 
 def _opaque_parts(cell: Cell) -> list[Part]:
     tool = [part for part in cell.model.parts if part.parent in cell.model.tool_links]
-    shaped = [one for one in cell.workspace.objects.values() if not _is_plain_box(one.parts, one.size)]
+    shaped = [
+        one
+        for one in cell.workspace.objects.values()
+        if not (
+            len(one.parts) == 1 and one.parts[0].shape == Box(one.size) and np.array_equal(one.parts[0].X_PG, np.eye(4))
+        )
+    ]
     return [*tool, *(part for one in shaped for part in one.parts)]
-
-
-def _is_plain_box(parts: Sequence[Part], size: tuple[float, float, float]) -> bool:
-    return len(parts) == 1 and parts[0].shape == Box(size) and np.array_equal(parts[0].X_PG, np.eye(4))
 
 
 def _shape(shape: Shape) -> dict[str, Any]:

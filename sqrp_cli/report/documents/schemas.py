@@ -28,11 +28,12 @@ from sqrp_cli.report.documents.explanation import ExplainedAll, Explanation
 from sqrp_cli.report.documents.placing import PlaceDocument
 from sqrp_cli.report.documents.programs import ProgramDocument
 from sqrp_cli.report.documents.scene import InitDocument, ShowDocument
-from sqrp_cli.report.documents.scores import ScoreDocument, VaryDocument
 from sqrp_cli.runtime.audit.report import AuditDocument
 from sqrp_cli.runtime.cell.robot_file import RobotFile
 from sqrp_cli.runtime.record.events import Event
 from sqrp_cli.runtime.record.report import RunReport, SweepDocument
+from sqrp_cli.scoring.scorecard import Scorecard
+from sqrp_cli.scoring.sweep import Sweep
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 """The dialect of the schemas."""
@@ -60,8 +61,8 @@ DOCUMENTS: Mapping[str, Any] = {
     "run": RunReport | SweepDocument,
     "audit": AuditDocument,
     "calibrate": CalibrateDocument,
-    "score": ScoreDocument | VaryDocument,
-    "diff": ScoreDocument,
+    "score": Scorecard | Sweep,
+    "diff": Scorecard,
     "show": ShowDocument,
     "init": InitDocument,
     "rules": RulesDocument,
@@ -81,7 +82,11 @@ def schema_of(name: str) -> dict[str, Any]:
     Raises InputError for other names.
     """
     if name in FILES:
-        return _file_schema(name)
+        # JSON Schema (2020-12) of the files of that name, one of `FILES`.
+        schema = FILES[name].model_json_schema(schema_generator=_Generator)
+        for called, definition in schema["$defs"].items():
+            definition["title"] = called
+        return {"$schema": DIALECT, **schema}
     if name not in NAMES:
         raise InputError(Problem("bad-option", f"there is no schema of `{name}`; {expected_names(name, NAMES)}"))
     found = {**DOCUMENTS, **RECORDS}[name]
@@ -121,14 +126,6 @@ def _texts(record: type) -> Mapping[str, str]:
         if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
         if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant) and isinstance(text.value.value, str)
     }
-
-
-def _file_schema(name: str) -> dict[str, Any]:
-    """JSON Schema (2020-12) of the files of that name, one of `FILES`."""
-    schema = FILES[name].model_json_schema(schema_generator=_Generator)
-    for called, definition in schema["$defs"].items():
-        definition["title"] = called
-    return {"$schema": DIALECT, **schema}
 
 
 class _Generator(_Described):

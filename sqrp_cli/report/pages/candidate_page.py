@@ -13,7 +13,7 @@ import numpy as np
 from sqrp_cli.document import Pose, Record
 from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.pipeline import Assignment, Explained, described
+from sqrp_cli.programming.pipeline import Assignment, Explained
 from sqrp_cli.programming.result import CandidateResult, Ranking
 from sqrp_cli.report import sentences
 from sqrp_cli.report.documents.explanation import CandidateStudy
@@ -66,7 +66,7 @@ def write_scores(
     means: how they were computed. arguments: of the command.
     """
     usable = [cell for cell in cells if cell.workspace is not None and cell.tasks]
-    scores = [result.score for result in findings.results]
+    scores = findings.results
     scenes: list[CellScene] = []
     entries: list[PageRow] = [_score(score, None, None) for score in scores if score.task is None]
     for scene, found in computed(lambda cell: _scored(cell, scores, means), usable, means.jobs, progress):
@@ -105,7 +105,7 @@ def candidate_rows(ranking: Sequence[CandidateResult], details: Sequence[str | N
 
 
 def _score(score: TaskScore, scene: int | None, detail: str | None) -> PageRow:
-    best = None if score.best is None else described(score.best)
+    best = score.best
     labels = {
         "workspace": score.workspace,
         "task": score.task or "",

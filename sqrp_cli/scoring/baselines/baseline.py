@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, PlainSerializer, PlainValidator, ValidationError
 from pydantic_core import PydanticCustomError
 
+from sqrp_cli.document import Record
 from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.knowledge.text.entries import Entry
 from sqrp_cli.knowledge.text.input_file import missing_file, read_text
@@ -23,7 +24,7 @@ from sqrp_cli.programming.coverage.blind_spans import Coverage
 from sqrp_cli.programming.coverage.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.ways.grips import choice_in_words
-from sqrp_cli.scoring.baselines.changes import WORKSPACE, fields_of
+from sqrp_cli.scoring.changes import WORKSPACE, fields_of
 from sqrp_cli.scoring.score import ScoredCell, TaskScore
 from sqrp_cli.scoring.work.results import CoverageRecord, Seconds
 from sqrp_cli.shown import json_line
@@ -90,19 +91,18 @@ class WayRecord(Entry):
         return None if self.coverage is None else self.coverage.coverage()
 
     @staticmethod
-    def of(ranked: CandidateResult, coverage: Coverage | None) -> WayRecord:
+    def of(found: CandidateResult, coverage: Coverage | None) -> WayRecord:
         """The record of a candidate."""
-        assessment = ranked
         return WayRecord(
-            candidate=assessment.candidate.name,
-            choice=choice_in_words(assessment.candidate, assessment.way) if assessment.feasible else None,
-            feasible=assessment.feasible,
-            reasons=assessment.reasons,
-            time=assessment.time,
-            q_avg=assessment.q_avg,
-            q_eoi=assessment.q_eoi,
-            delay=assessment.delay_worst,
-            unseen=assessment.unseen,
+            candidate=found.candidate.name,
+            choice=choice_in_words(found.candidate, found.way) if found.feasible else None,
+            feasible=found.feasible,
+            reasons=found.reasons,
+            time=found.time,
+            q_avg=found.q_avg,
+            q_eoi=found.q_eoi,
+            delay=found.delay_worst,
+            unseen=found.unseen,
             coverage=None if coverage is None else CoverageRecord.of(coverage),
         )
 
@@ -225,7 +225,7 @@ def _option(sampling: Sampling) -> str:
 
 
 @dataclass(frozen=True)
-class VanishedTask:
+class VanishedTask(Record):
     """A task that exists only in the baseline."""
 
     workspace: str

@@ -73,7 +73,10 @@ class Cluster:
         for _, group in groupby(range(len(jobs)), key=lambda index: jobs[index].workspace.digest):
             indices = list(group)
             files = jobs[indices[0]].workspace.files.items()
-            contents = {digest: self._content(path, digest) for path, digest in files}
+            contents = {
+                digest: self.client.submit(bytes, read_input(path, LARGEST), key=f"sqrp-file-{digest}")
+                for path, digest in files
+            }
             packed = [pickle.dumps(jobs[index], pickle.HIGHEST_PROTOCOL) for index in indices]
             told = {"program": program_digest(), "contents": contents, "pure": False}
             number.update(zip(self.client.map(run_packed, packed, **told), indices, strict=True))
@@ -90,9 +93,6 @@ class Cluster:
             if enough():
                 self.client.cancel(list(number))
                 return
-
-    def _content(self, path: Path, digest: str) -> Any:  # noqa: ANN401 # a future of Dask's
-        return self.client.submit(bytes, read_input(path, LARGEST), key=f"sqrp-file-{digest}")
 
 
 @contextmanager
@@ -166,7 +166,17 @@ def _client(cluster: str, tls: Tls | None) -> Any:  # noqa: ANN401 # a client of
     _distrust()
     try:
         security = distributed.Security() if tls is None else _security(tls)
-        address = _checked_address(cluster)
+        # The address of a scheduler, read from its file if a file is given.
+        from distributed.comm import parse_address, parse_host_port
+        from distributed.comm.registry import get_backend
+
+        path = Path(cluster)
+        address = _address_in(path) if path.is_file() else cluster
+        scheme, place = parse_address(address)
+        get_backend(scheme)
+        _, port = parse_host_port(place)
+        if not 0 < port < 2**16:
+            raise ValueError(f"there is no port {port}")
         asyncio.run(asyncio.wait_for(_greeted(address, security), CONNECT_TIMEOUT))
         return distributed.Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False, security=security)
     except MemoryError as error:  # the first bytes of a greeting say how long it is
@@ -224,24 +234,6 @@ async def _greeted(address: str, security: Any) -> None:  # noqa: ANN401 # of Da
 
     comm = await connect(address, timeout=CONNECT_TIMEOUT, **security.get_connection_args("client"))
     comm.abort()
-
-
-def _checked_address(cluster: str) -> str:
-    """The address of a scheduler, read from its file if a file is given.
-
-    Raises ValueError, TypeError or LookupError for a bad one, since a client without an address fails when it ends.
-    """
-    from distributed.comm import parse_address, parse_host_port
-    from distributed.comm.registry import get_backend
-
-    path = Path(cluster)
-    address = _address_in(path) if path.is_file() else cluster
-    scheme, place = parse_address(address)
-    get_backend(scheme)
-    _, port = parse_host_port(place)
-    if not 0 < port < 2**16:
-        raise ValueError(f"there is no port {port}")
-    return address
 
 
 def _address_in(path: Path) -> str:

@@ -23,7 +23,7 @@ from pydantic import Field
 
 from sqrp_cli.errors import InputError, Place, bad_input
 from sqrp_cli.figures import FaultMetrics, Qualities
-from sqrp_cli.geometry import Mask, read_only
+from sqrp_cli.geometry import read_only
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.skill.skill import Skill
 from sqrp_cli.knowledge.text.entries import Entry
@@ -116,7 +116,10 @@ def _read(value: Any, skills: Mapping[str, Skill]) -> Any:  # noqa: ANN401 # a v
         case "array":
             return read_only(entries["of"])
         case "mask":
-            return _mask(entries["of"], tuple(entries["shape"]))
+            text = entries["of"]
+            shape = tuple(entries["shape"])
+            bits = np.frombuffer(base64.b64decode(text), dtype=np.uint8)
+            return np.unpackbits(bits, count=int(np.prod(shape))).astype(bool).reshape(shape)
         case "float":
             return float(entries["of"])
         case "Skill":
@@ -155,11 +158,6 @@ def _fits(value: Any, hint: Any) -> bool:  # noqa: ANN401 # a value and a type o
     if hint is float:
         return isinstance(value, float | int) and not isinstance(value, bool)
     return isinstance(value, of or hint) and (hint is bool or not isinstance(value, bool))
-
-
-def _mask(text: str, shape: tuple[int, ...]) -> Mask:
-    bits = np.frombuffer(base64.b64decode(text), dtype=np.uint8)
-    return np.unpackbits(bits, count=int(np.prod(shape))).astype(bool).reshape(shape)
 
 
 LOCK = ".lock"

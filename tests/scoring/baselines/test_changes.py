@@ -10,7 +10,7 @@ import pytest
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.scoring.baselines.baseline import baseline_of
-from sqrp_cli.scoring.baselines.changes import workspace_changes
+from sqrp_cli.scoring.changes import workspace_changes
 from sqrp_cli.scoring.score import read_cell
 from sqrp_cli.scoring.work.identity import content_digest
 

@@ -9,10 +9,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.scoring.baselines.baseline import WayRecord
-from sqrp_cli.scoring.baselines.comparison import Loss, Shift, WayChange
+from sqrp_cli.scoring.changes import LostView, Shift, WayChange
 from sqrp_cli.scoring.score import ScoredCell, read_cell
 from sqrp_cli.scoring.scorecard import difference
 from sqrp_cli.scoring.work.compute import Means, open_computer
@@ -38,7 +37,7 @@ def test_another_way_is_said_and_what_got_better_is_not_hidden():
 )
 def test_a_difference_is_called_worse_only_where_nothing_got_better(capsys, shifts, mark):
     comparison = SimpleNamespace(ways=[WayChange("g4", "g4", "g4", shifts)], verdict="regressed", gone=())
-    result = SimpleNamespace(comparison=comparison, score=SimpleNamespace(task="pickup g4"))
+    result = SimpleNamespace(baseline=comparison, task="pickup g4")
     print_difference(SimpleNamespace(interrupted=False, changes={}, results=[result], vanished=()))
     assert f"\n  {mark:6}  pickup g4 for g4: " in capsys.readouterr().out
 
@@ -54,7 +53,7 @@ def test_a_way_of_an_old_baseline_is_read():
 
 @pytest.mark.parametrize(("start", "end", "said"), [(5.002, 5.016, "5.002 s to 5.016 s"), (1.0, 2.5, "1.0 s to 2.5 s")])
 def test_a_short_loss_has_two_ends(start, end, said):
-    assert f"from {said}:" in str(Loss("hold(g4)", "cam6", Stretch(start, end), "hidden by suction_cup"))
+    assert f"from {said}:" in str(LostView("hold(g4)", "cam6", start, end, "hidden by suction_cup"))
 
 
 def with_camera_at(height: str) -> ScoredCell:
@@ -71,11 +70,11 @@ def test_no_camera_is_blamed_where_the_robot_moves_in_another_way():
             with_camera_at("1.404"), with_camera_at("1.504"), computer, 0.5, lambda *_: nullcontext(lambda _: None)
         )
     (result,) = found.results
-    assert result.comparison is not None
-    (change,) = result.comparison.ways
-    assert result.score.ways["g4"].way.values["approach_yaw"] == pytest.approx(-math.pi / 2)
-    assert (change.worse, change.another_way, change.losses) == (True, True, ())
-    (reason,) = result.score.reasons
+    assert result.baseline is not None
+    (change,) = result.baseline.ways
+    assert result.ways["g4"].way.values["approach_yaw"] == pytest.approx(-math.pi / 2)
+    assert (change.worse, change.another_way, change.lost) == (True, True, ())
+    (reason,) = result.reasons
     assert "g4 now goes another way: left, flipped, -90 deg instead of left, flipped, 90 deg" in reason
     assert "no longer sees" not in reason
 
