@@ -23,9 +23,9 @@ from sqrp_cli.ask.requests import (
 from sqrp_cli.errors import InputError, Problem, bad_option
 
 if TYPE_CHECKING:
-    from sqrp_cli.api.advice import TaskAdvice
     from sqrp_cli.api.placing import CellPlacement
     from sqrp_cli.knowledge.workspace.workspace import Workspace
+    from sqrp_cli.programming.advice.result import AdviceDocument
     from sqrp_cli.programming.cell import Cell
     from sqrp_cli.programming.result import Ranking
     from sqrp_cli.report.documents.explanation import ExplainedAll, Explanation
@@ -89,22 +89,11 @@ def explained(cell: OpenCell, ask: ExplainRequest) -> Explanation | ExplainedAll
     )
 
 
-def advised(cell: OpenCell, ask: AdviseRequest) -> TaskAdvice:
+def advised(cell: OpenCell, ask: AdviseRequest) -> AdviceDocument:
     """The least changes that let the cameras see enough: of the motion, of objects, of cameras."""
     from sqrp_cli.api.advice import find_advice
-    from sqrp_cli.api.session import Session
 
-    return find_advice(
-        Session.begin(cell.cell, ask),
-        cell.path,
-        content=cell.content,
-        want=ask.want,
-        choose=ask.choose,
-        kinds=ask.kinds,
-        out=ask.out,
-        jobs=ask.jobs,
-        progress=ask.progress,
-    )
+    return find_advice(cell.cell, ask, cell.content)
 
 
 def checked(cell: OpenCell, ask: CheckRequest) -> Check:

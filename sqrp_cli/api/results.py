@@ -29,7 +29,7 @@ KINDS: Mapping[str, str] = {
     "rank": "sqrp_cli.programming.result:Ranking",
     "explain": "sqrp_cli.report.documents.explanation:Explanation",
     "explain --all": "sqrp_cli.report.documents.explanation:ExplainedAll",
-    "advise": "sqrp_cli.report.documents.advice:AdviceDocument",
+    "advise": "sqrp_cli.programming.advice.result:AdviceDocument",
     "place": "sqrp_cli.report.documents.placing:PlaceDocument",
     "check": "sqrp_cli.report.documents.checks:CheckDocument",
     "rules": "sqrp_cli.report.documents.checks:RulesDocument",

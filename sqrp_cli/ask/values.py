@@ -292,7 +292,7 @@ PLANNER = Kind(str, _planner)
 
 def _kinds(value: object, name: str) -> Any:  # noqa: ANN401 - kinds of changes
     """Kinds of changes, in a list or parted by commas."""
-    from sqrp_cli.programming.advice.change import read_kinds
+    from sqrp_cli.programming.advice.moves import read_kinds
 
     said = value.split(",") if isinstance(value, str) else texts("kinds of changes").read(value, name)
     kinds = [one.strip() for one in said]

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from math import ceil, degrees, inf
+from math import ceil, inf
 from typing import TYPE_CHECKING
 
 from sqrp_cli.programming.ranking import criterion_figure
 from sqrp_cli.programming.result import CandidateResult, Criterion, SamplingDone
 
 if TYPE_CHECKING:
-    from sqrp_cli.programming.advice.change import Kind, ProposedChange
+    from sqrp_cli.programming.advice.moves import Kind
     from sqrp_cli.programming.coverage.in_the_way import ObjectToMove
     from sqrp_cli.programming.sensing.observer import HidingPart
 
@@ -148,41 +148,6 @@ def accuracy(done: SamplingDone, feasible: Sequence[CandidateResult]) -> str:
 def short_times(text: str) -> str:
     """A text in which the times of formulas have two decimals."""
     return _INTERVAL.sub(lambda interval: _TIME.sub(lambda t: f"{float(t[0]):.2f}", interval[0]), text)
-
-
-def change_in_words(change: ProposedChange) -> str:
-    """A change as an instruction, such as `move cam1 10.9 cm, mostly -z, and turn it 5.2 deg`."""
-    size, values = shown_size(change.size, change.unit), change.values
-    match change.kind:
-        case "way" | "path":
-            return f"do {change.target} {change.said}"
-        case "aim":
-            return f"turn {change.target} {size}, {_mostly(values, ('right', 'up'), ('left', 'down'))}"
-        case "lens":
-            return f"{'widen' if values[0] > 0 else 'narrow'} the view of {change.target} by {size}"
-        case "camera":
-            return f"add {change.target} at {', '.join(f'{value:z.2f}' for value in values)} m"
-        case _:
-            turn = f", and turn it {shown_size(change.turn, 'rad')}" if change.turn else ""
-            return f"move {change.target} {size}, {_mostly(values, ('+x', '+y', '+z'), ('-x', '-y', '-z'))}{turn}"
-
-
-def shown_size(size: float, unit: str) -> str:
-    """A size as people say it: centimetres or degrees."""
-    match unit:
-        case "m":
-            return f"{100 * size:.1f} cm" if size < 1 else f"{size:.2f} m"
-        case "rad":
-            return f"{degrees(size):.1f} deg"
-        case _:
-            return ""
-
-
-def _mostly(values: Sequence[float], forward: Sequence[str], back: Sequence[str]) -> str:
-    axis = max(range(len(values)), key=lambda index: abs(values[index]))
-    length = sum(value * value for value in values) ** 0.5
-    word = (forward if values[axis] > 0 else back)[axis]
-    return word if abs(values[axis]) > 0.98 * length else f"mostly {word}"
 
 
 def _two_digits(value: float) -> str:

@@ -181,19 +181,18 @@ def _advise(job: Search, say: _Teller) -> None:
     line = ("advise", job.task, "--choose", job.chosen)
     offers = [
         Offer(words=one.words, line=(*line, "--apply", str(number)), content=found.patched(number))
-        for number, one in enumerate(found.document.advice, 1)
+        for number, one in enumerate(found.advice, 1)
         if one.patch
     ]
-    document = found.document
-    title = f"{document.candidate} is to have {found.wish}"
+    title = f"{found.candidate} is to have {found.want}"
     if found.met:
         title += ": it has that already"
-    elif not document.advice:
+    elif not found.advice:
         title += ": no change meets that" + (f"; {found.first}" if found.first else "")
-    unwritten = [f"{one.words} ({one.unwritten})" for one in document.advice if not one.patch]
+    unwritten = [f"{one.words} ({one.unwritten})" for one in found.advice if not one.patch]
     changes = [
         {"words": one.words, "q_eoi": one.q_eoi, "q_avg": one.q_avg, "worse": list(one.worse)}
-        for one in document.advice
+        for one in found.advice
         if one.patch
     ]
     say("offers", offers, title=title, unwritten=unwritten, changes=changes)

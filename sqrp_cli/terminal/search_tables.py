@@ -5,9 +5,11 @@ from __future__ import annotations
 from itertools import groupby
 from time import monotonic
 
+from sqrp_cli.programming.advice.moves import MOTION, shown_size
+from sqrp_cli.programming.advice.result import AdviceDocument, AdvisedFigures
 from sqrp_cli.programming.advice.wish import Wish
-from sqrp_cli.report.documents import advice, placing
-from sqrp_cli.report.sentences import KIND_WORDS, shown_size
+from sqrp_cli.report.documents import placing
+from sqrp_cli.report.sentences import KIND_WORDS
 from sqrp_cli.terminal.console import (
     Column,
     Styled,
@@ -27,19 +29,17 @@ from sqrp_cli.terminal.progress_lines import PERIOD, wanted
 _FIGURES = ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nat worst", "up to")
 
 
-def print_advice(
-    found: advice.AdviceDocument, wish: Wish, *, fastest: bool, fixed: bool, written: bool = False
-) -> None:
+def print_advice(found: AdviceDocument, *, written: bool = False) -> None:
     """The table with a row for each change that meets the wish, why other kinds do not, and what to do.
 
-    fastest: whether the figures of before are those with `--ways fastest`, else of the best way. fixed: whether the
-    motion stays as it is. written: whether a change was written to a file.
+    written: whether a change was written to a file.
     """
-    say(joined([(found.task, "bold"), f" in {found.workspace}: {found.candidate} is to have {wish}\n"]))
-    as_it_is = "As it moves with --ways fastest" if fastest else "In its best way, as rank takes it"
+    say(joined([(found.task, "bold"), f" in {found.workspace}: {found.candidate} is to have {found.want}\n"]))
+    as_it_is = "As it moves with --ways fastest" if found.starts_fastest else "In its best way, as rank takes it"
     say(f"{as_it_is}, it has {_figures(found.before, found.want)}.")
     if found.met:
         say("\nThat is met already: nothing has to change.")
+        _say_assumed(found.assumed)
         return
     if found.best is not None:
         say(
@@ -48,34 +48,50 @@ def print_advice(
         )
     if found.advice:
         say()
-        columns = [*numbers("#"), Column("change", shrink=True), *numbers(*_FIGURES)]
-        print_table(columns, [_row(number, one) for number, one in enumerate(found.advice, 1)])
-    for number, one in enumerate(found.advice, 1):
-        for cost in advice.costs(one.tasks):
-            say(joined([(f"#{number} costs", "red"), f" {cost}"]), indent=4)
-    if held := advice.held_ways(found.advice, fixed=fixed):
-        say(held)
+        rows: list[list[Styled]] = []
+        for number, one in enumerate(found.advice, 1):
+            room = "-" if one.margin is None else shown_size(one.size + one.margin.more, one.unit)
+            figures = [percent(one.q_eoi), percent(one.q_avg), seconds(one.time), delay(one.delay_worst, one.unseen)]
+            rows.append([str(number), one.words, *figures, room])
+        print_table([*numbers("#"), Column("change", shrink=True), *numbers(*_FIGURES)], rows)
+    for number, cost in ((number, cost) for number, one in enumerate(found.advice, 1) for cost in one.costs):
+        say(joined([(f"#{number} costs", "red"), f" {cost}"]), indent=4)
+    if found.held:
+        say(found.held)
     for why, same in groupby((one for one in found.kinds if not one.found), key=lambda one: one.why):
         outcomes = list(same)
-        names = ", ".join(KIND_WORDS[outcome.kind] for outcome in outcomes)
-        say(joined([("no   ", "dim"), f" {names}: {why}"]), indent=6)
-        for outcome in outcomes:
-            _print_nearest(outcome)
+        say(joined([("no   ", "dim"), f" {', '.join(KIND_WORDS[one.kind] for one in outcomes)}: {why}"]), indent=6)
+        for nearest in (one.nearest for one in outcomes if one.nearest is not None):
+            then = f"nearest: {nearest.words}, then {'; '.join(nearest.missing)}"
+            near, about = (then, "") if nearest.nearer else ("nothing comes nearer", f"to {nearest.words}: ")
+            say(plain(f"      {near}{f' ({about}{nearest.limit})' if nearest.limit else ''}", "dim"), indent=6)
     say()
-    _conclude(found, fixed=fixed, written=written)
+    _conclude(found, written=written)
+    _say_assumed(found.assumed)
 
 
-def _conclude(found: advice.AdviceDocument, *, fixed: bool, written: bool) -> None:
-    """One sentence that says what to do."""
+def _say_assumed(assumed: str) -> None:
+    if assumed:
+        say(f"Delays: {assumed}.")
+
+
+def _conclude(found: AdviceDocument, *, written: bool) -> None:
+    """One sentence that says what to do; where nothing was found, what comes nearest or has to be done before."""
     if found.interrupted:
         say("Interrupted before all kinds were searched.")
     if not found.advice:
-        _conclude_without(found)
+        nothing = "Nothing that was searched so far" if found.interrupted else "Nothing"
+        if found.nearest is not None:
+            say(f"{nothing} meets the wish. {found.nearest}.")
+        elif found.first:
+            say(f"No change helps: {found.first}.")
+            say_command("These steps as a program:", "sqrp check WORKSPACE TASK --program FILE")
+        elif found.kinds:
+            say("Nothing that was tried meets the wish.")
         return
-    motion = ("way", "path")
-    number = next((n for n, one in enumerate(found.advice, 1) if one.kind in motion or not one.worse), 1)
+    number = next((n for n, one in enumerate(found.advice, 1) if one.kind in MOTION or not one.worse), 1)
     one = found.advice[number - 1]
-    judged = " with --ways fastest" if fixed else ""
+    judged = " with --ways fastest" if found.ways == "fastest" else ""
     cost = "what it costs is said above" if one.worse else f"no task gets worse{judged}"
     words = one.words
     say(f"{words[0].upper()}{words[1:]}: {found.candidate} then has {_figures(one, found.want)}, and {cost}.")
@@ -85,34 +101,7 @@ def _conclude(found: advice.AdviceDocument, *, fixed: bool, written: bool) -> No
         say(f"No patch: {one.unwritten}.")
 
 
-def _conclude_without(found: advice.AdviceDocument) -> None:
-    """What comes nearest, and what has to be done before, where nothing was found."""
-    nothing = "Nothing that was searched so far" if found.interrupted else "Nothing"
-    if found.nearest is not None:
-        say(f"{nothing} meets the wish. {advice.nearest_in_words(found.nearest)}.")
-    elif found.first:
-        say(f"No change helps: {found.first}.")
-        say_command("These steps as a program:", "sqrp check WORKSPACE TASK --program FILE")
-    elif found.kinds:
-        say("Nothing that was tried meets the wish.")
-
-
-def _row(number: int, one: advice.AdviceFound) -> list[Styled]:
-    room = "-" if one.margin is None else shown_size(one.size + one.margin.more, one.unit)
-    figures = [percent(one.q_eoi), percent(one.q_avg), seconds(one.time), delay(one.delay_worst, one.unseen)]
-    return [str(number), one.words, *figures, room]
-
-
-def _print_nearest(outcome: advice.KindOutcome) -> None:
-    nearest = outcome.nearest
-    if nearest is not None:
-        then = f"nearest: {nearest.words}, then {'; '.join(nearest.missing)}"
-        near, about = (then, "") if nearest.nearer else ("nothing comes nearer", f"to {nearest.words}: ")
-        limit = f" ({about}{nearest.limit})" if nearest.limit else ""
-        say(plain(f"      {near}{limit}", "dim"), indent=6)
-
-
-def _figures(found: advice.AdvisedFigures, want: advice.WishedFigures) -> str:
+def _figures(found: AdvisedFigures, want: Wish) -> str:
     """The figures of a candidate; how late faults are seen only where that is wished for."""
     if found.time is None:
         return "no feasible motion"

@@ -40,7 +40,7 @@ def mended(broken: Broken) -> Mended:
     start = time.process_time()
     found = sqrp_cli.open_cell(broken.folder).advise(broken.task, kinds=[broken.kind], ways="fastest")
     seconds = time.process_time() - start
-    sizes = {one.change.target: one.change.size for one in found.advice}
+    sizes = {one.target: one.size for one in found.advice}
     if not sizes:
         return Mended(0, None, None, False, seconds)
     found.apply(1)

@@ -15,7 +15,7 @@ import pytest
 
 from sqrp_cli.api.cell import open_cell
 from sqrp_cli.cli.commands import advise as advise_command
-from sqrp_cli.errors import InputError
+from sqrp_cli.errors import InputError, bad_option
 from sqrp_cli.geometry import look_at
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.advice.advise import Adviser
@@ -179,17 +179,15 @@ def test_a_patch_is_written_and_only_patches_are_overwritten(sqrp, own, aims, tm
 def test_alone_the_patch_is_of_the_first_change_that_has_one(small, tmp_path):
     found = open_cell(small).advise("pickup g3", ways="fastest", kinds=["aim"])
     first, *others = found.advice
-    unwritten = replace(first, change=replace(first.change, unwritten="the file of cam6 would have to say 1, 2 and 3"))
-    found = replace(found, answers=[(unwritten, *others)])
+    why = bad_option("the file of cam6 would have to say 1, 2 and 3")
+    unwritten = replace(first, content=why, patch="", unwritten=why.problems[0].message)
+    found = replace(found, advice=(unwritten, *others))
     file = tmp_path / "advice.patch"
-    assert advise_command._write(found, None, file) == f"change 2 is in {file}"
-    assert file.read_text().endswith(found.document.advice[1].patch)
+    assert advise_command._write(found, small, None, file) == f"change 2 is in {file}"
+    assert file.read_text().endswith(found.advice[1].patch)
     with pytest.raises(InputError, match="would have to say"):
-        advise_command._write(found, 1, file)
-    least = replace(others[0], change=replace(others[0].change, unwritten="so does that of cam3"))
-    assert "No patch: the file of cam6 would have to say 1, 2 and 3." in str(
-        replace(found, answers=[(unwritten, least)])
-    )
+        advise_command._write(found, small, 1, file)
+    assert "No patch: the file of cam6 would have to say 1, 2 and 3." in str(replace(found, advice=(unwritten,)))
 
 
 def test_where_nothing_helps_it_says_what_comes_nearest_and_which_limit_is_in_the_way(sqrp, own):
@@ -250,14 +248,14 @@ def test_what_has_to_be_done_first_is_said(sqrp, kept):
 
 @pytest.mark.usefixtures("heeded_ctrl_c")
 def test_an_interrupted_search_does_not_say_that_nothing_helps(sqrp, monkeypatch):
-    search = Adviser._answer
+    search = Adviser._outcome
 
     def stopped(adviser, kind):
         if kind == "path":
             signal.raise_signal(signal.SIGINT)
         return search(adviser, kind)
 
-    monkeypatch.setattr(Adviser, "_answer", stopped)
+    monkeypatch.setattr(Adviser, "_outcome", stopped)
     outcome = sqrp("advise", TABLETOP, "pickup g3", "--want", "time 5 s", "--kinds", "way,path")
     assert outcome.code == 130
     said = " ".join(outcome.out.split())
@@ -641,7 +639,7 @@ def test_a_page_cannot_be_the_patch_nor_a_file_that_is_read(sqrp, own, tmp_path,
 @pytest.mark.usefixtures("heeded_ctrl_c")
 def test_an_interrupted_search_goes_on_with_the_kinds_that_are_missing(sqrp, watch, tmp_path, monkeypatch):
     """With the same bytes as without; damaged files are searched again, and other wishes are others."""
-    searched, search = [], Adviser._answer
+    searched, search = [], Adviser._outcome
     stop: list[str] = ["lens"]
 
     def watched(adviser, kind):
@@ -650,7 +648,7 @@ def test_an_interrupted_search_goes_on_with_the_kinds_that_are_missing(sqrp, wat
         searched.append(kind)
         return search(adviser, kind)
 
-    monkeypatch.setattr(Adviser, "_answer", watched)
+    monkeypatch.setattr(Adviser, "_outcome", watched)
     command = ("advise", watch, "watch behind", "--kinds", "object,aim,lens", "--json", "--out", tmp_path / "kept")
     first = sqrp(*command)
     assert (first.code, searched) == (130, ["object", "aim"])
@@ -683,7 +681,7 @@ def test_ways_paths_and_what_comes_nearest_are_kept_to_the_last_digit(sqrp, tmp_
     assert [one["found"] for one in first.document["kinds"]] == [0, 1]
     assert first.document["kinds"][0]["nearest"]["missing"]
     assert carried(page, "detail-1")["q_avg"] >= 0.95
-    monkeypatch.setattr(Adviser, "_answer", None)
+    monkeypatch.setattr(Adviser, "_outcome", None)
     assert sqrp(*command).out == first.out
     assert page.read_bytes() == written
     assert len(list((tmp_path / "kept").glob("*/*.json"))) == 2

@@ -16,7 +16,7 @@ from sqrp_cli.cli.start import Start
 from sqrp_cli.errors import ExitCode
 
 if TYPE_CHECKING:
-    from sqrp_cli.api.advice import TaskAdvice
+    from sqrp_cli.programming.advice.result import AdviceDocument
 
 NAME = "advise"
 
@@ -54,20 +54,16 @@ def advise(context: Any, ask: AdviseCommand) -> ExitCode:  # noqa: ANN401 - Type
     cell = open_to_write(workspace, ask.seed, [after], report=ask.report, patch=ask.patch, patches=PATCHES)
     print_problems(cell_warnings(cell.cell))
     found = advised(cell, ask.but(after=after, progress=progress))
-    interrupted = found.interrupted
+    interrupted = bool(found.interrupted)
     if ask.report is not None and not interrupted:
         from sqrp_cli.report.pages.search_pages import write_advice
 
-        write = partial(write_advice, found.shown)
-        interrupted = not page_is_written(ask.report, write, context.obj, ask.jobs)
+        interrupted = not page_is_written(ask.report, partial(write_advice, found), context.obj, ask.jobs)
     message = ""
     try:
-        message = "" if interrupted else _write(found, ask.apply, ask.patch)
+        message = "" if interrupted else _write(found, cell.path, ask.apply, ask.patch)
     finally:  # the search took long, and says which change can be written
-        if ask.json or not message:
-            answer(found, as_json=ask.json)
-        else:
-            found.show(written=True)
+        answer(found, as_json=ask.json, written=bool(message))
     if message:
         note(message)
     if interrupted:
@@ -75,20 +71,23 @@ def advise(context: Any, ask: AdviseCommand) -> ExitCode:  # noqa: ANN401 - Type
     return ExitCode.OK if found.found else ExitCode.NONE_FEASIBLE
 
 
-def _write(found: TaskAdvice, number: int | None, patch: Path | None) -> str:
-    """Write a change as it was asked for; returns what was done."""
-    if (number is None and patch is None) or not (found.advice or found.met):
+def _write(found: AdviceDocument, path: Path, number: int | None, patch: Path | None) -> str:
+    """Write a change as it was asked for, by default the first that has a patch; returns what was done.
+
+    path: of the workspace, as it was given.
+    """
+    if (number is None and patch is None) or not found.found:
         return ""
     if found.met and number in (None, 1):
-        return f"the wish is met already, so {found.path if patch is None else patch} is not written"
-    chosen = found.first_with_patch if number is None else number
-    if found.is_there(chosen):  # refuses a number that none has
-        return f"change {chosen} is in {found.path} already; nothing was written"
+        return f"the wish is met already, so {path if patch is None else patch} is not written"
+    chosen = next((n for n, one in enumerate(found.advice, 1) if one.patch), 1) if number is None else number
+    if found.patched(chosen) == found.session.file.content:  # refuses a number that none has
+        return f"change {chosen} is in {path} already; nothing was written"
     if patch is not None:
-        PATCHES.write(patch, found.document.advice[chosen - 1].patch)
+        PATCHES.write(patch, found.advice[chosen - 1].patch)
         return f"change {chosen} is in {patch}"
     found.apply(chosen)
-    return f"change {chosen} is in {found.path} now"
+    return f"change {chosen} is in {path} now"
 
 
 command = command_of(AdviseCommand, advise)

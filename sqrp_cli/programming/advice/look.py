@@ -48,12 +48,23 @@ class WishedSamples:
     @classmethod
     def of(cls, cell: Cell, study: WholeStudy, wish: Wish) -> WishedSamples:
         """The samples of a study that the wish is about, thinned."""
-        return cls(cell, study, wish, tuple(_of_step(step, wish) for step in study.steps))
+        of_steps = []
+        for step in study.steps:
+            samples = step.timeline.samples
+            of_steps.append(samples.some(_thinned(samples, np.flatnonzero(_wished(step, samples, wish)))))
+        return cls(cell, study, wish, tuple(of_steps))
 
     def with_failures(self, timelines: Sequence[Timeline]) -> WishedSamples:
-        """With the samples, too, at which other timelines of the same motions, one of each step, are not covered."""
-        steps = zip(self.study.steps, self.samples, timelines, strict=True)
-        return replace(self, samples=tuple(_with_failures(*step, self.wish) for step in steps))
+        """With samples at which other timelines of the same motions, one of each step, are not covered, thinned."""
+        of_steps = []
+        for step, samples, timeline in zip(self.study.steps, self.samples, timelines, strict=True):
+            lost = _wished(step, timeline.samples, self.wish) & ~timeline.covered
+            found = timeline.samples.some(_thinned(timeline.samples, np.flatnonzero(lost), MOST_SAMPLES // 4))
+            known = set(zip(samples.piece.tolist(), samples.t.tolist(), strict=True))
+            pairs = zip(found.piece.tolist(), found.t.tolist(), strict=True)
+            added = found.some(np.array([pair not in known for pair in pairs], dtype=bool))
+            of_steps.append(samples.joined(added, samples.merge_order(added)))
+        return replace(self, samples=tuple(of_steps))
 
     @property
     def count(self) -> int:
@@ -99,11 +110,6 @@ class WishedSamples:
             row, column = rows.stop, columns.stop
         return blocks
 
-    @cached_property
-    def needed(self) -> Indices:
-        """Cameras that must see each target, shape (a,)."""
-        return np.array([target.cameras for target in self.targets])
-
     def possible(self, covered: Mask) -> Mask:
         """Whether the wish may be met if these samples are covered, shape (p, m); shape (p,).
 
@@ -118,22 +124,30 @@ class WishedSamples:
                 weighty[1:] |= steps > 0
                 weighty[:-1] |= steps > 0
                 good &= covered[:, weighty].all(axis=1)
-        for inside, t, unknown in self._fault_rows:
-            blind = self._blind_for(covered[:, inside] | unknown, t)
+        for inside, t, unknown in self._fault_rows:  # a bound from below of the longest time without cover
+            seen = covered[:, inside] | unknown
+            blind, since = np.zeros(len(seen)), np.full(len(seen), np.nan)
+            for column, now in enumerate(t.tolist()):
+                since = np.where(seen[:, column], np.nan, np.where(np.isnan(since), now, since))
+                blind = np.fmax(blind, now - since)
             good &= blind <= (self.wish.delay or 0.0) + 1e-9
         return good
 
     @cached_property
     def _qualities(self) -> list[tuple[float, float, Array]]:
         """For each quality of the wish: its least value, the time that counts, and the step after each sample."""
-        each = [_steps_after(step, samples) for step, samples in zip(self.study.steps, self.samples, strict=True)]
-        monitored, interesting = (np.concatenate(steps)[:-1] for steps in zip(*each, strict=True))
-        timelines = [step.timeline for step in self.study.steps]
-        found = []
+        monitored, interesting = [np.zeros(0)], [np.zeros(0)]
+        for step, samples in zip(self.study.steps, self.samples, strict=True):
+            after = np.append(samples.steps, 0.0)[: len(samples)]
+            monitored.append(after)
+            interesting.append(np.where(step.stage.of_interest(samples), after, 0.0))
+        timelines, found = [step.timeline for step in self.study.steps], []
         if self.wish.q_eoi is not None:
-            found.append((self.wish.q_eoi, sum(timeline.T_eoi for timeline in timelines), interesting))
+            T_eoi = sum(timeline.T_eoi for timeline in timelines)
+            found.append((self.wish.q_eoi, T_eoi, np.concatenate(interesting)[:-1]))
         if self.wish.q_avg is not None:
-            found.append((self.wish.q_avg, sum(timeline.T for timeline in timelines), monitored))
+            T = sum(timeline.T for timeline in timelines)
+            found.append((self.wish.q_avg, T, np.concatenate(monitored)[:-1]))
         return found
 
     @cached_property
@@ -142,10 +156,8 @@ class WishedSamples:
 
         And those whose state needs other literals, too, so that nothing follows from it about the fault, shape (r,).
         """
-        if self.wish.delay is None:
-            return []
         found = []
-        for step, samples, rows, columns in self._blocks:
+        for step, samples, rows, columns in self._blocks if self.wish.delay is not None else ():
             for fault, own in step.timeline.faults.items():
                 inside = np.flatnonzero(_inside(step, fault, samples))
                 others = [columns.start + column for column in range(len(step.targets)) if column not in own]
@@ -154,15 +166,6 @@ class WishedSamples:
                 found += [(at, samples.t[inside], unknown)] if len(at) else []
         return found
 
-    @staticmethod
-    def _blind_for(covered: Mask, t: Array) -> Array:
-        """A bound from below of the longest time without cover, shape (p,); covered: shape (p, r), t: shape (r,)."""
-        longest, since = np.zeros(len(covered)), np.full(len(covered), np.nan)
-        for column, now in enumerate(t.tolist()):
-            since = np.where(covered[:, column], np.nan, np.where(np.isnan(since), now, since))
-            longest = np.fmax(longest, now - since)
-        return longest
-
 
 class CameraLook:
     """What one camera must see in a scene, because the others do not, and which of its poses can."""
@@ -170,13 +173,16 @@ class CameraLook:
     def __init__(self, scene: WishedSamples, camera: Camera, index: int | None) -> None:
         """index: of the camera among those of the cell; None if it would be a further one."""
         others = scene.sees if index is None else np.delete(scene.sees, index, axis=2)
-        count = others.sum(axis=2)
-        wanted = scene.required & (count == scene.needed - 1)
+        count, needed = others.sum(axis=2), np.array([target.cameras for target in scene.targets])
+        wanted = scene.required & (count == needed - 1)
         self._scene = scene
-        self._hopeless: Mask = (scene.required & (count < scene.needed - 1)).any(axis=1)
+        self._hopeless: Mask = (scene.required & (count < needed - 1)).any(axis=1)
         self._camera = camera
         self._row, self._target = np.nonzero(wanted & ~self._hopeless[:, None])
-        self._order = np.array(_spread(len(self._row)), dtype=np.int64)
+        # By their bits, reversed: so early ones are spread over all.
+        width = max(1, (len(self._row) - 1).bit_length())
+        spread = sorted(range(len(self._row)), key=lambda number: int(f"{number:0{width}b}"[::-1], 2))
+        self._order = np.array(spread, dtype=np.int64)
         self._failures = np.zeros(len(self._row), dtype=np.int64)
 
     @property
@@ -235,29 +241,6 @@ class CameraLook:
         return covered
 
 
-def _of_step(step: Study, wish: Wish) -> Samples:
-    """The samples of a step that a wish is about, thinned."""
-    samples = step.timeline.samples
-    return samples.some(_thinned(samples, np.flatnonzero(_wished(step, samples, wish))))
-
-
-def _with_failures(step: Study, samples: Samples, timeline: Timeline, wish: Wish) -> Samples:
-    """The samples with those of a timeline of the step that are not covered, thinned."""
-    lost = _wished(step, timeline.samples, wish) & ~timeline.covered
-    rows = _thinned(timeline.samples, np.flatnonzero(lost), MOST_SAMPLES // 4)
-    found = timeline.samples.some(rows)
-    known = set(zip(samples.piece.tolist(), samples.t.tolist(), strict=True))
-    pairs = zip(found.piece.tolist(), found.t.tolist(), strict=True)
-    added = found.some(np.array([pair not in known for pair in pairs], dtype=bool))
-    return samples.joined(added, samples.merge_order(added))
-
-
-def _steps_after(step: Study, samples: Samples) -> tuple[Array, Array]:
-    """The time from each of a step's r samples to the next in its piece, and that in events of interest, (r,) each."""
-    after = np.append(samples.steps, 0.0)[: len(samples)]
-    return after, np.where(step.stage.of_interest(samples), after, 0.0)
-
-
 def _wished(study: Study, samples: Samples, wish: Wish) -> Mask:
     """Which samples a wish is about."""
     wished = np.zeros(len(samples), dtype=bool)
@@ -265,9 +248,8 @@ def _wished(study: Study, samples: Samples, wish: Wish) -> Mask:
         wished |= np.array([bool(piece.literals) for piece in study.stage.pieces])[samples.piece]
     if wish.q_eoi is not None:
         wished |= study.stage.of_interest(samples)
-    if wish.delay is not None:
-        for fault in study.timeline.faults:
-            wished |= _inside(study, fault, samples)
+    for fault in study.timeline.faults if wish.delay is not None else ():
+        wished |= _inside(study, fault, samples)
     return wished
 
 
@@ -286,9 +268,3 @@ def _thinned(samples: Samples, rows: Indices, most: int = MOST_SAMPLES) -> Indic
     even = np.searchsorted(some.t, np.linspace(some.t[0], some.t[-1], most), side="right") - 1
     thinned: Indices = rows[np.unique(np.concatenate([np.flatnonzero(some.ends), even]))]
     return thinned
-
-
-def _spread(count: int) -> Sequence[int]:
-    """Numbers below `count` in an order that spreads early ones over all: by their bits, reversed."""
-    width = max(1, (count - 1).bit_length())
-    return sorted(range(count), key=lambda number: int(f"{number:0{width}b}"[::-1], 2))

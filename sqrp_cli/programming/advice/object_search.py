@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, box_corners, read_only, transform
-from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.workspace.workspace import World
-from sqrp_cli.programming.advice.camera_moves import whole
-from sqrp_cli.programming.advice.change import Margin, Miss, ProposedChange
 from sqrp_cli.programming.advice.least import least_beyond
-from sqrp_cli.programming.advice.question import Found, Met, Near, Question, finely_met
+from sqrp_cli.programming.advice.moves import ProposedChange, whole
+from sqrp_cli.programming.advice.question import Met, Miss, Near, Question, finely_met
+from sqrp_cli.programming.advice.result import Margin
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Study, with_delays
+from sqrp_cli.programming.coverage.assessment import with_delays
 from sqrp_cli.programming.coverage.in_the_way import hidden_views, to_move
 from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.task import Candidate
@@ -52,22 +50,19 @@ class ObjectSearch:
     """Of the object."""
 
     def least(self) -> Met | None:
-        """The least move that meets the wish: rings outward, then shorter and to the sides."""
-        for radius in _RADII:
-            for angle in np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS):
-                met = self._decide(radius * _direction(angle))
-                if met is not None:
-                    return self._confirmed(self._refined(met))
-        return None
-
-    def margin(self, change: ProposedChange) -> Margin:
-        """How much less and how much more of a move in the same direction meets the wish."""
-        unit, more = np.array(change.values[:2]) / change.size, 0.0
+        """The least move that meets the wish, with its margin: rings outward, then shorter and to the sides."""
+        angles = np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS)
+        tried = (self._decide(radius * _direction(angle)) for radius in _RADII for angle in angles)
+        met = next((one for one in tried if one is not None), None)
+        met = None if met is None else self._confirmed(self._refined(met))
+        if met is None:
+            return None
+        unit, more = np.array(met.change.values[:2]) / met.change.size, 0.0
         for step in (0.01, 0.02, 0.05, 0.1, 0.2):
-            if self._decide((change.size + step) * unit) is None:
+            if self._decide((met.change.size + step) * unit) is None:
                 break
             more = step
-        return Margin(less=0.0, more=more)
+        return met._replace(margin=Margin(less=0.0, more=more))
 
     def nearest(self) -> Near | None:
         """Of moves by some centimetres, the one that misses the wish by least."""
@@ -93,27 +88,23 @@ class ObjectSearch:
         return least_beyond(finely, met.change.size, _RADII[-1], _RESOLUTION)
 
     def _refined(self, met: Met) -> Met:
-        best = self._shortened(met)
-        for _ in range(3):
-            length, angle = best.change.size, float(np.arctan2(best.change.values[1], best.change.values[0]))
+        """The least move in the same direction, then in others to its sides where a shorter one works."""
+        for rounds in range(4):
+            unit, low = np.array(met.change.values[:2]) / met.change.size, 0.0
+            while met.change.size - low > _RESOLUTION:
+                middle = 0.5 * (low + met.change.size)
+                shorter = self._decide(middle * unit)
+                if shorter is not None and shorter.change.size < met.change.size:
+                    met = shorter
+                else:
+                    low = middle
+            length, angle = met.change.size, float(np.arctan2(met.change.values[1], met.change.values[0]))
             turned = (self._decide(_SHORTER * length * _direction(angle + turn)) for turn in _TURNS)
-            shorter = next((other for other in turned if other is not None), None)
-            if shorter is None:
-                return best
-            best = self._shortened(shorter)
-        return best
-
-    def _shortened(self, met: Met) -> Met:
-        """The least move in the same direction, by bisection."""
-        unit, low, best = np.array(met.change.values[:2]) / met.change.size, 0.0, met
-        while best.change.size - low > _RESOLUTION:
-            middle = 0.5 * (low + best.change.size)
-            shorter = self._decide(middle * unit)
-            if shorter is not None and shorter.change.size < best.change.size:
-                best = shorter
-            else:
-                low = middle
-        return best
+            aside = None if rounds == 3 else next((other for other in turned if other is not None), None)
+            if aside is None:
+                break
+            met = aside
+        return met
 
     def _decide(self, offset: Array) -> Met | None:
         change = self._change(offset)
@@ -151,49 +142,44 @@ class ObjectSearch:
         )
 
     def _fits(self, change: ProposedChange) -> bool:
-        """Whether the object stays on what it stands on, and clear of all else."""
-        assert change.X_WO is not None  # noqa: S101 - it is about an object
-        objects = self.question.cell.workspace.objects
-        support = _support(self.question.cell, self.question.world, self.name)
-        if support is not None and not _stands(objects[self.name], change.X_WO, objects[support], self.question.world):
-            return False
-        return not any(
-            self.question.cell.collision.touch(self.name, change.X_WO, other, self.question.world)
-            for other in self.question.world.X_WO
-            if other not in (self.name, support)
-        )
+        """Whether the object stays on what it stands on, its box above that of its support, and clear of all else."""
+        cell, world = self.question.cell, self.question.world
+        X_WO = change.in_world(world).X_WO[self.name]
+        stated = cell.workspace.objects[self.name].on
+        support = stated if stated is not None and stated in world.X_WO else None
+        if support is None:  # what it touches from above
+            support = next(iter(sorted(cell.collision.supports(self.name, world.X_WO[self.name], world))), None)
+        if support is not None:
+            X_WS, base = world.X_WO[support], cell.workspace.objects[support]
+            corners = transform(X_WO, box_corners(cell.workspace.objects[self.name].size)) - X_WS[:3, 3]
+            within: Array = 0.5 * np.asarray(base.size) + 1e-6
+            flat = [axis for axis in range(3) if abs(X_WS[2, axis]) < 0.5]
+            if any(float(np.abs(corners @ X_WS[:3, axis]).max()) > within[axis] for axis in flat):
+                return False
+        others = (other for other in world.X_WO if other not in (self.name, support))
+        return not any(cell.collision.touch(self.name, X_WO, other, world) for other in others)
 
 
-def moved_objects(question: Question, way: Candidate, found: WholeStudy | Infeasible) -> list[Found] | Miss:
+def moved_objects(question: Question, way: Candidate, found: WholeStudy | Infeasible) -> Sequence[Met] | Miss:
     """The least move of what a way handles, and of what hides most. found: of the way as it is."""
     cell, world = question.cell, question.world
     names = [name for name in way.binding.values() if not cell.workspace.objects[name].fixed]
     hiding = _hiding(cell, found) if isinstance(found, WholeStudy) else ()
-    names = [name for name in dict.fromkeys([*names, *hiding]) if _is_free(cell, name, world)][:MOST_OBJECTS]
-    if not names:
-        return Miss(kind="object", why="no object is handled or hides anything")
-
-    def search(name: str) -> ObjectSearch:
-        return ObjectSearch(question, way, name)
-
-    def least(name: str) -> Found | None:
-        met = search(name).least()
-        return None if met is None else Found(met, search(name).margin(met.change))
-
-    answers = [answer for answer in question.shared(least, names) if answer is not None]
+    # Only what stands at a known place and carries nothing.
+    carriers = {world.held, *(one.on for one in cell.workspace.objects.values())}
+    names = [name for name in dict.fromkeys([*names, *hiding]) if name in world.X_WO and name not in carriers]
+    searches = [ObjectSearch(question, way, name) for name in names[:MOST_OBJECTS]]
+    if not searches:
+        return Miss("no object is handled or hides anything")
+    answers = [met for met in question.shared(ObjectSearch.least, searches) if met is not None]
     if answers:
         return answers
-    near = [one for one in question.shared(lambda name: search(name).nearest(), names) if one is not None]
+    near = [one for one in question.shared(ObjectSearch.nearest, searches) if one is not None]
+    named = ", ".join(one.name for one in searches)
     tried = f"of {_DIRECTIONS} directions, up to {100 * _RADII[-1]:.0f} cm"
     if not near:
-        why = f"in none {tried}, is a place where {', '.join(names)} can be handled and stand clear of all else"
-        return Miss(kind="object", why=why)
-    return question.nearest("object", f"in none {tried}, does a place of {', '.join(names)} meet the wish", near)
-
-
-def _is_free(cell: Cell, name: str, world: World) -> bool:
-    """Whether an object stands at a known place and carries nothing."""
-    return name in world.X_WO and name != world.held and all(o.on != name for o in cell.workspace.objects.values())
+        return Miss(f"in none {tried}, is a place where {named} can be handled and stand clear of all else")
+    return Miss(f"in none {tried}, does a place of {named} meet the wish", near)
 
 
 def _hiding(cell: Cell, found: WholeStudy) -> Iterator[str]:
@@ -204,35 +190,14 @@ def _hiding(cell: Cell, found: WholeStudy) -> Iterator[str]:
         alone[one.name] += one.alone
         share[one.name] += one.share
     yield from sorted(sorted(alone), key=lambda name: (alone[name], share[name]), reverse=True)
-    behind = Counter(name for step in found.steps for name in _alike_behind(cell, step))
-    yield from sorted(behind.keys() - set(alone), key=lambda name: (-behind[name], name))
-
-
-def _alike_behind(cell: Cell, step: Study) -> Iterator[str]:
-    """The objects that have the colour of targets behind them in uncovered states, one for each camera and state."""
-    lost = ~step.timeline.covered & step.timeline.monitored
-    for boxes in step.timeline.observation.full_matrix:
-        for box in boxes:
-            alike = (box.cause == Cause.SAME_COLOUR) & lost[:, None]
-            parents = (cell.observer.solids[index].part.parent for index in box.by[alike].tolist())
-            yield from (parent for parent in parents if parent in cell.workspace.objects)
-
-
-def _support(cell: Cell, world: World, name: str) -> str | None:
-    """What an object stands on: as the workspace says, or what it touches from above."""
-    stated = cell.workspace.objects[name].on
-    if stated is not None and stated in world.X_WO:
-        return stated
-    return next(iter(sorted(cell.collision.supports(name, world.X_WO[name], world))), None)
-
-
-def _stands(obj: SceneObject, X_WO: Array, support: SceneObject, world: World) -> bool:
-    """Whether the box of an object is above that of its support."""
-    X_WS = world.X_WO[support.name]
-    corners = transform(X_WO, box_corners(obj.size)) - X_WS[:3, 3]
-    within: Array = 0.5 * np.asarray(support.size) + 1e-6
-    axes = [axis for axis in range(3) if abs(X_WS[2, axis]) < 0.5]  # those that lie flat
-    return all(float(np.abs(corners @ X_WS[:3, axis]).max()) <= within[axis] for axis in axes)
+    behind = Counter[str]()  # those of the colour of targets before them in uncovered states
+    for step in found.steps:
+        lost = ~step.timeline.covered & step.timeline.monitored
+        for box in (box for boxes in step.timeline.observation.full_matrix for box in boxes):
+            alike = box.by[(box.cause == Cause.SAME_COLOUR) & lost[:, None]].tolist()
+            behind.update(cell.observer.solids[index].part.parent for index in alike)
+    others = (behind.keys() & cell.workspace.objects.keys()) - set(alone)
+    yield from sorted(others, key=lambda name: (-behind[name], name))
 
 
 def _direction(angle: float) -> Array:

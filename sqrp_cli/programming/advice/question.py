@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple, TypeVar
 
@@ -11,7 +11,8 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.advice.aiming import Aim
-from sqrp_cli.programming.advice.change import CandidateEffect, EffectOnTask, Kind, Margin, Miss, ProposedChange
+from sqrp_cli.programming.advice.moves import Kind, ProposedChange
+from sqrp_cli.programming.advice.result import Margin, TaskEffect
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import observed_again
@@ -19,6 +20,7 @@ from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.verdict import HELP, verdict
 from sqrp_cli.programming.result import NOTHING_MISSING, CandidateResult
 from sqrp_cli.programming.task import Candidate
+from sqrp_cli.programming.ways.find import Plans
 from sqrp_cli.programming.ways.grips import first_grip
 from sqrp_cli.programming.whole_study import WholeStudy, reasons_of_step, whole_study, worst_seen
 
@@ -41,33 +43,27 @@ class Effects:
     listed: Callable[[], tuple[TaskWays, ...]]
     """The tasks, found out only when they are needed."""
 
-    def of(self, change: ProposedChange) -> tuple[EffectOnTask, ...]:
-        """What a change does to each task."""
-        return tuple(
-            EffectOnTask(task=task.text, candidates=tuple(self._effect(way, found, change) for way, found in studied))
-            for task, studied in zip(self._tasks, self._studied, strict=True)
-        )
+    def of(self, change: ProposedChange) -> tuple[TaskEffect, ...]:
+        """What a change does to each task. Cameras are changed in the same motion; else it is planned again."""
+        cell, world, effects = change.in_cell(self.cell), change.in_world(self.world), []
+        for task, studied in self._studied:
+            pairs = []
+            for way, found in studied:
+                after = found
+                if change.camera is None:
+                    after = whole_study(self.cell, way, world, self.sampling, full=False)
+                elif isinstance(found, WholeStudy):
+                    after = seen_by(cell, found, self.sampling)
+                pairs.append((assessed(way, found), assessed(way, after)))
+            effects.append(TaskEffect.of(task.text, pairs))
+        return tuple(effects)
 
     @cached_property
-    def _tasks(self) -> tuple[TaskWays, ...]:
-        return self.listed()
+    def _studied(self) -> list[tuple[TaskWays, list[tuple[Candidate, WholeStudy | Infeasible]]]]:
+        def found(way: Candidate) -> WholeStudy | Infeasible:
+            return whole_study(self.cell, way, self.world, self.sampling, full=False)
 
-    @cached_property
-    def _studied(self) -> list[list[tuple[Candidate, WholeStudy | Infeasible]]]:
-        return [
-            [(way, whole_study(self.cell, way, self.world, self.sampling, full=False)) for way in task.ways]
-            for task in self._tasks
-        ]
-
-    def _effect(self, way: Candidate, found: WholeStudy | Infeasible, change: ProposedChange) -> CandidateEffect:
-        """Cameras are changed in the same motion; else it is planned again."""
-        if change.camera is None:
-            after = whole_study(self.cell, way, change.in_world(self.world), self.sampling, full=False)
-        elif isinstance(found, WholeStudy):
-            after = seen_by(change.in_cell(self.cell), found, self.sampling)
-        else:
-            after = found
-        return CandidateEffect(before=assessed(way, found), after=assessed(way, after))
+        return [(task, [(way, found(way)) for way in task.ways]) for task in self.listed()]
 
 
 def assessed(way: Candidate, found: WholeStudy | Infeasible) -> CandidateResult:
@@ -77,8 +73,7 @@ def assessed(way: Candidate, found: WholeStudy | Infeasible) -> CandidateResult:
 
 def is_fastest(found: CandidateResult) -> bool:
     """Whether the figures of a candidate are those with `--ways fastest`."""
-    first = first_grip(found.candidate)
-    return found.way.parameters == first.parameters and not found.way.vias
+    return found.way.parameters == first_grip(found.candidate).parameters and not found.way.vias
 
 
 def seen_by(cell: Cell, found: WholeStudy, sampling: Sampling, *, full: bool = False) -> WholeStudy:
@@ -102,6 +97,8 @@ class Met(NamedTuple):
     change: ProposedChange
     found: CandidateResult
     """The way with it."""
+    margin: Margin | None = None
+    """None where there is nothing to measure."""
 
 
 class Near(NamedTuple):
@@ -112,11 +109,13 @@ class Near(NamedTuple):
     """The way with it."""
 
 
-class Found(NamedTuple):
-    """What a search finds about one way, object or camera."""
+class Miss(NamedTuple):
+    """A kind of change that does not meet the wish."""
 
-    met: Met
-    margin: Margin | None = None
+    why: str
+    """Why not, or why it was not tried."""
+    near: Sequence[Near] = ()
+    """What was tried, if that is to be compared."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -139,6 +138,8 @@ class Question:
     """What cameras look at, by name, where the workspace says so."""
     effects: Effects
     """Every task of the workspace."""
+    plans: Plans = field(default_factory=Plans)
+    """The ways of candidates, as far as they are planned."""
     kinds: Sequence[Kind] | None = None
     """What may be changed; None: cameras and objects only where no other motion meets the wish."""
     fixed: bool = False
@@ -150,13 +151,7 @@ class Question:
         """The results of some work, in order, by as many processes as may be used."""
         return list(in_processes(work, items, min(self.jobs, len(items))))
 
-    def nearest(self, kind: Kind, why: str, near: Sequence[Near]) -> Miss:
-        """Why none of several changes meets the wish, and which comes nearest."""
-        best = min(near, key=lambda one: self.wish.shortfall(one.study.assessment))
-        limit = self._limit(best.change.in_cell(self.cell), best.study)
-        return Miss(kind=kind, why=why, nearest=best.change, found=best.study.assessment, limit=limit)
-
-    def _limit(self, cell: Cell, found: WholeStudy) -> str:
+    def limit(self, cell: Cell, found: WholeStudy) -> str:
         """Which limit stands in the way of a way in a cell, in a sentence."""
         if replace(self.wish, time=None).met(found.assessment):
             primitives = [primitive for step in found.steps for primitive in step.motion.primitives]

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import inf
 
+from sqrp_cli.document import Record
 from sqrp_cli.errors import InputError, bad_option, expected_names
 from sqrp_cli.figures import Qualities
 from sqrp_cli.knowledge.text.units import SHARE, TIME, read_quantity
@@ -26,8 +27,8 @@ SHOWN = {"q_eoi": "Q_eoi", "q_avg": "Q_avg", "time": "time", "delay": "delay"}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wish:
-    """Least qualities and longest times; None where anything will do."""
+class Wish(Record):
+    """Least qualities and longest times; null where anything will do."""
 
     q_eoi: float | None = None
     """Least Q_eoi, in 0..1."""

@@ -21,7 +21,7 @@ from sqrp_cli.programming.coverage.assessment import Study, Watched
 from sqrp_cli.programming.placing.problem import Late, Problem, Requirements, Selection, obstacle
 from sqrp_cli.programming.placing.program import Limits, PlacementProgram, Watch
 from sqrp_cli.programming.placing.refine import Pair, refined
-from sqrp_cli.programming.placing.sites import Installation, blocked
+from sqrp_cli.programming.placing.sites import Installation, blocked, judged
 from sqrp_cli.programming.placing.table import PlaceQuestion, Progress, UnseenTarget, VisibilityTable
 from sqrp_cli.programming.ranking import compared_quality
 from sqrp_cli.programming.result import CandidateResult
@@ -467,7 +467,7 @@ class CameraPlacer:
         self, cell: Cell, problem: Problem, selection: Selection, studies: Sequence[Study]
     ) -> tuple[JudgedCandidate, ...]:
         """The candidates with their exact figures: in the way that `rank` takes in the new cell, if it is as good."""
-        question, table, judged = self.question, self.table, list[JudgedCandidate]()
+        question, table, all_judged = self.question, self.table, list[JudgedCandidate]()
         ways = [table.ways[number] for number in selection.ways]
         for way, found in zip(ways, studies, strict=True):
             taken: BestWay | Infeasible | None = None
@@ -485,7 +485,10 @@ class CameraPlacer:
                 worse = any(a is not None and b is not None and a < b - 2 * ROUNDED for a, b in pairs)
                 late = (new.latest or 0.0) > (old.latest or 0.0) + 1e-3
                 places = [table.spots[problem.site[option]] for option in selection.options]
-                swept = bool(places) and blocked(question.cell, taken.study, places).any()
+                swept = False
+                if places and taken.study.motion is not way.scene.motion:
+                    other = judged(question.cell, way.task, way.candidate, taken.study)
+                    swept = bool(blocked(question.cell, other.swept, places).any())
                 found = found if worse or late or swept else taken.study
             named = with_branch(question.cell, way.scene) if question.fastest else found.candidate
             figures = replace(found.assessment(""), candidate=way.candidate, best_way=named)
@@ -493,9 +496,9 @@ class CameraPlacer:
                 (a is None) != (b is None) or abs((a or 0.0) - (b or 0.0)) > 1e-6
                 for a, b in ((ranked.q_eoi, figures.q_eoi), (ranked.q_avg, figures.q_avg), (ranked.time, figures.time))
             )
-            judged.append(
+            all_judged.append(
                 JudgedCandidate(
                     task=way.task, candidate=way.candidate, found=figures, ranked=ranked if differs else None
                 )
             )
-        return tuple(judged)
+        return tuple(all_judged)

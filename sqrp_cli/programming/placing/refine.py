@@ -47,7 +47,7 @@ def refined(
     def is_clear(place: Installation, rest: Sequence[Installation]) -> bool:
         spot = place.view.spot
         apart = not any(True for other in rest for _ in pairs_apart([spot, other.view.spot]))
-        return apart and not any(blocked(cell, way.scene, [spot])[0] for way in ways)
+        return apart and not any(blocked(cell, way.swept, [spot])[0] for way in ways)
 
     present = worth(seen)
     for halving in range(1, _HALVINGS + 1):

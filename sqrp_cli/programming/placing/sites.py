@@ -22,10 +22,10 @@ from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.advice.aiming import looking_at, touched
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.sampling import Adaptive, first_samples
-from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.coverage.timeline import Rehearsal, SampledScene
 from sqrp_cli.programming.ranking import compared_time
 from sqrp_cli.programming.sensing.observer import Observer
+from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.task import Candidate
 
 EVERY = 3
@@ -58,6 +58,8 @@ class JudgedWay(SampledScene):
     """As it was asked for."""
     candidate: Candidate
     """As a person chooses it."""
+    swept: SceneStates
+    """Where everything is in all of the first samples, which do not depend on cameras."""
 
     @cached_property
     def items(self) -> Items:
@@ -72,16 +74,12 @@ class JudgedWay(SampledScene):
 
 def judged(cell: Cell, task: str, candidate: Candidate, scene: Rehearsal) -> JudgedWay:
     """A way with some of its first samples."""
-    samples = _first_samples(cell, scene)
+    samples = first_samples(Adaptive(), scene.stage, Observer((), cell.observer.solids), scene.targets)
     ends = samples.ends
     number = np.arange(len(samples)) - np.maximum.accumulate(np.where(ends, np.arange(len(samples)), 0))
     rows = np.flatnonzero(ends | (number % EVERY == 0))
-    return JudgedWay(scene, samples.some(rows), task=task, candidate=candidate)
-
-
-def _first_samples(cell: Cell, scene: Rehearsal) -> Samples:
-    """The first samples of a way, which do not depend on cameras."""
-    return first_samples(Adaptive(), scene.stage, Observer((), cell.observer.solids), scene.targets)
+    swept = scene.stage.states(samples)
+    return JudgedWay(scene, samples.some(rows), task=task, candidate=candidate, swept=swept)
 
 
 def varied(scenes: Sequence[Rehearsal]) -> tuple[list[Rehearsal], Rehearsal]:
@@ -232,13 +230,12 @@ def seen_by(cell: Cell, way: JudgedWay, places: Sequence[Installation]) -> Mask:
     return sees
 
 
-def blocked(cell: Cell, scene: Rehearsal, spots: Sequence[Spot]) -> Mask:
-    """Whether the body of a camera at each place touches anything during a motion, shape (spots,).
+def blocked(cell: Cell, states: SceneStates, spots: Sequence[Spot]) -> Mask:
+    """Whether the body of a camera at each place touches anything in any state, shape (spots,).
 
     What is fixed to the same link as a place is not looked at.
     """
     found = np.zeros(len(spots), dtype=bool)
-    states = scene.stage.states(_first_samples(cell, scene))
     order = sorted(range(len(spots)), key=lambda index: (spots[index].frame, spots[index].entry.body))
     for (frame, body), group in groupby(order, key=lambda index: (spots[index].frame, spots[index].entry.body)):
         rows = np.array(list(group))

@@ -176,7 +176,7 @@ class VisibilityTable:
         self.sees += self._verdicts(ways)
         wish = self.question.requirements.wish
         for way in ways:
-            shut = blocked(self.question.cell, way.scene, self.question.mounts.spots)
+            shut = blocked(self.question.cell, way.swept, self.question.mounts.spots)
             shut[list(self.beside)] = True
             self._shut.append(shut)
             delays = np.zeros(len(self.options))  # 0 if none is wished

@@ -101,14 +101,15 @@ def find_way(
     """
     if (obstacle := impossible_start(cell, candidate, world)) is not None:
         return obstacle
-    planned = (Plans() if plans is None else plans).of(cell, candidate, world, fastest=wanted.fastest)
+    plans = Plans() if plans is None else plans
+    planned = plans.of(cell, candidate, world, fastest=wanted.fastest)
     scenes, longest = planned.scenes, inf
     if wanted.limit is not None and not isinstance(scenes, Infeasible):
         whose = "its way with `--ways fastest`" if wanted.fastest else "its fastest way"
         longest, scenes = wanted.limit.longest(scenes), wanted.limit.within(scenes, whose)
     if isinstance(scenes, Infeasible):
         return replace(scenes, tried=planned.tried)
-    watched: list[Watched] = all_watched(cell, scenes, sampling, full=False)
+    watched = plans.observed(cell, scenes, sampling)
     if candidate.open_paths:
         direct = (replace(one, candidate=one.candidate.with_paths({})) for one in watched)
         watched = [*direct, *_seen(cell, scenes, sampling, longest, wanted.by)]
@@ -135,16 +136,18 @@ def studied_ways(
     *,
     limit: TimeLimit,
     worth: Callable[[Qualities], bool],
+    plans: Plans | None = None,
 ) -> Iterator[Study]:
     """Studies of all ways of a candidate within a limit whose qualities are worth one, the fastest first.
 
-    Nothing if it cannot be done.
+    Nothing if it cannot be done. plans: what is known of motions already.
     """
-    scenes = planned_ways(cell, candidate, world, fastest=False)
+    plans = Plans() if plans is None else plans
+    scenes = impossible_start(cell, candidate, world) or plans.of(cell, candidate, world, fastest=False).scenes
     allowed = scenes if isinstance(scenes, Infeasible) else limit.within(scenes)
     if isinstance(allowed, Infeasible):
         return
-    watched: list[Watched] = all_watched(cell, allowed, sampling, full=False)
+    watched = plans.observed(cell, allowed, sampling)
     if candidate.open_paths:
         longest = limit.longest(allowed)
         seen = [one for by in ("q_eoi", "q_avg") for one in _seen(cell, allowed, sampling, longest, by)]
@@ -152,13 +155,6 @@ def studied_ways(
     for one in sorted(watched, key=lambda way: compared_time(way.motion.time)):
         if worth(qualities_over(one.timeline)):
             yield from with_delays(cell, [one], sampling)
-
-
-def planned_ways(cell: Cell, candidate: Candidate, world: World, *, fastest: bool) -> Sequence[Rehearsal] | Infeasible:
-    """Every way of doing what a candidate says, or the fastest branch with the first grip, without a look at any."""
-    if (obstacle := impossible_start(cell, candidate, world)) is not None:
-        return obstacle
-    return (_fastest if fastest else _planned)(cell, candidate, world).scenes
 
 
 def with_branch(cell: Cell, scene: Rehearsal) -> Candidate:
@@ -202,8 +198,18 @@ class _Planned:
 class Plans:
     """The planned ways of candidates in one world, for cells that differ in their cameras only."""
 
-    def __init__(self) -> None:
+    def __init__(self, sights: tuple[Cell, Sampling] | None = None) -> None:
+        """sights: the cell and the sampling for which it is kept what is seen of the ways, if it is."""
         self._known: dict[int, tuple[Candidate, _Planned]] = {}
+        self._sights, self._seen = sights, dict[int, Watched]()
+
+    def observed(self, cell: Cell, scenes: Sequence[Rehearsal], sampling: Sampling) -> list[Watched]:
+        """What is seen of some of the planned ways; observed at the first time, if that is kept."""
+        if self._sights is None or self._sights[0] is not cell or self._sights[1] != sampling:
+            return all_watched(cell, scenes, sampling, full=False)
+        missing = [scene for scene in scenes if id(scene) not in self._seen]
+        self._seen |= zip(map(id, missing), all_watched(cell, missing, sampling, full=False), strict=True)
+        return [self._seen[id(scene)] for scene in scenes]
 
     def of(self, cell: Cell, candidate: Candidate, world: World, *, fastest: bool) -> _Planned:
         """The ways of a candidate, or the fastest of them; planned at the first time. World and cell: see the class."""

@@ -9,11 +9,11 @@ from typing import Literal
 
 from sqrp_cli.document import LEFT_OUT, Pose, Record, WorkspaceDocument
 from sqrp_cli.knowledge.text.entries import completed
+from sqrp_cli.programming.advice.result import AdvisedFigures
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.placing import place
 from sqrp_cli.programming.placing.problem import FewestPossible, Objective
 from sqrp_cli.programming.placing.table import UnseenTarget
-from sqrp_cli.report.documents.advice import AdvisedFigures, WishedFigures
 
 _COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
 
@@ -116,7 +116,7 @@ class PlaceDocument(WorkspaceDocument):
     """As they were asked for."""
     mounts: int
     """Places for a camera to choose from."""
-    want: WishedFigures
+    want: Wish
     """What every candidate is to reach; null where anything will do."""
     met: bool
     """Whether the cameras are as they were wanted."""
@@ -187,7 +187,7 @@ def placed(found: place.Solution, patch: str) -> PlaceDocument:
         workspace=question.cell.workspace.name,
         tasks=[task.text for task in question.tasks],
         mounts=len(question.mounts.spots),
-        want=completed(WishedFigures, wanted.wish or Wish()),
+        want=wanted.wish or Wish(),
         cameras=[CameraPlaced.of(camera) for camera in found.cameras],
         keep=list(question.keep),
         survive=wanted.failure_tolerance,

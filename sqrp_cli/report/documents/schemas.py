@@ -21,8 +21,8 @@ from sqrp_cli.knowledge.skill.skill import SkillFile
 from sqrp_cli.knowledge.text.entries import Entry
 from sqrp_cli.knowledge.workspace.mounts import PlaceFile
 from sqrp_cli.knowledge.workspace.workspace import WorkspaceFile
+from sqrp_cli.programming.advice.result import AdviceDocument
 from sqrp_cli.programming.result import Ranking
-from sqrp_cli.report.documents.advice import AdviceDocument
 from sqrp_cli.report.documents.checks import CheckDocument, RulesDocument
 from sqrp_cli.report.documents.explanation import ExplainedAll, Explanation
 from sqrp_cli.report.documents.placing import PlaceDocument

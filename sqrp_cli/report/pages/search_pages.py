@@ -3,37 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from sqrp_cli.programming.advice.change import Advice
 from sqrp_cli.programming.advice.question import is_fastest
+from sqrp_cli.programming.advice.result import AdviceDocument
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.pipeline import Assignment, described, sampling_done
 from sqrp_cli.programming.placing.place import JudgedCandidate, Solution
 from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.report.documents import placing
-from sqrp_cli.report.documents.advice import AdviceDocument, costs, held_ways, nearest_in_words
 from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.candidate_page import cell_scene, computed, origin, playback
 from sqrp_cli.report.pages.page import CellScene, MountShown, PageContent, PageRow, PlacementShown, write_page
 from sqrp_cli.report.sentences import KIND_WORDS, accuracy
 from sqrp_cli.scoring.scorecard import Progress
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class AdviceShown:
-    """An advice with all that its page needs."""
-
-    document: AdviceDocument
-    wish: Wish
-    assignment: Assignment
-    """The cell and the world without any change."""
-    before: CandidateResult
-    """The candidate without any change."""
-    advice: Sequence[Advice]
-    """Those of the document, in its order."""
 
 
 class _Row(NamedTuple):
@@ -46,13 +31,15 @@ class _Row(NamedTuple):
     """The cell and the world with the change."""
 
 
-def write_advice(shown: AdviceShown, path: Path, *, arguments: Sequence[str], jobs: int, progress: Progress) -> None:
+def write_advice(
+    document: AdviceDocument, path: Path, *, arguments: Sequence[str], jobs: int, progress: Progress
+) -> None:
     """Write the page about an advice. arguments: of the command. jobs: processes to use at most."""
-    document, original = shown.document, shown.assignment
-    rows = list(_rows(shown))
+    wish, original = document.want, document.session.session.assignment
+    rows = list(_rows(document, original))
     scenes = [cell_scene(original.cell)]
     entries = []
-    found = computed(lambda row: studied(*row, shown.wish), rows, jobs, progress)
+    found = computed(lambda row: studied(*row, wish), rows, jobs, progress)
     for (_, _, assignment), row in zip(rows, found, strict=True):
         same = assignment.cell is original.cell
         if not same:
@@ -62,30 +49,21 @@ def write_advice(shown: AdviceShown, path: Path, *, arguments: Sequence[str], jo
     if feasible := [row.found for row in rows if row.found.feasible]:
         about.append(("accuracy", accuracy(sampling_done(original.sampling, feasible), feasible)))
     about += [(KIND_WORDS[kind.kind], kind.why) for kind in document.kinds if kind.why is not None]
-    title = f"What would help: {document.task} in {document.workspace}"
-    write_page(PageContent(title, _summary(shown), "Changes", about, entries, scenes), path)
-
-
-def _summary(shown: AdviceShown) -> str:
-    """The wish in a sentence, and how many changes meet it."""
-    document = shown.document
+    count = len(document.advice)
+    met = "one change meets it" if count == 1 else f"{count} changes meet it, each on its own"
     if document.met:
         met = "that is met already"
-    elif not document.advice:
-        nearest = document.nearest
-        near = "" if nearest is None else f". {nearest_in_words(nearest)}"
-        met = f"nothing that was tried meets it{near}"
-    else:
-        count = len(document.advice)
-        met = "one change meets it" if count == 1 else f"{count} changes meet it, each on its own"
-    held = held_ways(document.advice, fixed=shown.assignment.wanted.fastest)
-    return f"{document.candidate} is to have {shown.wish}: {met}. {held}".strip()
+    elif not count:
+        met = "nothing that was tried meets it" + ("" if document.nearest is None else f". {document.nearest}")
+    summary = f"{document.candidate} is to have {wish}: {met}. {document.held}".strip()
+    title = f"What would help: {document.task} in {document.workspace}"
+    write_page(PageContent(title, summary, "Changes", about, entries, scenes), path)
 
 
-def _rows(shown: AdviceShown) -> Iterator[_Row]:
+def _rows(document: AdviceDocument, assignment: Assignment) -> Iterator[_Row]:
     """The candidate as it is, then with each change."""
-    document, before, assignment = shown.document, shown.before, shown.assignment
-    several = any(one.found.way.parameters != before.way.parameters for one in shown.advice)
+    before = document.start
+    several = any(one.found.way.parameters != before.way.parameters for one in document.advice)
 
     def row(name: str, mark: str, kind: str, found: CandidateResult, reasons: Sequence[str]) -> PageRow:
         labels = {"change": name, "kind": kind}
@@ -94,14 +72,11 @@ def _rows(shown: AdviceShown) -> Iterator[_Row]:
         retried = found.candidate.skill.retried_faults
         return PageRow(name, mark, labels, None, reasons, None, None, retried=retried)
 
-    yield _Row(row("as it is", "", "", before, shown.wish.missed(before)), before, assignment)
-    for number, (one, advice) in enumerate(zip(document.advice, shown.advice, strict=True), 1):
-        change = advice.change
-        cell, world = change.in_cell(assignment.cell), change.in_world(assignment.world)
-        reasons = [f"costs {cost}" for cost in costs(one.tasks)]
-        mark = f"#{number}"
-        changed = replace(assignment, cell=cell, world=world)
-        yield _Row(row(one.words, mark, one.kind, advice.found, reasons), advice.found, changed)
+    yield _Row(row("as it is", "", "", before, document.want.missed(before)), before, assignment)
+    for number, one in enumerate(document.advice, 1):
+        cell, world = one.proposed.in_cell(assignment.cell), one.proposed.in_world(assignment.world)
+        shown = row(one.words, f"#{number}", one.kind, one.found, [f"costs {cost}" for cost in one.costs])
+        yield _Row(shown, one.found, replace(assignment, cell=cell, world=world))
 
 
 def studied(row: PageRow, found: CandidateResult, assignment: Assignment, wish: Wish | None) -> PageRow:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import rehearsal
 from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.feasibility import feasible_motion
-from sqrp_cli.programming.placing.sites import JudgedWay, Verdicts, View, ViewBatch, installations
+from sqrp_cli.programming.placing.sites import Verdicts, View, ViewBatch, installations, judged
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.scoring.work.cluster import Cluster
 from sqrp_cli.scoring.work.identity import digest_of, program_digest
@@ -38,8 +38,8 @@ class LookJob(Job):
         if isinstance(motion, Infeasible) or self.samples is None:
             raise ValueError(f"{candidate.name} was feasible a moment ago")
         scene = rehearsal(cell, candidate, cell.initial_world, motion)
-        judged = JudgedWay(scene, self.samples, task=self.task, candidate=candidate)
-        return as_line(ViewBatch(judged, self.views).seen(cell))
+        way = replace(judged(cell, self.task, candidate, scene), samples=self.samples)
+        return as_line(ViewBatch(way, self.views).seen(cell))
 
 
 @dataclass(frozen=True, eq=False)

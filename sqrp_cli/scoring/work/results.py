@@ -16,7 +16,7 @@ from functools import cache
 from math import isfinite
 from pathlib import Path
 from types import UnionType
-from typing import IO, TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import IO, Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from pydantic import Field
@@ -32,7 +32,16 @@ from sqrp_cli.knowledge.text.json_file import parse_json
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.platform.files import make_folder, naming, write_atomically
 from sqrp_cli.programming.advice.aiming import Aim
-from sqrp_cli.programming.advice.change import Advice, CandidateEffect, EffectOnTask, Kind, Margin, Miss, ProposedChange
+from sqrp_cli.programming.advice.moves import Kind, ProposedChange
+from sqrp_cli.programming.advice.result import (
+    AdviceFound,
+    AdvisedFigures,
+    ChangedCandidate,
+    KindOutcome,
+    Margin,
+    NearestChange,
+    TaskEffect,
+)
 from sqrp_cli.programming.candidate import THEN, whole_skill
 from sqrp_cli.programming.coverage.blind_spans import BlindSpan, Coverage, TargetCoverage
 from sqrp_cli.programming.result import BlindEnd, CandidateResult, WayFigures, WaysFound
@@ -41,15 +50,12 @@ from sqrp_cli.programming.task import Candidate
 from sqrp_cli.scoring.work.identity import digest_of, program_digest
 from sqrp_cli.shown import json_line
 
-if TYPE_CHECKING:
-    from sqrp_cli.programming.advice.advise import Answer
-
-
 _RECORDS = {
     record.__name__: record
     for record in (
-        *(Advice, Aim, CandidateResult, BlindEnd, Camera, Candidate, CandidateEffect, EffectOnTask, FaultMetrics),
-        *(Margin, Miss, ProposedChange, Qualities, WayFigures, WaysFound),
+        *(AdvisedFigures, AdviceFound, Aim, BlindEnd, Camera, Candidate, CandidateResult, ChangedCandidate),
+        *(FaultMetrics, KindOutcome, Margin, NearestChange, ProposedChange, Qualities, TaskEffect, WayFigures),
+        WaysFound,
     )
 }
 """What lines are made of; one that names anything else is none of ours."""
@@ -311,7 +317,7 @@ class Results:
 
 @dataclass(frozen=True, eq=False)
 class KeptSearches:
-    """Answers by kind; see `advise.Kept`."""
+    """Outcomes by kind; see `advise.Kept`."""
 
     results: Results
     about: tuple[object, ...]
@@ -319,19 +325,19 @@ class KeptSearches:
     skills: Mapping[str, Skill]
     """Of the workspace, by name: they are not written."""
 
-    def get(self, kind: Kind) -> Answer | None:
-        """The answer that was kept; None if there is none, or its file is damaged or another's."""
+    def get(self, kind: Kind) -> KindOutcome | None:
+        """The outcome that was kept; None if there is none, or its file is damaged or another's."""
         text = self.results.get(self._key(kind))
         if text is None:
             return None
         with suppress(ValueError):
-            answer: Answer = from_line(text, [*self.skills.values()])
-            return answer
+            outcome: KindOutcome = from_line(text, [*self.skills.values()])
+            return outcome
         return None
 
-    def keep(self, kind: Kind, answer: Answer) -> None:
-        """Keep an answer. Raises InputError where it cannot be written."""
-        self.results.keep(self._key(kind), as_line(answer))
+    def keep(self, outcome: KindOutcome) -> None:
+        """Keep an outcome. Raises InputError where it cannot be written."""
+        self.results.keep(self._key(outcome.kind), as_line(outcome))
 
     def _key(self, kind: Kind) -> str:
         return digest_of([program_digest(), "advise", kind, plain_of(self.about)])

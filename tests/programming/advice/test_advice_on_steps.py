@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sqrp_cli.api.advice import TaskAdvice
 from sqrp_cli.api.cell import OpenCell
 from sqrp_cli.geometry import displacement
 from sqrp_cli.knowledge.workspace.load import load_workspace
-from sqrp_cli.programming.advice.change import ProposedChange
 from sqrp_cli.programming.advice.look import CameraLook, WishedSamples
+from sqrp_cli.programming.advice.moves import ProposedChange
 from sqrp_cli.programming.advice.question import seen_by
+from sqrp_cli.programming.advice.result import AdviceDocument, NearestChange
 from sqrp_cli.programming.advice.wish import read_wish
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.task import read_task
@@ -38,41 +38,39 @@ def cell() -> OpenCell:
 
 
 @pytest.fixture(scope="module")
-def advice(cell: OpenCell) -> TaskAdvice:
+def advice(cell: OpenCell) -> AdviceDocument:
     return cell.advise(TASK, want="q_eoi 100 %, q_avg 95 %", kinds=["way", "lens"])
 
 
-def whole(cell: OpenCell, found: TaskAdvice) -> WholeStudy:
+def whole(cell: OpenCell, found: AdviceDocument) -> WholeStudy:
     """The way that an advice is about, in a cell."""
-    studied = whole_study(cell.cell, found.way, cell.cell.initial_world, Adaptive(), full=True)
+    studied = whole_study(cell.cell, found.advice[0].found.way, cell.cell.initial_world, Adaptive(), full=True)
     assert isinstance(studied, WholeStudy)
     return studied
 
 
-def test_the_advised_lens_meets_the_wish_and_one_a_little_narrower_does_not(advice: TaskAdvice) -> None:
-    (lens,) = [one for one in advice.advice if one.change.kind == "lens"]
-    view = 28 + np.degrees(lens.change.values[0])
+def test_the_advised_lens_meets_the_wish_and_one_a_little_narrower_does_not(advice: AdviceDocument) -> None:
+    (lens,) = [one for one in advice.advice if one.kind == "lens"]
+    view = 28 + np.degrees(lens.change[0])
     assert view > 28
     found = whole(with_one_camera(round(view, 2)), advice).assessment
-    assert advice.wish.met(found)
-    assert (lens.found.q_eoi, lens.found.q_avg, lens.found.time) == pytest.approx(
-        (found.q_eoi, found.q_avg, found.time), abs=2e-3
-    )
-    assert not advice.wish.met(whole(with_one_camera(round(view - 0.1, 2)), advice).assessment)
+    assert advice.want.met(found)
+    assert (lens.q_eoi, lens.q_avg, lens.time) == pytest.approx((found.q_eoi, found.q_avg, found.time), abs=2e-3)
+    assert not advice.want.met(whole(with_one_camera(round(view - 0.1, 2)), advice).assessment)
 
 
-def test_figures_before_are_those_of_rank(cell: OpenCell, advice: TaskAdvice) -> None:
+def test_figures_before_are_those_of_rank(cell: OpenCell, advice: AdviceDocument) -> None:
     ranked = cell.rank(TASK, ways="fastest").best
     assert ranked is not None
-    before = advice.document.before
+    before = advice.before
     assert (before.q_eoi, before.q_avg, before.time) == (ranked.q_eoi, ranked.q_avg, ranked.time)
 
 
 def test_listed_tasks_of_several_steps_and_those_that_need_others_first_are_among_those_it_may_cost(
-    advice: TaskAdvice,
+    advice: AdviceDocument,
 ) -> None:
-    (lens,) = [one for one in advice.advice if one.change.kind == "lens"]
-    names = {effect.task: [one.before.candidate.name for one in effect.candidates] for effect in lens.effects}
+    (lens,) = [one for one in advice.advice if one.kind == "lens"]
+    names = {effect.task: [one.candidate for one in effect.candidates] for effect in lens.tasks}
     assert names == {
         "pickup peg then insert peg socket yaw=0": [
             f"pickup {one} then insert {one} socket" for one in ("peg1", "peg2")
@@ -80,38 +78,41 @@ def test_listed_tasks_of_several_steps_and_those_that_need_others_first_are_amon
         "insert peg2 socket yaw=0": ["pickup peg2 then insert peg2 socket"],
         TASK: ["pickup peg2 then insert peg2 socket"],
     }
-    assert all(one.after.steps for effect in lens.effects for one in effect.candidates)
 
 
-def test_a_kept_answer_is_read_as_it_was_found(cell: OpenCell, advice: TaskAdvice, tmp_path: Path) -> None:
+def test_a_kept_answer_is_read_as_it_was_found(cell: OpenCell, advice: AdviceDocument, tmp_path: Path) -> None:
     asked = {"want": "q_eoi 100 %, q_avg 95 %", "kinds": ["lens"], "out": tmp_path}
     first, again = cell.advise(TASK, **asked), cell.advise(TASK, **asked)
     assert len(list(tmp_path.glob("*/*.json"))) == 1
     assert first.to_json() == again.to_json()
-    assert [one.change.values for one in again.advice] == [one.change.values for one in advice.advice]
+    assert [one.change for one in again.advice] == [one.change for one in advice.advice]
 
 
-def test_the_task_that_says_a_way_has_that_way_alone(advice: TaskAdvice) -> None:
-    (miss,) = [one for one in advice.misses if one.kind == "way"]
-    assert miss.nearest is not None
-    content = advice._changed(miss.nearest)
+def nearest_way(advice: AdviceDocument) -> NearestChange:
+    (nearest,) = [one.nearest for one in advice.kinds if one.kind == "way"]
+    assert nearest is not None
+    return nearest
+
+
+def test_the_task_that_says_a_way_has_that_way_alone(advice: AdviceDocument) -> None:
+    change = nearest_way(advice).proposed
+    content = advice.session.changed(change)
     changed = load_workspace(CELL, content)
     assert changed.tasks[-1].steps[1].startswith("insert peg2 socket")
     (candidate,) = read_task(changed.tasks[-1].task, changed).candidates
-    assert miss.nearest.parameters is not None
-    assert {**candidate.all_parameters, **miss.nearest.parameters} == candidate.all_parameters
+    assert change.parameters is not None
+    assert {**candidate.all_parameters, **change.parameters} == candidate.all_parameters
 
 
-def test_a_nearest_way_of_several_steps_says_what_each_does_and_which_falls_short(advice: TaskAdvice) -> None:
-    (miss,) = [one for one in advice.misses if one.kind == "way"]
-    assert miss.nearest is not None
-    assert miss.nearest.said.startswith("step 1 ")
-    assert ", step 2 " in miss.nearest.said
-    assert miss.limit.startswith("step ")
+def test_a_nearest_way_of_several_steps_says_what_each_does_and_which_falls_short(advice: AdviceDocument) -> None:
+    nearest = nearest_way(advice)
+    assert "step 1 " in nearest.words
+    assert ", step 2 " in nearest.words
+    assert nearest.limit.startswith("step ")
 
 
 @pytest.mark.parametrize("wish", ["q_eoi 90 %", "q_avg 80 %, delay 1 s", "q_eoi 100 %"])
-def test_what_meets_a_wish_about_all_steps_passes_the_look(cell: OpenCell, advice: TaskAdvice, wish: str) -> None:
+def test_what_meets_a_wish_about_all_steps_passes_the_look(cell: OpenCell, advice: AdviceDocument, wish: str) -> None:
     studied, wanted, rng = whole(cell, advice), read_wish(wish), np.random.default_rng(len(wish))
     camera = cell.workspace.cameras["left"]
     look = CameraLook(WishedSamples.of(cell.cell, studied, wanted), camera, 0)

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from sqrp_cli.geometry import look_at
 from sqrp_cli.programming.advice.aiming import Aim, looking_at, turned
-from sqrp_cli.programming.advice.camera_moves import Displacement
-from sqrp_cli.report.sentences import change_in_words
+from sqrp_cli.programming.advice.moves import displaced
 from tests.programming.sensing.views import make_camera
 
 COORDINATE = st.floats(-2, 2).map(lambda value: round(value, 3))
@@ -51,9 +50,9 @@ def test_the_aim_of_a_stated_orientation_leaves_it_as_it_is():
 def test_a_camera_that_moves_beside_its_aim_says_how_far_it_turns():
     camera = make_camera(X_FC=look_at((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
     aim = Aim(np.zeros(3), np.array([1.0, 0.0, 0.0]))
-    sideways = Displacement(camera, aim).change(np.array([0.0, 1.0, 0.0]))
-    towards = Displacement(camera, aim).change(np.array([0.0, 0.0, -0.5]))
+    sideways = displaced(camera, aim).change(np.array([0.0, 1.0, 0.0]))
+    towards = displaced(camera, aim).change(np.array([0.0, 0.0, -0.5]))
     assert np.isclose(sideways.turn, np.pi / 4)
     assert np.isclose(towards.turn, 0.0, atol=1e-9)
-    assert change_in_words(sideways) == f"move {camera.name} 1.00 m, +y, and turn it 45.0 deg"
-    assert change_in_words(towards) == f"move {camera.name} 50.0 cm, -z"
+    assert sideways.words == f"move {camera.name} 1.00 m, +y, and turn it 45.0 deg"
+    assert towards.words == f"move {camera.name} 50.0 cm, -z"

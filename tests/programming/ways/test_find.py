@@ -75,7 +75,7 @@ def test_a_way_that_is_seen_for_a_moment_is_the_best_where_the_others_are_seen_f
 
 
 def test_advice_finds_the_only_way_that_meets_a_wish(slow_lift: OpenCell) -> None:
-    (found,) = slow_lift.advise("pick part", want="q_eoi 15 %", kinds=["way"]).document.advice
+    (found,) = slow_lift.advise("pick part", want="q_eoi 15 %", kinds=["way"]).advice
     assert (found.kind, round(found.q_eoi or 0.0, 3)) == ("way", 0.186)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sqrp_cli.report.documents.advice import AdvisedFigures, ChangedCandidate, TaskEffect, costs
+from sqrp_cli.programming.advice.result import AdviceFound, AdvisedFigures, ChangedCandidate, TaskEffect
 
 
 def figures(q_eoi: float) -> AdvisedFigures:
@@ -16,7 +16,12 @@ def effect(task: str, *candidates: ChangedCandidate) -> TaskEffect:
 def test_a_cost_is_listed_once_and_other_candidates_of_a_later_task_still_are():
     g1 = ChangedCandidate(candidate="g1", before=figures(0.6), after=figures(0.1), worse=("q_eoi",))
     box = ChangedCandidate(candidate="box3", before=figures(1.0), after=figures(1.0), worse=("feasible",))
-    assert list(costs([effect("pickup green", g1), effect("pickup g1", g1), effect("pickup any", g1, box)])) == [
+    found = AdviceFound(
+        **vars(figures(1.0)), kind="aim", target="cam1", change=(), size=0.1, unit="rad", turn=0.1, words="",
+        margin=None, worse=(),
+        tasks=(effect("pickup green", g1), effect("pickup g1", g1), effect("pickup any", g1, box)),
+    )  # fmt: skip
+    assert found.costs == [
         "in pickup green: g1 Q_eoi 60.0 % to 10.0 %",
         "in pickup any: box3 can no longer be done",
     ]
