@@ -116,8 +116,8 @@ class AdvisedCell:
 def find_advice(cell: Cell, ask: AdviseRequest, content: bytes | None = None) -> AdviceDocument:
     """The least changes that meet a wish; at Ctrl-C what was found so far.
 
-    content: of the workspace file, where it is not that on the disk. Raises InputError for a wish or a choice that cannot
-    be read, and for a folder that cannot be used.
+    content: of the workspace file, where it is not that on the disk. Raises InputError for a wish or a choice that
+    cannot be read, and for a folder that cannot be used.
     """
     session = Session.begin(cell, ask)
     plans, workspace = Plans((session.cell, session.assignment.sampling)), session.workspace
