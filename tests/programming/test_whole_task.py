@@ -46,6 +46,7 @@ def test_only_choices_whose_preconditions_hold_one_after_the_other_are_candidate
         f"pickup {one} then insert {one} socket" for one in ("peg1", "peg2")
     ]
     assert found.candidates[0].parameters["2.into"] == "socket"
+    assert [one.feasible for one in cell.check(TASK).candidates] == [True, True]
 
 
 def test_a_task_whose_steps_do_not_go_together_says_what_is_missing(cell: OpenCell) -> None:
@@ -93,17 +94,13 @@ def test_a_program_of_the_whole_has_its_steps_and_each_can_be_explained(
         program.explain(3)
 
 
-def test_a_step_of_a_task_is_explained_in_the_world_that_the_steps_before_leave(cell: OpenCell) -> None:
-    found = cell.explain(TASK, step=2)
-    assert found.task == "insert peg1 socket"
-    assert found.samples[0].held == "peg1"
-
-
 def test_the_explanation_of_a_step_says_which_it_is_and_the_place_of_the_whole(
     cell: OpenCell, ranking: Ranking, capsys: pytest.CaptureFixture[str]
 ) -> None:
     whole = ranking.candidates[1]
     assert (whole.parameters["1.object"], whole.rank, whole.pareto) == ("peg2", 2, False)
+    second = cell.explain(TASK, step=2)
+    assert (second.task, second.samples[0].held) == ("insert peg1 socket", "peg1"), "in the world that the first leaves"
     found = cell.explain(TASK, "2", step=1)
     found.show()
     title, figures = " ".join(capsys.readouterr().out.split()).replace(" way ", "\nway ", 1).split("\n")
@@ -132,11 +129,6 @@ def test_a_program_names_a_workspace_file_as_other_commands_do(ranking: Ranking,
     assert changed is not None
     assert changed.mend is not None
     assert f"sqrp rank {CELL} 'pickup peg1'" in changed.mend
-
-
-def test_check_knows_whole_tasks(cell: OpenCell) -> None:
-    found = cell.check(TASK)
-    assert [one.feasible for one in found.candidates] == [True, True]
 
 
 def test_a_listed_task_that_needs_another_first_is_planned_and_scored_as_a_whole(cell: OpenCell) -> None:

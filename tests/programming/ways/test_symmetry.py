@@ -38,23 +38,26 @@ def test_a_shape_looks_the_same_in_as_many_turns_as_its_geometry_says(shape: Sha
     assert part_turns(an_object((shape, FLAT)), side) == turns
 
 
-def test_several_parts_look_the_same_where_all_do() -> None:
-    thing = an_object((Box((0.04, 0.04, 0.04)), FLAT), (Cylinder(0.02, 0.1), FLAT))
-    assert part_turns(thing, "+z") == 4
-    aside = an_object((Box((0.04, 0.04, 0.04)), FLAT), (Cylinder(0.01, 0.1), pose(position=(0.01, 0.0, 0.0))))
-    assert part_turns(aside, "+z") == 1
+CUBE = Box((0.04, 0.04, 0.04))
 
 
-def test_a_box_that_is_turned_about_the_axis_keeps_its_symmetry_and_a_tilted_one_has_none() -> None:
-    turned = an_object((Box((0.04, 0.04, 0.04)), pose(axis_rotation(2, 0.3))))
-    tilted = an_object((Box((0.04, 0.04, 0.04)), pose(axis_rotation(0, 0.3))))
-    assert (part_turns(turned, "+z"), part_turns(tilted, "+z")) == (4, 1)
-
-
-def test_a_stated_symmetry_counts_about_z_only() -> None:
-    assert part_turns(an_object((Box((0.04, 0.06, 0.04)), FLAT), symmetry="round"), "+z") == ROUND
-    assert part_turns(an_object((Box((0.04, 0.06, 0.04)), FLAT), symmetry=1), "+z") == 1
-    assert part_turns(an_object((Box((0.04, 0.06, 0.04)), FLAT), symmetry=1), "+y") == 4
+@pytest.mark.parametrize(
+    ("thing", "side", "turns"),
+    [
+        (an_object((CUBE, FLAT), (Cylinder(0.02, 0.1), FLAT)), "+z", 4),
+        (an_object((CUBE, FLAT), (Cylinder(0.01, 0.1), pose(position=(0.01, 0.0, 0.0)))), "+z", 1),
+        (an_object((CUBE, pose(axis_rotation(2, 0.3)))), "+z", 4),
+        (an_object((CUBE, pose(axis_rotation(0, 0.3)))), "+z", 1),
+        (an_object((Box((0.04, 0.06, 0.04)), FLAT), symmetry="round"), "+z", ROUND),
+        (an_object((Box((0.04, 0.06, 0.04)), FLAT), symmetry=1), "+z", 1),
+        (an_object((Box((0.04, 0.06, 0.04)), FLAT), symmetry=1), "+y", 4),
+    ],
+    ids=["parts in one axis", "a part aside", "turned", "tilted", "stated round", "stated none", "stated about z only"],
+)
+def test_parts_and_stated_symmetry_decide_how_an_object_looks_the_same(
+    thing: SceneObject, side: str, turns: int
+) -> None:
+    assert part_turns(thing, side) == turns
 
 
 def test_turns_begin_with_none_and_stay_within_half_a_turn() -> None:
