@@ -19,7 +19,7 @@ from sqrp_cli.knowledge.light import COLORS, hue_of, look_alike
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.skill import Grasp, Skill
 from sqrp_cli.knowledge.skill.target_box import BoxSpec
-from sqrp_cli.knowledge.workspace.held import holding_skills
+from sqrp_cli.knowledge.workspace.load import holding_skills
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 
 

@@ -141,12 +141,14 @@ TEXT = (
 """In any text file."""
 
 
-def _aliases() -> str:
+def aliases() -> str:
+    """Ten billion values by aliases of aliases."""
     lists = "a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n"
     return lists + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 10))
 
 
-def _merges() -> str:
+def merges() -> str:
+    """Mappings that merge each other, doubling each time."""
     return "b0: &b0 {k: 1}\n" + "".join(f"b{i}: &b{i}\n  <<: *b{i - 1}\n  x{i}: *b{i - 1}\n" for i in range(1, 40))
 
 
@@ -158,8 +160,8 @@ YAML = (
     *starmap(
         _before,
         (
-            ("aliases", _aliases),
-            ("merges", _merges),
+            ("aliases", aliases),
+            ("merges", merges),
             ("itself", "a: &a\n  b: *a\n"),
             ("indents", lambda: "".join(" " * i + "a:\n" for i in range(1200))),
             ("dashes", "- " * 100_000 + "x\n"),

@@ -7,13 +7,10 @@ from collections.abc import Callable
 from random import Random
 
 from tests.damage.bombs import TEXT, Bomb, edited, replaced, whole
+from tests.knowledge.mesh.mesh_bombs import TRIANGLES
 
 CORNERS = [(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
-TRIANGLES = [
-    (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
-    (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3),
-]  # fmt: skip
-"""A cube with sides of 1, its faces outwards."""
+"""A cube with sides of 1."""
 
 
 def binary_stl(stated: int | None = None, corner: tuple[float, float, float] | None = None) -> bytes:

@@ -35,14 +35,11 @@ def test_a_marker_is_its_id_or_a_mapping_with_dictionary_and_side() -> None:
     assert ObjectMarker(id=7, dictionary="4x4_50").on((0.08, 0.2, 0.1)).side == pytest.approx(0.06)
 
 
-@pytest.mark.parametrize(
-    ("marker", "message"),
-    [
+@pytest.mark.parametrize(("marker", "message"), [
         ("{id: 7, dictionary: 4x4_51}", "found `4x4_51`, which is no dictionary; did you mean `4x4_50`"),
         ("{id: 50, dictionary: 4x4_50}", "found id 50, expected one of `4x4_50`: 0 to 49"),
         ("1024", "found id 1024, expected one of `aruco_original`: 0 to 1023"),
-    ],
-)
+])  # fmt: skip
 def test_a_marker_that_is_none_is_refused(marker: str, message: str) -> None:
     with pytest.raises(InputError) as caught:
         cell_with(marker)

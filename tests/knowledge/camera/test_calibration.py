@@ -88,9 +88,7 @@ def test_the_projection_matrix_of_the_rectified_image_is_not_used(tmp_path: Path
     assert read(FISHEYE, tmp_path).matrix[0, 0] == 300
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "says"),
-    [
+@pytest.mark.parametrize(("old", "new", "says"), [
         ("width: 1280", "width: 1280.5", "expected a whole number"),
         ("- 646.1", "- 646,1", "found `646,1`, expected a number"),
         ("k:\n- 908.5\n", "k:\n", "found 8 numbers, expected 9"),
@@ -99,8 +97,7 @@ def test_the_projection_matrix_of_the_rectified_image_is_not_used(tmp_path: Path
         ("k:\n", "kk:\n", "lacks the key `camera_matrix`"),
         ("k:\n", "camera_matrx:\n", "lacks the key `camera_matrix`; did you mean it by `camera_matrx`?"),
         ("width:", "image_wdth:", "lacks the key `image_width`; did you mean it by `image_wdth`?"),
-    ],
-)
+])  # fmt: skip
 def test_a_printed_message_with_a_mistake_is_refused_where_that_stands(
     old: str, new: str, says: str, tmp_path: Path
 ) -> None:

@@ -211,16 +211,13 @@ def test_every_format_gives_the_same_camera(tmp_path: Path, name: str) -> None:
     np.testing.assert_allclose(found.distortion, coefficients, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("model", "parameters", "distortion"),
-    [
+@pytest.mark.parametrize(("model", "parameters", "distortion"), [
         ("SIMPLE_PINHOLE", "900 640 360", ("none", ())),
         ("SIMPLE_RADIAL", "900 640 360 0.1", ("plumb_bob", (0.1, 0, 0, 0, 0))),
         ("RADIAL", "900 640 360 0.1 -0.2", ("plumb_bob", (0.1, -0.2, 0, 0, 0))),
         ("RADIAL_FISHEYE", "900 640 360 0.1 -0.2", ("equidistant", (0.1, -0.2, 0, 0))),
         ("FULL_OPENCV", "900 900 640 360 1 2 3 4 5 6 7 8", ("rational_polynomial", (1, 2, 3, 4, 5, 6, 7, 8))),
-    ],
-)
+])  # fmt: skip
 def test_colmap_counts_pixels_from_the_corner_of_the_first(tmp_path, model, parameters, distortion):
     wanted = typed(f"1 {model} 1280 720 {parameters}\n")(tmp_path)
     found = read_calibration(Path(wanted.file), wanted).intrinsics

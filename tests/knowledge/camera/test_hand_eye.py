@@ -61,9 +61,7 @@ def test_pose_and_calibration_exclude_each_other(cell: Path) -> None:
         load_workspace(path)
 
 
-@pytest.mark.parametrize(
-    ("file", "old", "new", "line", "says"),
-    [
+@pytest.mark.parametrize(("file", "old", "new", "line", "says"), [
         ("easy_handeye_in_hand.yaml", "qw: 0.7071068", "qw: 0.1", 12, "the quaternion has length 0.714, expected 1"),
         ("easy_handeye_in_hand.yaml", "  x: 0.03\n", "", 11, "`transformation` lacks the key `x`"),
         ("easy_handeye_in_hand.yaml", "  qx: 0.0\n", "  qx: nought\n", 13, "found `nought`, expected a number"),
@@ -73,8 +71,7 @@ def test_pose_and_calibration_exclude_each_other(cell: Path) -> None:
         ("easy_handeye2_on_base.calib", "eye_on_base", "eye_to_base", 3, "did you mean `eye_on_base`?"),
         ("easy_handeye2_on_base.calib", "    w: 0.0\n", "", 16, "`transform.rotation` lacks the key `w`"),
         ("easy_handeye2_on_base.calib", "    z: 1.4\n", "    z: .nan\n", 15, "finite"),
-    ],
-)
+])  # fmt: skip
 def test_mistakes_are_refused_where_they_stand(
     file: str, old: str, new: str, line: int | None, says: str, tmp_path: Path
 ) -> None:

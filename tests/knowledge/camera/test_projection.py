@@ -92,18 +92,11 @@ def test_the_image_grows_with_the_radius_up_to_the_one_found_and_no_further(mode
         assert abs(found - radius) <= 2e-4 or flat <= 1e-9
 
 
-@pytest.mark.parametrize(
-    ("model", "distortion", "radius"),
-    [
-        ("plumb_bob", (-0.1, 0, 0, 0, 0), np.sqrt(1 / 0.3)),
-        ("plumb_bob", (0.1, 0, 0, 0, 0), np.inf),
-        ("plumb_bob", (0.0, 0.0, 0.01, 0.01, 0.0), np.inf),
-        ("rational_polynomial", (0, 0, 0, 0, 0, -0.25, 0, 0), 2.0),
-        ("equidistant", (-1 / 3, 0, 0, 0), np.tan(1.0)),
-        ("equidistant", (0, 0, 0, 0), np.inf),
-        ("none", (), np.inf),
-    ],
-)
+@pytest.mark.parametrize(("model", "distortion", "radius"), [
+        ("plumb_bob", (-0.1, 0, 0, 0, 0), np.sqrt(1 / 0.3)), ("plumb_bob", (0.1, 0, 0, 0, 0), np.inf),
+        ("plumb_bob", (0.0, 0.0, 0.01, 0.01, 0.0), np.inf), ("rational_polynomial", (0, 0, 0, 0, 0, -0.25, 0, 0), 2.0),
+        ("equidistant", (-1 / 3, 0, 0, 0), np.tan(1.0)), ("equidistant", (0, 0, 0, 0), np.inf), ("none", (), np.inf),
+])  # fmt: skip
 def test_radius_worked_out_by_hand(model: str, distortion: tuple[float, ...], radius: float) -> None:
     assert monotonic_radius(make_camera(model=model, distortion=distortion)) == pytest.approx(radius)
 

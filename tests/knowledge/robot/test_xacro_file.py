@@ -224,9 +224,8 @@ def test_no_file_expands_without_end(tmp_path: Path, body: str) -> None:
 
 def test_a_urdf_with_xacro_in_it_is_never_read_as_it_is(tmp_path: Path) -> None:
     text = f'<robot name="r" {XMLNS}><xacro:macro name="m"><link name="b"/></xacro:macro><link name="a"/><xacro:m/>'
-    (tmp_path / "arm.urdf").write_text(
-        text + '<joint name="j" type="fixed"><parent link="a"/><child link="b"/></joint></robot>'
-    )
+    joint = '<joint name="j" type="fixed"><parent link="a"/><child link="b"/></joint></robot>'
+    (tmp_path / "arm.urdf").write_text(text + joint)
     assert list(read_urdf(tmp_path / "arm.urdf").links) == ["a", "b"]
 
 
@@ -338,15 +337,7 @@ xacro_child.main()
 
 def test_the_process_that_expands_can_do_nothing_else(tmp_path: Path) -> None:
     (tmp_path / "a.xacro").write_text(f"<robot {XMLNS}/>")
-    asked = {
-        "path": str(tmp_path / "a.xacro"),
-        "arguments": {},
-        "roots": [],
-        "search": [],
-        "seconds": 5,
-        "memory": 2**30,
-    }
-    done = subprocess.run(
-        [sys.executable, "-c", HARMS, tmp_path], input=json.dumps(asked), capture_output=True, text=True
-    )
+    asked = {"path": str(tmp_path / "a.xacro"), "arguments": {}, "roots": [], "search": []}
+    given, command = json.dumps({**asked, "seconds": 5, "memory": 2**30}), [sys.executable, "-c", HARMS, tmp_path]
+    done = subprocess.run(command, input=given, capture_output=True, text=True)
     assert json.loads(done.stdout)["problem"]["message"] == "done: []"

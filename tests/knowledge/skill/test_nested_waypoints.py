@@ -55,16 +55,13 @@ def problems(
     return found
 
 
-@pytest.mark.parametrize(
-    ("stated", "code", "said"),
-    [
+@pytest.mark.parametrize(("stated", "code", "said"), [
         ("{of: [grasp, homm], share: 0.5}", "unknown-waypoint", "did you mean `home`"),
         ("{of: [grasp, home], share: 1.5}", "wrong-value", "at most 1"),
         ("{of: [grasp, home], share: 5 cm}", "wrong-unit", "found a length"),
         ("{of: [grasp, home], share: $lfit}", "unknown-parameter", "`lift`"),
         ("{of: [grasp, above], share: 0.5}", "cyclic-waypoint", "above -> above"),
-    ],
-)
+])  # fmt: skip
 def test_a_mistake_in_a_nested_entry_is_reported(
     problems: Callable[[dict[str, str]], tuple[Problem, ...]], stated: str, code: str, said: str
 ) -> None:

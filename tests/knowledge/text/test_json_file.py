@@ -26,9 +26,7 @@ def refusal(text: str, line: int = 1) -> Problem:
     return problem
 
 
-@pytest.mark.parametrize(
-    ("text", "code", "line", "says"),
-    [
+@pytest.mark.parametrize(("text", "code", "line", "says"), [
         ("[" * 100_000, "nesting-too-deep", 1, "nested deeper than 32 levels"),
         ('{"a":' * 100_000, "nesting-too-deep", 1, "nested deeper than 32 levels"),
         ('{"a": 1,\n "b": ' + "9" * 400 + "}", "not-finite", 2, "`b`: found a number of 400 digits"),
@@ -45,7 +43,7 @@ def refusal(text: str, line: int = 1) -> Problem:
         ('["a\tb"]', "json-syntax", 1, "this is no JSON: invalid control character"),
     ],
     ids=lambda value: value[:20] if isinstance(value, str) else "",
-)
+)  # fmt: skip
 def test_what_is_not_accepted_is_reported_with_line_and_key(text: str, code: str, line: int, says: str) -> None:
     problem = refusal(text)
     assert (problem.code, problem.place and problem.place.line) == (code, line)

@@ -11,27 +11,15 @@ from hypothesis import strategies as st
 from sqrp_cli.knowledge.text.units import DIMENSIONS, Dimension, read_quantity
 
 
-@pytest.mark.parametrize(
-    ("text", "value", "dimension"),
-    [
-        ("30 deg", math.pi / 6, "an angle"),
-        ("20 mm", 0.02, "a length"),
-        ("5cm", 0.05, "a length"),
-        ("1e-3 m", 0.001, "a length"),
-        ("-.5 rad", -0.5, "an angle"),
-        ("60 deg/s", math.pi / 3, "an angular speed"),
-        ("60 deg / s", math.pi / 3, "an angular speed"),
-        ("5 cm/s", 0.05, "a speed"),
+@pytest.mark.parametrize(("text", "value", "dimension"), [
+        ("30 deg", math.pi / 6, "an angle"), ("20 mm", 0.02, "a length"), ("5cm", 0.05, "a length"),
+        ("1e-3 m", 0.001, "a length"), ("-.5 rad", -0.5, "an angle"), ("60 deg/s", math.pi / 3, "an angular speed"),
+        ("60 deg / s", math.pi / 3, "an angular speed"), ("5 cm/s", 0.05, "a speed"),
         ("120 deg/s^2", 2 * math.pi / 3, "an angular acceleration"),
-        ("120 deg/s2", 2 * math.pi / 3, "an angular acceleration"),
-        ("600 deg/s³", 10 * math.pi / 3, "an angular jerk"),
-        ("10 Hz", 10.0, "a frequency"),
-        ("50 ms", 0.05, "a time"),
-        ("2 min", 120.0, "a time"),
-        ("50 %", 0.5, "a share"),
+        ("120 deg/s2", 2 * math.pi / 3, "an angular acceleration"), ("600 deg/s³", 10 * math.pi / 3, "an angular jerk"),
+        ("10 Hz", 10.0, "a frequency"), ("50 ms", 0.05, "a time"), ("2 min", 120.0, "a time"), ("50 %", 0.5, "a share"),
         ("20 px", 20.0, "a number of pixels"),
-    ],
-)
+])  # fmt: skip
 def test_text_with_a_unit_is_in_si_units(text: str, value: float, dimension: str) -> None:
     quantity = read_quantity(text)
     assert quantity is not None

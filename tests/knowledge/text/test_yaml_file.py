@@ -29,36 +29,12 @@ def read(tmp_path: Path) -> Read:
     return read_text
 
 
-@pytest.mark.parametrize(
-    ("text", "value"),
-    [
-        ("1e-3", 0.001),
-        ("1E3", 1000.0),
-        ("-.5", -0.5),
-        ("7.", 7.0),
-        ("+4", 4),
-        ("010", 10),
-        ("0.0", 0.0),
-        ("1_000", "1_000"),
-        ("1:30", "1:30"),
-        ("2026-11-20", "2026-11-20"),
-        ("true", True),
-        ("False", False),
-        ("yes", "yes"),
-        ("no", "no"),
-        ("on", "on"),
-        ("off", "off"),
-        ("y", "y"),
-        ("null", None),
-        ("~", None),
-        ("", None),
-        ("'1'", "1"),
-        ('"true"', "true"),
-        ("5 cm", "5 cm"),
-        ("0x10", "0x10"),
-        ("=", "="),
-    ],
-)
+@pytest.mark.parametrize(("text", "value"), [
+        ("1e-3", 0.001), ("1E3", 1000.0), ("-.5", -0.5), ("7.", 7.0), ("+4", 4), ("010", 10), ("0.0", 0.0),
+        ("1_000", "1_000"), ("1:30", "1:30"), ("2026-11-20", "2026-11-20"), ("true", True), ("False", False),
+        ("yes", "yes"), ("no", "no"), ("on", "on"), ("off", "off"), ("y", "y"), ("null", None), ("~", None), ("", None),
+        ("'1'", "1"), ('"true"', "true"), ("5 cm", "5 cm"), ("0x10", "0x10"), ("=", "="),
+])  # fmt: skip
 def test_scalars_follow_yaml_1_2(read: Read, text: str, value: object) -> None:
     found = read(f"a: {text}\n").data["a"]
     assert found == value

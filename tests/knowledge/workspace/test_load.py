@@ -224,18 +224,14 @@ def test_objects_may_be_named_with_words_that_yaml_1_1_takes_for_booleans(damage
     assert Atom("on_table", ("off",)) in workspace.state
 
 
-@pytest.mark.parametrize(
-    ("asked", "entries", "meant"),
-    [
-        ("nosuch", ["env.sh", "such.txt", "such/readme.md"], None),
-        ("nosuch", ["such/workspace.yaml"], "such"),
+@pytest.mark.parametrize(("asked", "entries", "meant"), [
+        ("nosuch", ["env.sh", "such.txt", "such/readme.md"], None), ("nosuch", ["such/workspace.yaml"], "such"),
         ("tabeltop", ["tabletop.sh", "tabletop.yaml"], "tabletop.yaml"),
         ("tabeltop.yaml", ["tray.yaml", "bin.yaml"], None),
         ("tabletop", ["cells/tabletop/workspace.yaml", "tableto/workspace.yaml"], "cells/tabletop"),
         ("left.yaml", ["cells/left.yaml"], "cells/left.yaml"),
         ("cels/left", ["cells/readme.md", "cell/left/workspace.yaml"], "cell"),
-    ],
-)
+])  # fmt: skip
 def test_only_what_can_be_a_workspace_of_a_near_name_is_suggested(
     tmp_path: Path, asked: str, entries: list[str], meant: str | None
 ) -> None:

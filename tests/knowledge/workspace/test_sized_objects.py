@@ -83,14 +83,11 @@ def test_a_moved_object_is_written_as_its_file_states_it(cell: Path) -> None:
     assert "position: [5, 4, 4]" in text.decode()
 
 
-@pytest.mark.parametrize(
-    ("entry", "said"),
-    [
+@pytest.mark.parametrize(("entry", "said"), [
         ("{type: part, pose: unknown}", "`objects.new` lacks the key `size`"),
         ("{type: part, urdf: bensh.urdf, pose: unknown}", "did you mean `bench.urdf`"),
         ("{type: part, parts: [{mesh: part.step}], pose: unknown}", "found a mesh with the ending `.step`"),
-    ],
-)
+])  # fmt: skip
 def test_what_has_no_size_is_named(cell: Path, entry: str, said: str) -> None:
     (cell / "part.step").write_text("ISO-10303-21;")
     with pytest.raises(InputError) as caught:

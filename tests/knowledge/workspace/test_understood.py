@@ -49,14 +49,11 @@ def sentences(before: Workspace, now: Workspace) -> tuple[str, ...]:
     return found
 
 
-@pytest.mark.parametrize(
-    ("name", "digest"),
-    [
+@pytest.mark.parametrize(("name", "digest"), [
         ("tabletop", "46d1c25de0db777a2a69ae6f53b7eb1e18ef1364c656e70f6e2d0aa4972aba21"),
         ("screws", "379bc610e2dd0600aa398d6aa13033328a15af497a14084dc1d1d2f35a22976d"),
         ("tower", "749a8aa2d1027426d60d6001c66a9600052e70ae966a231589202ad343a9bbda"),
-    ],
-)
+])  # fmt: skip
 def test_programs_and_baselines_of_before_stay_valid_while_their_cells_do_not_change(name: str, digest: str) -> None:
     workspace = load_workspace(Path(__file__).parents[3] / "workspaces" / name)
     assert digest_of_understood(understood(workspace, defaultdict(str))) == digest  # whatever its meshes
