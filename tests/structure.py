@@ -35,7 +35,7 @@ ROOMS = {
     "files": ("knowledge/text", 2_298),
     "robot": ("knowledge/robot programming/arm", 3_227),
     "camera": ("knowledge/camera knowledge/light knowledge/markers knowledge/paint", 2_286),
-    "cell": ("knowledge programming/cell programming/solids", 3_970),
+    "cell": ("knowledge programming/cell programming/solids", 3_965),
     "logic": ("logic", 2_946),
     "skill, program": ("knowledge/skill program", 2_002),
     "task": ("programming", 1_776),
