@@ -16,12 +16,12 @@ from sqrp_cli.logic.conditions import Binding, Objects, Some, UnmetCondition, Un
 from sqrp_cli.logic.domain import Condition, Domain
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.logic.planning_task import (
+    Budget,
     GroundAction,
     Need,
+    OutOfBudgetError,
     PlanningTask,
     PlanStep,
-    TaskLimits,
-    TaskTooLargeError,
     planning_task,
 )
 
@@ -74,16 +74,6 @@ Planner = Callable[[Domain, Objects, frozenset[Atom], Condition, Binding], Plann
 """Finds plans, as `find_plan` does."""
 
 
-@dataclass(frozen=True)
-class Budget:
-    """Limits of the work: states explored, ground actions, and trials of an action in a state."""
-
-    states: int = 20_000
-    actions: int = 50_000
-    trials: int = 20_000_000
-    """A trial counts once more for every 500 bits of a state, because its time grows with them."""
-
-
 def find_plan(
     domain: Domain,
     objects: Objects,
@@ -98,16 +88,13 @@ def find_plan(
     binding: objects for the free variables of the goal. The same input gives the same plan.
     """
     try:
-        task = planning_task(domain, objects, facts, goal, binding, TaskLimits(budget.actions))
-    except TaskTooLargeError as error:
-        return GaveUp(error.within, error.why)
-    if task.goal.holds(task.initial):
-        return AlreadySatisfied()
-    meter = _Meter(budget, task)
-    try:
+        task = planning_task(domain, objects, facts, goal, binding, budget)
+        if task.goal.holds(task.initial):
+            return AlreadySatisfied()
+        meter = _Meter(budget, task)
         reachable = _reachable(task, meter)
-    except _OutOfBudgetError as error:
-        return GaveUp(str(error))
+    except OutOfBudgetError as error:
+        return GaveUp(error.within, error.why)
     if not task.goal.holds(reachable):
         return ProvenImpossible.of(part for part, need in task.goal_parts if not need.holds(reachable))
     actions = tuple(action for action in task.actions if action.need.holds(reachable))
@@ -117,10 +104,6 @@ def find_plan(
     meter = _Meter(budget, task)
     alone = [(part, _Search(task.initial, need, actions, meter).run()) for part, need in task.goal_parts]
     return ProvenImpossible.of(part for part, outcome in alone if isinstance(outcome, ProvenImpossible))
-
-
-class _OutOfBudgetError(Exception):
-    """The budget is spent; the first argument says how much it was."""
 
 
 @dataclass
@@ -134,13 +117,13 @@ class _Meter:
 
     def look_at_state(self) -> None:
         if self.states >= self.budget.states:
-            raise _OutOfBudgetError(f"{self.states:,} states")
+            raise OutOfBudgetError(f"{self.states:,} states")
         self.states += 1
 
     def try_actions(self, count: int) -> None:
         self.trials += count * (1 + self.task.initial.bit_length() // 500)
         if self.trials > self.budget.trials:
-            raise _OutOfBudgetError(f"{self.states:,} states and {len(self.task.actions):,} ground actions")
+            raise OutOfBudgetError(f"{self.states:,} states and {len(self.task.actions):,} ground actions")
 
 
 def _reachable(task: PlanningTask, meter: _Meter) -> int:
@@ -189,8 +172,8 @@ class _Search:
             found = self.climb()
             if found is None:
                 found = self.best_first()
-        except _OutOfBudgetError as error:
-            return GaveUp(str(error))
+        except OutOfBudgetError as error:
+            return GaveUp(error.within)
         if found is None:
             return ProvenImpossible(())
         return Plan(tuple(action.step for action in _without_detours(self.initial, self.goal, found)))

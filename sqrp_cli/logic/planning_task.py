@@ -80,18 +80,17 @@ class PlanningTask:
     actions: tuple[GroundAction, ...]
 
 
-class TaskTooLargeError(Exception):
-    """The problem exceeds a limit; within: the limit, such as `50,000 ground actions`. why: the cause."""
+class OutOfBudgetError(Exception):
+    """A limit is exceeded; within: the limit, such as `50,000 ground actions`. why: the cause, if known."""
 
-    def __init__(self, within: str, why: str) -> None:
+    def __init__(self, within: str, why: str = "") -> None:
         super().__init__(f"{within}: {why}")
-        self.within = within
-        self.why = why
+        self.within, self.why = within, why
 
 
 @dataclass(frozen=True)
-class TaskLimits:
-    """Limits of the size of a planning task."""
+class Budget:
+    """Limits of the work, first of making the task, then of the search."""
 
     actions: int = 50_000
     """Ground actions."""
@@ -101,6 +100,10 @@ class TaskLimits:
     """In all ground conditions together."""
     bits: int = 1_000_000_000
     """Of all actions together, two for each atom."""
+    states: int = 20_000
+    """That are explored."""
+    trials: int = 20_000_000
+    """Of an action in a state; one counts once more for every 500 bits of a state, because its time grows with them."""
 
 
 def planning_task(
@@ -109,11 +112,11 @@ def planning_task(
     facts: frozenset[Atom],
     goal: Condition,
     binding: conditions.Binding,
-    limits: TaskLimits = TaskLimits(),
+    budget: Budget = Budget(),
 ) -> PlanningTask:
     """Grounds actions and goal for the given objects.
 
-    Actions with a precondition that contradicts unchangeable facts are left out. Raises TaskTooLargeError.
+    Actions with a precondition that contradicts unchangeable facts are left out. Raises OutOfBudgetError.
     """
     objects = {name: frozenset([type_name]) for name, type_name in domain.constants.items()} | dict(objects)
     changeable = frozenset(
@@ -127,18 +130,18 @@ def planning_task(
     }
     largest = max([conditions.literal_count(goal, objects, domain), *sizes.values()])
     if largest > conditions.MAX_LITERALS:
-        raise TaskTooLargeError(f"{conditions.MAX_LITERALS:,} literals", f"a single condition stands for {largest:,}")
-    choices = _Choices(objects=objects, facts=facts, changeable=changeable, domain=domain, limit=limits.tried)
+        raise OutOfBudgetError(f"{conditions.MAX_LITERALS:,} literals", f"a single condition stands for {largest:,}")
+    choices = _Choices(objects=objects, facts=facts, changeable=changeable, domain=domain, limit=budget.tried)
     # All actions with all choices of objects are counted before one is grounded, which takes longer.
     bound_actions, literals = list[tuple[Action, conditions.Binding]](), 0
     for action in domain.actions.values():
         for bound in choices.of(action):
             bound_actions.append((action, bound))
             literals += sizes[action.name]
-            if len(bound_actions) > limits.actions:
-                raise TaskTooLargeError(f"{limits.actions:,} ground actions", choices.why(action))
-            if literals > limits.literals:
-                raise TaskTooLargeError(f"{limits.literals:,} literals of ground actions", choices.why(action))
+            if len(bound_actions) > budget.actions:
+                raise OutOfBudgetError(f"{budget.actions:,} ground actions", choices.why(action))
+            if literals > budget.literals:
+                raise OutOfBudgetError(f"{budget.literals:,} literals of ground actions", choices.why(action))
     numbering = _Numbering(facts, changeable)
     parts = [
         (part, numbering.need(part, keep=True) or NEVER)
@@ -146,8 +149,8 @@ def planning_task(
     ]
     actions = list[GroundAction]()
     for action, bound in bound_actions:
-        if 2 * len(numbering.numbers) * len(actions) > limits.bits:
-            raise TaskTooLargeError(f"{limits.bits:,} bits of ground actions", choices.why(action))
+        if 2 * len(numbering.numbers) * len(actions) > budget.bits:
+            raise OutOfBudgetError(f"{budget.bits:,} bits of ground actions", choices.why(action))
         condition = conditions.ground_condition(action.precondition, bound, objects, domain)
         precondition = numbering.need(condition, keep=False)
         if precondition is not None:
@@ -239,7 +242,7 @@ class _Choices:
             for name in fitting[index]:
                 self.tried += 1
                 if self.tried > self.limit:
-                    raise TaskTooLargeError(f"{self.limit:,} choices of objects", self.why(action))
+                    raise OutOfBudgetError(f"{self.limit:,} choices of objects", self.why(action))
                 bound[names[index]] = name
                 if all(holds(part, bound) == positive for part, positive in ready[index]):
                     yield from extend(bound, index + 1)

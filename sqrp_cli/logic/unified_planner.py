@@ -15,7 +15,7 @@ from sqrp_cli.logic.conditions import Binding, Objects
 from sqrp_cli.logic.domain import Condition, Domain
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.planner import AlreadySatisfied, GaveUp, Plan, Planner, PlanningResult, ProvenImpossible
-from sqrp_cli.logic.planning_task import Need, PlanningTask, TaskTooLargeError, planning_task
+from sqrp_cli.logic.planning_task import Need, OutOfBudgetError, PlanningTask, planning_task
 
 TIME_LIMIT = 60.0
 """Time limit of an engine [s]."""
@@ -45,7 +45,7 @@ def engine_planner(name: str) -> Planner:
     ) -> PlanningResult:
         try:
             task = planning_task(domain, objects, facts, goal, binding)
-        except TaskTooLargeError as error:
+        except OutOfBudgetError as error:
             return GaveUp(error.within, error.why)
         return AlreadySatisfied() if task.goal.holds(task.initial) else _solved(environment, name, task)
 

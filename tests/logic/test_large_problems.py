@@ -25,7 +25,8 @@ from sqrp_cli.logic.domain import (
 )
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.pddl_parser import parse_domain
-from sqrp_cli.logic.planner import Budget, GaveUp, find_plan
+from sqrp_cli.logic.planner import GaveUp, find_plan
+from sqrp_cli.logic.planning_task import Budget
 
 NEEDS = "(:requirements :negative-preconditions :universal-preconditions)"
 FIFTEEN = " ".join(f"?p{number}" for number in range(15))

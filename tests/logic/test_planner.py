@@ -6,8 +6,8 @@ import random
 import pytest
 
 from sqrp_cli.logic.literal import Atom, Literal
-from sqrp_cli.logic.planner import AlreadySatisfied, Budget, GaveUp, Plan, ProvenImpossible, find_plan
-from sqrp_cli.logic.planning_task import PlanStep
+from sqrp_cli.logic.planner import AlreadySatisfied, GaveUp, Plan, ProvenImpossible, find_plan
+from sqrp_cli.logic.planning_task import Budget, PlanStep
 from tests.logic.planning import (
     TOWERS,
     Objects,
