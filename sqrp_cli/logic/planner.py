@@ -16,6 +16,7 @@ from sqrp_cli.logic.conditions import Binding, Objects, Some, UnmetCondition, Un
 from sqrp_cli.logic.domain import Condition, Domain
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.logic.planning_task import (
+    BUDGET,
     Budget,
     GroundAction,
     Need,
@@ -80,7 +81,7 @@ def find_plan(
     facts: frozenset[Atom],
     goal: Condition,
     binding: Binding,
-    budget: Budget = Budget(),
+    budget: Budget = BUDGET,
 ) -> PlanningResult:
     """A plan that makes the goal true, such as the precondition of a skill for one binding of its parameters.
 

@@ -106,13 +106,17 @@ class Budget:
     """Of an action in a state; one counts once more for every 500 bits of a state, because its time grows with them."""
 
 
+BUDGET = Budget()
+"""What is usually spent."""
+
+
 def planning_task(
     domain: Domain,
     objects: conditions.Objects,
     facts: frozenset[Atom],
     goal: Condition,
     binding: conditions.Binding,
-    budget: Budget = Budget(),
+    budget: Budget = BUDGET,
 ) -> PlanningTask:
     """Grounds actions and goal for the given objects.
 
