@@ -36,7 +36,7 @@ ROOMS = {
     "robot": ("knowledge/robot programming/arm", 3_227),
     "camera": ("knowledge/camera knowledge/light knowledge/markers knowledge/paint", 2_286),
     "cell": ("knowledge programming/cell programming/solids", 3_965),
-    "logic": ("logic", 2_946),
+    "logic": ("logic", 2_937),
     "skill, program": ("knowledge/skill program", 2_002),
     "task": ("programming", 1_776),
     "motion": ("programming/motion", 3_351),
