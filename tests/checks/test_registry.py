@@ -101,16 +101,14 @@ def test_codes_that_are_put_together_are_the_listed_ones():
 def literal_severities() -> Iterator[tuple[str, str]]:
     """Codes with the severity that their problem is made with: that of the call, or that of a `replace` around it."""
     for path in files():
-        for function in ast.walk(parsed(path)):
-            if isinstance(function, ast.FunctionDef):
-                warns = any(
-                    name == "replace" and ("severity", "warning") in keywords(call) for call, name in calls(function)
-                )
-                for call, name in calls(function):
-                    code = call.args[0].value if call.args and isinstance(call.args[0], ast.Constant) else None
-                    if name in {*CALLS, "_warning"} and code in rules():
-                        warning = warns or name == "_warning" or ("severity", "warning") in keywords(call)
-                        yield code, "warning" if warning else "error"
+        made = list(calls(parsed(path)))
+        around = [call for call, name in made if name == "replace" and ("severity", "warning") in keywords(call)]
+        doubts = {inner for call in around for inner in ast.walk(call)}
+        for call, name in made:
+            code = call.args[0].value if call.args and isinstance(call.args[0], ast.Constant) else None
+            if name in {*CALLS, "_warning", "_warn"} and code in rules():
+                warns = call in doubts or name in {"_warning", "_warn"} or ("severity", "warning") in keywords(call)
+                yield code, "warning" if warns else "error"
 
 
 def keywords(call: ast.Call) -> set[tuple[str | None, object]]:

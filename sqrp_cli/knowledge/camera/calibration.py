@@ -228,8 +228,8 @@ def doubtful_projection(found: CameraCalibration) -> Iterator[Problem]:
         )
     if why:
         message = f"{why}; expected that of the rectified image of this camera. It is not used, `camera_matrix` is"
-        problem = document.problem("doubtful-projection", (key,), message, "is the file put together from two cameras?")
-        yield replace(problem, severity="warning")
+        mend = "is the file put together from two cameras?"
+        yield replace(document.problem("doubtful-projection", (key,), message, mend), severity="warning")
 
 
 def check_image(document: SourceDocument, path: KeyPath, image: Intrinsics) -> None:

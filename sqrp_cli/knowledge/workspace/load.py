@@ -310,9 +310,9 @@ def with_held_by_facts(
         f"the state has `{first.fact}`, so `{name}` begins in the tool,"
         f" held by its side {side} as `{first.skill.name}` does it"
     )
-    warning = document.problem("held-by-the-facts", path, message, f"write `pose: {{held: {side}}}`")
-    found = {**objects, name: replace(objects[name], pose=first.held)}
-    return ObjectsAtStart(found, (replace(warning, severity="warning"),))
+    mend = f"write `pose: {{held: {side}}}`"
+    warning = replace(document.problem("held-by-the-facts", path, message, mend), severity="warning")
+    return ObjectsAtStart({**objects, name: replace(objects[name], pose=first.held)}, (warning,))
 
 
 def _contradictions(
