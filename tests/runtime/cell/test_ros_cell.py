@@ -110,6 +110,16 @@ def cell(wire: Wire, **more: object) -> RosCell:
     return found
 
 
+@pytest.fixture
+def wire() -> Wire:
+    return Wire()
+
+
+@pytest.fixture
+def robot(wire: Wire) -> RosCell:
+    return cell(wire)
+
+
 def follow(wire: Wire, robot: RosCell, until: float, states=None) -> None:
     """A motion that begins at 1 s, followed by joint states as they should be unless `states` gives others."""
     motion = playback()
@@ -128,9 +138,7 @@ def follow(wire: Wire, robot: RosCell, until: float, states=None) -> None:
         now = robot.advance(now + 0.02, motion)
 
 
-def test_a_motion_is_sent_in_portions_and_ctrl_c_leaves_the_robot_braking() -> None:
-    wire = Wire()
-    robot = cell(wire)
+def test_a_motion_is_sent_in_portions_and_ctrl_c_leaves_the_robot_braking(wire: Wire, robot: RosCell) -> None:
     follow(wire, robot, 2.0)
     assert robot.trouble() is None
     sent = [message for name, message in wire.sent if name == "/arm/joint_trajectory"]
@@ -187,9 +195,7 @@ def test_what_was_read_before_time_counts_hides_no_loss_of_joint_states() -> Non
     assert robot.t <= 1.5 + 0.21
 
 
-def test_who_pauses_again_and_again_still_notices_that_joint_states_are_lost() -> None:
-    wire = Wire()
-    robot = cell(wire)
+def test_who_pauses_again_and_again_still_notices_that_joint_states_are_lost(wire: Wire, robot: RosCell) -> None:
     wire.wait = lambda _seconds: [wire.tick() for _ in range(15)]  # 60 ms pass between two looks
     follow(wire, robot, 3.0, lambda t, q: wire.joints(q) if t < 1.5 else None)
     assert "joint states are lost" in str(robot.trouble())
@@ -197,9 +203,7 @@ def test_who_pauses_again_and_again_still_notices_that_joint_states_are_lost() -
 
 
 @pytest.mark.parametrize("pause", [0.1, 0.2, 0.3])
-def test_a_pause_of_our_own_is_no_loss_of_joint_states(pause: float) -> None:
-    wire = Wire()
-    robot = cell(wire)
+def test_a_pause_of_our_own_is_no_loss_of_joint_states(wire: Wire, robot: RosCell, pause: float) -> None:
     follow(wire, robot, 1.5)
     wire.t += pause  # nothing of it is received yet
     robot.read()
@@ -222,9 +226,7 @@ def test_a_pause_of_our_own_is_no_loss_of_joint_states(pause: float) -> None:
         (lambda wire: wire.image(encoding="16UC1"), "has the encoding `16UC1`"),
     ],
 )
-def test_what_is_no_message_or_no_image_stops_the_robot(spoil, reason) -> None:
-    wire = Wire()
-    robot = cell(wire)
+def test_what_is_no_message_or_no_image_stops_the_robot(wire: Wire, robot: RosCell, spoil, reason) -> None:
     wire.joints(Q0)
     spoil(wire)
     robot.read()
@@ -232,10 +234,8 @@ def test_what_is_no_message_or_no_image_stops_the_robot(spoil, reason) -> None:
         raise robot.trouble()
 
 
-def test_a_flood_is_told_and_keeps_little(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_flood_is_told_and_keeps_little(wire: Wire, robot: RosCell, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ros_cell, "FLOOD_WINDOW", 0.02)
-    wire = Wire()
-    robot = cell(wire)
     end = time.monotonic() + 0.05
     while time.monotonic() < end:
         wire.image()
@@ -245,10 +245,8 @@ def test_a_flood_is_told_and_keeps_little(monkeypatch: pytest.MonkeyPatch) -> No
     assert len(robot._waiting["cam"]) <= 4
 
 
-def test_a_clock_that_stands_still_ends_the_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_clock_that_stands_still_ends_the_wait(wire: Wire, robot: RosCell, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ros_cell, "CLOCK_STOPS", 0.03)
-    wire = Wire()
-    robot = cell(wire)
     wire.wait = lambda seconds: time.sleep(seconds)
     assert robot.advance(5.0, playback()) < 1.0
     assert "stands still" in str(robot.trouble())
@@ -353,11 +351,9 @@ def test_a_camera_that_was_moved_by_2_cm_is_named_with_the_distance(since: float
     ],
 )
 def test_why_nothing_comes_on_a_topic_is_said(
-    monkeypatch: pytest.MonkeyPatch, senders: dict[str, set[str]], said: str
+    wire: Wire, robot: RosCell, monkeypatch: pytest.MonkeyPatch, senders: dict[str, set[str]], said: str
 ) -> None:
     monkeypatch.setattr("sqrp_cli.runtime.cell.ros_checks.PATIENCE", 0.1)
-    wire = Wire()
-    robot = cell(wire)
     wire.kinds = senders
     wire.each = lambda: wire.joints(Q0)
     found = [one.problem for one in check_cell(robot, {"a": 0.0, "b": 0.5}) if one.problem]
@@ -387,9 +383,7 @@ def test_times_of_another_clock_are_not_called_late() -> None:
     assert "`use_sim_time: true`" in found[0]
 
 
-def test_a_robot_that_was_moved_since_it_was_checked_is_not_moved() -> None:
-    wire = Wire()
-    robot = cell(wire)
+def test_a_robot_that_was_moved_since_it_was_checked_is_not_moved(wire: Wire, robot: RosCell) -> None:
     follow(wire, robot, 2.0, lambda _now, _q: wire.joints(Q0 + np.radians([1.0, 0.0])))
     assert str(robot.trouble()) == "`a` is 1.0 deg from where the motion begins, more than 0.5"
     assert trajectories(wire) == []
@@ -490,11 +484,9 @@ SLOWER = " (if computers are busy, let the simulated time pass more slowly, as w
     ],
 )
 def test_after_a_pause_nothing_that_moves_is_sent(
-    monkeypatch: pytest.MonkeyPatch, least: float, pause: float, reason: str
+    wire: Wire, robot: RosCell, monkeypatch: pytest.MonkeyPatch, least: float, pause: float, reason: str
 ) -> None:
     monkeypatch.setattr(ros_cell, "PAUSE", least)
-    wire = Wire()
-    robot = cell(wire)
     follow(wire, robot, 1.8)
     motion, before = playback(), len(wire.sent)
     wire.t += pause  # the cell goes on, we do not
@@ -509,9 +501,9 @@ def test_after_a_pause_nothing_that_moves_is_sent(
     assert len(wire.sent) == before
 
 
-def test_what_clock_says_right_after_a_pause_is_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
-    wire = Wire()
-    robot = cell(wire)
+def test_what_clock_says_right_after_a_pause_is_not_believed(
+    wire: Wire, robot: RosCell, monkeypatch: pytest.MonkeyPatch
+) -> None:
     follow(wire, robot, 1.8)
     before = len(wire.sent)
     monkeypatch.setattr(ros_cell, "SETTLE", 0.05)
@@ -532,9 +524,7 @@ def test_what_clock_says_right_after_a_pause_is_not_believed(monkeypatch: pytest
     assert len(wire.sent) == before
 
 
-def test_a_pause_of_our_own_is_no_clock_that_stands_still(monkeypatch: pytest.MonkeyPatch) -> None:
-    wire = Wire()
-    robot = cell(wire)
+def test_a_pause_of_our_own_is_no_clock_that_stands_still(robot: RosCell, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ros_cell, "SETTLE", 0.05)
     monkeypatch.setattr(ros_cell, "CLOCK_STOPS", 0.05)
     time.sleep(0.11)
@@ -543,9 +533,7 @@ def test_a_pause_of_our_own_is_no_clock_that_stands_still(monkeypatch: pytest.Mo
     assert not robot.clock.is_settled
 
 
-def test_ctrl_c_after_a_pause_sends_nothing() -> None:
-    wire = Wire()
-    robot = cell(wire)
+def test_ctrl_c_after_a_pause_sends_nothing(wire: Wire, robot: RosCell) -> None:
     follow(wire, robot, 1.8)
     before = len(wire.sent)
     wire.t += 1.5
@@ -555,9 +543,7 @@ def test_ctrl_c_after_a_pause_sends_nothing() -> None:
 
 
 @pytest.mark.parametrize("moves", [True, False])
-def test_a_clock_that_jumps_far_takes_no_run_with_it(moves: bool) -> None:
-    wire = Wire()
-    robot = cell(wire)
+def test_a_clock_that_jumps_far_takes_no_run_with_it(wire: Wire, robot: RosCell, moves: bool) -> None:
     follow(wire, robot, 1.8 if moves else 0.5)
     wire.t += 1e6
     assert robot.advance(1.82, playback()) < 3.0
@@ -578,10 +564,10 @@ def test_the_clock_of_this_computer_may_be_set(monkeypatch: pytest.MonkeyPatch, 
     assert robot.malformed is None
 
 
-def test_a_clock_that_says_the_same_again_stands_still(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_clock_that_says_the_same_again_stands_still(
+    wire: Wire, robot: RosCell, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(ros_cell, "CLOCK_STOPS", 0.03)
-    wire = Wire()
-    robot = cell(wire)
     wire.wait = lambda _seconds: wire.say("/clock", CLOCK.type, clock=wire.types.time(START))
     robot.advance(5.0, playback())
     assert "stands still" in str(robot.trouble())
