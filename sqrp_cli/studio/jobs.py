@@ -90,16 +90,6 @@ class Offer:
     """The workspace file with it."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Report:
-    """What a job tells."""
-
-    text: str
-    """In JSON, for browsers."""
-    offers: tuple[Offer, ...] = ()
-    """What can be applied."""
-
-
 class Running:
     """A job under way, in its process."""
 
@@ -151,13 +141,13 @@ def _work(pipe: Connection, theirs: Connection, job: Job) -> Callable[[None], No
 
 
 class _Teller:
-    """Sends reports."""
+    """Sends reports: a text in JSON for browsers, and what can be applied."""
 
     def __init__(self, pipe: Connection) -> None:
         self.pipe = pipe
 
     def __call__(self, do: str, offers: Sequence[Offer] = (), **fields: object) -> None:
-        self.pipe.send(Report(text=message(do, **fields), offers=tuple(offers)))
+        self.pipe.send((message(do, **fields), tuple(offers)))
 
     @contextmanager
     def progress(self, title: str, total: int) -> Iterator[Callable[[int], None]]:
@@ -233,13 +223,12 @@ class _Watching:
         self._say, self._file, self._faults = say, file, list(faults)
         self._began: float | None = None
         self._shown: dict[str, float] = {}
-        self._wanted = False
         self._state: dict[str, Any] = {"q": {}, "objects": {}, "held": None}
         self._joints: list[str] = []
 
     # As a screen
 
-    def add(self, frame: Any, outlines: Any, _caption: str) -> None:  # noqa: ANN401 - see `film.Screen`
+    def add(self, frame: Any, outlines: Any, _caption: str) -> None:  # noqa: ANN401 - see `images.Screen`
         """Show an image with what was seen in it."""
         if frame.t - self._shown.get(frame.camera, -1.0) < IMAGE_SPACING - 1e-6:
             return
@@ -263,9 +252,9 @@ class _Watching:
 
     def wants_slip(self) -> bool:
         """Whether somebody has clicked."""
+        wanted = False
         while self._say.pipe.poll():
-            self._wanted = self._say.pipe.recv() == "slip"
-        wanted, self._wanted = self._wanted, False
+            wanted = self._say.pipe.recv() == "slip"
         return wanted
 
     def told(self, fault: str, refused: str) -> None:
@@ -384,16 +373,16 @@ class Errands:
     def _reported(self) -> None:
         assert self._running is not None  # noqa: S101 - its pipe is read
         try:
-            report: Report = self._running.pipe.recv()
+            text, offers = self._running.pipe.recv()
         except (EOFError, OSError):
             self.stop()
             return
-        do = kind_of(report.text)
+        do = kind_of(text)
         if do == "offers":
-            self.offers = report.offers
+            self.offers = offers
         if do == "run-fault":
-            self._dropped(json.loads(report.text))
+            self._dropped(json.loads(text))
         if do in ("offers", "run-began", "run-ended"):
-            self._live.post(do, report.text)
+            self._live.post(do, text)
         else:
-            self._live.tell(report.text, passing=do in PASSING)
+            self._live.tell(text, passing=do in PASSING)

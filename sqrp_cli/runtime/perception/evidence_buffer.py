@@ -120,23 +120,16 @@ class EvidenceBuffer:
         targets: by atom. settled: before when no image is under way that nobody knows of [s].
         """
         count = max((index + 1 for index, one in enumerate(self._exposures) if one.has_arrivals), default=0)
-        found = []
-        complete = True
-        for index, exposure in enumerate(self._exposures[:count]):
+        found, complete, last = [], True, dict[str, Detection | None]()
+        for exposure in self._exposures[:count]:
+            last.update(exposure.detections)
             complete = complete and exposure.t < settled and None not in exposure.detections.values()
             if exposure.t > self._completed:
-                counting = self._counting(index)
+                arrived = [detection for detection in last.values() if detection is not None]
+                counting = [one for one in arrived if exposure.t - one.t < self._lifetimes[one.camera]]
                 atoms = {atom: fuse(atom, target, counting) for atom, target in targets.items()}
                 found.append(Evidence(exposure, atoms, complete))
         self._completed = max((evidence.t for evidence in found if evidence.complete), default=self._completed)
         oldest = self._completed - max(self._lifetimes.values())
         self._exposures = [exposure for exposure in self._exposures if exposure.t > oldest]
         return found
-
-    def _counting(self, index: int) -> tuple[Detection, ...]:
-        """The detections that count at the time of an exposure."""
-        now = self._exposures[index].t
-        last: dict[str, Detection | None] = {}
-        for exposure in self._exposures[: index + 1]:
-            last.update(exposure.detections)
-        return tuple(d for name, d in last.items() if d is not None and now - d.t < self._lifetimes[name])
