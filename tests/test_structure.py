@@ -53,6 +53,18 @@ def test_a_new_field_touches_at_most_three_files(field: str, package: SourceTree
     assert 1 <= len(package.modules_that_write(field)) <= 3
 
 
+@pytest.mark.parametrize(
+    ("title", "most"),
+    [
+        ("types with q_eoi and q_avg", 6),
+        ("records of a cause", 10),
+        ("pairs of records that share half of their fields", 43),
+    ],
+)
+def test_a_result_is_said_once(title: str, most: int, package: SourceTree) -> None:
+    assert package.figures()[title][0] <= most, package.figures()[title][1]
+
+
 def test_every_room_keeps_its_budget(package: SourceTree) -> None:
     rooms = package.rooms()
     assert {room: lines - ROOMS[room][1] for room, lines in rooms.items() if lines > ROOMS[room][1]} == {}

@@ -1,7 +1,7 @@
 """Requests: frozen records of what is asked, each field stated once for the command line, Python and the studio.
 
-A field is declared with `option` or `argument`: the word of the command line, its help, and the `Kind` that reads it
-from words and from values of Python alike.
+A field is declared with `option` or `argument`: the word of the command line, its help, and the `FieldKind` that reads
+it from words and from values of Python alike.
 """
 
 # ruff: noqa: ANN401 - a field may hold anything
@@ -27,7 +27,7 @@ class Words(dict[str, Any]):
     """Several words of a command line, by their names: a mapping that Python gives is none."""
 
 
-class Kind(NamedTuple):
+class FieldKind(NamedTuple):
     """What a field holds."""
 
     words: Any
@@ -39,7 +39,7 @@ class Kind(NamedTuple):
     """
 
 
-class Word(NamedTuple):
+class OptionWord(NamedTuple):
     """An option or argument of the command line."""
 
     flags: str
@@ -65,9 +65,9 @@ class Word(NamedTuple):
 class Field(NamedTuple):
     """A field of a request."""
 
-    words: tuple[Word, ...]
+    words: tuple[OptionWord, ...]
     """None for what only Python says; several are read together, by their names."""
-    kind: Kind
+    kind: FieldKind
     default: Any
     kw_only: bool
     uses: tuple[str, ...] = ()
@@ -79,7 +79,7 @@ class Field(NamedTuple):
 def option(
     flags: str,
     help: str,  # noqa: A002 - as Typer calls it
-    kind: Kind,
+    kind: FieldKind,
     *,
     default: Any,
     metavar: str | None = None,
@@ -88,28 +88,28 @@ def option(
     kw_only: bool = True,
 ) -> Any:
     """A field that one option says."""
-    return Field((Word(flags, help, kind.words, metavar, complete),), kind, default, kw_only, absent=absent)
+    return Field((OptionWord(flags, help, kind.words, metavar, complete),), kind, default, kw_only, absent=absent)
 
 
 def argument(
     metavar: str,
     help: str,  # noqa: A002 - as Typer calls it
-    kind: Kind,
+    kind: FieldKind,
     *,
     default: Any = NEEDED,
     complete: str | None = None,
     kw_only: bool = True,
 ) -> Any:
     """A field that is said by its place."""
-    return Field((Word(metavar, help, kind.words, None, complete),), kind, default, kw_only)
+    return Field((OptionWord(metavar, help, kind.words, None, complete),), kind, default, kw_only)
 
 
-def options(*words: Word, kind: Kind, default: Any, uses: tuple[str, ...] = ()) -> Any:
+def options(*words: OptionWord, kind: FieldKind, default: Any, uses: tuple[str, ...] = ()) -> Any:
     """A field that several options say, read together by their names. uses: names of other words that it needs."""
     return Field(words, kind, default, True, uses)
 
 
-def value(kind: Kind, *, default: Any) -> Any:
+def value(kind: FieldKind, *, default: Any) -> Any:
     """A field that only Python says."""
     return Field((), kind, default, True)
 
@@ -174,7 +174,7 @@ class Request:
         return type(self)(**{**vars(self), **changed})
 
     @classmethod
-    def said(cls) -> Iterator[tuple[Word, Field]]:
+    def said(cls) -> Iterator[tuple[OptionWord, Field]]:
         """The words that it is read from, each with its field: arguments, and options, the record's own first."""
         arguments = [one for one in cls.fields.values() if any(word.is_argument for word in one.words)]
         options = [cls.fields[name] for name in cls._own_first() if cls.fields[name] not in arguments]

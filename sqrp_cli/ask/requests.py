@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from sqrp_cli.ask import values
-from sqrp_cli.ask.request import Command, Kind, Request, Word, argument, option, options, value
+from sqrp_cli.ask.request import Command, FieldKind, OptionWord, Request, argument, option, options, value
 from sqrp_cli.ask.values import FLAG, PATH, PATHS, PROGRESS, cores, silent
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ class StartCommand(Command):
     )
 
 
-class ProgramCommand(Command):
+class OnProgram(Command):
     """What is about a program."""
 
     program: Path = argument("PROGRAM", "A program file, as `sqrp rank --program` writes.", PATH)
@@ -76,7 +76,7 @@ class Printed(Request):
     json: bool = option("--json", "Print one JSON document and nothing else.", FLAG, default=False)
 
 
-class Watched(Request):
+class Watchable(Request):
     """What may be asked again and again."""
 
     watch: bool = option(
@@ -122,16 +122,16 @@ class Sampled(Request):
     """What samples motions."""
 
     sampling: Sampling | None = options(
-        Word("--samples", "N samples per primitive action, instead of as many as needed.", int, "N"),
-        Word("--dt", "A sample every S seconds, instead of as many as needed.", metavar="S"),
-        Word("--tolerance", "Error of Q that sampling may leave, in points; 0.1 by default.", float, "POINTS"),
+        OptionWord("--samples", "N samples per primitive action, instead of as many as needed.", int, "N"),
+        OptionWord("--dt", "A sample every S seconds, instead of as many as needed.", metavar="S"),
+        OptionWord("--tolerance", "Error of Q that sampling may leave, in points; 0.1 by default.", float, "POINTS"),
         kind=values.SAMPLING,
         default=None,
     )
     """Adaptive by default."""
 
 
-class Kept(Request):
+class Resumable(Request):
     """What keeps its results."""
 
     out: AnyPath = option(
@@ -210,7 +210,7 @@ class RankRequest(Limited, TaskRequest):
         metavar="best|all|fastest",
     )
     calibration: Calibration | None = options(
-        Word("--calibration", "What if the cameras are off by this (1 sigma)?", metavar='"5 mm, 0.5 deg"'),
+        OptionWord("--calibration", "What if the cameras are off by this (1 sigma)?", metavar='"5 mm, 0.5 deg"'),
         kind=values.CALIBRATION,
         default=None,
         uses=("seed",),
@@ -242,7 +242,7 @@ class ExplainRequest(Limited, TaskRequest):
     )
 
 
-class AdviseRequest(Chosen, Kept, TaskRequest):
+class AdviseRequest(Chosen, Resumable, TaskRequest):
     """Find the least change that lets the cameras see enough.
 
     The motion comes first, then what it handles, cameras last: their aim, position, lens, and another camera.
@@ -302,20 +302,20 @@ class Clustered(Request):
     tls: tuple[Path, Path, Path] | None = option(
         "--tls",
         "With --cluster: encrypt, by the certificate of its authority, your own, and its key (PEM files).",
-        Kind(tuple[Path, Path, Path], lambda value, _: value),
+        FieldKind(tuple[Path, Path, Path], lambda value, _: value),
         default=None,
         metavar="CA CERT KEY",
     )
 
 
-class ScoreRequest(Sampled, Worked, Kept):
+class ScoreRequest(Sampled, Worked, Resumable):
     """Score all tasks of the workspace."""
 
 
 ALLOW = "What may get worse: points of Q, percent of times."
 
 
-class PlaceRequest(Sampled, Worked, Kept):
+class PlaceRequest(Sampled, Worked, Resumable):
     """Find where cameras should go, and prove that no others do better."""
 
     tasks: Sequence[str] = argument(

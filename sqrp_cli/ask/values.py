@@ -11,7 +11,7 @@ from pathlib import Path
 from reprlib import repr as short
 from typing import TYPE_CHECKING, Any
 
-from sqrp_cli.ask.request import Kind, Words
+from sqrp_cli.ask.request import FieldKind, Words
 from sqrp_cli.errors import InputError, bad_option, expected_names
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-def text(expected: str) -> Kind:
+def text(expected: str) -> FieldKind:
     """Text that is not empty."""
 
     def read(value: object, name: str) -> str:
@@ -57,14 +57,14 @@ def text(expected: str) -> Kind:
             raise bad_option(f"{name} is empty, expected {expected}")
         return value
 
-    return Kind(str, read)
+    return FieldKind(str, read)
 
 
 def _choice(value: object, name: str) -> str | None:
     return None if value is None else text("the name of a candidate, `best`, or None for all").read(value, name)
 
 
-def texts(expected: str) -> Kind:
+def texts(expected: str) -> FieldKind:
     """Several texts; a single text is none."""
 
     def read(value: object, name: str) -> tuple[str, ...]:
@@ -72,10 +72,10 @@ def texts(expected: str) -> Kind:
             raise refused(name, value, expected)
         return tuple(value)
 
-    return Kind(list[str], read)
+    return FieldKind(list[str], read)
 
 
-def one_of(*known: str) -> Kind:
+def one_of(*known: str) -> FieldKind:
     """One of some names."""
 
     def read(value: object, name: str) -> str:
@@ -85,10 +85,10 @@ def one_of(*known: str) -> Kind:
             raise bad_option(f"{name} is `{value}`; {expected_names(value, known)}")
         return value
 
-    return Kind(str, read)
+    return FieldKind(str, read)
 
 
-def count(least: int, most: int | None = None) -> Kind:
+def count(least: int, most: int | None = None) -> FieldKind:
     """A whole number."""
     upto = "on" if most is None else f"to {most:,}"
 
@@ -97,10 +97,10 @@ def count(least: int, most: int | None = None) -> Kind:
             raise refused(name, value, f"a whole number from {least} {upto}")
         return value
 
-    return Kind(int, read)
+    return FieldKind(int, read)
 
 
-def number(least: float, most: float = math.inf) -> Kind:
+def number(least: float, most: float = math.inf) -> FieldKind:
     """A number."""
     upto = " on" if most == math.inf else f" to {most:g}"
 
@@ -109,10 +109,10 @@ def number(least: float, most: float = math.inf) -> Kind:
             raise refused(name, value, f"a number from {least:g}{upto}")
         return value
 
-    return Kind(float, read)
+    return FieldKind(float, read)
 
 
-def share(least: float) -> Kind:
+def share(least: float) -> FieldKind:
     """A share, such as `97%` or 0.97."""
 
     def read(value: object, name: str) -> float:
@@ -127,10 +127,10 @@ def share(least: float) -> Kind:
             raise refused(name, value, f"a number from {least:g} to 1")
         return value
 
-    return Kind(str, read)
+    return FieldKind(str, read)
 
 
-def function(expected: str) -> Kind:
+def function(expected: str) -> FieldKind:
     """Something that can be called."""
 
     def read(value: object, name: str) -> object:
@@ -138,7 +138,7 @@ def function(expected: str) -> Kind:
             raise refused(name, value, expected)
         return value
 
-    return Kind(None, read)
+    return FieldKind(None, read)
 
 
 def _path(value: object, name: str) -> Path:
@@ -153,10 +153,10 @@ def _paths(value: object, name: str) -> tuple[Path, ...]:
     return tuple(_path(one, name) for one in value)
 
 
-CHOICE = Kind(str, _choice)
-FLAG = Kind(bool, lambda value, _name: value)
-PATH = Kind(Path, _path)
-PATHS = Kind(list[Path], _paths)
+CHOICE = FieldKind(str, _choice)
+FLAG = FieldKind(bool, lambda value, _name: value)
+PATH = FieldKind(Path, _path)
+PATHS = FieldKind(list[Path], _paths)
 PROGRESS = function("a function of a title and a total")
 
 
@@ -171,7 +171,7 @@ def _time_limit(value: object, name: str) -> TimeLimit:
     return TimeLimit.read(str(value), name)
 
 
-TIME_LIMIT = Kind(str, _time_limit)
+TIME_LIMIT = FieldKind(str, _time_limit)
 
 
 def _sampling(value: Sampling | Words, name: str) -> Sampling:
@@ -213,7 +213,7 @@ def _sampling(value: Sampling | Words, name: str) -> Sampling:
     raise refused(name, value, expected)
 
 
-SAMPLING = Kind(None, _sampling)
+SAMPLING = FieldKind(None, _sampling)
 
 
 def _calibration(value: Calibration | Words, name: str) -> Calibration:
@@ -230,7 +230,7 @@ def _calibration(value: Calibration | Words, name: str) -> Calibration:
     raise refused(name, value, "Calibration(position, rotation, seed) with up to 1 m and up to 1 rad")
 
 
-CALIBRATION = Kind(str, _calibration)
+CALIBRATION = FieldKind(str, _calibration)
 
 
 def _pose_errors(said: str, name: str) -> tuple[float, float]:
@@ -266,7 +266,7 @@ def _listeners(value: object, name: str) -> Sequence[Any]:
     return value
 
 
-LISTENERS = Kind(None, _listeners)
+LISTENERS = FieldKind(None, _listeners)
 
 
 def _flag_or_none(value: object, name: str) -> bool:
@@ -275,7 +275,7 @@ def _flag_or_none(value: object, name: str) -> bool:
     return value
 
 
-WHERE_NEEDED = Kind(None, _flag_or_none)
+WHERE_NEEDED = FieldKind(None, _flag_or_none)
 
 
 def _planner(value: object, name: str) -> Any:  # noqa: ANN401 - a planner
@@ -287,7 +287,7 @@ def _planner(value: object, name: str) -> Any:  # noqa: ANN401 - a planner
     return function("a function such as sqrp_cli.logic.planner.find_plan").read(value, name)
 
 
-PLANNER = Kind(str, _planner)
+PLANNER = FieldKind(str, _planner)
 
 
 def _kinds(value: object, name: str) -> Any:  # noqa: ANN401 - kinds of changes
@@ -301,7 +301,7 @@ def _kinds(value: object, name: str) -> Any:  # noqa: ANN401 - kinds of changes
     return read_kinds(kinds)
 
 
-KINDS = Kind(str, _kinds)
+KINDS = FieldKind(str, _kinds)
 
 
 def _topics(value: object, name: str) -> dict[str, str]:
@@ -319,7 +319,7 @@ def _topics(value: object, name: str) -> dict[str, str]:
     return pairs
 
 
-TOPICS = Kind(list[str], _topics)
+TOPICS = FieldKind(list[str], _topics)
 
 
 def _rate(value: object, name: str) -> float:
@@ -334,7 +334,7 @@ def _rate(value: object, name: str) -> float:
     return quantity.value
 
 
-RATE = Kind(str, _rate)
+RATE = FieldKind(str, _rate)
 
 
 def _seconds(value: object, name: str) -> float:
@@ -347,7 +347,7 @@ def _seconds(value: object, name: str) -> float:
     return quantity.value
 
 
-SECONDS = Kind(str, _seconds)
+SECONDS = FieldKind(str, _seconds)
 
 
 def _xacro(value: object, name: str) -> Mapping[str, str] | tuple[str, ...]:
@@ -355,7 +355,7 @@ def _xacro(value: object, name: str) -> Mapping[str, str] | tuple[str, ...]:
     return dict(value) if isinstance(value, Mapping) else texts("texts such as ur_type:=ur5e").read(value, name)
 
 
-XACRO = Kind(list[str], _xacro)
+XACRO = FieldKind(list[str], _xacro)
 
-URDF = Kind(str, lambda value, name: value if isinstance(value, str) and value else _path(value, name))
+URDF = FieldKind(str, lambda value, name: value if isinstance(value, str) and value else _path(value, name))
 """A path, or an address of a package as text."""

@@ -12,7 +12,7 @@ from typing import Any
 import typer
 
 from sqrp_cli import __version__
-from sqrp_cli.cli.command import Command, UsageError
+from sqrp_cli.cli.command import ParsedCommand, UsageError
 from sqrp_cli.cli.commands import (
     advise,
     audit,
@@ -63,7 +63,7 @@ COMMANDS = (
 _NAMES = tuple(module.NAME for module in COMMANDS)
 
 for module in COMMANDS:
-    app.command(module.NAME, cls=getattr(module, "Parser", Command))(module.command)
+    app.command(module.NAME, cls=getattr(module, "Parser", ParsedCommand))(module.command)
 
 
 def _print_version(wanted: bool) -> None:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, TypeVar
 import typer
 from typer.core import TyperCommand
 
-from sqrp_cli.ask.request import NEEDED, Field, Request, Word
+from sqrp_cli.ask.request import NEEDED, Field, OptionWord, Request
 from sqrp_cli.cli import completion
 from sqrp_cli.errors import ExitCode, bad_option
 
@@ -26,7 +26,7 @@ def command_of(record: type[Asked], run: Callable[[Any, Asked], ExitCode]) -> Ca
     run: takes Typer's context and the request.
     """
 
-    def parameter(word: Word, one: Field) -> inspect.Parameter:
+    def parameter(word: OptionWord, one: Field) -> inspect.Parameter:
         shown: dict[str, Any] = {"metavar": word.flags if word.is_argument else word.metavar, "help": word.help}
         if word.complete is not None:
             shown["autocompletion"] = getattr(completion, word.complete)
@@ -53,7 +53,7 @@ def command_of(record: type[Asked], run: Callable[[Any, Asked], ExitCode]) -> Ca
     return called
 
 
-class Command(TyperCommand):
+class ParsedCommand(TyperCommand):
     """A command whose help names arguments as its neighbours do: `WORKSPACE [TASK]`, without their Python types."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 # its type has no public name

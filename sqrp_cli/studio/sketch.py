@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.document import Record
+from sqrp_cli.figures import Qualities
 from sqrp_cli.geometry import Mask
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.blind_spans import by_name
@@ -44,7 +45,7 @@ class AtomShown(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CoverageShown(Record):
+class CoverageShown(Qualities):
     """What cameras see at instants of a motion."""
 
     t: list[float]
@@ -55,8 +56,6 @@ class CoverageShown(Record):
     """Each different one once."""
     atoms: Mapping[str, AtomShown]
     """By atom."""
-    q_avg: float | None
-    q_eoi: float | None
     blind: float
     """For how long the state is not covered [s]."""
 

@@ -20,7 +20,7 @@ NAME = "audit"
 PATCHES = Patches("# Cameras as `sqrp audit` found them", "of `sqrp audit`")
 
 
-class AuditCommand(requests.AuditRequest, requests.Printed, requests.ProgramCommand):
+class AuditCommand(requests.AuditRequest, requests.Printed, requests.OnProgram):
     """Compare recorded camera images with what a program predicts.
 
     Shows which cameras have moved, which clocks are wrong, and how often each camera showed each literal when it was

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 NAME = "check"
 
 
-class CheckCommand(requests.CheckRequest, requests.Watched, requests.Seeded, requests.Printed, requests.StartCommand):
+class CheckCommand(requests.CheckRequest, requests.Watchable, requests.Seeded, requests.Printed, requests.StartCommand):
     """Validate a workspace, and a task in it.
 
     With a task, show which candidates can be done, why the others cannot, and what would have to be done first. Times

@@ -10,7 +10,7 @@ from sqrp_cli.api.program import open_program
 from sqrp_cli.ask import requests, values
 from sqrp_cli.ask.request import argument, option
 from sqrp_cli.ask.values import FLAG, PATH
-from sqrp_cli.cli.command import Command, UsageError, command_of
+from sqrp_cli.cli.command import ParsedCommand, UsageError, command_of
 from sqrp_cli.cli.completion import example_task
 from sqrp_cli.cli.options import answer, check_excluded, open_with_warnings
 from sqrp_cli.cli.start import Start
@@ -30,7 +30,7 @@ NAME = "explain"
 _WAYS = ("best", "all", "fastest")
 
 
-class Parser(Command):
+class Parser(ParsedCommand):
     """Takes `--ways` with and without a value."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 # its type has no public name
@@ -55,7 +55,7 @@ def _with_ways(words: Sequence[str]) -> Iterator[str]:
 
 
 class ExplainCommand(
-    requests.ExplainRequest, requests.Watched, requests.Seeded, requests.Printed, requests.StartCommand
+    requests.ExplainRequest, requests.Watchable, requests.Seeded, requests.Printed, requests.StartCommand
 ):
     """Explain how well the cameras see a way of doing a task.
 

@@ -27,7 +27,7 @@ class RankCommand(
     requests.RankRequest,
     requests.Chosen,
     requests.Paged,
-    requests.Watched,
+    requests.Watchable,
     requests.Seeded,
     requests.Printed,
     requests.StartCommand,

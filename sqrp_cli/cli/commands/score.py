@@ -35,7 +35,7 @@ class ScoreCommand(
     requests.ScoreRequest,
     requests.Paged,
     requests.Clustered,
-    requests.Watched,
+    requests.Watchable,
     requests.Seeded,
     requests.Printed,
     Command,

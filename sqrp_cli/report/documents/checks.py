@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from sqrp_cli.checks.registry import RuleEntry
 from sqrp_cli.document import Document, Record, WorkspaceDocument
+from sqrp_cli.figures import Qualities
 from sqrp_cli.knowledge.text.entries import completed
 
 if TYPE_CHECKING:
@@ -46,17 +47,13 @@ class ReportedProblem(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlannedStep(Record):
+class PlannedStep(Qualities):
     """A step of a plan, in its best way."""
 
     action: str
     """A skill with its objects as planners write it, such as `place(g2, tray)`."""
     feasible: bool
     """Whether it can be done after the steps before it."""
-    q_avg: float | None
-    """Q_avg in 0..1 of its best candidate; null if it is infeasible, or where no formula applies."""
-    q_eoi: float | None
-    """Q_eoi in 0..1 of that candidate; null if it is infeasible, or where there is no event of interest."""
     time: float | None
     """Duration of its motion [s]; null if it is infeasible."""
     reasons: list[str]

@@ -8,6 +8,7 @@ from itertools import accumulate
 from typing import Literal
 
 from sqrp_cli.document import Pose, Record
+from sqrp_cli.figures import Qualities
 from sqrp_cli.programming.coverage.quality import falls_short
 from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.whole_study import mean_qualities, worst_seen
@@ -19,13 +20,9 @@ NOT = "not "
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlayedStep(Span):
+class PlayedStep(Span, Qualities):
     """A step of a task of several, by its number and task, and when it is done [s]."""
 
-    q_eoi: float | None
-    """Its Q_eoi in 0..1; null where there is no event of interest."""
-    q_avg: float | None
-    """Its Q_avg in 0..1; null where no formula applies."""
     verdict: str
     """Where it is blind, why, and what would help."""
     seen_worst: bool

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Literal
 
 from sqrp_cli.document import Document, Record, how_many
-from sqrp_cli.figures import FaultMetrics
+from sqrp_cli.figures import FaultMetrics, Qualities
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.knowledge.workspace.workspace_file import shortest_path, workspace_name
 from sqrp_cli.program.file import workspace_path
@@ -38,7 +38,7 @@ class ListedPrimitive(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ListedStep(Record):
+class ListedStep(Qualities):
     """A step with its figures, on the clock of the whole program [s]."""
 
     task: str
@@ -55,10 +55,6 @@ class ListedStep(Record):
     """When it ends [s]."""
     time: float
     """Duration of its motion [s]."""
-    q_avg: float | None
-    """Q_avg in 0..1; null where no formula applies."""
-    q_eoi: float | None
-    """Q_eoi in 0..1; null where there is no event of interest."""
     faults: Mapping[str, FaultMetrics]
     """By the fault's name."""
     verdict: str
@@ -68,15 +64,11 @@ class ListedStep(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ProgramTotal(Record):
+class ProgramTotal(Qualities):
     """All steps together; Q is weighted with their time."""
 
     time: float
     """Duration of all steps [s]."""
-    q_avg: float | None
-    """Mean Q_avg in 0..1 of the steps that have one; null if none has."""
-    q_eoi: float | None
-    """Mean Q_eoi in 0..1 of the steps that have one; null if none has."""
     delay_worst: float | None
     """Longest time that a fault of any step may remain unnoticed [s]; null if none can happen, or one may never be
     noticed."""
