@@ -56,7 +56,7 @@ def test_a_new_field_touches_at_most_three_files(field: str, package: SourceTree
 @pytest.mark.parametrize(
     ("title", "most"),
     [
-        ("types with q_eoi and q_avg", 6),
+        ("types with q_eoi and q_avg", 5),
         ("records of a cause", 10),
         ("pairs of records that share half of their fields", 43),
     ],

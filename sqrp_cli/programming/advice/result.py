@@ -10,6 +10,7 @@ import numpy as np
 
 from sqrp_cli.document import LEFT_OUT, Record, TaskDocument, live
 from sqrp_cli.errors import InputError, bad_option
+from sqrp_cli.figures import Qualities
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.programming.advice.moves import MOTION, Kind
 from sqrp_cli.programming.advice.wish import Wish
@@ -23,7 +24,7 @@ else:  # no file has them
 
 
 @dataclass(frozen=True, kw_only=True)
-class AdvisedFigures(Record):
+class AdvisedFigures(Qualities):
     """The figures of a candidate that a wish may be about; null where undefined, and all of an infeasible one."""
 
     q_eoi: float | None = None
