@@ -61,10 +61,15 @@ def load_program(path: Path) -> Program:
     """Read and validate a program file. Raises InputError with the place of each error, see `program.check`."""
     if path.is_dir():
         raise bad_input("no-program", "found a folder, expected the file of a program", Place(path), mend=_MAKE)
-    document = read_yaml(path, keys=_KEYS)
+    no_program = bad_input("no-program", "this is no program: it lacks the key `sqrp_program`", Place(path), mend=_MAKE)
+    try:
+        document = read_yaml(path, keys=_KEYS)
+    except InputError as error:
+        if path.is_file() and b"sqrp_program" not in path.open("rb").read(4096):
+            raise no_program from error
+        raise
     if "sqrp_program" not in document.data:
-        message = "this is no program: it lacks the key `sqrp_program`"
-        raise bad_input("no-program", message, Place(path), mend=_MAKE)
+        raise no_program
     program = validate(document, Program)
     problems = [document.problem(flaw.code, flaw.at, flaw.message) for flaw in flaws(program)]
     for number, step in enumerate(program.steps):

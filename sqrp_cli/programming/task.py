@@ -259,6 +259,10 @@ def _object_choices(
     ]
     if not matches:
         raise bad_input("no-match", _no_match(skill, workspace, fitting, filters))
+    for word in filters:
+        if filters.count(word) > len(open_names):
+            message = f"`{word}` is said {filters.count(word)} times; `{skill.name}` takes {len(open_names)} by words"
+            raise bad_input("repeated-value", message)
     found = dict(zip(open_names, matches[0], strict=True))
     return [found.get(parameter.name, fitting[parameter.name]) for parameter in parameters]
 

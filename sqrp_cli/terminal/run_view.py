@@ -12,7 +12,7 @@ from typing import Any
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.report.sentences import short_times
 from sqrp_cli.runtime.record import events
-from sqrp_cli.runtime.record.report import Confusion, Disagreement, Prediction, RunReport, SweepDocument, total_of
+from sqrp_cli.runtime.record.report import Confusion, Disagreement, Prediction, RunReport, SweepDocument
 from sqrp_cli.terminal.console import (
     Column,
     Show,
@@ -217,7 +217,7 @@ def print_prediction(prediction: Sequence[Prediction], usual: Sequence[Predictio
 
     titles = ("images\npromised", "came true", "usual images\nthat showed it", "others that\nshowed it")
     columns = [Column("literal"), Column("camera"), *numbers(*titles)]
-    rows = []
+    rows, of_all = [], (Confusion(), Confusion())
     for number, (step, others) in enumerate(zip(prediction, usual, strict=True), 1):
         for atom, cameras in step.items():
             label = atom if len(prediction) == 1 else f"{number}: {atom}"
@@ -225,13 +225,13 @@ def print_prediction(prediction: Sequence[Prediction], usual: Sequence[Predictio
                 rest = others[atom][name]
                 if found.tp + found.fp + found.fn + rest.fp:
                     rows.append([label, name, *cells(found, rest)])
+                    of_all = of_all[0] + found, of_all[1] + rest
     if fits(columns, rows):  # else each row says for itself what it is about
         for above, row in reversed(list(pairwise(rows))):
             row[0] = "" if row[0] == above[0] else row[0]
-    rest = total_of(usual)
-    rows.append([plain("all", "bold"), "", *cells(total_of(prediction), rest)])
+    rows.append([plain("all", "bold"), "", *cells(*of_all)])
     print_table(columns, rows)
-    if rest.tp + rest.fp:
+    if of_all[1].tp + of_all[1].fp:
         say("usual images were not promised to show the literal, but such images mostly do", "dim")
 
 

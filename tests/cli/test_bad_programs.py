@@ -198,3 +198,11 @@ def test_a_program_of_before_there_were_marks_is_read_as_before(laying, sound, w
     path.write_text(text, encoding="utf-8")
     check_program(load_program(path), path, workspace)
     path.unlink()
+
+
+def test_a_page_of_text_is_told_to_be_no_program(sqrp, tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("# A page\n\n[![picture](p.png)](...) of a cell: it is no program\n")
+    told = sqrp("program", page)
+    assert told.code == 2
+    assert "this is no program" in told.err

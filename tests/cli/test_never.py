@@ -69,6 +69,13 @@ def test_a_run_that_misses_a_fault_says_so(sqrp, under_the_table, tmp_path):
     assert "missed" in page.read_text()
 
 
+def test_a_part_that_lies_dropped_at_the_end_is_missed_though_no_formula_asks_for_it(sqrp, under_the_table, tmp_path):
+    program = tmp_path / "p.yaml"
+    assert sqrp("rank", under_the_table, "pickup g2", "--ways", "fastest", "--program", program).code == 0
+    run = sqrp("run", program, "--sim", "--fault", "slip@a5+0.5", "--json")
+    assert (run.code, run.document["outcome"]) == (3, "missed")
+
+
 def test_an_assumed_latency_is_said_where_delays_are_and_written_nowhere(sqrp, tmp_path):
     cell = shipped_cell("tabletop")
     for name in ("cam1", "cam4"):

@@ -363,6 +363,12 @@ class FaultTracker:
             record.name, record.detected = alarm.name, t
         self._publisher.publish(FaultSeen(t=t, name=alarm.name, text=alarm.text, response=alarm.response.action))
 
+    def dropped(self) -> None:
+        """At the end a part lies where it should not: no formula asks about when it slipped, but it did."""
+        for record in self.records:
+            if record.kind == "slip" and record.happened is None and record.detected is None:
+                record.happened = record.injected
+
     def suspected(self, t: float) -> None:
         """The images showed that something is wrong, but not what."""
         for record in self._open:

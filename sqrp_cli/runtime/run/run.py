@@ -39,6 +39,9 @@ from sqrp_cli.runtime.run.lockstep import SAME_INSTANT, CommandedRobot, Evidence
 LOOK_AGAIN = 2.0
 """How long the robot stands and waits for the condition of a retry to be seen [s]."""
 
+ELSEWHERE = 0.05
+"""How far from where it is meant to be at the end a part is that was dropped [m]."""
+
 SPACING = 0.05
 """Sampling period of a motion in the search for a viewpoint [s]."""
 
@@ -116,6 +119,11 @@ class Run:
             lockstep.halt(str(stopped))
         if self._states is not None:
             self._states.finish()
+        if outcome == "done" and (truth := self._cell.truth()) is not None:
+            meant = self._program.steps[-1].after.X_WO
+            lies = {name: X_WO[:3, 3] - meant[name][:3, 3] for name, X_WO in truth.X_WO.items() if name in meant}
+            if any(np.linalg.norm(away) > ELSEWHERE for away in lies.values()):
+                self._tracker.dropped()
         report = replace(
             self._report,
             time=round(lockstep.now, 6),
