@@ -27,10 +27,6 @@ else:  # no file has them
 class AdvisedFigures(Qualities):
     """The figures of a candidate that a wish may be about; null where undefined, and all of an infeasible one."""
 
-    q_eoi: float | None = None
-    """Q_eoi in 0..1; null where there is no event of interest."""
-    q_avg: float | None = None
-    """Q_avg in 0..1; null where no formula applies."""
     time: float | None = None
     """Duration of the whole motion [s]."""
     delay_worst: float | None = None
