@@ -68,22 +68,6 @@ template <class T, class Less> void sort(T* begin, T* end, Less less) {
     for (int i = 0; i < first.size();) *to++ = middle < end && less(*middle, first[i]) ? *middle++ : first[i++];
 }
 
-// Puts into the place `nth` what a sort would put there, smaller ones before it and larger ones behind it (Hoare 1961).
-template <class T, class Less> void select(T* begin, T* nth, T* end, Less less) {
-    while (end - begin > 1) {
-        T pivot = begin[(end - begin) / 2];
-        T *low = begin, *high = end - 1;
-        while (low <= high) {
-            while (less(*low, pivot)) low++;
-            while (less(pivot, *high)) high--;
-            if (low <= high) swap(*low++, *high--);
-        }
-        if (nth <= high) end = high + 1;
-        else if (nth >= low) begin = low;
-        else return;
-    }
-}
-
 struct V3 { double x, y, z; };
 inline V3 operator+(V3 a, V3 b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
 inline V3 operator-(V3 a, V3 b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }

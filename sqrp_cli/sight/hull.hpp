@@ -129,27 +129,6 @@ struct Hull {
     }
 };
 
-inline double distance_to_segment(V3 p, V3 a, V3 b) {
-    V3 side = b - a;
-    return norm(a - p + clamp(dot(p - a, side) / most(dot(side, side), 1e-300), 0, 1) * side);
-}
-
-// Distance of a point from a flat convex polygon.
-inline double distance_to_polygon(V3 from, const V3* p, int n, V3 normal) {
-    double size = dot(normal, normal), best = ENDLESS;
-    if (n > 2 && size > 1e-30) {
-        V3 foot = from + (dot(p[0] - from, normal) / size) * normal;
-        bool ahead = true, behind = true;
-        for (int i = 0; i < n; i++) {
-            double turn = dot(cross(p[(i + 1) % n] - p[i], foot - p[i]), normal);
-            ahead &= turn >= 0, behind &= turn <= 0;
-        }
-        if (ahead || behind) return norm(foot - from);
-    }
-    for (int i = 0; i < n; i++) best = least(best, distance_to_segment(from, p[i], p[(i + 1) % n]));
-    return best;
-}
-
 constexpr int BOX_FACES[6][4] = {{0, 1, 3, 2}, {4, 6, 7, 5}, {0, 4, 5, 1}, {2, 3, 7, 6}, {0, 2, 6, 4}, {1, 5, 7, 3}};
 
 // Walks down the tree of a surface: into the nodes for which `enter(node, planes)` is true, which may take from the
@@ -238,7 +217,8 @@ inline double nearest_inside(const Surface& s, const Hull& H, double best) {
             uint32_t a = H.outside(t.a), b = H.outside(t.b), c = H.outside(t.c);
             if (a & b & c) continue;
             Polygon rest = H.clip(t, a | b | c);
-            if (rest.n) best = least(best, distance_to_polygon(H.eye(), rest.p, rest.n, s.normals[i]));
+            V3 eye = H.eye();
+            if (rest.n) best = least(best, distance(Piece::of(&eye, 1), Piece::of(rest.p, rest.n), ENDLESS, 0));
         }
         return false;
     };

@@ -10,30 +10,18 @@ constexpr double LONG = 2;          // ratio of the spreads of a box's corners f
 constexpr double GOLDEN = 0.61803398874989484820;  // (sqrt(5) - 1) / 2
 
 // How far each row is shifted, as a share of a column, so that the rays form no columns.
-struct Shifts {
-    double of[ROWS];
-    constexpr Shifts() : of() {
-        for (int i = 0; i < ROWS; i++) of[i] = i * GOLDEN - int(i * GOLDEN);
-    }
-};
-constexpr Shifts SHIFT;
+inline double shift(int row) { return row * GOLDEN - int(row * GOLDEN); }
 
 // The first whole number that is not below a place in the grid.
 inline int up(double v) { int t = int(v); return t + (v > t); }
 inline int first_row(double v) { return up(clamp(v, 0, ROWS)); }
 inline int first_column(double v) { return up(clamp(v, 0, COLUMNS)); }
 
-// How many bits are set (Warren, Hacker's Delight, 2012, 5-1); not every processor has an instruction for it.
-inline int bits(uint32_t x) {
-    x -= x >> 1 & 0x55555555u, x = (x & 0x33333333u) + (x >> 2 & 0x33333333u), x = (x + (x >> 4)) & 0x0f0f0f0fu;
-    return int(x * 0x01010101u >> 24);
-}
-
 // A set of rays: one bit for each column in each row.
 struct Rays {
     uint32_t row[ROWS] = {};
     int count() const { return count_without({}); }
-    int count_without(const Rays& o) const { int n = 0; for (int i = 0; i < ROWS; i++) n += bits(row[i] & ~o.row[i]); return n; }
+    int count_without(const Rays& o) const { int n = 0; for (int i = 0; i < ROWS; i++) n += __builtin_popcount(row[i] & ~o.row[i]); return n; }
 
     // Adds the rays inside a convex polygon with these places of its corners in the grid.
     void add_polygon(const double* c, const double* r, int n) {
@@ -48,7 +36,7 @@ struct Rays {
             int p = rises ? i : j, q = rises ? j : i, start = first_row(r[p]), end = first_row(r[q]);
             if (start >= end) continue;
             double slope = (c[q] - c[p]) / (r[q] - r[p]), at = c[p] - r[p] * slope;
-            for (int k = start; k < end; k++) (rises ? rising : falling)[k] = uint32_t((1ull << first_column(at + k * slope - SHIFT.of[k])) - 1);
+            for (int k = start; k < end; k++) (rises ? rising : falling)[k] = uint32_t((1ull << first_column(at + k * slope - shift(k))) - 1);
         }
         for (int k = from; k < to; k++) row[k] |= rising[k] ^ falling[k];
     }
@@ -73,7 +61,7 @@ struct Winding {
         if (from == to) return;
         double slope = (c1 - c0) / (r1 - r0), at = c0 - r0 * slope;
         if (to < from) swap(from, to), weight = -weight;
-        for (int k = from; k < to; k++) step[first_column(at + k * slope - SHIFT.of[k])][k] += int16_t(weight);
+        for (int k = from; k < to; k++) step[first_column(at + k * slope - shift(k))][k] += int16_t(weight);
     }
     void fill(Rays& rays) const {
         int16_t sum[ROWS] = {};
@@ -126,7 +114,7 @@ struct Grid {
 
     // Where a ray is in the plane z = 1 of the camera, not turned.
     V3 direction(int row, int column) const {
-        double u = low_u + step_u * (column + SHIFT.of[row]), v = low_v + step_v * (row + 0.5);
+        double u = low_u + step_u * (column + shift(row)), v = low_v + step_v * (row + 0.5);
         return {sine * u + cosine * v, -cosine * u + sine * v, 1};
     }
 
@@ -143,9 +131,6 @@ struct Scratch {
 // Calls `whole(i, side)` for the triangles that may block rays to a box and lie before its far side, and
 // `part(i, planes)` for those of which only what is inside these planes does. H, map: in the frame of the surface.
 template <class Whole, class Part> void for_blocking(const Surface& s, const Hull& H, const Pose& map, Whole whole, Part part) {
-    V3 away = H.eye() - s.nodes[0].center, root = s.nodes[0].extent;
-    // A ray that meets the back of a convex surface has met its front, unless it begins inside.
-    bool front_only = s.is_convex && (fabs(away.x) > root.x || fabs(away.y) > root.y || fabs(away.z) > root.z);
     auto enter = [&](const Node& n, uint32_t& planes) { return !planes || H.may_meet(n, planes); };
     auto leaf = [&](const Node& n, uint32_t planes) {
         const double* m = map.m;
@@ -153,7 +138,6 @@ template <class Whole, class Part> void for_blocking(const Surface& s, const Hul
         for (int i = n.first; i < n.first + n.count; i++) {
             const Triangle& t = s.triangles[i];
             int8_t side = dot(s.normals[i], H.eye() - t.a) > 0 ? 1 : -1;
-            if (front_only && side < 0) continue;
             uint32_t through = 0;
             if (planes & H.far || !ahead) {
                 uint32_t a = H.outside(t.a), b = H.outside(t.b), c = H.outside(t.c);
@@ -213,7 +197,7 @@ inline void block(Depths& depths, const Grid& grid, const Surface& s, const Hull
         for (int k = 0; k < ROWS; k++)
             for (uint32_t left = met.row[k] & grid.silhouette.row[k]; left; left &= left - 1) {
                 int c = __builtin_ctz(left);
-                double slope = dot(n, {c + SHIFT.of[k], double(k), 1});
+                double slope = dot(n, {c + shift(k), double(k), 1});
                 if (slope != 0) depths.of[k][c] = least(depths.of[k][c], dot(n, a) / slope);
             }
     };

@@ -9,8 +9,6 @@ struct Triangle { V3 a, b, c; };
 struct Node { V3 center, extent; int first, count; };
 
 constexpr double SAME_PLACE = 1e9;  // points whose coordinates agree when rounded to a billionth of a metre are one
-constexpr double FLAT = 1e-9;       // a point so far before a triangle of a convex surface is there by rounding [m]
-constexpr double MOST_TRIED = 1e6;  // products of points and triangles; larger surfaces are not tried for convexity
 constexpr int LEAF = 8;             // most triangles of a leaf
 constexpr int DEEPEST = 64;         // nodes that a walk keeps: children halve the triangles, so 32 are enough for 2^31
 
@@ -19,7 +17,6 @@ struct Surface {
     List<Triangle> triangles;
     List<V3> normals;       // of each triangle, out of the front, as long as twice its area
     List<int32_t> beside;   // of its sides a-b, b-c and c-a: the only other triangle at that side, if it runs against it, else -1
-    bool is_convex = false;  // closed, with no point before any triangle
 
     int count() const { return triangles.size(); }
 
@@ -37,12 +34,7 @@ struct Surface {
         for (int32_t i : order)
             for (int k = 0; k < 3; k++) corners.add(place[int(faces[3 * i + k])]);
         for (const Triangle& t : triangles) normals.add(cross(t.b - t.a, t.c - t.a));
-        bool is_closed = join(corners, points.size());
-        is_convex = is_closed && double(count()) * double(points.size()) <= MOST_TRIED;
-        for (int i = 0; is_convex && i < count(); i++) {
-            double reach = dot(normals[i], triangles[i].a) + FLAT * norm(normals[i]);
-            for (int k = 0; is_convex && k < points.size(); k++) is_convex = dot(normals[i], points[k]) <= reach;
-        }
+        join(corners, points.size());
     }
 
 private:
@@ -61,8 +53,8 @@ private:
         }
     }
 
-    // Finds `beside`: sides that exactly two triangles share, in opposite directions. Whether all sides are such.
-    bool join(const List<int32_t>& corners, int point_count) {
+    // Finds `beside`: sides that exactly two triangles share, in opposite directions.
+    void join(const List<int32_t>& corners, int point_count) {
         struct Side { int64_t key; int32_t at; };
         List<Side> sides;
         auto next = [](int i) { return i % 3 == 2 ? i - 2 : i + 1; };
@@ -72,15 +64,11 @@ private:
             sides.add({least(a, b) * point_count + most(a, b), i}), beside[i] = -1;
         }
         sort(sides.begin(), sides.end(), [](const Side& a, const Side& b) { return a.key < b.key; });
-        bool all = true;
         for (int i = 0, j; i < sides.size(); i = j) {
             for (j = i; j < sides.size() && sides[j].key == sides[i].key; j++) {}
             int one = sides[i].at, other = sides[j - 1].at;
-            bool joined = j - i == 2 && corners[one] != corners[other];
-            if (joined) beside[one] = other / 3, beside[other] = one / 3;
-            all &= joined;
+            if (j - i == 2 && corners[one] != corners[other]) beside[one] = other / 3, beside[other] = one / 3;
         }
-        return all;
     }
 
     // Builds the tree, halving at the median along the longest side, and puts the triangles into its order.
@@ -108,7 +96,7 @@ private:
                 double V3::*along = size.x >= size.y && size.x >= size.z ? &V3::x : size.y >= size.z ? &V3::y : &V3::z;
                 int half_way = (now.from + now.to) / 2;
                 int32_t* all = order.begin();
-                select(all + now.from, all + half_way, all + now.to, [&](int32_t p, int32_t q) { return middle[p].*along < middle[q].*along; });
+                sort(all + now.from, all + now.to, [&](int32_t p, int32_t q) { return middle[p].*along < middle[q].*along; });
                 node.first = nodes.size(), node.count = 0;
                 nodes.add({}), nodes.add({});
                 open.add({node.first, now.from, half_way}), open.add({node.first + 1, half_way, now.to});
