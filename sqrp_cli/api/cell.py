@@ -23,10 +23,10 @@ from sqrp_cli.ask.requests import (
 from sqrp_cli.errors import InputError, Problem, bad_option
 
 if TYPE_CHECKING:
-    from sqrp_cli.api.placing import CellPlacement
     from sqrp_cli.knowledge.workspace.workspace import Workspace
     from sqrp_cli.programming.advice.result import AdviceDocument
     from sqrp_cli.programming.cell import Cell
+    from sqrp_cli.programming.placing.result import PlaceDocument
     from sqrp_cli.programming.result import Ranking
     from sqrp_cli.report.documents.explanation import ExplainedAll, Explanation
     from sqrp_cli.scoring.scorecard import Scorecard
@@ -213,7 +213,7 @@ class OpenCell:
     check = question(CheckRequest, checked)
     score = question(ScoreRequest, scored)
 
-    def place(self, *tasks: str, **how: Any) -> CellPlacement:  # noqa: ANN401 - of the fields of a request
+    def place(self, *tasks: str, **how: Any) -> PlaceDocument:  # noqa: ANN401 - of the fields of a request
         """Find where cameras should go for some tasks, by default all that the workspace lists, with a proof.
 
         how: the other fields of a `PlaceRequest`.

@@ -1,31 +1,27 @@
-"""Where cameras go: what is asked, the answer that shows itself, and the workspace file with it."""
+"""Where cameras go: what is asked, and the workspace file with them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from math import inf
 from typing import TYPE_CHECKING
 
-from sqrp_cli.api.results import Answer
 from sqrp_cli.errors import bad_input, bad_option, expected_names
-from sqrp_cli.knowledge.camera.camera import assumed_latency
-from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.yaml_edit import patch
 from sqrp_cli.knowledge.workspace.edits import NewCamera, with_cameras
 from sqrp_cli.knowledge.workspace.mounts import Mounts, place_file, read_mounts
-from sqrp_cli.knowledge.workspace.workspace_file import read_again, replace_workspace
+from sqrp_cli.knowledge.workspace.workspace_file import read_again
 from sqrp_cli.programming.advice.wish import Wish, read_wish
 from sqrp_cli.programming.candidate import split_steps
-from sqrp_cli.programming.placing.place import CameraPlacer, Solution
+from sqrp_cli.programming.placing.place import CameraPlacer
 from sqrp_cli.programming.placing.problem import OBJECTIVES, FewestPossible, Requirements
 from sqrp_cli.programming.placing.program import Watch, check_solver
+from sqrp_cli.programming.placing.result import PlaceDocument, in_words
 from sqrp_cli.programming.placing.sites import LocalVerdicts, Verdicts
 from sqrp_cli.programming.placing.table import PlaceQuestion
 from sqrp_cli.programming.task import read_task
-from sqrp_cli.report.documents.placing import PlaceDocument, in_words, placed
 from sqrp_cli.scoring.work.looks import ClusterVerdicts, KeptVerdicts
 from sqrp_cli.scoring.work.results import Results
 
@@ -37,79 +33,6 @@ if TYPE_CHECKING:
     from sqrp_cli.scoring.work.compute import Means
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class CellPlacement(Answer[PlaceDocument]):
-    """Cameras on mounts."""
-
-    found: Solution
-    written: bool = False
-    """Whether its patch was written to a file."""
-    content: bytes | None = None
-    """The text of the workspace file where it was not read from the disk."""
-
-    @property
-    def met(self) -> bool:
-        """Whether the cameras are as they were wanted."""
-        return self.found.met
-
-    @property
-    def interrupted(self) -> bool:
-        """Whether Ctrl-C came before the proof was complete."""
-        return self.found.interrupted
-
-    @property
-    def brief(self) -> str:
-        """Its main figures, in a line."""
-        quality = f"{self.found.question.requirements.objective} Q {100 * self.found.objective:.1f} %"
-        return f"{self.found.question.cell.workspace.name}: {len(self.found.cameras)} cameras, {quality}"
-
-    @cached_property
-    def document(self) -> PlaceDocument:
-        """The document of `sqrp place`."""
-        return placed(self.found, self.patch)
-
-    def show(self) -> None:
-        """Print what `sqrp place` prints."""
-        from sqrp_cli.terminal.console import say
-        from sqrp_cli.terminal.search_tables import print_placement
-
-        print_placement(self.document, self.found.question.requirements.wish, written=self.written)
-        cameras = self.found.cell.observer.cameras
-        if assumed := assumed_latency(cameras):
-            say(f"Delays: {assumed}.")
-
-    @cached_property
-    def patch(self) -> str:
-        """A unified diff from the workspace file to the one with these cameras; empty where none were found."""
-        if not self.found.cameras:
-            return ""
-        return patch(self._file, self.patched)
-
-    @cached_property
-    def patched(self) -> bytes:
-        """The workspace file with these cameras instead of its own, but for those that stay."""
-        return with_cameras(
-            self._file,
-            self.found.question.keep,
-            [
-                NewCamera(one.camera, one.place.lens.image, one.place.view.at, one.place.view.up)
-                for one in self.found.cameras
-            ],
-        )
-
-    def apply(self) -> None:
-        """Write the cameras into the workspace file; comments outside of its cameras stay.
-
-        Raises InputError where it cannot be written, and where it has changed meanwhile.
-        """
-        replace_workspace(self._file, self.patched)
-
-    @cached_property
-    def _file(self) -> SourceDocument:
-        workspace = self.found.question.cell.workspace
-        return read_again(workspace.whole_file.file, workspace.files["workspace"].digest, self.content)
-
-
 def find_placement(
     cell: Cell,
     request: PlaceRequest,
@@ -118,7 +41,7 @@ def find_placement(
     progress: Progress,
     watch: Watch | None = None,
     content: bytes | None = None,
-) -> CellPlacement:
+) -> PlaceDocument:
     """The best cameras for some tasks; at Ctrl-C the best so far, if verdicts are complete.
 
     watch: told what is sought, the best value so far and the bound. content: of the workspace file, where it is not
@@ -144,7 +67,13 @@ def find_placement(
         asked = replace(question, verdicts=_verdicts(cell, means, results))
         seconds = inf if request.time is None else request.time
         placer = CameraPlacer(asked, progress, watch, seconds=seconds, gap=0.01 * request.gap)
-        return CellPlacement(found=placer.place(), content=content)
+        found = placer.place()
+    file = read_again(workspace.whole_file.file, workspace.files["workspace"].digest, content)
+    if not found.cameras:
+        return replace(found, file=file, content=file.content)
+    places = [(one.camera, one.place.lens.image, one.place.view) for one in found.cameras]
+    patched = with_cameras(file, keep, [NewCamera(camera, image, view.at, view.up) for camera, image, view in places])
+    return replace(found, file=file, content=patched, patch=patch(file, patched))
 
 
 def _verdicts(cell: Cell, means: Means, results: Results) -> Verdicts:

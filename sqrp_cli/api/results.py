@@ -30,7 +30,7 @@ KINDS: Mapping[str, str] = {
     "explain": "sqrp_cli.report.documents.explanation:Explanation",
     "explain --all": "sqrp_cli.report.documents.explanation:ExplainedAll",
     "advise": "sqrp_cli.programming.advice.result:AdviceDocument",
-    "place": "sqrp_cli.report.documents.placing:PlaceDocument",
+    "place": "sqrp_cli.programming.placing.result:PlaceDocument",
     "check": "sqrp_cli.report.documents.checks:CheckDocument",
     "rules": "sqrp_cli.report.documents.checks:RulesDocument",
     "program": "sqrp_cli.report.documents.programs:ProgramDocument",

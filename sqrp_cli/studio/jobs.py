@@ -193,11 +193,11 @@ def _place(job: Search, say: _Teller) -> None:
 
     opened = OpenCell.read(job.path, job.seed, job.content)
     found = opened.place(job.task, jobs=job.jobs, progress=say.progress)
-    cameras = found.document.cameras
+    cameras = found.cameras
     names = ", ".join(f"{one.name} on {one.mount}" for one in cameras)
     title = f"{len(cameras)} cameras: {names}" if cameras else "no cameras on these mounts meet the wish"
     line = ("place", job.task, "--patch", "cameras.patch")
-    offers = [Offer(words=f"cameras: {names}", line=line, content=found.patched)] if cameras else []
+    offers = [Offer(words=f"cameras: {names}", line=line, content=found.content)] if cameras else []
     told: list[dict[str, object]] = [{"words": one.words, "q_eoi": None, "q_avg": None, "worse": []} for one in offers]
     say("offers", offers, title=title, unwritten=[], changes=told)
 

@@ -21,8 +21,9 @@ from sqrp_cli.ask.values import silent
 from sqrp_cli.geometry import Mask
 from sqrp_cli.knowledge.workspace.mounts import read_mounts
 from sqrp_cli.programming.coverage.sampling import Adaptive, FixedStep, first_samples
-from sqrp_cli.programming.placing.place import CameraPlacer, Solution
+from sqrp_cli.programming.placing.place import CameraPlacer
 from sqrp_cli.programming.placing.problem import Problem, Requirements
+from sqrp_cli.programming.placing.result import PlaceDocument
 from sqrp_cli.programming.placing.table import PlaceQuestion
 from sqrp_cli.programming.sensing.observer import Observer, sees_all
 from sqrp_cli.programming.task import read_task
@@ -50,7 +51,7 @@ SAME = 1.5e-3
 """Figures that differ by less are the same: brute force places changes to 4 ms."""
 
 
-def placed(folder: Path, angle: int, *, fastest: bool) -> tuple[Solution, CameraPlacer]:
+def placed(folder: Path, angle: int, *, fastest: bool) -> tuple[PlaceDocument, CameraPlacer]:
     """The best cameras, with what chose them."""
     cell = open_cell(folder)
     with tempfile.TemporaryDirectory() as temporary:

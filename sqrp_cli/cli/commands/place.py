@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -49,15 +48,14 @@ def place(context: Any, ask: PlaceCommand) -> ExitCode:  # noqa: ANN401 - Typer'
         found = find_placement(cell.cell, ask, means=means, progress=progress, watch=Bounds())
     if patch is not None and found.patch:
         PATCHES.write(patch, found.patch)
-        found = replace(found, written=True)
         note(f"the patch is in {patch}")
-    interrupted = found.interrupted
+    interrupted = bool(found.interrupted)
     if ask.report is not None and not interrupted:
         from sqrp_cli.report.pages.search_pages import write_placement
 
-        write = partial(write_placement, found.found, found.document)
+        write = partial(write_placement, found)
         interrupted = not page_is_written(ask.report, write, context.obj, ask.jobs)
-    answer(found, as_json=ask.json)
+    answer(found, as_json=ask.json, written=patch is not None)
     if interrupted:
         return ExitCode.INTERRUPTED
     return ExitCode.OK if found.met else ExitCode.NONE_FEASIBLE

@@ -1,6 +1,6 @@
 """The cameras that answer a question: chosen by an integer program, checked exactly, and chosen again if need be.
 
-`Problem`: what may be chosen. `VisibilityTable`: what each option sees. `Solution`: the choice, and what is proven.
+`Problem`: what may be chosen. `VisibilityTable`: what each option sees. `PlaceDocument`: the choice with its proof.
 """
 
 from __future__ import annotations
@@ -9,27 +9,35 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 from time import monotonic
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.geometry import Array, Mask
-from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.camera.camera import Camera, assumed_latency
+from sqrp_cli.programming.advice.result import AdvisedFigures
+from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study, Watched
 from sqrp_cli.programming.placing.problem import Late, Problem, Requirements, Selection, obstacle
 from sqrp_cli.programming.placing.program import Limits, PlacementProgram, Watch
 from sqrp_cli.programming.placing.refine import Pair, refined
-from sqrp_cli.programming.placing.sites import Installation, blocked, judged
-from sqrp_cli.programming.placing.table import PlaceQuestion, Progress, UnseenTarget, VisibilityTable
+from sqrp_cli.programming.placing.result import (
+    ROUNDED,
+    CameraPlaced,
+    Compared,
+    InfeasibleCandidate,
+    PlacedCandidate,
+    PlaceDocument,
+    SpareCost,
+    WithFewer,
+    proof_in_words,
+)
+from sqrp_cli.programming.placing.sites import JudgedWay, blocked, judged
+from sqrp_cli.programming.placing.table import PlaceQuestion, Progress, VisibilityTable
 from sqrp_cli.programming.ranking import compared_quality
 from sqrp_cli.programming.result import CandidateResult
-from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.find import BestWay, TimeLimit, WantedWay, find_way, with_branch
-
-ROUNDED = 5e-4
-"""Qualities that differ by less are the same: outputs and rankings round them to 0.1 points."""
 
 ROUNDS, ROUNDS_ASIDE = 200, 12
 """Most times that cameras are chosen: for the question, and to say what others would do."""
@@ -38,110 +46,6 @@ _SAME_TIME = 1e-3
 """Times that differ by less may count as the same in a ranking [s]."""
 
 Found = TypeVar("Found")
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PlacedCamera:
-    """A camera that was chosen."""
-
-    camera: Camera
-    place: Installation
-    price: float
-    alone: float
-    """The quality that counts first with no other camera, not even one that stays, and none that fails, in 0..1."""
-    loss: float
-    """By how much that quality falls if this camera is lost, and no other one."""
-    moved: float = 0.0
-    """How far from the site it is, between sites [m]."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class JudgedCandidate:
-    """A candidate with the way that was chosen for it, and its exact figures with the chosen cameras."""
-
-    task: str
-    candidate: Candidate
-    found: CandidateResult
-    ranked: CandidateResult | None = None
-    """The way that `rank` takes with these cameras, if that is another one with other figures."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class WithFewer:
-    """What one camera less could do."""
-
-    cameras: int
-    """How many."""
-    objective: float
-    """The best quality that was found, least or mean, in 0..1."""
-    bound: float
-    """No choice of so many has more."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SpareCost:
-    """What would do if no camera could fail."""
-
-    cameras: int
-    """How many."""
-    price: float
-    """Of all of them."""
-    objective: float
-    """The quality that counts first, in 0..1."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Solution:
-    """What came of a question."""
-
-    question: PlaceQuestion
-    infeasible: tuple[tuple[str, CandidateResult], ...]
-    """Candidates that cannot be done, with their tasks; they count for nothing."""
-    ways: int
-    """How many ways were looked at."""
-    samples: int
-    """In how many samples of them."""
-    options: int
-    """Poses and lenses that were compared."""
-    seen: Array
-    """The mean quality of all candidates with one camera at each site, the best one there, in 0..1; (sites,)."""
-    shut: Mask
-    """Whether a site cannot be used at all, because a camera there would touch something in every way, (sites,)."""
-    cell: Cell
-    """With the chosen cameras."""
-    cameras: tuple[PlacedCamera, ...] = ()
-    candidates: tuple[JudgedCandidate, ...] = ()
-    objective: float = 0.0
-    """The quality that counts first, exactly, of the chosen cameras at their sites, in 0..1."""
-    bound: float = 0.0
-    """No choice of cameras and ways has a greater one."""
-    proven: bool = False
-    """Whether there is no better choice in any aim."""
-    interrupted: bool = False
-    met: bool = True
-    """Whether there are cameras, and the wish is met, if there is one."""
-    why: str = ""
-    """Why there is nothing to choose; empty if there is."""
-    too_slow: bool = False
-    """Whether a candidate takes longer than is wished for in all of its ways."""
-    quickest: float = 0.0
-    """The shortest time until any of the cameras shows a fault that it sees: a frame period and its latency [s]."""
-    fastest: bool = True
-    """Whether one way of each candidate was looked at: the fastest of all, or the only one that is allowed."""
-    fewest: int | None = None
-    """The fewest cameras that meet the wish, or fewer ones do not, as far as is proven; None without one."""
-    fewer: WithFewer | None = None
-    """With one camera less, if there are several."""
-    without_spare: SpareCost | None = None
-    """If cameras may fail: what would do otherwise."""
-    unseen: tuple[UnseenTarget, ...] = ()
-    """If nothing meets the wish: what no choice of sites covers."""
-
-    @property
-    def gap(self) -> float:
-        """Between bound and objective; 0 where nothing better exists."""
-        gap = self.bound - self.objective
-        return gap if gap > ROUNDED else 0.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -186,14 +90,19 @@ class CameraPlacer:
         self._stopped = False
         """Whether Ctrl-C came."""
 
-    def place(self) -> Solution:
+    def place(self) -> PlaceDocument:
         """The best cameras for the tasks, with the fastest way of each candidate where no other can do better."""
+        found = self._place()
+        gap = found.bound - found.objective
+        found = replace(found, gap=gap if gap > ROUNDED else 0.0)
+        return replace(found, proof=proof_in_words(found, fastest=self.question.fastest))
+
+    def _place(self) -> PlaceDocument:
         table, wanted = self.table, self.question.requirements
         table.plan()
         if not table.ways:
-            sites = len(self.question.mounts.spots)
             why = "no candidate can be done" + (" in that time" if table.too_slow else "")
-            return replace(self._empty(np.zeros(sites), np.zeros(sites, dtype=bool)), met=False, why=why)
+            return self._document(None, met=False, reason=why)
         table.judge()
         self._until = monotonic() + self._seconds
         wish = wanted.wish
@@ -220,13 +129,13 @@ class CameraPlacer:
             return self._closest(proven=found.proven)
         return self._at_least_some(found)
 
-    def _closest(self, *, proven: bool = True) -> Solution:
+    def _closest(self, *, proven: bool = True) -> PlaceDocument:
         """What comes nearest to a wish that no choice meets. proven: whether it is certain that none does."""
         nearest = self._at_least_some(self._search(replace(self.question.requirements, wish=None)))
         unseen = self.table.unseen(self.question.requirements.failure_tolerance, self.table.problem(0).shut)
         return replace(nearest, met=False, proven=nearest.proven and proven, unseen=tuple(unseen))
 
-    def _at_least_some(self, found: Checked) -> Solution:
+    def _at_least_some(self, found: Checked) -> PlaceDocument:
         """The choice with the best mean, where no choice lifts the least quality above 0; none if that is 0, too."""
         if found.selection is None or found.value > 0.0 or self._stopped:
             return self._solution(found)
@@ -323,37 +232,26 @@ class CameraPlacer:
             self._stopped = True
             return otherwise
 
-    def _solution(self, checked: Checked, *, blind: bool = False) -> Solution:
+    def _solution(self, checked: Checked, *, blind: bool = False) -> PlaceDocument:
         """The chosen cameras with all that is said of them. blind: whether none would see anything that counts."""
         table, problem, selection = self.table, checked.problem, checked.selection
-        wanted, sites = self.question.requirements, len(self.question.mounts.spots)
-        seen, free = np.zeros(sites), problem.free
-        np.maximum.at(seen, problem.site[free], problem.alone[free])
-        found = replace(
-            self._empty(seen, np.isin(np.arange(sites), sorted(problem.shut))),
-            proven=checked.proven,
-            objective=checked.value,
-            bound=checked.bound,
-            fewest=checked.fewest if checked.requirements.wish is not None else None,
-            met=not table.too_slow,
-            quickest=problem.quickest,
-            fastest=len(table.ways) == len(table.candidates),
-        )
-        stay = [table.camera_at(option) for option in table.kept]
+        wanted, stay = self.question.requirements, [table.camera_at(option) for option in table.kept]
+        found: dict[str, Any] = {
+            "proven": checked.proven,
+            "objective": checked.value,
+            "bound": checked.bound,
+            "fewest": checked.fewest if checked.requirements.wish is not None else None,
+            "met": selection is not None and not table.too_slow,
+        }
         if selection is None:
-            firsts = [table.ways[of_one[0]] for of_one in table.candidates]
-            alone = table.with_delays(stay, table.watched(stay, [of_one[0] for of_one in table.candidates]))
-            return replace(
-                found,
-                met=False,
-                why=obstacle(problem, wanted, blind=blind) if checked.proven or blind else "",
-                candidates=tuple(
-                    JudgedCandidate(task=way.task, candidate=way.candidate, found=one.assessment(""))
-                    for way, one in zip(firsts, alone, strict=True)
-                ),
-                cell=table.cell_with(stay),
-                interrupted=self._stopped,
-            )
+            firsts = [of_one[0] for of_one in table.candidates]
+            alone = table.with_delays(stay, table.watched(stay, firsts))
+            unseen = [
+                self._candidate(table.ways[number], one.assessment(""))
+                for number, one in zip(firsts, alone, strict=True)
+            ]
+            why = obstacle(problem, wanted, blind=blind) if checked.proven or blind else ""
+            return self._document(problem, **found, reason=why, candidates=unseen, cell=table.cell_with(stay))
         cameras = self._cameras(selection)
         studies: Sequence[Study] = self._studies([*(placed.camera for placed in cameras), *stay], selection)
         if checked.value < 1.0 - ROUNDED and not wanted.failure_tolerance:
@@ -376,35 +274,87 @@ class CameraPlacer:
                 options = spare.selection.options
                 price = float(spare.problem.price[list(options)].sum())
                 without_spare = SpareCost(cameras=len(options), price=price, objective=spare.value)
-        return replace(
-            found,
+        return self._document(
+            problem,
+            **found,
             cameras=cameras,
             cell=cell,
             candidates=candidates,
             fewer=with_fewer,
             without_spare=without_spare,
-            interrupted=self._stopped,
         )
 
-    def _empty(self, seen: Array, shut: Mask) -> Solution:
-        """The answer without cameras. seen, shut: see `Solution`."""
-        table = self.table
-        return Solution(
-            question=self.question,
-            infeasible=tuple(table.infeasible),
-            ways=len(table.ways),
-            samples=sum(len(way.samples) for way in table.ways),
-            options=len(table.options) - len(table.kept),
+    def _document(
+        self,
+        problem: Problem | None,
+        *,
+        cameras: Sequence[CameraPlaced] = (),
+        candidates: Sequence[PlacedCandidate] = (),
+        cell: Cell | None = None,
+        **found: Any,  # noqa: ANN401 - of the fields of a document
+    ) -> PlaceDocument:
+        """What is found. problem: the last one; None where no candidate can be done. cell: with the cameras."""
+        question, table, wanted = self.question, self.table, self.question.requirements
+        sites = len(question.mounts.spots)
+        seen, shut = np.zeros(sites), np.zeros(sites, dtype=bool)
+        if problem is not None:
+            np.maximum.at(seen, problem.site[problem.free], problem.alone[problem.free])
+            shut[sorted(problem.shut)] = True
+        delays = [one.found.latest for one in candidates if one.found.latest is not None]
+        shares = [one.unseen for one in candidates if one.unseen is not None]
+        cell = table.cell_with(()) if cell is None else cell
+        return PlaceDocument(
+            workspace=question.cell.workspace.name,
+            tasks=tuple(task.text for task in question.tasks),
+            mounts=sites,
+            want=wanted.wish or Wish(),
+            cameras=tuple(cameras),
+            keep=question.keep,
+            survive=wanted.failure_tolerance,
+            by=wanted.objective,
+            too_slow=table.too_slow,
+            quickest=0.0 if problem is None else problem.quickest,
+            delay_worst=None if np.inf in delays else max(delays, default=None),
+            unseen_faults=max(shares, default=None),
+            price=sum(camera.price for camera in cameras),
+            floor=wanted.floor,
+            candidates=tuple(candidates),
+            ways={f"{one.task}: {one.candidate}": one.found.way.parameters for one in candidates},
+            infeasible=tuple(
+                InfeasibleCandidate(task=task, candidate=one.candidate.name, reason=one.reasons[0])
+                for task, one in table.infeasible
+            ),
+            compared=Compared(
+                mounts=sites,
+                in_the_way=int(shut.sum()),
+                options=len(table.options) - len(table.kept),
+                ways=len(table.ways),
+                samples=sum(len(way.samples) for way in table.ways),
+                fastest=len(table.ways) == len(table.candidates),
+            ),
+            interrupted=self._stopped or None,
+            assumed=assumed_latency(cell.observer.cameras),
+            question=question,
+            cell=cell,
+            impossible=tuple(table.infeasible),
             seen=seen,
             shut=shut,
-            cell=table.cell_with(()),
-            too_slow=table.too_slow,
+            **found,
         )
+
+    def _candidate(
+        self, way: JudgedWay, found: CandidateResult, ranked: CandidateResult | None = None
+    ) -> PlacedCandidate:
+        """A candidate by its figures. ranked: the way that `rank` takes, if that has others."""
+        other = None if ranked is None else AdvisedFigures.of(ranked)
+        figures = AdvisedFigures.of(found)
+        name = way.candidate.name
+        return PlacedCandidate(**vars(figures), task=way.task, candidate=name, ranked=other, found=found)
 
     def _studies(self, cameras: Sequence[Camera], selection: Selection) -> Sequence[Study]:
         return self.table.with_delays(cameras, self.table.watched(cameras, selection.ways))
 
-    def _cameras(self, selection: Selection) -> tuple[PlacedCamera, ...]:
+    def _cameras(self, selection: Selection) -> tuple[CameraPlaced, ...]:
         """The chosen cameras, with names that no camera that stays has."""
         table, wanted = self.table, self.question.requirements
 
@@ -416,26 +366,19 @@ class CameraPlacer:
         everyone = (*selection.options, *table.kept)
         whole, placed = quality(everyone), []
         for option, name in zip(selection.options, names, strict=False):
-            place = table.options[option]
-            placed.append(
-                PlacedCamera(
-                    camera=place.camera(name),
-                    place=place,
-                    price=place.price,
-                    alone=quality([option]),
-                    loss=max(0.0, whole - quality([one for one in everyone if one != option])),
-                )
-            )
+            rest, alone = [one for one in everyone if one != option], quality([option])
+            loss = max(0.0, whole - quality(rest))
+            placed.append(CameraPlaced.at(table.options[option], name, alone=alone, loss=loss))
         return tuple(placed)
 
     def _refined(
         self,
         checked: Checked,
         selection: Selection,
-        cameras: tuple[PlacedCamera, ...],
+        cameras: tuple[CameraPlaced, ...],
         stay: Sequence[Camera],
         studies: Sequence[Study],
-    ) -> tuple[tuple[PlacedCamera, ...], Sequence[Study]]:
+    ) -> tuple[tuple[CameraPlaced, ...], Sequence[Study]]:
         """The cameras moved and turned between their sites, with the exact studies, if they are better then.
 
         They are where the quality that counts first is greater, and each candidate that met the wish meets it still.
@@ -449,10 +392,12 @@ class CameraPlacer:
 
         found = refined(table, [placed.place for placed in cameras], selection.ways, value)
         moved = tuple(
-            replace(
-                placed,
-                camera=there.camera(placed.camera.name),
-                place=there,
+            CameraPlaced.at(
+                there,
+                placed.name,
+                mount=placed.mount,
+                alone=placed.alone,
+                loss=placed.loss,
                 moved=float(np.linalg.norm(there.view.spot.position - placed.place.view.spot.position)),
             )
             for placed, there in zip(cameras, found, strict=True)
@@ -465,9 +410,9 @@ class CameraPlacer:
 
     def _judged(
         self, cell: Cell, problem: Problem, selection: Selection, studies: Sequence[Study]
-    ) -> tuple[JudgedCandidate, ...]:
+    ) -> tuple[PlacedCandidate, ...]:
         """The candidates with their exact figures: in the way that `rank` takes in the new cell, if it is as good."""
-        question, table, all_judged = self.question, self.table, list[JudgedCandidate]()
+        question, table, all_judged = self.question, self.table, list[PlacedCandidate]()
         ways = [table.ways[number] for number in selection.ways]
         for way, found in zip(ways, studies, strict=True):
             taken: BestWay | Infeasible | None = None
@@ -496,9 +441,5 @@ class CameraPlacer:
                 (a is None) != (b is None) or abs((a or 0.0) - (b or 0.0)) > 1e-6
                 for a, b in ((ranked.q_eoi, figures.q_eoi), (ranked.q_avg, figures.q_avg), (ranked.time, figures.time))
             )
-            all_judged.append(
-                JudgedCandidate(
-                    task=way.task, candidate=way.candidate, found=figures, ranked=ranked if differs else None
-                )
-            )
+            all_judged.append(self._candidate(way, figures, ranked if differs else None))
         return tuple(all_judged)

@@ -23,6 +23,7 @@ from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.coverage.timeline import Rehearsal
 from sqrp_cli.programming.feasibility import impossible_start
 from sqrp_cli.programming.placing.problem import Hiding, Late, Problem, Requirements, Rows, Selection, covered_way
+from sqrp_cli.programming.placing.result import UnseenTarget
 from sqrp_cli.programming.placing.sites import (
     Installation,
     JudgedWay,
@@ -69,28 +70,6 @@ class PlaceQuestion:
     """Whether candidates keep the fastest branch with the first grip, as with `--ways fastest`."""
     verdicts: Verdicts | None = None
     """Where verdicts come from; None: this process."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class UnseenTarget:
-    """What too few sites see, so that no choice of them covers it."""
-
-    task: str
-    """As it was asked for."""
-    candidate: str
-    """Its name."""
-    literal: str
-    """What has to be seen, such as `hold(g1)`."""
-    time: float
-    """The first such instant in the candidate's motion [s]."""
-    seen_by: int
-    """How many places see it."""
-    needed: int
-    """How many cameras would have to."""
-
-    def __str__(self) -> str:
-        seen = "no mount sees it" if self.seen_by == 0 else f"only {self.seen_by} of {self.needed} needed see it"
-        return f"{self.literal} at {self.time:.2f} s: {seen}"
 
 
 class VisibilityTable:

@@ -22,10 +22,10 @@ from sqrp_cli.knowledge.text.entries import Entry
 from sqrp_cli.knowledge.workspace.mounts import PlaceFile
 from sqrp_cli.knowledge.workspace.workspace import WorkspaceFile
 from sqrp_cli.programming.advice.result import AdviceDocument
+from sqrp_cli.programming.placing.result import PlaceDocument
 from sqrp_cli.programming.result import Ranking
 from sqrp_cli.report.documents.checks import CheckDocument, RulesDocument
 from sqrp_cli.report.documents.explanation import ExplainedAll, Explanation
-from sqrp_cli.report.documents.placing import PlaceDocument
 from sqrp_cli.report.documents.programs import ProgramDocument
 from sqrp_cli.report.documents.scene import InitDocument, ShowDocument
 from sqrp_cli.runtime.audit.report import AuditDocument

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 from sqrp_cli.document import Record, plain
 from sqrp_cli.platform.files import write_atomically
+from sqrp_cli.programming.placing.result import CameraPlaced
 from sqrp_cli.programming.result import CandidateResult
-from sqrp_cli.report.documents.placing import CameraPlaced
 from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.assembly import assembled, asset, packed
 

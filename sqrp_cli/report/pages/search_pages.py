@@ -11,9 +11,8 @@ from sqrp_cli.programming.advice.question import is_fastest
 from sqrp_cli.programming.advice.result import AdviceDocument
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.pipeline import Assignment, described, sampling_done
-from sqrp_cli.programming.placing.place import JudgedCandidate, Solution
+from sqrp_cli.programming.placing.result import PlacedCandidate, PlaceDocument
 from sqrp_cli.programming.result import CandidateResult
-from sqrp_cli.report.documents import placing
 from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.candidate_page import cell_scene, computed, origin, playback
 from sqrp_cli.report.pages.page import CellScene, MountShown, PageContent, PageRow, PlacementShown, write_page
@@ -94,100 +93,55 @@ def studied(row: PageRow, found: CandidateResult, assignment: Assignment, wish: 
 
 
 def write_placement(
-    found: Solution,
-    document: placing.PlaceDocument,
-    path: Path,
-    *,
-    arguments: Sequence[str],
-    jobs: int,
-    progress: Progress,
+    document: PlaceDocument, path: Path, *, arguments: Sequence[str], jobs: int, progress: Progress
 ) -> None:
     """Write the page about a placement. arguments: of the command. jobs: processes to use at most."""
-    question = found.question
-    assignment = Assignment(question.sampling, cell=found.cell, world=question.world)
+    question, wish = document.question, document.question.requirements.wish
+    assignment = Assignment(question.sampling, cell=document.cell, world=question.world)
+    several = len(document.tasks) > 1
 
-    def shown(one: JudgedCandidate) -> PageRow:
-        return studied(_row(found, document, one), one.found, assignment, question.requirements.wish)
+    def named(task: str, candidate: str) -> tuple[str, dict[str, str]]:
+        """The name of a row, and its labels."""
+        labels = {"candidate": candidate, **({"task": task} if several else {})}
+        return f"{task}: {candidate}" if several else candidate, labels
 
-    entries = [*computed(shown, found.candidates, jobs, progress), *_infeasible(found)]
-    about = origin(arguments, found.cell.workspace)
-    about += [("compared", placing.compared_in_words(document)), ("proof", placing.scope_in_words(document))]
-    about += [("to have it", "add --patch FILE to the command")] if document.patch else []
-    if found.candidates:
-        judged = [one.found for one in found.candidates]
-        about.append(("accuracy", accuracy(sampling_done(question.sampling, judged), judged)))
-    title = f"Where cameras go: {', '.join(document.tasks)} in {document.workspace}"
-    said = (
-        placing.unmet_in_words(document, question.requirements.wish),
-        document.proof,
-        placing.moved_in_words(document),
-    )
-    summary = " ".join(filter(None, said))
-    scenes = [cell_scene(found.cell)]
-    write_page(
-        PageContent(title, summary, "Candidates", about, entries, scenes, placement=_placement(found, document)), path
-    )
+    def shown(one: PlacedCandidate) -> PageRow:
+        """The row of a candidate: how it fares, and what no choice of mounts would cover."""
+        missed = () if wish is None else wish.missed(one.found)
+        own = (target for target in document.unseen if (target.task, target.candidate) == (one.task, one.candidate))
+        mark = "" if wish is None else "short" if missed else "met"
+        name, labels = named(one.task, one.candidate)
+        if not question.fastest:
+            labels["way"] = described(one.found).choice
+        retried = one.found.candidate.skill.retried_faults
+        row = PageRow(name, mark, labels, None, [*missed, *map(str, own)], 0, None, retried=retried)
+        return studied(row, one.found, assignment, wish)
 
-
-def _placement(found: Solution, document: placing.PlaceDocument) -> PlacementShown:
-    placed = {camera.place.view.spot.name: camera.camera.name for camera in found.cameras}
-    return PlacementShown(
-        by=document.by,
-        cameras=document.cameras,
-        keep=document.keep,
-        mounts=[
-            MountShown(
-                name=spot.name,
-                frame=spot.frame,
-                position=(float(spot.position[0]), float(spot.position[1]), float(spot.position[2])),
-                seen=None if shut else seen,
-                camera=placed.get(spot.name),
-            )
-            for spot, seen, shut in zip(
-                found.question.mounts.spots, found.seen.tolist(), found.shut.tolist(), strict=True
-            )
-        ],
-    )
-
-
-def _row(found: Solution, document: placing.PlaceDocument, one: JudgedCandidate) -> PageRow:
-    """The row of a candidate: how it fares, and what no choice of mounts would cover."""
-    wish = found.question.requirements.wish
-    missed = () if wish is None else wish.missed(one.found)
-    unseen = [
-        str(target) for target in document.unseen if (target.task, target.candidate) == (one.task, one.candidate.name)
-    ]
-    mark = "" if wish is None else "short" if missed else "met"
-    labels = _labels(found, one.task, one.candidate.name)
-    if not found.question.fastest:
-        labels["way"] = described(one.found).choice
-    retried = one.candidate.skill.retried_faults
-    return PageRow(
-        _name(found, one.task, one.candidate.name), mark, labels, None, [*missed, *unseen], 0, None, retried=retried
-    )
-
-
-def _infeasible(found: Solution) -> Iterator[PageRow]:
-    """The rows of candidates that cannot be done."""
-    for task, one in found.infeasible:
-        name, labels = _name(found, task, one.candidate.name), _labels(found, task, one.candidate.name)
-        labels |= {} if found.question.fastest else {"way": ""}
+    entries = list(computed(shown, document.candidates, jobs, progress))
+    for task, one in document.impossible:
         figures = described(one)
-        yield PageRow(
-            name,
-            "" if found.question.requirements.wish is None else "infeasible",
-            labels,
-            figures,
-            figures.why,
-            None,
-            None,
+        name, labels = named(task, figures.name)
+        labels |= {} if question.fastest else {"way": ""}
+        entries.append(PageRow(name, "" if wish is None else "infeasible", labels, figures, figures.why, None, None))
+    about = origin(arguments, document.cell.workspace)
+    about += [("compared", document.comparison), ("proof", document.scope)]
+    about += [("to have it", "add --patch FILE to the command")] if document.patch else []
+    if document.candidates:
+        judged = [one.found for one in document.candidates]
+        about.append(("accuracy", accuracy(sampling_done(question.sampling, judged), judged)))
+    taken = {one.mount: one.name for one in document.cameras}
+    mounts = [
+        MountShown(
+            name=spot.name,
+            frame=spot.frame,
+            position=(float(spot.position[0]), float(spot.position[1]), float(spot.position[2])),
+            seen=None if shut else seen,
+            camera=taken.get(spot.name),
         )
-
-
-def _labels(found: Solution, task: str, name: str) -> dict[str, str]:
-    several = len(found.question.tasks) > 1
-    return {"candidate": name, **({"task": task} if several else {})}
-
-
-def _name(found: Solution, task: str, name: str) -> str:
-    return f"{task}: {name}" if len(found.question.tasks) > 1 else name
+        for spot, seen, shut in zip(question.mounts.spots, document.seen.tolist(), document.shut.tolist(), strict=True)
+    ]
+    title = f"Where cameras go: {', '.join(document.tasks)} in {document.workspace}"
+    summary = " ".join(filter(None, (document.unmet, document.proof, document.moves)))
+    placement = PlacementShown(by=document.by, cameras=document.cameras, keep=document.keep, mounts=mounts)
+    scenes = [cell_scene(document.cell)]
+    write_page(PageContent(title, summary, "Candidates", about, entries, scenes, placement=placement), path)

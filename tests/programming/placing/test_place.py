@@ -15,9 +15,10 @@ from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.coverage.assessment import observed
 from sqrp_cli.programming.coverage.sampling import Adaptive, FixedStep, first_samples
 from sqrp_cli.programming.placing import place
-from sqrp_cli.programming.placing.place import CameraPlacer, Solution
+from sqrp_cli.programming.placing.place import CameraPlacer
 from sqrp_cli.programming.placing.problem import Requirements
 from sqrp_cli.programming.placing.program import PlacementProgram
+from sqrp_cli.programming.placing.result import PlaceDocument
 from sqrp_cli.programming.placing.table import PlaceQuestion
 from sqrp_cli.programming.sensing.observer import Observer, sees_all
 from sqrp_cli.programming.task import read_task
@@ -83,7 +84,7 @@ class BruteForce:
 
 
 @pytest.fixture(scope="module")
-def pair(cell, tmp_path_factory) -> tuple[CameraPlacer, Solution, BruteForce]:
+def pair(cell, tmp_path_factory) -> tuple[CameraPlacer, PlaceDocument, BruteForce]:
     asked = placer(cell, tmp_path_factory.mktemp("forty"), FORTY, Requirements(most=2))
     found = asked.place()
     return asked, found, BruteForce(asked)
@@ -152,7 +153,7 @@ def test_with_a_spare_camera_everything_is_seen_whichever_is_lost(cell, tmp_path
 
 def test_ways_that_are_chosen_too_are_never_worse(cell, tmp_path, pair):
     found = placer(cell, tmp_path, FORTY, Requirements(most=2), fastest=False).place()
-    assert found.ways > 1
+    assert found.compared.ways > 1
     assert found.objective >= pair[1].objective - 1e-6
     assert found.gap == 0.0
 
@@ -225,7 +226,7 @@ def test_a_budget_for_mounts_in_the_way_only_is_said_to_be_too_small(cell, tmp_p
         cell, tmp_path, text, Requirements(most=most, failure_tolerance=most - 1, budget=120.0 * most - 10)
     ).place()
     assert (found.met, found.cameras) == (False, ())
-    assert found.why == f"{says}, the budget is {120 * most - 10}"
+    assert found.reason == f"{says}, the budget is {120 * most - 10}"
 
 
 def test_a_wish_that_more_cameras_meet_names_their_number(cell, tmp_path, pair):
@@ -240,8 +241,8 @@ def test_a_wish_that_more_cameras_meet_names_their_number(cell, tmp_path, pair):
 def test_a_motion_that_takes_longer_than_wished_is_said_to(cell, tmp_path):
     found = placer(cell, tmp_path, FORTY, Requirements(wish=Wish(time=5.0))).place()
     assert not found.met
-    ((_, slow),) = found.infeasible
-    assert "more than allowed" in slow.reasons[0]
+    (slow,) = found.infeasible
+    assert "more than allowed" in slow.reason
 
 
 TWELVE = """

@@ -52,7 +52,7 @@ def placed(folder):
 def written(placed, folder) -> Path:
     path = folder / "page.html"
     arguments = ["place", "tabletop", "--report", "page.html"]
-    write_placement(placed.found, placed.document, path, arguments=arguments, jobs=1, progress=silent)
+    write_placement(placed, path, arguments=arguments, jobs=1, progress=silent)
     return path
 
 
@@ -63,7 +63,7 @@ def overview(written) -> dict:
 
 def test_every_mount_is_as_good_as_a_cell_with_one_camera_there(placed, overview):
     """Within what samples may miss."""
-    found, shown = placed.found, {mount["name"]: mount for mount in overview["placement"]["mounts"]}
+    found, shown = placed, {mount["name"]: mount for mount in overview["placement"]["mounts"]}
     mounts, (one,) = found.question.mounts, found.candidates
     assert list(shown) == [spot.name for spot in mounts.spots]
     assert shown["inside"]["seen"] is None
@@ -84,7 +84,7 @@ def test_every_mount_is_as_good_as_a_cell_with_one_camera_there(placed, overview
 
 
 def test_the_proof_stands_above_everything_and_the_cameras_are_those_of_the_document(placed, overview):
-    document = placed.document
+    document = placed
     assert document.proof in overview["summary"]
     shown = overview["placement"]["cameras"]
     assert [(one["name"], one["mount"]) for one in shown] == [(one.name, one.mount) for one in document.cameras]
@@ -95,35 +95,33 @@ def test_the_proof_stands_above_everything_and_the_cameras_are_those_of_the_docu
 
 def test_rows_have_the_figures_of_the_document_and_say_what_cannot_be_done(placed, overview):
     done, not_done = overview["entries"]
-    (figures,) = placed.document.candidates
+    (figures,) = placed.candidates
     assert (done["candidate"]["q_eoi"], done["candidate"]["q_avg"]) == pytest.approx((figures.q_eoi, figures.q_avg))
     assert done["labels"] == {"candidate": "g3", "task": "pickup g3"}
     assert not done["candidate"]["pareto"]
     assert not not_done["moves"]
-    assert not_done["reasons"][0].replace("approach (a1)", "a1") == placed.document.infeasible[0].reason
+    assert not_done["reasons"][0].replace("approach (a1)", "a1") == placed.infeasible[0].reason
 
 
 def test_playback_shows_the_chosen_cameras_and_their_coverage(placed, written):
     played = carried(written, "detail-0")
-    assert set(played["cameras"]) == {one.name for one in placed.document.cameras}
+    assert set(played["cameras"]) == {one.name for one in placed.cameras}
     covered = [sample["covered"] for sample in played["samples"]]
     t = np.array([sample["t"] for sample in played["samples"]])
     runs = [b - a for a, b, x, y in zip(t, t[1:], covered, covered[1:], strict=False) if x and y]
-    assert sum(runs) / placed.found.candidates[0].found.t_total == pytest.approx(
-        placed.document.candidates[0].q_avg, abs=5e-3
-    )
+    assert sum(runs) / placed.candidates[0].found.t_total == pytest.approx(placed.candidates[0].q_avg, abs=5e-3)
 
 
 def test_a_placement_without_any_camera_has_a_page_too(folder, browser):
     file = folder / "blind.yaml"
     file.write_text(MOUNTS.replace("20 cm, far: 4 m", "1 cm, far: 2 cm"))
     blind = open_cell(TABLETOP).place("pickup g3", cameras=2, ways="fastest", mounts=file)
-    assert not blind.document.cameras
+    assert not blind.cameras
     assert not blind.met
-    assert blind.document.reason == "all qualities of all candidates would stay 0.0 %"
+    assert blind.reason == "all qualities of all candidates would stay 0.0 %"
     page = folder / "blind.html"
-    write_placement(blind.found, blind.document, page, arguments=["place"], jobs=1, progress=silent)
-    assert blind.document.reason in carried(page, "overview")["summary"]
+    write_placement(blind, page, arguments=["place"], jobs=1, progress=silent)
+    assert blind.reason in carried(page, "overview")["summary"]
     (entry,) = carried(page, "overview")["entries"]
     assert entry["candidate"]["q_avg"] == 0.0
     opened = Opened(browser, page)
