@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from sqrp_cli.errors import InputError, Problem, bad_input
 from sqrp_cli.platform.processes import Worker, forked
 from sqrp_cli.studio.messages import findings, kind_of, message
-from sqrp_cli.studio.server import Live
+from sqrp_cli.studio.server import Connections
 
 if TYPE_CHECKING:
     from sqrp_cli.programming.result import Criterion
@@ -329,12 +329,12 @@ PASSING = ("run-image", "run-state", "run-evidence", "searching")
 """Reports that the next ones replace."""
 
 
-class Errands:
+class Jobs:
     """The job under way, and what was found."""
 
-    def __init__(self, live: Live, dropped: Callable[[dict[str, Any]], None]) -> None:
+    def __init__(self, connections: Connections, dropped: Callable[[dict[str, Any]], None]) -> None:
         """dropped: called with the report that a part was dropped."""
-        self._live, self._dropped = live, dropped
+        self._connections, self._dropped = connections, dropped
         self._running: Running | None = None
         self.offers: Sequence[Offer] = ()
         """The changes that can be applied."""
@@ -342,7 +342,7 @@ class Errands:
     def begin(self, job: Job) -> None:
         """Start a job instead of the one that is under way."""
         self.stop()
-        self._live.forget("run-began", "run-ended", "written", "refused")
+        self._connections.forget("run-began", "run-ended", "written", "refused")
         self.forget_offers()
         self._running = Running(job)
         asyncio.get_running_loop().add_reader(self._running.pipe.fileno(), self._reported)
@@ -352,7 +352,7 @@ class Errands:
         if self._running is not None:
             asyncio.get_running_loop().remove_reader(self._running.pipe.fileno())
             self.end()
-            self._live.tell(message("job-ended"))
+            self._connections.tell(message("job-ended"))
 
     def end(self) -> None:
         """End the job under way, once nobody is told any more."""
@@ -368,7 +368,7 @@ class Errands:
     def forget_offers(self) -> None:
         """Offer nothing any more."""
         self.offers = ()
-        self._live.forget("offers")
+        self._connections.forget("offers")
 
     def _reported(self) -> None:
         assert self._running is not None  # noqa: S101 - its pipe is read
@@ -383,6 +383,6 @@ class Errands:
         if do == "run-fault":
             self._dropped(json.loads(text))
         if do in ("offers", "run-began", "run-ended"):
-            self._live.post(do, text)
+            self._connections.post(do, text)
         else:
-            self._live.tell(text, passing=do in PASSING)
+            self._connections.tell(text, passing=do in PASSING)

@@ -15,10 +15,10 @@ from sqrp_cli.errors import bad_input
 from sqrp_cli.platform.memory import give_back_memory
 from sqrp_cli.platform.processes import Worker, forked
 from sqrp_cli.studio.messages import Asked, Choose, Hold, Question, Rank, kind_of
-from sqrp_cli.studio.server import Live
+from sqrp_cli.studio.server import Connections
 
 
-class Bench:
+class WorkerProcess:
     """The process that computes. It loads what that takes at once, while this one does other things."""
 
     def __init__(self, path: Path, seed: int, jobs: int) -> None:
@@ -58,7 +58,7 @@ class Bench:
 def _serve(theirs: Connection, ours: Connection, path: Path, seed: int, jobs: int) -> Callable[[None], None]:
     """Compute until the other end of the pipe is closed."""
     ours.close()
-    from sqrp_cli.studio.bench import serve
+    from sqrp_cli.studio.worker import serve
 
     serve(theirs, path, seed, jobs)
     return lambda _: None
@@ -68,10 +68,14 @@ class Rankings:
     """The ranking of the text, beside that of the saved file."""
 
     def __init__(
-        self, bench: Bench, live: Live, saved: Callable[[], Asked], named: Callable[[Sequence[str]], None]
+        self,
+        worker: WorkerProcess,
+        connections: Connections,
+        saved: Callable[[], Asked],
+        named: Callable[[Sequence[str]], None],
     ) -> None:
         """saved: what the saved file is ranked for; named: called with the names of the candidates of a new ranking."""
-        self._bench, self._live, self._saved, self._named = bench, live, saved, named
+        self._worker, self._connections, self._saved, self._named = worker, connections, saved, named
         self.number = 0
         """Of the last question."""
         self._asked: Asked | None = None
@@ -90,7 +94,7 @@ class Rankings:
         """Hear answers from now on, in the loop that is running; the future fails once the process is killed."""
         loop = asyncio.get_running_loop()
         self._over = loop.create_future()
-        loop.add_reader(self._bench.pipe.fileno(), self._answered)
+        loop.add_reader(self._worker.pipe.fileno(), self._answered)
         return self._over
 
     def rank(self, asked: Asked) -> None:
@@ -98,17 +102,17 @@ class Rankings:
         self.number += 1
         self._held, self._comparing = False, None
         self._asked, self._ranked = asked, None
-        self._bench.ask(Rank(**vars(asked), number=self.number))
+        self._worker.ask(Rank(**vars(asked), number=self.number))
 
     def choose(self, asked: Choose) -> None:
         """Show a candidate over time."""
-        self._live.forget("detail")
-        self._bench.ask(asked)
+        self._connections.forget("detail")
+        self._worker.ask(asked)
 
     def hold(self, asked: Hold) -> None:
         """Sketch what a hand moves."""
         self._held, self._comparing = True, None
-        self._bench.ask(asked)
+        self._worker.ask(asked)
 
     @property
     def interrupted(self) -> bool:
@@ -119,35 +123,35 @@ class Rankings:
         """Take the ranking that is shown as that of the saved file too, if it is."""
         if self._ranked == self._saved():
             self._of_saved, self._comparing = self._ranked, None
-            text = self._live.kept["ranking"].replace('"ranking"', '"saved-ranking"', 1)
-            self._live.post("saved-ranking", text)
+            text = self._connections.kept["ranking"].replace('"ranking"', '"saved-ranking"', 1)
+            self._connections.post("saved-ranking", text)
 
     def _answered(self) -> None:
         try:
-            text = self._bench.pipe.recv()
+            text = self._worker.pipe.recv()
         except (EOFError, OSError):
-            asyncio.get_running_loop().remove_reader(self._bench.pipe.fileno())
+            asyncio.get_running_loop().remove_reader(self._worker.pipe.fileno())
             message = "the process that computes was killed; is there enough memory?"
             assert self._over is not None  # noqa: S101 - it listens
             self._over.set_exception(bad_input("worker-died", message))
             return
         do = kind_of(text)
         if do in ("sketch", "held", "progress"):
-            self._live.tell(text, passing=do == "progress")
+            self._connections.tell(text, passing=do == "progress")
             return
         answer = json.loads(text)
         if answer.get("number", self.number) not in (None, self.number):
             return  # of an earlier question
         if do == "saved-ranking" and self._comparing != self._saved():
             return  # of a file that was saved again meanwhile
-        before = self._live.kept.get("cell")
-        self._live.post(do, text)
+        before = self._connections.kept.get("cell")
+        self._connections.post(do, text)
         if do == "cell" and before is not None and answer["model"] is None:
             # A new browser is told the shapes too, which the others have already.
-            self._live.kept["cell"] = json.dumps({**answer, "model": json.loads(before)["model"]})
+            self._connections.kept["cell"] = json.dumps({**answer, "model": json.loads(before)["model"]})
         if do == "ranking":
             self._ranked = self._asked
-            self._live.forget("problems")
+            self._connections.forget("problems")
             self._named([entry["name"] for entry in answer["entries"]])
             self.take_as_saved()
         elif do == "saved-ranking":
@@ -159,4 +163,4 @@ class Rankings:
             saved = self._saved()
             if saved not in (self._asked, self._of_saved, self._comparing):
                 self._comparing = saved
-                self._bench.ask(Rank(**vars(saved), number=self.number, of_saved=True))
+                self._worker.ask(Rank(**vars(saved), number=self.number, of_saved=True))

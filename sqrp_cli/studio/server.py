@@ -46,7 +46,7 @@ class _Browser:
         self._heard, self._since = 0.0, time.monotonic()
 
     def tell(self, text: str, *, passing: bool = False) -> None:
-        """Send a message, see `Live.tell`."""
+        """Send a message, see `Connections.tell`."""
         if passing and self._waiting.qsize() >= MOST_WAITING:
             return
         self._size += len(text)
@@ -76,7 +76,7 @@ class _Browser:
         await asyncio.sleep(max(0.0, self._heard - MOST_AT_ONCE) / MOST_PER_SECOND)
 
 
-class Live:
+class Connections:
     """The connections of all browsers, and where they connect to."""
 
     def __init__(self, heard: Callable[[str, Tell], Awaitable[None]]) -> None:

@@ -20,7 +20,7 @@ from sqrp_cli.knowledge.text.yaml_edit import changed_values, from_here, patch, 
 from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document, replace_workspace, workspace_file
-from sqrp_cli.studio.jobs import Errands, Play, Search, Write
+from sqrp_cli.studio.jobs import Jobs, Play, Search, Write
 from sqrp_cli.studio.messages import (
     Apply,
     Asked,
@@ -41,8 +41,8 @@ from sqrp_cli.studio.messages import (
     studio_page,
 )
 from sqrp_cli.studio.moves import Draft, DraftChange, written
-from sqrp_cli.studio.rankings import Bench, Rankings
-from sqrp_cli.studio.server import Live, Tell
+from sqrp_cli.studio.rankings import Rankings, WorkerProcess
+from sqrp_cli.studio.server import Connections, Tell
 
 if TYPE_CHECKING:
     from sqrp_cli.programming.result import Criterion
@@ -58,8 +58,8 @@ LINES_SHOWN = 50
 class Studio:
     """The state that all browsers share."""
 
-    def __init__(self, opened: OpenCell, task: str, jobs: int, bench: Bench) -> None:
-        """bench: of the same workspace. Raises InputError for a workspace that cannot be read."""
+    def __init__(self, opened: OpenCell, task: str, jobs: int, worker: WorkerProcess) -> None:
+        """worker: of the same workspace. Raises InputError for a workspace that cannot be read."""
         self._given, self._seed = opened.path, opened.seed
         file = workspace_file(opened.path)
         saved = read_input(file, MAX_BYTES)
@@ -74,15 +74,15 @@ class Studio:
         self._parent = os.getppid()
         self._lines = deque[tuple[str, str]](maxlen=LINES_SHOWN)
         self._stamps: Mapping[Path, object] = {}
-        self.live = Live(self._heard)
-        self._rankings = Rankings(bench, self.live, self._saved, self._named)
-        self._errands = Errands(self.live, self._dropped)
+        self.connections = Connections(self._heard)
+        self._rankings = Rankings(worker, self.connections, self._saved, self._named)
+        self._under_way = Jobs(self.connections, self._dropped)
 
     # What browsers are told
 
     def say(self, do: str, **fields: object) -> None:
         """Tell all browsers, and keep it for those that come."""
-        self.live.post(do, message(do, **fields))
+        self.connections.post(do, message(do, **fields))
 
     def _tell_state(self) -> None:
         draft, workspace = self._draft, self._workspace
@@ -122,11 +122,11 @@ class Studio:
 
     async def run(self, port: int, ready: Callable[[str], None]) -> None:
         """Serve until it is cancelled or alone; ready: called with the address. Raises InputError for a taken port."""
-        await self.live.open(port)
+        await self.connections.open(port)
         over = self._rankings.listen()
         self._rank()  # meanwhile the page is put together
-        self.live.show(studio_page(f"{self._workspace.name}: studio", self.live.socket))
-        ready(self.live.address)
+        self.connections.show(studio_page(f"{self._workspace.name}: studio", self.connections.socket))
+        ready(self.connections.address)
         self._stamps = self._stamped()
         self._tell_state()
         try:
@@ -135,11 +135,11 @@ class Studio:
             (watching if watching.done() else over).result()
         finally:
             watching.cancel()
-            await self.live.close()
+            await self.connections.close()
 
     def close(self) -> None:
         """End what takes longer."""
-        self._errands.end()
+        self._under_way.end()
 
     def _rank(self) -> None:
         self._rankings.rank(Asked(self._draft.content, self._task, self._by))
@@ -166,7 +166,7 @@ class Studio:
         """Do what a browser asks for. Raises InputError where that cannot be."""
         match read_request(text):
             case Hold() as asked:
-                self.live.tell(message("move", move=asked.move))
+                self.connections.tell(message("move", move=asked.move))
                 self._rankings.hold(asked)
             case PutDown(move=move):
                 try:
@@ -188,7 +188,7 @@ class Studio:
                 self._rankings.choose(asked)
                 self._note("shown", self._command("explain", self._task, "--choose", asked.name))
             case Apply(number=number):
-                offers = self._errands.offers
+                offers = self._under_way.offers
                 if not 1 <= number <= len(offers):
                     raise bad_option(f"there is no change {number}")
                 if self._searched != self._draft.content:
@@ -196,23 +196,23 @@ class Studio:
                     raise bad_input("changed-meanwhile", changed, mend="ask for advice or places again")
                 offer = offers[number - 1]
                 self._edit(offer.words, lambda: offer.content, self._command(*offer.line))
-                self._errands.forget_offers()
+                self._under_way.forget_offers()
             case WriteProgram(file=name):
                 if self._draft.dirty:
                     raise bad_input("unsaved", "a program is for the cell as it is saved", mend="save first, or undo")
                 file, task, by, chosen = _program_file(name), self._task, self._by, self._chosen
                 cell, seed, jobs = self._given, self._seed, self._jobs
                 job = Write(path=cell, task=task, by=by, chosen=chosen, file=file, seed=seed, jobs=jobs)
-                self._errands.begin(job)
+                self._under_way.begin(job)
                 order = ["--by", by] if by != "q_eoi" else []
                 line = self._command("rank", task, *order, "--program", str(file), "--choose", chosen)
                 self._note("program", line)
             case RunProgram(file=name, faults=faults):
                 file = _program_file(name)
-                self._errands.begin(Play(file=file, faults=tuple(faults), seed=self._seed))
+                self._under_way.begin(Play(file=file, faults=tuple(faults), seed=self._seed))
                 self._note("run", _run_line(str(file), faults))
             case DropFault():
-                self._errands.drop()
+                self._under_way.drop()
             case Plain(do=do):
                 _PLAIN[do](self)
 
@@ -271,7 +271,7 @@ class Studio:
         saved = read_workspace_document(self._draft.path, self._draft.saved)
         line = self._setting(changed_values(saved, self._draft.content))
         text = patch(saved, self._draft.content, from_here(self._draft.path))
-        self.live.tell(message("difference", patch=text.splitlines(), line=line))
+        self.connections.tell(message("difference", patch=text.splitlines(), line=line))
 
     def save(self) -> None:
         """Write the text into the file. Raises InputError where the file has changed meanwhile."""
@@ -296,13 +296,13 @@ class Studio:
 
     def stop(self) -> None:
         """End what takes longer."""
-        self._errands.stop()
+        self._under_way.stop()
 
     def search(self, *, placing: bool) -> None:
         """Look for the least changes that help the chosen candidate, or for other places of all cameras."""
         content = self._searched = self._draft.content
         path, task, chosen, seed, jobs = self._given, self._task, self._chosen or "best", self._seed, self._jobs
-        self._errands.begin(
+        self._under_way.begin(
             Search(path=path, content=content, task=task, chosen=chosen, seed=seed, jobs=jobs, placing=placing)
         )
         line = ("place", self._task) if placing else ("advise", self._task, "--choose", self._chosen)

@@ -14,8 +14,8 @@ from websockets.asyncio.client import connect
 from sqrp_cli.studio import jobs, rankings, server
 from sqrp_cli.studio.jobs import Play, Running, Search
 from sqrp_cli.studio.messages import Rank
-from sqrp_cli.studio.rankings import Bench
-from sqrp_cli.studio.server import MOST_AT_ONCE, MOST_PER_SECOND, MOST_UNREAD, MOST_WAITING, Live, _Browser
+from sqrp_cli.studio.rankings import WorkerProcess
+from sqrp_cli.studio.server import MOST_AT_ONCE, MOST_PER_SECOND, MOST_UNREAD, MOST_WAITING, Connections, _Browser
 
 
 class Connection:
@@ -75,16 +75,19 @@ def test_others_are_heard_during_a_flood():
         tell(text)
 
     async def both() -> str:
-        live = Live(heard)
-        await live.open(0)
-        where, origin = f"{live.socket}/{live.address.split('/')[3]}/live", live.address.rsplit("/", 2)[0]
+        connections = Connections(heard)
+        await connections.open(0)
+        where, origin = (
+            f"{connections.socket}/{connections.address.split('/')[3]}/live",
+            connections.address.rsplit("/", 2)[0],
+        )
         async with connect(where, origin=origin) as flooding, connect(where, origin=origin) as other:
             flood = asyncio.create_task(send(flooding))
             await asyncio.sleep(0.1)
             await other.send(json.dumps({"do": "undo"}))
             answer = await other.recv()
             flood.cancel()
-        await live.close()
+        await connections.close()
         return str(answer)
 
     async def send(connection: object) -> None:
@@ -105,10 +108,10 @@ def test_a_process_that_does_not_read_holds_nobody_up(monkeypatch):
     monkeypatch.setattr(rankings, "_serve", lambda *_: time.sleep(1000.0))
 
     def ask() -> None:
-        bench = Bench(Path("cell"), 0, 1)
+        worker = WorkerProcess(Path("cell"), 0, 1)
         for number in range(20):
-            bench.ask(Rank(content=b"x" * 1_000_000, task="pickup", by="q_eoi", number=number))
-        bench.close()
+            worker.ask(Rank(content=b"x" * 1_000_000, task="pickup", by="q_eoi", number=number))
+        worker.close()
 
     assert ends(ask)
 

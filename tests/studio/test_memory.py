@@ -12,10 +12,10 @@ import pytest
 
 from sqrp_cli.api.cell import open_cell
 from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
-from sqrp_cli.studio import bench
-from sqrp_cli.studio.bench import _Bench
+from sqrp_cli.studio import worker
 from sqrp_cli.studio.messages import Rank
 from sqrp_cli.studio.moves import MOST_CHANGES, MOST_KEPT, Draft, DraftChange, Move, written
+from sqrp_cli.studio.worker import _Worker
 from tests.studio.conftest import TASK
 
 FEW = 200
@@ -27,7 +27,7 @@ class Asking:
 
     def __init__(self, cell) -> None:
         self._pipe, theirs = Pipe()
-        self.bench = _Bench(theirs, cell, 0, 1)
+        self.worker = _Worker(theirs, cell, 0, 1)
         self._told: deque[str] = deque()
         threading.Thread(target=self._read, daemon=True).start()
 
@@ -40,15 +40,15 @@ class Asking:
         self._told.clear()
         self._pipe.send(Rank(content=content, task=TASK, by="q_eoi", number=0))
         while "detail" not in self._told:
-            self.bench.work()
-            while self.bench._run is None and self.bench._explaining is None and "detail" not in self._told:
+            self.worker.work()
+            while self.worker._run is None and self.worker._explaining is None and "detail" not in self._told:
                 pass  # it is on its way
 
 
 @pytest.fixture
 def no_collection(monkeypatch):
     """Python collects no garbage by itself."""
-    monkeypatch.setattr(bench, "keep_all_so_far", lambda: None)
+    monkeypatch.setattr(worker, "keep_all_so_far", lambda: None)
     gc.disable()
     yield
     gc.enable()

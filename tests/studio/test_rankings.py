@@ -15,7 +15,7 @@ from sqrp_cli.studio.jobs import Offer
 from sqrp_cli.studio.messages import Asked, Hold, Rank
 from sqrp_cli.studio.moves import Move, written
 from sqrp_cli.studio.rankings import Rankings
-from sqrp_cli.studio.server import Live
+from sqrp_cli.studio.server import Connections
 from sqrp_cli.studio.session import Studio
 from tests.studio.conftest import TASK
 
@@ -23,7 +23,7 @@ SAVED, EDITED = (Asked(content, "pickup", "q_eoi") for content in (b"saved", b"e
 OF_SAVED = Rank(**vars(SAVED), number=1, of_saved=True)
 
 
-class Bench:
+class WorkerProcess:
     """A process that answers when it is told to; what it was asked, and what the saved file is ranked for."""
 
     def __init__(self) -> None:
@@ -36,56 +36,56 @@ class Bench:
 
 
 @pytest.fixture
-def bench():
-    return Bench()
+def worker():
+    return WorkerProcess()
 
 
 @pytest.fixture
-def answered(bench):
+def answered(worker):
     """Rankings of an edited file, and how the process answers."""
 
     async def heard(*_: object) -> None:
         raise AssertionError
 
-    rankings = Rankings(bench, Live(heard), lambda: bench.saved, lambda _: None)
+    rankings = Rankings(worker, Connections(heard), lambda: worker.saved, lambda _: None)
     rankings.rank(EDITED)
 
     def answer(**fields: object) -> Rankings:
-        bench.theirs.send(json.dumps(fields))
+        worker.theirs.send(json.dumps(fields))
         rankings._answered()
         return rankings
 
     return answer
 
 
-def test_a_timeline_of_before_does_not_end_the_ranking_that_is_under_way(bench, answered):
+def test_a_timeline_of_before_does_not_end_the_ranking_that_is_under_way(worker, answered):
     answered(do="detail", name="g1", detail=None)
-    assert bench.asked == [Rank(**vars(EDITED), number=1)]
+    assert worker.asked == [Rank(**vars(EDITED), number=1)]
 
 
-def test_the_saved_file_is_ranked_once_all_is_shown(bench, answered):
+def test_the_saved_file_is_ranked_once_all_is_shown(worker, answered):
     answered(do="ranking", number=1, entries=[{"name": "g1"}])
     answered(do="detail", name="g1", detail=None)
     answered(do="detail", name="g1", detail=None)
-    assert bench.asked[1:] == [OF_SAVED]
+    assert worker.asked[1:] == [OF_SAVED]
 
 
-def test_nothing_is_compared_while_a_hand_holds_something(bench, answered):
+def test_nothing_is_compared_while_a_hand_holds_something(worker, answered):
     rankings = answered(do="ranking", number=1, entries=[{"name": "g1"}])
     move = Move(kind="camera", name="cam1", position=[0.0, 0.0, 1.0])
     asked = Hold(move=move, number=1)
     rankings.hold(asked)
     answered(do="detail", name="g1", detail=None)
-    assert bench.asked[1:] == [asked]
+    assert worker.asked[1:] == [asked]
 
 
-def test_figures_of_the_file_before_it_was_saved_are_not_those_of_the_saved_file(bench, answered):
+def test_figures_of_the_file_before_it_was_saved_are_not_those_of_the_saved_file(worker, answered):
     rankings = answered(do="ranking", number=1, entries=[{"name": "g1"}])
     answered(do="detail", name="g1", detail=None)
-    bench.saved = EDITED
+    worker.saved = EDITED
     rankings.take_as_saved()
     answered(do="saved-ranking", number=1, entries=[{"name": "before"}])
-    assert json.loads(rankings._live.kept["saved-ranking"])["entries"] == [{"name": "g1"}]
+    assert json.loads(rankings._connections.kept["saved-ranking"])["entries"] == [{"name": "g1"}]
 
 
 def moved_to(file: Path, x: float) -> bytes:
@@ -95,21 +95,21 @@ def moved_to(file: Path, x: float) -> bytes:
     return written(read_workspace_document(file, file.read_bytes()), opened.workspace, move)
 
 
-def test_a_change_that_was_found_for_another_text_is_not_made(bench, cell, monkeypatch):
+def test_a_change_that_was_found_for_another_text_is_not_made(worker, cell, monkeypatch):
     file = cell / "workspace.yaml"
-    studio = Studio(OpenCell.read(cell, 0), TASK, 1, bench)
-    monkeypatch.setattr(studio._errands, "begin", lambda _: None)  # what it would find is below
+    studio = Studio(OpenCell.read(cell, 0), TASK, 1, worker)
+    monkeypatch.setattr(studio._under_way, "begin", lambda _: None)  # what it would find is below
     studio.search(placing=False)
     offer = Offer(words="cam1 elsewhere", line=("advise", TASK), content=moved_to(file, 0.1))
-    studio._errands.offers = [offer]
+    studio._under_way.offers = [offer]
 
     def asked(text: str) -> bytes:
         studio.obey(text)
-        return bench.asked[-1].content
+        return worker.asked[-1].content
 
     edited = asked('{"do": "set", "path": "cameras.cam1.rate", "value": "7 Hz"}')
     with pytest.raises(InputError, match="the cell has changed since this was found"):
         asked('{"do": "apply", "number": 1}')
-    assert bench.asked[-1].content == edited
+    assert worker.asked[-1].content == edited
     asked('{"do": "undo"}')
     assert asked('{"do": "apply", "number": 1}') == offer.content

@@ -14,7 +14,7 @@ from sqrp_cli.errors import ExitCode, bad_option
 
 if TYPE_CHECKING:
     from sqrp_cli.api.cell import OpenCell
-    from sqrp_cli.studio.rankings import Bench
+    from sqrp_cli.studio.rankings import WorkerProcess
 
 NAME = "studio"
 
@@ -35,12 +35,12 @@ class StudioCommand(requests.Worked, requests.Seeded, requests.CellCommand):
 def studio(_context: Any, ask: StudioCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
     """Show the page until Ctrl-C."""
     from sqrp_cli.report.pages.assembly import check_libraries
-    from sqrp_cli.studio.rankings import Bench
+    from sqrp_cli.studio.rankings import WorkerProcess
     from sqrp_cli.studio.server import check_server
 
     check_server()
     check_libraries()
-    bench = Bench(ask.workspace, ask.seed, ask.jobs)  # loads its libraries while this process reads the workspace
+    worker = WorkerProcess(ask.workspace, ask.seed, ask.jobs)  # loads libraries while this one reads the workspace
     try:
         opened = open_with_warnings(ask.workspace, ask.seed)
         # The task to begin with. Raises InputError for one that cannot be read.
@@ -49,9 +49,9 @@ def studio(_context: Any, ask: StudioCommand) -> ExitCode:  # noqa: ANN401 - Typ
 
         task = task or _first_task(opened)
         read_task(task, opened.workspace)
-        return _serve(opened, task, bench, ask.port, ask.jobs, show=not ask.no_browser)
+        return _serve(opened, task, worker, ask.port, ask.jobs, show=not ask.no_browser)
     finally:
-        bench.close()
+        worker.close()
 
 
 def _first_task(opened: OpenCell) -> str:
@@ -65,7 +65,7 @@ def _first_task(opened: OpenCell) -> str:
     return next(iter(known.skills))
 
 
-def _serve(opened: OpenCell, task: str, bench: Bench, port: int, jobs: int, *, show: bool) -> ExitCode:
+def _serve(opened: OpenCell, task: str, worker: WorkerProcess, port: int, jobs: int, *, show: bool) -> ExitCode:
     """Show the page until Ctrl-C."""
     import asyncio
     import threading
@@ -81,7 +81,7 @@ def _serve(opened: OpenCell, task: str, bench: Bench, port: int, jobs: int, *, s
         if show:
             threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()  # w3m would stay
 
-    studio = Studio(opened, task, jobs, bench)
+    studio = Studio(opened, task, jobs, worker)
     try:
         asyncio.run(studio.run(port, ready))
     except KeyboardInterrupt:

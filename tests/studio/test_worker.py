@@ -9,9 +9,9 @@ from sqrp_cli import open_cell
 from sqrp_cli.programming.coverage.sampling import FixedStep
 from sqrp_cli.report.pages.assembly import tidy
 from sqrp_cli.report.pages.candidate_page import played
-from sqrp_cli.studio.bench import _steps
 from sqrp_cli.studio.moves import Move, moved
 from sqrp_cli.studio.sketch import SHORTEST, Sketch
+from sqrp_cli.studio.worker import _steps
 from tests.studio.started import ROOT
 
 

@@ -122,22 +122,22 @@ def _assessor(assignment: Assignment, candidates: Sequence[Candidate], memory: S
 
 def serve(pipe: Connection, path: Path, seed: int, jobs: int) -> None:
     """Answer questions until the other end is closed. Answers are texts in JSON, with `do` first."""
-    bench = _Bench(pipe, path, seed, jobs)
+    serving = _Worker(pipe, path, seed, jobs)
     with suppress(EOFError, OSError):
         while True:
             try:
-                bench.work()
+                serving.work()
             except (EOFError, OSError):
                 break
             except Exception as error:  # the next question may be answered all the same
-                bench.drop()
+                serving.drop()
                 internal = Problem("internal-error", f"internal error: {type(error).__name__}: {error}")
                 problems = error.problems if isinstance(error, InputError) else (internal,)
-                bench.say("problems", number=None, problems=findings(problems))
-    bench.drop()
+                serving.say("problems", number=None, problems=findings(problems))
+    serving.drop()
 
 
-class _Bench:
+class _Worker:
     def __init__(self, pipe: Connection, path: Path, seed: int, jobs: int) -> None:
         self._pipe, self._path, self._seed, self._jobs = pipe, path, seed, jobs
         self._cell: Cell | None = None
