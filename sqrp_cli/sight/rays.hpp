@@ -17,11 +17,17 @@ inline int up(double v) { int t = int(v); return t + (v > t); }
 inline int first_row(double v) { return up(clamp(v, 0, ROWS)); }
 inline int first_column(double v) { return up(clamp(v, 0, COLUMNS)); }
 
+// How many bits are set (Warren, Hacker's Delight, 2012, 5-1); not every processor has an instruction for it.
+inline int bits(uint32_t x) {
+    x -= x >> 1 & 0x55555555u, x = (x & 0x33333333u) + (x >> 2 & 0x33333333u), x = (x + (x >> 4)) & 0x0f0f0f0fu;
+    return int(x * 0x01010101u >> 24);
+}
+
 // A set of rays: one bit for each column in each row.
 struct Rays {
     uint32_t row[ROWS] = {};
     int count() const { return count_without({}); }
-    int count_without(const Rays& o) const { int n = 0; for (int i = 0; i < ROWS; i++) n += __builtin_popcount(row[i] & ~o.row[i]); return n; }
+    int count_without(const Rays& o) const { int n = 0; for (int i = 0; i < ROWS; i++) n += bits(row[i] & ~o.row[i]); return n; }
 
     // Adds the rays inside a convex polygon with these places of its corners in the grid.
     void add_polygon(const double* c, const double* r, int n) {
