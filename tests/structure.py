@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from itertools import combinations
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -20,6 +21,8 @@ RECORD_FIELDS = {
     "camera's pose": "X_FC",
 }
 """What should have few records, each with a field by which every record of it is known."""
+LEAST_FIELDS = 5
+"""Records of fewer fields may be alike by chance."""
 LONG = 30
 """Lines of a function, without its docstring, that are many."""
 
@@ -102,6 +105,9 @@ class SourceTree:
         for subject, field in RECORD_FIELDS.items():
             found[f"records of a {subject}"] = counted(self.records_with(field))
             found[f"modules that write a {subject}"] = counted(self.modules_that_write(field))
+        found["types with q_eoi and q_avg"] = counted(self.records_with("q_eoi", "q_avg"))
+        found["records of a cause"] = counted(self.records_with("cause"))
+        found["pairs of records that share half of their fields"] = counted(self.alike())
         found["class names used twice"] = counted(name for name, count in Counter(self.classes()).items() if count > 1)
         found[f"functions over {LONG} lines"] = counted(self.long_functions())
         found["public functions that return bare tuples"] = counted(self.bare_tuples())
@@ -123,10 +129,22 @@ class SourceTree:
                 found[begins[max(own, key=len)]] += text.count("\n")
         return found
 
-    def records_with(self, field: str) -> list[str]:
-        """The classes that declare the field."""
-        classes = ((module, node) for module, node in self.nodes(ast.ClassDef) if isinstance(node, ast.ClassDef))
-        return [f"{module}.{node.name}" for module, node in classes if field in declared(node)]
+    def records_with(self, *fields: str) -> list[str]:
+        """The classes that declare the fields."""
+        return [name for name, own in self.records() if own.issuperset(fields)]
+
+    def records(self) -> Iterator[tuple[str, set[str]]]:
+        """Every class with the fields that it declares itself."""
+        for module, node in self.nodes(ast.ClassDef):
+            if isinstance(node, ast.ClassDef):
+                yield f"{module}.{node.name}", declared(node)
+
+    def alike(self) -> Iterator[str]:
+        """Pairs of classes of `LEAST_FIELDS` or more that have half of the fields of the larger one in common."""
+        records = [(name, own) for name, own in self.records() if len(own) >= LEAST_FIELDS]
+        for (first, own), (second, other) in combinations(records, 2):
+            if 2 * len(own & other) >= max(len(own), len(other)):
+                yield f"{first} and {second}"
 
     def modules_that_write(self, field: str) -> set[str]:
         """The modules that declare the field, or hand it over by name: all that another one like it might change."""
