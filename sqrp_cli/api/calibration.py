@@ -58,7 +58,12 @@ def learned(ask: CalibrateRequest) -> CalibrateDocument:
         message = f"these frames teach nothing about a detector: {reasons or 'nothing in them is looked for'}"
         raise bad_input("too-few-frames", message, Place(Path(ask.frames)))
     return CalibrateDocument(
-        workspace=cell.workspace.name, images=images, detectors=detectors, patch=patch(document, content), cell=cell
+        workspace=cell.workspace.name,
+        images=images,
+        detectors=detectors,
+        patch=patch(document, content),
+        cell=cell,
+        looked=looked,
     )
 
 

@@ -151,15 +151,12 @@ class OpenProgram:
         runs = [[(one.skill, dict(one.parameters), one.time) for one in steps] for steps in (ran, self.program.steps)]
         if runs[0] != runs[1]:
             same = set.intersection(*({*parameters.items()} for run in runs for _, parameters, _ in run))
-            was, now = (
-                ", ".join(
-                    " ".join(
-                        [skill, *(f"{k}={v}" for k, v in parameters.items() if (k, v) not in same), f"of {time:.2f} s"]
-                    )
-                    for skill, parameters, time in run
-                )
-                for run in runs
-            )
+            told: list[list[str]] = [[], []]
+            for words, steps in zip(told, runs, strict=True):
+                for skill, parameters, time in steps:
+                    own = [f"{name}={value}" for name, value in parameters.items() if (name, value) not in same]
+                    words.append(" ".join([skill, *own, f"of {time:.2f} s"]))
+            was, now = map(", ".join, told)
             message = f"{what} not of a run of {self.path} as it is now: that was {was}; now it is {now or 'empty'}"
             raise bad_input("other-program", message, place, mend=mend)
 

@@ -116,7 +116,6 @@ def held_out(looks: DetectorLooks, detector: Detector) -> Array:
 
 def tell(curve: Curve, looks: DetectorLooks, detector: Detector) -> Array:
     """How likely each look sees (n,), by a curve and the limits that it keeps."""
-    # Whether looks pass all limits, shape (n,).
     gates = replace(detector, curve=curve).gates
     passed: Mask = ~np.any(list(_failed(gates, looks.sights).values()), axis=0)
     return np.where(passed, curve.probability(looks.sights), 0.0)
@@ -127,33 +126,27 @@ def fit(looks: DetectorLooks, detector: Detector) -> Curve:
 
     It has a term for each `PER_TERM` boxes seen, and as many missed, those that tell most. A term stays out where
     the frames do not vary what it is about, or the effect would have the wrong sign; its limit then goes on, unless
-    frames outside it show that it need not. Without terms it is the share that was seen within the limits.
+    frames outside it show that it need not. Without terms it is the share that was seen within the limits, by the rule
+    of succession, which is never 0 or 1.
     """
     features = looks.sights.features()
     spread, middle = features.std(axis=1), features.mean(axis=1)
     used = [index for index in range(len(features)) if spread[index] > _VARIES]
     most_terms = min(int(looks.seen.sum()), int((~looks.seen).sum())) // PER_TERM
-    if not used or not most_terms:
-        return _constant(looks)
-    while True:
+    while used and most_terms:
         weights, most = _fitted(((features[used].T - middle[used]) / spread[used]).T, looks.seen.astype(float))
         if weights[1:].min() >= 0.0 and len(used) <= most_terms:
             break
         del used[int(weights[1:].argmin())]
-        if not used:
-            return _constant(looks)
+    else:
+        within = looks.seen[looks.covered]
+        share = (within.sum() + 1.0) / (len(within) + 2.0)
+        return Curve(bias=_rounded(float(np.log(share / (1.0 - share)))))
     # The curve replaces the limits that some frame fails, if only by nothing.
     terms = {name: 0.0 for name, fails in _failed(detector, looks.sights).items() if fails.any()}
     terms |= {COEFFICIENTS[index]: _rounded(w / spread[index]) for index, w in zip(used, weights[1:], strict=True)}
     slopes = np.array([terms.get(name, 0.0) for name in COEFFICIENTS])
     return Curve(bias=_rounded(weights[0] - float(slopes @ middle)), most=most, **terms)
-
-
-def _constant(looks: DetectorLooks) -> Curve:
-    """The share that was seen of what was within the limits, by the rule of succession, which is never 0 or 1."""
-    within = looks.seen[looks.covered]
-    share = (within.sum() + 1.0) / (len(within) + 2.0)
-    return Curve(bias=_rounded(float(np.log(share / (1.0 - share)))))
 
 
 def _failed(detector: Detector, sights: BoxSights) -> dict[str, Mask]:
@@ -172,42 +165,39 @@ def _rounded(value: float) -> float:
 
 
 def _fitted(features: Array, seen: Array) -> tuple[Array, float]:
-    """Weights of 1 and of features (f, n), and the probability in the best of views, that tell best what was seen."""
+    """Weights of 1 and of features (f, n), and the probability in the best of views, that tell best what was seen.
+
+    By Fisher scoring with halved steps, for each probability from the weights of the one before.
+    """
     rows = np.vstack([np.ones(len(seen)), features])
-    start = np.zeros(len(rows))
+    ridge = _RIDGE * np.diag([0.0, *np.ones(len(features))])
+
+    def told(weights: Array, most: float) -> Array:
+        probability: Array = most / (1.0 + np.exp(-np.clip(weights @ rows, -30.0, 30.0)))
+        return np.clip(probability, 1e-12, 1.0 - 1e-12)
+
+    def loss_of(weights: Array, most: float) -> float:
+        p = told(weights, most)
+        log_likelihood = seen * np.log(p) + (1.0 - seen) * np.log(1.0 - p)
+        return float(0.5 * _RIDGE * (weights[1:] ** 2).sum() - log_likelihood.sum())
+
+    weights = np.zeros(len(rows))
     found: list[tuple[float, int, Array, float]] = []
     for most in _MOST:
-        if most >= 1.0 or seen.mean() < most:
-            start = _scored(rows, seen, most, start)
-            found.append((_loss(rows, seen, most, start), len(found), start, most))
+        if most < 1.0 and seen.mean() >= most:
+            continue
+        loss = loss_of(weights, most)
+        for _ in range(100):
+            p = told(weights, most)
+            slope = p * (1.0 - p / most) / np.maximum(p * (1.0 - p), 1e-12)
+            gradient = rows @ ((seen - p) * slope) - ridge @ weights
+            information = (rows * (slope * slope * p * (1.0 - p))) @ rows.T + ridge
+            step = np.linalg.solve(information + 1e-9 * np.eye(len(rows)), gradient)
+            while (better := loss_of(weights + step, most)) > loss and np.abs(step).max() > 1e-9:
+                step = 0.5 * step
+            if better >= loss - 1e-9:
+                break
+            weights, loss = weights + step, better
+        found.append((loss_of(weights, most), len(found), weights, most))
     _, _, weights, most = min(found, key=lambda one: one[:2])
     return weights, most
-
-
-def _loss(rows: Array, seen: Array, most: float, weights: Array) -> float:
-    told = _told(rows, most, weights)
-    log_likelihood = seen * np.log(told) + (1.0 - seen) * np.log(1.0 - told)
-    return float(0.5 * _RIDGE * (weights[1:] ** 2).sum() - log_likelihood.sum())
-
-
-def _told(rows: Array, most: float, weights: Array) -> Array:
-    told: Array = most / (1.0 + np.exp(-np.clip(weights @ rows, -30.0, 30.0)))
-    return np.clip(told, 1e-12, 1.0 - 1e-12)
-
-
-def _scored(rows: Array, seen: Array, most: float, weights: Array) -> Array:
-    """Weights with the least loss, by Fisher scoring with halved steps from a start."""
-    ridge = _RIDGE * np.diag([0.0, *np.ones(len(rows) - 1)])
-    loss = _loss(rows, seen, most, weights)
-    for _ in range(100):
-        told = _told(rows, most, weights)
-        slope = told * (1.0 - told / most) / np.maximum(told * (1.0 - told), 1e-12)
-        gradient = rows @ ((seen - told) * slope) - ridge @ weights
-        information = (rows * (slope * slope * told * (1.0 - told))) @ rows.T + ridge
-        step = np.linalg.solve(information + 1e-9 * np.eye(len(rows)), gradient)
-        while (better := _loss(rows, seen, most, weights + step)) > loss and np.abs(step).max() > 1e-9:
-            step = 0.5 * step
-        if better >= loss - 1e-9:
-            return weights
-        weights, loss = weights + step, better
-    return weights

@@ -15,7 +15,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
-from typing import NoReturn
 
 import numpy as np
 
@@ -41,21 +40,29 @@ FLAT = 1e-3
 """Thickness of the box around a marker [m]."""
 
 
+LABELS = "labels.csv"
+"""The file of labels in a folder of frames."""
+
+_POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
+_REQUIRED = ("camera", "file", "object", *_POSE)
+_VELOCITY = ("vx", "vy", "vz")
+_COLUMNS = (*_REQUIRED, "detector", "there", *_VELOCITY)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LabelledImage:
-    """An image, and where everything was."""
+    """An image, and where everything was: in the middle of the exposure, when the shutter opens and when it closes.
+
+    holds: the true value of each atom that is looked for, without those that are just changing.
+    pose: images with the same number have much the same pose.
+    """
 
     frame: Frame
     believed: BelievedState
-    """In the middle of the exposure."""
     opens: BelievedState
-    """When the shutter opens."""
     closes: BelievedState
-    """When it closes."""
     holds: Mapping[str, bool]
-    """The true value of each atom that is looked for, without those that are just changing."""
     pose: int
-    """Images with the same number have much the same pose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,26 +84,18 @@ def of_program(program: Program, workspace: Workspace, footage: Footage) -> Iter
         for frame, t in frames_of(footage, index, step, {}).items():
             half = 0.5 * workspace.cameras[frame.camera].exposure
             opens, closes = (postures.at(min(max(t + by, 0.0), step.time)) for by in (-half, half))
-            holds = {atom: nominal.holds(atom, t) for atom in step.targets if not _changes(atom, t, nominal)}
-            images.append(
-                LabelledImage(
-                    frame=frame,
-                    believed=postures.at(t),
-                    opens=opens,
-                    closes=closes,
-                    holds=holds,
-                    pose=first + int(t / SAME_POSE),
-                )
-            )
+            # While the tool closes or opens nobody knows from when on an atom is that this changes.
+            closing = [p for p in step.primitives if p.action in ("Grasp", "Release") and p.start <= t <= p.end]
+            holds = {
+                atom: nominal.holds(atom, t)
+                for atom in step.targets
+                if all(nominal.holds(atom, p.start) == nominal.holds(atom, p.end + SPACING) for p in closing)
+            }
+            here = {"believed": postures.at(t), "opens": opens, "closes": closes}
+            images.append(LabelledImage(frame=frame, holds=holds, pose=first + int(t / SAME_POSE), **here))
         first += int(step.time / SAME_POSE) + 1
         sought = DetectionTargets(dict(step.targets), step.before.X_WO, values_when_open(step))
         yield LabelledImages(footage, sought, images)
-
-
-def _changes(atom: str, t: float, nominal: NominalStep) -> bool:
-    """Whether an atom changes while the tool closes or opens at time t [s]: from when on, nobody knows."""
-    closing = (p for p in nominal.step.primitives if p.action in ("Grasp", "Release") and p.start <= t <= p.end)
-    return any(nominal.holds(atom, p.start) != nominal.holds(atom, p.end + SPACING) for p in closing)
 
 
 def of_labels(workspace: Workspace, folder: Path) -> Iterator[LabelledImages]:
@@ -104,33 +103,45 @@ def of_labels(workspace: Workspace, folder: Path) -> Iterator[LabelledImages]:
 
     Raises InputError for a folder that cannot be used.
     """
-    files = groupby(read_labels(folder, workspace), lambda label: (label.camera, label.file))
-    of_images = [list(labels) for _, labels in files]
+    by_file = groupby(read_labels(folder, workspace), lambda label: (label.camera, label.file))
+    of_images = [list(labels) for _, labels in by_file]
     source = _Files(folder, workspace, [labels[0].file for labels in of_images])
-    numbered = [
-        (
-            {
-                _atom(label): ProgramTarget(cameras=1, boxes=(_box(workspace, label, label.detector),), seen={})
-                for label in labels
-                if label.detector
-            },
-            _image(workspace, labels, n),
+    resting, numbered = workspace.stated_world, []
+    for number, labels in enumerate(of_images):
+        targets, states, camera = {}, [], workspace.cameras[labels[0].camera]
+        for t in (0.0, -0.5 * camera.exposure, 0.5 * camera.exposure):
+            moved = {one.object: pose(one.X_WO[:3, :3], one.X_WO[:3, 3] + t * one.velocity) for one in labels}
+            states.append(BelievedState(resting.joints, False, {**resting.X_WO, **moved}))
+        for label in labels:
+            if label.detector:  # it looks for the marker on the object, or for the object itself where it has none
+                obj, kind = workspace.objects[label.object], workspace.detectors[label.detector].kind
+                size, X_OB, normal = obj.size, pose(), None
+                if kind != "color" and obj.printed_marker is not None:
+                    side, normal = obj.printed_marker.side, (0.0, 0.0, 1.0)
+                    size, X_OB = (side, side, FLAT), pose(position=(0.0, 0.0, obj.size[2] / 2))
+                box = TargetBox.on_object(label.object, label.detector, size, read_only(X_OB), normal)
+                targets[f"there({label.object})"] = ProgramTarget(cameras=1, boxes=(box,), seen={})
+        image = LabelledImage(
+            frame=Frame(camera.name, float(number), number),
+            believed=states[0],
+            opens=states[1],
+            closes=states[2],
+            holds={f"there({label.object})": label.there for label in labels if label.detector},
+            pose=number,
         )
-        for n, labels in enumerate(of_images)
-    ]
+        numbered.append((targets, image))
     for _, found in groupby(numbered, lambda one: tuple(one[0])):
-        targets, images = zip(*found, strict=True)
-        yield LabelledImages(source, DetectionTargets(targets[0], {}, {}), list(images))
+        alike, images = zip(*found, strict=True)
+        yield LabelledImages(source, DetectionTargets(alike[0], {}, {}), list(images))
 
 
 @dataclass(frozen=True, eq=False)
 class _Files:
-    """The PNG files of a folder."""
+    """The PNG files of a folder, by the numbers of their frames."""
 
     path: Path
     workspace: Workspace
     files: Sequence[Path]
-    """By the numbers of their frames."""
 
     def images(self, frames: Sequence[Frame]) -> Iterator[tuple[Frame, CameraImage]]:
         """As `ImageSource` says."""
@@ -138,62 +149,21 @@ class _Files:
             yield frame, read_image(self.files[frame.number], self.workspace.cameras[frame.camera], frame.t)
 
 
-def _image(workspace: Workspace, labels: list[Label], number: int) -> LabelledImage:
-    camera, resting = workspace.cameras[labels[0].camera], workspace.stated_world
-
-    def believed(t: float) -> BelievedState:
-        moved = {label.object: pose(label.X_WO[:3, :3], label.X_WO[:3, 3] + t * label.velocity) for label in labels}
-        return BelievedState(resting.joints, False, {**resting.X_WO, **moved})
-
-    half = 0.5 * camera.exposure
-    return LabelledImage(
-        frame=Frame(camera.name, float(number), number),
-        believed=believed(0.0),
-        opens=believed(-half),
-        closes=believed(half),
-        holds={_atom(label): label.there for label in labels if label.detector},
-        pose=number,
-    )
-
-
-def _atom(label: Label) -> str:
-    return f"there({label.object})"
-
-
-def _box(workspace: Workspace, label: Label, detector: str) -> TargetBox:
-    """The marker on an object, or the object itself for a detector of colours or an object without a marker."""
-    obj, kind = workspace.objects[label.object], workspace.detectors[detector].kind
-    marker = None if kind == "color" else obj.printed_marker
-    if marker is None:
-        return TargetBox.on_object(label.object, detector, obj.size, read_only(pose()), None)
-    top = read_only(pose(position=(0.0, 0.0, obj.size[2] / 2)))
-    return TargetBox.on_object(label.object, detector, (marker.side, marker.side, FLAT), top, (0.0, 0.0, 1.0))
-
-
-LABELS = "labels.csv"
-"""The file of labels in a folder of frames."""
-
-_POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
-_REQUIRED = ("camera", "file", "object", *_POSE)
-_VELOCITY = ("vx", "vy", "vz")
-_COLUMNS = (*_REQUIRED, "detector", "there", *_VELOCITY)
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Label:
-    """A row of the file: an object in an image."""
+    """A row of the file: an object in an image.
+
+    X_WO: where it is, or would be, shape (4, 4). velocity: shape (3,) [m/s]. detector: that looks for it; None if it
+    only stands there. there: whether it really is there.
+    """
 
     camera: str
     file: Path
     object: str
     X_WO: Array
-    """Where it is, or would be, shape (4, 4)."""
     velocity: Array
-    """Shape (3,) [m/s]."""
     detector: str | None
-    """That looks for it; None if it only stands there."""
     there: bool
-    """Whether it really is there."""
 
 
 def read_labels(folder: Path, workspace: Workspace) -> Iterator[Label]:
@@ -210,56 +180,43 @@ def read_labels(folder: Path, workspace: Workspace) -> Iterator[Label]:
                 message = f"there is no column `{name}`; expected {', '.join(_REQUIRED)}"
                 raise bad_input("wrong-columns", message, Place(path, 1))
         for row in rows:
-            yield _LabelRow(row, Place(path, rows.reader.line_num)).label(folder, workspace)
+            yield _label(row, Place(path, rows.reader.line_num), folder, workspace)
     except csv.Error as error:
         raise bad_input("wrong-value", f"this is no CSV: {error}", Place(path, rows.reader.line_num)) from error
 
 
-@dataclass(frozen=True, eq=False)
-class _LabelRow:
-    values: Mapping[str | None, str | None]
-    place: Place
+def _label(row: Mapping[str | None, str | None], place: Place, folder: Path, workspace: Workspace) -> Label:
+    """What a row says. Raises InputError for one that is wrong."""
+    if None in row or None in row.values():
+        raise bad_input("wrong-columns", "this row does not have one value for each column", place)
+    texts = {name: (row.get(name) or "").strip() for name in _COLUMNS}
 
-    def label(self, folder: Path, workspace: Workspace) -> Label:
-        if None in self.values or None in self.values.values():
-            self._refuse("wrong-columns", "this row does not have one value for each column")
-        numbers = np.array([self._number(name) for name in _POSE])
-        if abs(math.hypot(*numbers[3:]) - 1.0) > 0.01:
-            length = math.hypot(*numbers[3:])
-            self._refuse("not-a-rotation", f"`qx` to `qw` have length {length:.3g}, expected 1 (order x, y, z, w)")
-        detector, there = self._text("detector") or None, self._text("there") or "yes"
-        if there not in ("yes", "no"):
-            self._refuse("wrong-value", f"`there` is {describe(there)}, expected `yes` or `no`")
-        if detector is not None:
-            self._known("detector", workspace.detectors)
-        self._known("camera", workspace.cameras)
-        self._known("object", {n: o for n, o in workspace.objects.items() if o.X_WO is not None})
-        return Label(
-            camera=self._text("camera"),
-            file=file_in(folder, self._text("file"), self.place),
-            object=self._text("object"),
-            X_WO=pose(quaternion_to_matrix(numbers[3:] / math.hypot(*numbers[3:])), numbers[:3]),
-            velocity=np.array([self._number(name) if self._text(name) else 0.0 for name in _VELOCITY]),
-            detector=detector,
-            there=there == "yes",
-        )
-
-    def _text(self, name: str) -> str:
-        return (self.values.get(name) or "").strip()
-
-    def _known(self, column: str, names: Mapping[str, object]) -> None:
-        found = self._text(column)
-        if found not in names:
-            message = f"there is no {column} {describe(found)}; {expected_names(found[:LONGEST_NAME], names)}"
-            self._refuse(f"unknown-{column}", message)
-
-    def _number(self, name: str) -> float:
-        text = self._text(name)
-        value = as_number(text)
+    def number(name: str) -> float:
+        value = as_number(texts[name])
         if not abs(value) <= LARGEST:
-            message = f"`{name}` is {describe(text)}, expected a number of at most {LARGEST:g} in size"
-            self._refuse("wrong-value", message)
+            message = f"`{name}` is {describe(texts[name])}, expected a number of at most {LARGEST:g} in size"
+            raise bad_input("wrong-value", message, place)
         return value
 
-    def _refuse(self, code: str, message: str) -> NoReturn:
-        raise bad_input(code, message, self.place)
+    numbers = np.array([number(name) for name in _POSE])
+    length = math.hypot(*numbers[3:])
+    if abs(length - 1.0) > 0.01:
+        message = f"`qx` to `qw` have length {length:.3g}, expected 1 (order x, y, z, w)"
+        raise bad_input("not-a-rotation", message, place)
+    if texts["there"] not in ("yes", "no", ""):
+        raise bad_input("wrong-value", f"`there` is {describe(texts['there'])}, expected `yes` or `no`", place)
+    placed = {name: one for name, one in workspace.objects.items() if one.X_WO is not None}
+    known = (("detector", workspace.detectors), ("camera", workspace.cameras), ("object", placed))
+    for column, names in known:
+        if (found := texts[column]) not in names and (found or column != "detector"):
+            message = f"there is no {column} {describe(found)}; {expected_names(found[:LONGEST_NAME], names)}"
+            raise bad_input(f"unknown-{column}", message, place)
+    return Label(
+        camera=texts["camera"],
+        file=file_in(folder, texts["file"], place),
+        object=texts["object"],
+        X_WO=pose(quaternion_to_matrix(numbers[3:] / length), numbers[:3]),
+        velocity=np.array([number(name) if texts[name] else 0.0 for name in _VELOCITY]),
+        detector=texts["detector"] or None,
+        there=texts["there"] != "no",
+    )

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from operator import attrgetter
-from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +16,6 @@ from sqrp_cli.knowledge.frames import frame_poses
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.sensing.likelihood import Shutter, likelihoods
 from sqrp_cli.programming.sensing.limits import Cause
@@ -30,13 +28,6 @@ from sqrp_cli.runtime.robot_body import RobotBody
 
 _EVERY_TERM = Curve(bias=0.0, **dict.fromkeys(COEFFICIENTS, 0.0))
 """A curve that replaces every limit: how a box is seen counts everywhere."""
-
-
-class _BoxLooks(NamedTuple):
-    """One box in several images of a camera."""
-
-    detector: str
-    looks: DetectorLooks
 
 
 def look_at_frames(
@@ -56,46 +47,50 @@ def look_at_frames(
             for name in workspace.cameras:
                 of_camera = [one for one in shown if one[0].frame.camera == name and not one[1].frozen]
                 if of_camera:
-                    for box in _of_camera(cell, robot, together, of_camera):
-                        found.setdefault(box.detector, []).append(box.looks)
+                    for detector, looks in _of_camera(cell, robot, together, of_camera):
+                        found.setdefault(detector, []).append(looks)
     return {name: DetectorLooks.joined(looks) for name, looks in sorted(found.items())}
 
 
 def _of_camera(
     cell: Cell, robot: RobotBody, together: LabelledImages, shown: Sequence[tuple[LabelledImage, Detection]]
-) -> Iterator[_BoxLooks]:
-    """The boxes in the images of one camera, those looks alone that count."""
+) -> Iterator[tuple[str, DetectorLooks]]:
+    """The boxes in the images of one camera, each with its detector, those looks alone that count."""
     images = [image for image, _ in shown]
-    camera = cell.workspace.cameras[images[0].frame.camera]
+    workspace, sought = cell.workspace, together.sought
+    camera = workspace.cameras[images[0].frame.camera]
     observer = replace(cell.observer, cameras=(camera,))
-    starts = together.sought.starts
     states, opens, closes = (
-        _states(robot, [getattr(image, when) for image in images], starts) for when in ("believed", "opens", "closes")
+        _states(robot, [getattr(image, when) for image in images], sought.starts)
+        for when in ("believed", "opens", "closes")
     )
-    targets = [_target(cell, atom, target) for atom, target in together.sought.targets.items()]
+    targets, unlimited = [], []  # the latter with a curve in place of every limit
+    for name, stated in sought.targets.items():
+        boxes = [
+            completed(SoughtBox, box, limits=workspace.detectors[box.detector]).with_color(name, workspace.objects)
+            for box in stated.boxes
+        ]
+        targets.append(Target(Atom.of(name), stated.cameras, tuple(boxes)))
+        open_boxes = (replace(box, limits=replace(box.limits, curve=_EVERY_TERM)) for box in boxes)
+        unlimited.append(replace(targets[-1], boxes=tuple(open_boxes)))
     shutters = {camera.exposure: Shutter(opens, closes)} if camera.exposure else {}
-    free = likelihoods(observer, [_without_limits(target) for target in targets], states, shutters)
+    free = likelihoods(observer, unlimited, states, shutters)
     limited = observer.verdicts(targets, states, shares=False)
     pose = np.array([image.pose for image in images])
-    for target, boxes, verdicts in zip(targets, free, limited, strict=True):
+    for target, of_boxes, verdicts in zip(targets, free, limited, strict=True):
         atom = str(target.atom)
         is_known = np.array([atom in image.holds for image in images])
         true = np.array([Truth.TRUE if image.holds.get(atom) else Truth.FALSE for image in images])
-        for box, of_box, verdict in zip(target.boxes, boxes, verdicts, strict=True):
+        for box, of_box, verdict in zip(target.boxes, of_boxes, verdicts, strict=True):
             assert of_box.sights is not None  # noqa: S101 - every box has a curve here
-            said = np.array(
-                [
-                    next(found.evidence for found in detection.boxes[atom] if found.name == box.name)
-                    for _, detection in shown
-                ]
-            )
+            found = (next(one for one in detection.boxes[atom] if one.name == box.name) for _, detection in shown)
             looks = DetectorLooks(
                 sights=BoxSights(*(values[:, 0] for values in of_box.sights)),
-                seen=said == true,
+                seen=np.array([one.evidence for one in found]) == true,
                 covered=verdict.cause[:, 0] == Cause.NONE,
                 pose=pose,
             )
-            yield _BoxLooks(box.detector, looks.some(is_known & (of_box.probability[:, 0] > 0)))
+            yield box.detector, looks.some(is_known & (of_box.probability[:, 0] > 0))
 
 
 def _states(robot: RobotBody, believed: Sequence[BelievedState], starts: Mapping[str, Array]) -> SceneStates:
@@ -105,17 +100,3 @@ def _states(robot: RobotBody, believed: Sequence[BelievedState], starts: Mapping
     objects = {name: np.stack([one.X_WO[name] for one in believed]) for name in believed[0].X_WO}
     fixed = {name: fixed_frame(X) for name, X in starts.items()}
     return SceneStates(len(believed), frame_poses(links, objects, fixed, fixed_frame()))
-
-
-def _target(cell: Cell, atom: str, target: ProgramTarget) -> Target:
-    workspace = cell.workspace
-    boxes = (
-        completed(SoughtBox, box, limits=workspace.detectors[box.detector]).with_color(atom, workspace.objects)
-        for box in target.boxes
-    )
-    return Target(Atom.of(atom), target.cameras, tuple(boxes))
-
-
-def _without_limits(target: Target) -> Target:
-    boxes = (replace(box, limits=replace(box.limits, curve=_EVERY_TERM)) for box in target.boxes)
-    return replace(target, boxes=tuple(boxes))

@@ -44,6 +44,8 @@ class CalibrateDocument(WorkspaceDocument):
     """A unified diff that gives the workspace these curves; empty where there are none."""
     cell: Any = live()
     """The cell of the frames, as `open_cell` gives it."""
+    looked: Any = live()
+    """What each detector saw, by its name, as `calibrating.fit` has it."""
 
     @property
     def brief(self) -> str:

@@ -20,7 +20,7 @@ def real_path(path: Path) -> Path:
 
 def check_writable(path: Path) -> None:
     """Raises InputError if a file cannot be written: no folder for it, no permission, or a folder of that name."""
-    try:
+    with naming(path):
         if path.exists() and not path.is_dir() and not os.access(path, os.W_OK):
             mend = f"choose another name, or: chmod u+w {shlex.quote(str(path))}"
             raise bad_input("cannot-write", "this file is write-protected", Place(path), mend=mend)
@@ -33,8 +33,6 @@ def check_writable(path: Path) -> None:
             raise bad_input("cannot-write", "this is a folder; expected the name of a file", Place(path))
         if not os.access(folder, os.W_OK):
             raise bad_input("cannot-write", f"the folder {folder} cannot be written to", Place(path))
-    except OSError as error:
-        raise InputError(_cannot_write(path, error)) from error
 
 
 def no_folder(folder: Path, path: Path) -> Problem:
@@ -48,12 +46,11 @@ def no_folder(folder: Path, path: Path) -> Problem:
 
 def make_folder(path: Path) -> None:
     """Make a folder and its parents if they do not exist. Raises InputError if that fails."""
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except FileExistsError as error:
-        raise bad_input("cannot-write", "this is a file; expected the name of a folder", Place(path)) from error
-    except OSError as error:
-        raise InputError(_cannot_write(path, error, "this folder cannot be made")) from error
+    with naming(path, "this folder cannot be made"):
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+        except FileExistsError as error:
+            raise bad_input("cannot-write", "this is a file; expected the name of a folder", Place(path)) from error
 
 
 def check_not_read(outputs: Iterable[Path | None], inputs: Iterable[Path | None]) -> None:
@@ -108,14 +105,25 @@ def write_atomically(path: Path, content: str | bytes, *, executable: bool = Fal
     """
     check_writable(path)
     data = content.encode() if isinstance(content, str) else content
-    try:
+    with naming(path):
         if _is_special(path):
             with suppress(BrokenPipeError), path.open("ab") as special:  # after earlier output to it
                 special.write(data)
         else:
-            _replace(real_path(path), data, executable=executable)
-    except OSError as error:
-        raise InputError(_cannot_write(path, error)) from error
+            target = real_path(path)
+            descriptor, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+            try:
+                with os.fdopen(descriptor, "wb") as file:
+                    file.write(data)
+                    file.flush()
+                    os.fsync(file.fileno())
+                mask = os.umask(0)
+                os.umask(mask)
+                Path(name).chmod((0o777 if executable else 0o666) & ~mask)
+                Path(name).replace(target)
+            except BaseException:
+                Path(name).unlink(missing_ok=True)
+                raise
 
 
 @contextmanager
@@ -124,25 +132,5 @@ def naming(path: Path, what: str = "this file cannot be written") -> Iterator[No
     try:
         yield
     except OSError as error:
-        raise InputError(_cannot_write(path, error, what)) from error
-
-
-def _cannot_write(path: Path, error: OSError, what: str = "this file cannot be written") -> Problem:
-    why = error.args[0][-1][-1] if isinstance(error, shutil.Error) else error.strerror or error
-    return Problem("cannot-write", f"{what}: {why}", Place(path))
-
-
-def _replace(path: Path, content: bytes, *, executable: bool) -> None:
-    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        mask = os.umask(0)
-        os.umask(mask)
-        Path(name).chmod((0o777 if executable else 0o666) & ~mask)
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+        why = error.args[0][-1][-1] if isinstance(error, shutil.Error) else error.strerror or error
+        raise bad_input("cannot-write", f"{what}: {why}", Place(path)) from error

@@ -11,7 +11,7 @@ import numpy as np
 from sqrp_cli.errors import expected_names
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
-from sqrp_cli.program.record import Program, ProgramTarget, Step
+from sqrp_cli.program.record import Program, ProgramTarget, Spans, Step
 from sqrp_cli.trajectory import Trajectory
 
 SAME_TIME = 1e-6
@@ -99,7 +99,7 @@ def _flaws_of(step: Step, at: Keys, joints: Sequence[str]) -> Iterator[Flaw]:
                     yield Flaw("program-times", (*inside, field, camera), message)
 
 
-def _sights(target: ProgramTarget) -> tuple[tuple[str, Mapping[str, tuple[tuple[float, float], ...]]], ...]:
+def _sights(target: ProgramTarget) -> tuple[tuple[str, Mapping[str, Spans]], ...]:
     """The fields of a target that say when cameras see it."""
     return ("seen", target.seen), ("usual", target.usual), ("refuted", target.refuted)
 

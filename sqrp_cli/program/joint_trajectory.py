@@ -39,9 +39,9 @@ class ToolCommand:
     object: str
     """Name of the object that it grasps or releases."""
     start: float
-    """When it is sent."""
+    """When it is sent [s]."""
     end: float
-    """When it is done."""
+    """When it is done [s]."""
 
     def __str__(self) -> str:
         return f"{self.action} {self.object}"
@@ -86,7 +86,12 @@ def points(program: Program, rate: float) -> Iterator[Point]:
     begin = 0.0
     for number, step in enumerate(program.steps, 1):
         for primitive in step.primitives:
-            times = _times(begin + primitive.start, begin + primitive.end, rate)
+            # The start and the multiples of the period before the end; none for a primitive without duration.
+            start, end, margin = begin + primitive.start, begin + primitive.end, LEAST_GAP / rate
+            times = np.zeros(0)
+            if end - start >= margin:
+                multiples = np.arange(math.ceil(start * rate), math.floor(end * rate) + 1) / rate
+                times = np.append(start, multiples[(multiples > start + margin) & (multiples < end - margin)])
             trajectory = primitive.trajectory
             local = times - begin - primitive.start
             for time, q, v, a in zip(times.tolist(), *trajectory.motion(local, 2), strict=True):
@@ -162,16 +167,6 @@ FORMATS: Mapping[str, Callable[[Program, Sequence[str], float], str]] = {
 def action_name(primitive: ProgramPrimitive) -> str:
     """The kind of a primitive, such as `joint_move` or `grasp`."""
     return re.sub(r"(?<!^)(?=[A-Z])", "_", primitive.action).lower()
-
-
-def _times(start: float, end: float, rate: float) -> Array:
-    """The start and the multiples of the period before the end; empty for a primitive without duration."""
-    margin = LEAST_GAP / rate
-    if end - start < margin:
-        return np.zeros(0)
-    multiples = np.arange(math.ceil(start * rate), math.floor(end * rate) + 1) / rate
-    inner = multiples[(multiples > start + margin) & (multiples < end - margin)]
-    return np.concatenate([[start], inner])
 
 
 def _texts(numbers: Array) -> Sequence[str]:

@@ -70,33 +70,33 @@ _Motion = Annotated[
 
 
 class ProgramGuard(Entry):
-    """What a guarded move takes for contact, and how it goes on where it meets nothing."""
+    """What a guarded move takes for contact, and how it goes on where it meets nothing.
+
+    force: at the tool [N]. trajectory: the motion without contact, as long as that of the primitive, which stands where
+    contact is expected.
+    """
 
     force: Annotated[float, Field(gt=0, allow_inf_nan=False)]
-    """At the tool [N]."""
     trajectory: _Motion
-    """The motion without contact, as long as that of the primitive, which stands where contact is expected."""
 
 
 class ProgramPrimitive(Entry):
-    """A primitive action with its time and its motion."""
+    """A primitive action with its time and its motion.
+
+    name: as in the skill. does: what it does, in a word or two; None in programs of earlier versions. action: the kind
+    of action, such as `JointMove` or `Grasp`. start, end: from the start of the step [s]. held: the object in the tool
+    throughout; None if there is none. trajectory: the exact motion, on a clock from `start`. guard: of a move that ends
+    at contact; left out of the file for all others.
+    """
 
     name: str
-    """As in the skill."""
     does: str | None = None
-    """What it does, in a word or two; None in programs of earlier versions."""
     action: str
-    """The kind of action, such as `JointMove` or `Grasp`."""
     start: Seconds
-    """From the start of the step [s]."""
     end: Seconds
-    """From the start of the step [s]."""
     held: str | None
-    """The object in the tool throughout; None if there is none."""
     trajectory: _Motion
-    """The exact motion, on a clock from `start`."""
     guard: ProgramGuard | None = None
-    """Of a move that ends at contact; left out of the file for all others."""
 
     @model_serializer(mode="wrap")
     def _without_what_is_none(self, write: SerializerFunctionWrapHandler) -> dict[str, object]:
@@ -105,42 +105,46 @@ class ProgramPrimitive(Entry):
 
 
 class ProgramResponse(Entry):
-    """What to do when a formula is violated, or a fault is seen."""
+    """What to do when a formula is violated, or a fault is seen: stop the robot, try the step again, or go on.
+
+    retries: how many are allowed. when: what must be seen before a retry, a formula; None if nothing.
+    """
 
     action: Literal["stop", "retry", "continue"]
-    """Stop the robot, try the step again, or go on."""
     retries: int = 0
-    """How many retries are allowed."""
     when: str | None = None
-    """What must be seen before a retry, a formula; None if nothing."""
 
 
 class ProgramFormula(Entry):
-    """A formula to be monitored, with the response to its violation."""
+    """A formula to be monitored, with the response to its violation, or to seeing its fault.
+
+    formula: about objects, all times in seconds from the start of the step. fault: name of the fault that it describes;
+    None if it describes none. settle: time that a literal may lag behind its expected change [s].
+    """
 
     formula: str
-    """The formula about objects, all times in seconds from the start of the step."""
     fault: str | None
-    """Name of the fault that it describes; None if it describes none."""
     settle: Seconds
-    """Time that a literal may lag behind its expected change [s]."""
     response: ProgramResponse
-    """What to do when it is violated, or its fault is seen."""
+
+
+Spans = tuple[tuple[Seconds, Seconds], ...]
+"""Intervals from the start of the step [s]."""
 
 
 class ProgramTarget(Entry):
-    """What decides an atom."""
+    """What decides an atom.
+
+    cameras: how many must each see all boxes. boxes: where to look. seen: intervals in which a camera sees all boxes,
+    by its name. usual: those in which its images usually show them; programs of earlier versions lack it.
+    refuted: those in which they usually show that the atom is false; empty where that takes the same as to confirm it.
+    """
 
     cameras: int
-    """How many cameras must each see all boxes."""
     boxes: tuple[TargetBox, ...]
-    """Where to look."""
-    seen: Mapping[str, tuple[tuple[Seconds, Seconds], ...]]
-    """Intervals in which a camera sees all boxes, from the start of the step [s], by the camera's name."""
-    usual: Mapping[str, tuple[tuple[Seconds, Seconds], ...]] = {}
-    """Those in which its images usually show them, likewise. Programs of earlier versions lack it."""
-    refuted: Mapping[str, tuple[tuple[Seconds, Seconds], ...]] = {}
-    """Those in which they usually show that the atom is false; empty where that takes the same as to confirm it."""
+    seen: Mapping[str, Spans]
+    usual: Mapping[str, Spans] = {}
+    refuted: Mapping[str, Spans] = {}
 
     @model_serializer(mode="wrap")
     def _without_what_is_empty(self, write: SerializerFunctionWrapHandler) -> dict[str, object]:
@@ -149,12 +153,13 @@ class ProgramTarget(Entry):
 
 
 class ProgramOnset(Entry):
-    """From when on images show a fault that happens at a time x, at points in order; linear in between."""
+    """From when on images show a fault that happens at a time x, at points in order; linear in between.
+
+    Both in seconds from the start of the step.
+    """
 
     x: tuple[Seconds, ...]
-    """From the start of the step [s]."""
     shown: tuple[Seconds, ...]
-    """From when on images show it, from the start of the step [s]."""
 
     @model_validator(mode="after")
     def _consistent(self) -> ProgramOnset:
@@ -165,12 +170,14 @@ class ProgramOnset(Entry):
 
 
 class ProgramSight(Entry):
-    """When images show a fault."""
+    """When images show a fault.
+
+    windows: those of cameras of one rate and latency in order, apart from each other. onsets: of each interval in which
+    it may happen.
+    """
 
     windows: tuple[Annotated[Window, AsStored()], ...]
-    """Those of cameras of one rate and latency in order, apart from each other."""
     onsets: tuple[ProgramOnset, ...]
-    """Of each interval in which it may happen."""
 
     def latest(self, x: float) -> float | None:
         """How long after time x [s] of the step a fault is noticed at the latest [s]; None if it may never be."""
@@ -183,36 +190,29 @@ class ProgramSight(Entry):
 
 
 class Step(Entry):
-    """A chosen candidate: a skill with all its parameters."""
+    """A chosen candidate: a skill with all its parameters, objects and motion parameters by name.
+
+    task: as it was asked for. time: duration of its motion [s]. q_avg, q_eoi: in 0..1; None where no formula applies,
+    or there is no event of interest. faults, sights: the cost of each fault and when images show it, by its name;
+    programs of earlier versions lack the latter. verdict: where it is blind, why, and what would help. primitives: in
+    the order in which they are done. formulas: of the skill, in its order. targets: by the atom that they decide.
+    before, after: the world that it starts from, and the one that it leaves behind.
+    """
 
     task: str
-    """As it was asked for."""
     skill: str
-    """Name of the skill."""
     parameters: Mapping[str, float | str]
-    """Objects and motion parameters by name."""
     time: Seconds
-    """Duration of its motion [s]."""
     q_avg: Share | None
-    """Q_avg in 0..1; None where no formula applies."""
     q_eoi: Share | None
-    """Q_eoi in 0..1; None where there is no event of interest."""
     faults: Mapping[str, FaultMetrics]
-    """By the fault's name."""
     verdict: str
-    """Where it is blind, why, and what would help."""
     primitives: tuple[ProgramPrimitive, ...]
-    """In the order in which they are done."""
     formulas: tuple[ProgramFormula, ...]
-    """Of the skill, in its order."""
     targets: Mapping[str, ProgramTarget]
-    """By the atom that they decide."""
     before: World
-    """The world that it starts from."""
     after: World
-    """The world that it leaves behind."""
     sights: Mapping[str, ProgramSight] = {}
-    """When images show each fault, by its name. Programs of earlier versions lack it."""
 
     @property
     def short_task(self) -> str:
@@ -245,25 +245,23 @@ class Step(Entry):
 
 
 class Program(Entry):
-    """Steps for one workspace."""
+    """Steps for one workspace, in the order in which they are done.
+
+    workspace: its file, relative to the program's. digest: of `made_for`; without that, of the bytes of the workspace's
+    files. checksum: of all that a file says apart from its workspace; empty until it is saved. marks: a sign for each
+    value; they show where a file was changed whose checksum does not fit. joints: names of those of all trajectories,
+    in their order. made_for: what the workspace said that matters, see `workspace.understood`: it tells what has
+    changed since; programs of earlier versions lack it.
+    """
 
     sqrp_program: Literal[1] = 1
-    """Version of the file's fields."""
     workspace: str
-    """Its file, relative to the program's."""
     digest: str
-    """Of `made_for`; without that, of the bytes of the workspace's files."""
     checksum: str = ""
-    """Of all that a file says apart from its workspace; empty until it is saved."""
     marks: str = ""
-    """A sign for each value: they show where a file was changed whose checksum does not fit."""
     joints: tuple[str, ...]
-    """Names of the joints of all trajectories, in their order."""
     steps: tuple[Step, ...]
-    """In the order in which they are done."""
     made_for: Mapping[str, Mapping[str, Plain]] = {}
-    """What the workspace said that matters, see `workspace.understood`: it tells what has changed since. Programs of
-    earlier versions lack it."""
 
     @property
     def skills(self) -> tuple[str, ...]:

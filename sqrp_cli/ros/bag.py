@@ -11,7 +11,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager, suppre
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 
@@ -32,14 +32,6 @@ SUFFIXES = (".mcap", ".bag")
 """Of the files that `BagWriter` writes: MCAP as ROS 2 does, and bags of ROS 1."""
 
 
-def is_bag(path: Path) -> bool:
-    """Whether a path is a recording, or the metadata of one."""
-    if not path.is_file():
-        return (path / METADATA).is_file()
-    head = _head(path)
-    return head.startswith((_ROS1, *_ROS2)) or (path.name == METADATA and b"rosbag2_bagfile_information" in head)
-
-
 _INSTALL = "pip install 'sqrp[bags]'"
 _KINDS = {".mcap": "MCAP file", ".bag": "bag of ROS 1", ".db3": "file of rosbag2 (SQLite)"}
 """What a file is by the end of its name."""
@@ -49,6 +41,14 @@ _LARGEST_CHUNK, _LARGEST_METADATA = 1 << 28, 1_000_000
 
 _DEEPEST_METADATA = 100
 """Mappings and lists of metadata that may be within one another."""
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is a recording, or the metadata of one."""
+    if not path.is_file():
+        return (path / METADATA).is_file()
+    head = _head(path)
+    return head.startswith((_ROS1, *_ROS2)) or (path.name == METADATA and b"rosbag2_bagfile_information" in head)
 
 
 def check_kind(path: Path) -> None:
@@ -71,25 +71,21 @@ def _head(path: Path) -> bytes:
         return file.read(1000)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, order=True)
 class RecordedTopic:
-    """A topic of a recording."""
+    """A topic of a recording: its type, such as `sensor_msgs/msg/Image`, and how many messages are on it."""
 
     name: str
     type: str
-    """Such as `sensor_msgs/msg/Image`."""
     count: int
-    """Messages on it."""
 
 
-@dataclass(frozen=True, eq=False)
-class Packed:
-    """A message of a recording, as it was received."""
+class Packed(NamedTuple):
+    """A message of a recording, as it was received; t: when [ns]."""
 
     topic: str
     type: str
     t: int
-    """When it was received [ns]."""
     data: bytes
 
 
@@ -119,7 +115,7 @@ class Bag(AbstractContextManager["Bag"]):
     def topics(self) -> tuple[RecordedTopic, ...]:
         """All topics, by name."""
         found = (RecordedTopic(one.topic, one.msgtype, one.msgcount) for one in self._reader.connections)
-        return tuple(sorted(found, key=lambda topic: (topic.name, topic.type)))
+        return tuple(sorted(found))
 
     def messages(self, topics: Collection[str], types: Collection[str] = ()) -> Iterator[Packed]:
         """The messages on some topics, in the order in which they were received; types: only of these, if any is given.
@@ -159,8 +155,16 @@ class Bag(AbstractContextManager["Bag"]):
         except (InputError, GeneratorExit):
             raise
         except Exception as error:  # every library below has its own
-            message = f"this recording cannot be read: {_told(error)}; expected one that was closed and is whole"
-            raise bad_input("unreadable-file", message, Place(self.path), mend=_mend(self.path)) from error
+            told = str(error).splitlines()[0].rstrip(".") if str(error) else type(error).__name__
+            if isinstance(error, MemoryError):
+                told = "a part of it is, as it says, larger than the memory"
+            message = f"this recording cannot be read: {told}; expected one that was closed and is whole"
+            mend, path = None, self.path  # the command that saves what is there of one that was not closed
+            if path.suffix == ".bag":
+                mend = shlex.join(["rosbag", "reindex", str(path)])
+            elif path.suffix == ".mcap" and path.is_file() and _lacks_index(path):
+                mend = shlex.join(["mcap", "recover", str(path), "-o", str(path.with_stem(f"{path.stem}-recovered"))])
+            raise bad_input("unreadable-file", message, Place(path), mend=mend) from error
 
 
 @cache
@@ -176,24 +180,23 @@ def _limit() -> None:
     from rosbags.rosbag2 import metadata, storage_mcap
     from rosbags.rosbag2 import reader as folder_reader
 
+    def unpacking(decompressor: Callable[[], Any]) -> Callable[..., bytes]:
+        def unpacked(packed: bytes, _size: int = 0) -> bytes:
+            machine = decompressor()
+            found: bytes = machine.decompress(packed, _LARGEST_CHUNK)
+            if not machine.eof:
+                raise ValueError(f"a chunk is cut off, or has more than {_LARGEST_CHUNK >> 20} MB")
+            return found
+
+        return unpacked
+
     quick = type("Quick", (vars(metadata)["YAML"],), {"load": lambda _, text: _metadata(text)})
     for module in (metadata, folder_reader):
         setattr(module, "YAML", quick)  # noqa: B010 # it is no public name
     mcap: Any = storage_mcap  # it has the zstd that this Python has
-    lz4 = _unpacking(LZ4FrameDecompressor)
-    reader.decompressors |= {"bz2": _unpacking(BZ2Decompressor), "lz4": lz4}
-    mcap.DECOMPRESSORS |= {"zstd": _unpacking(mcap.zstd.ZstdDecompressor), "lz4": lz4}
-
-
-def _unpacking(decompressor: Callable[[], Any]) -> Callable[..., bytes]:
-    def unpacked(packed: bytes, _size: int = 0) -> bytes:
-        machine = decompressor()
-        found: bytes = machine.decompress(packed, _LARGEST_CHUNK)
-        if not machine.eof:
-            raise ValueError(f"a chunk is cut off, or has more than {_LARGEST_CHUNK >> 20} MB")
-        return found
-
-    return unpacked
+    lz4 = unpacking(LZ4FrameDecompressor)
+    reader.decompressors |= {"bz2": unpacking(BZ2Decompressor), "lz4": lz4}
+    mcap.DECOMPRESSORS |= {"zstd": unpacking(mcap.zstd.ZstdDecompressor), "lz4": lz4}
 
 
 def _metadata(text: str) -> object:
@@ -211,21 +214,6 @@ def _metadata(text: str) -> object:
     except yaml.MarkedYAMLError as error:
         line = f", line {error.problem_mark.line + 1}" if error.problem_mark else ""
         raise ValueError(f"{METADATA}{line}: {error.problem}") from error
-
-
-def _told(error: Exception) -> str:
-    if isinstance(error, MemoryError):
-        return "a part of it is, as it says, larger than the memory"
-    return str(error).splitlines()[0].rstrip(".") if str(error) else type(error).__name__
-
-
-def _mend(path: Path) -> str | None:
-    """The command that saves what is there of a recording that was not closed; None where it would save nothing."""
-    if path.suffix == ".bag":
-        return shlex.join(["rosbag", "reindex", str(path)])
-    if path.suffix == ".mcap" and path.is_file() and _lacks_index(path):
-        return shlex.join(["mcap", "recover", str(path), "-o", str(path.with_stem(f"{path.stem}-recovered"))])
-    return None
 
 
 def _lacks_index(path: Path) -> bool:
@@ -250,23 +238,27 @@ class BagWriter:
         self._path, self._of_topic = path, dict[str, Any]()
         ros: Ros = 1 if path.suffix.lower() == ".bag" else 2
         self.types = message_types(ros)
+        self._writer: Any
         with naming(path):
             self._folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}."))
-        inside = self._folder / path.stem if ros == 2 else self._folder / f"{path.stem}.bag"
-        self._file = inside / f"{path.stem}.mcap" if ros == 2 else inside
-        mcap = rosbag2.StoragePlugin.MCAP
-        self._writer: Any = (
-            rosbag1.Writer(inside) if ros == 1 else rosbag2.Writer(inside, version=8, storage_plugin=mcap)
-        )
-        with naming(path):
+            if ros == 1:
+                self._file = self._folder / f"{path.stem}.bag"
+                self._writer = rosbag1.Writer(self._file)
+            else:
+                inside, mcap = self._folder / path.stem, rosbag2.StoragePlugin.MCAP
+                self._file = inside / f"{path.stem}.mcap"
+                self._writer = rosbag2.Writer(inside, version=8, storage_plugin=mcap)
             self._writer.open()
 
     def add(self, topic: str, t: int, message: Message, *, latched: bool = False) -> None:
         """Append a message that was received at `t` [ns]; latched: for those who listen later, too."""
-        kind = message.__msgtype__
         with naming(self._path):
             if topic not in self._of_topic:
-                self._of_topic[topic] = self._connection(topic, kind, latched=latched)
+                options: Mapping[str, object] = {"latching": 1} if latched else {}
+                if self.types.ros == 2:
+                    options = {"offered_qos_profiles": [_qos(latched=latched)]}
+                kind, store = message.__msgtype__, self.types.store
+                self._of_topic[topic] = self._writer.add_connection(topic, kind, typestore=store, **options)
             self._writer.write(self._of_topic[topic], t, self.types.encode(message))
 
     def close(self) -> None:
@@ -283,14 +275,6 @@ class BagWriter:
         with suppress(Exception):  # it is closed already
             self._writer.abort()
         shutil.rmtree(self._folder, ignore_errors=True)
-
-    def _connection(self, topic: str, kind: str, *, latched: bool) -> Any:  # noqa: ANN401 # of rosbags
-        options: Mapping[str, object]
-        if self.types.ros == 1:
-            options = {"latching": 1} if latched else {}
-        else:
-            options = {"offered_qos_profiles": [_qos(latched=latched)]}
-        return self._writer.add_connection(topic, kind, typestore=self.types.store, **options)
 
 
 def _qos(*, latched: bool) -> object:

@@ -13,8 +13,7 @@ from typing import Any, cast
 from xml.sax.saxutils import quoteattr
 
 from sqrp_cli.errors import bad_input, needed
-from sqrp_cli.ros.messages import Message, MessageTypes, message_types
-from sqrp_cli.ros.transport import Inbox, Send, Topic
+from sqrp_cli.ros.messages import Inbox, Message, MessageTypes, Send, Topic, message_types
 
 _PEERS = 40
 """Most participants on this computer, where multicast is off."""
@@ -36,8 +35,8 @@ class DdsTransport:
             from cyclonedds.domain import Domain, DomainParticipant
         self.types: MessageTypes = message_types(2)
         try:
-            if network is not None:
-                self._domain = _made_once(Domain, domain, _configuration(network))
+            if network is not None and domain not in _DOMAINS:
+                _DOMAINS[domain] = Domain(domain, _configuration(network))
             self._participant = DomainParticipant(domain)
         except DDSException as error:
             message = f"cannot use domain {domain} of DDS on {network or 'the network'}: {error}"
@@ -135,13 +134,7 @@ class DdsTransport:
 
 
 _DOMAINS: dict[int, Any] = {}
-
-
-def _made_once(make: Any, domain: int, configuration: str) -> Any:  # noqa: ANN401 # of a library
-    """A process sets up each domain once."""
-    if domain not in _DOMAINS:
-        _DOMAINS[domain] = make(domain, configuration)
-    return _DOMAINS[domain]
+"""A process sets up each domain once."""
 
 
 def _configuration(network: str) -> str:
@@ -180,20 +173,20 @@ _CARRIERS: dict[str, Any] = {}
 
 def _carrier(name: str, types: MessageTypes) -> Any:  # noqa: ANN401 # a class made at run time
     """The class of a type for DDS, whose messages are bytes: the library only learns from it what they are."""
+
+    def carrying(carrier: Any, /, data: bytes, **_: object) -> Any:  # noqa: ANN401 # as above
+        sample = carrier()
+        sample.data = bytes(data)
+        return sample
+
     if name not in _CARRIERS:
         made = _struct(name, types, own=True)
         made.serialize = lambda self, **_: self.data
-        made.deserialize = classmethod(_carrying)
+        made.deserialize = classmethod(carrying)
         made.deserialize_key = classmethod(lambda *_, **__: None)
         made.__init__ = lambda _self: None
         _CARRIERS[name] = made
     return _CARRIERS[name]
-
-
-def _carrying(carrier: Any, /, data: bytes, **_: object) -> Any:  # noqa: ANN401 # as above
-    sample = carrier()
-    sample.data = bytes(data)
-    return sample
 
 
 def _struct(name: str, types: MessageTypes, *, own: bool = False) -> Any:  # noqa: ANN401 # a class made at run time

@@ -1,9 +1,16 @@
-"""Messages of ROS 1 and ROS 2, all from the type store of `rosbags`: nothing of ROS needs to be installed."""
+"""Messages of ROS 1 and ROS 2, all from the type store of `rosbags`: nothing of ROS needs to be installed.
+
+And what a transport of messages is: topics to publish on and to read from, whatever carries them.
+"""
 
 from __future__ import annotations
 
+import time
+from collections import deque
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, TypeAlias, cast
 
 import numpy as np
 
@@ -29,15 +36,6 @@ _TF = "geometry_msgs/TransformStamped[] transforms"
 
 class MessageError(SqrpError):
     """Bytes that are no message of the type that they are said to be."""
-
-
-class MessageDefinition(NamedTuple):
-    """What a type is made of."""
-
-    text: str
-    """The definition with those of all types in it, as recordings and ROS 1 carry it."""
-    md5: str
-    """Its MD5 sum, by which ROS 1 knows it."""
 
 
 class MessageTypes:
@@ -85,10 +83,6 @@ class MessageTypes:
             return read(data, name)
         except Exception as error:  # the code that the store makes of a type raises whatever it stumbles over
             raise MessageError(f"{len(data):,} bytes that are no {name}") from error
-
-    def definition(self, name: str) -> MessageDefinition:
-        """Text and MD5 sum of a type."""
-        return MessageDefinition(*self.store.generate_msgdef(name, ros_version=self.ros))
 
     def fields(self, name: str) -> list[tuple[str, FieldDesc]]:
         """Name and kind of each field of a type, in order, as the store describes them."""
@@ -140,3 +134,85 @@ def transform_message(types: MessageTypes, ns: int, parent: str, child: str, X: 
 def _quaternion(types: MessageTypes, X: Array) -> Message:
     x, y, z, w = matrix_to_quaternion(X[:3, :3]).tolist()
     return types.make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+
+
+Send = Callable[[Message], None]
+"""Sends a message to whoever reads the topic; returns at once."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Topic:
+    """A topic, such as `/joint_states`, and how its messages are carried.
+
+    type: full name of the type of its messages, such as `sensor_msgs/msg/JointState`. depth: most messages that wait to
+    be read; of more, the oldest are dropped. reliable: whether a lost message is sent again; a reader that asks for it
+    gets nothing from a sender that does not. latched: whether a reader that comes later gets the last messages, too.
+    """
+
+    name: str
+    type: str
+    depth: int = 10
+    reliable: bool = False
+    latched: bool = False
+
+
+class Arrived(NamedTuple):
+    """A message, and when it came by `time.monotonic` [s]."""
+
+    message: Message
+    t: float
+
+
+class Inbox:
+    """The newest messages of a topic, which another thread puts there as bytes; no more than the topic's depth."""
+
+    def __init__(self, topic: Topic, types: MessageTypes, heard: Callable[[], None]) -> None:
+        """heard: called with each message that comes, in the thread that brings it."""
+        self.topic, self._types, self._heard = topic, types, heard
+        self._waiting: deque[tuple[bytes, float]] = deque(maxlen=topic.depth)
+        self.count = 0
+        """How many messages ever came."""
+
+    def put(self, data: bytes) -> None:
+        """A message has come."""
+        self._waiting.append((data, time.monotonic()))
+        self.count += 1
+        self._heard()
+
+    def take(self) -> list[Arrived]:
+        """The messages that wait, in the order in which they came.
+
+        No more than wait now: who is flooded gets on, too. Raises MessageError for bytes that are no message of the
+        topic's type; those before it are gone, too, those after it still wait.
+        """
+        found = []
+        for _ in range(len(self._waiting)):
+            data, t = self._waiting.popleft()
+            found.append(Arrived(self._types.decode(self.topic.type, data), t))
+        return found
+
+
+class Transport(Protocol):
+    """What carries messages between this process and others. `close` ends it."""
+
+    @property
+    def types(self) -> MessageTypes:
+        """Its types of messages."""
+
+    def publish(self, topic: Topic) -> Send:
+        """Announce a topic; returns what sends on it."""
+
+    def subscribe(self, topic: Topic) -> Inbox:
+        """Read a topic from now on."""
+
+    def readers(self, topic: Topic) -> int:
+        """How many read a topic that is published here."""
+
+    def senders(self) -> Mapping[str, Collection[str]]:
+        """The types that others send, by the full name of their topic, as far as is known."""
+
+    def wait(self, seconds: float) -> None:
+        """Wait until a message comes, at most for some time [s]."""
+
+    def close(self) -> None:
+        """End it; nothing is sent any more."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,16 +36,17 @@ Values = tuple[tuple[str, str], ...]
 
 @dataclass(frozen=True)
 class Variation:
-    """A value of a workspace file and where it goes: from `start` to `end`."""
+    """A value of a workspace file and where it goes: from `start` to `end`.
+
+    path: dotted, such as `cameras.cam1.pose.position.0`. unit: of both ends; empty for SI units. count: steps of a
+    grid; None where values are drawn.
+    """
 
     path: str
-    """Dotted, such as `cameras.cam1.pose.position.0`."""
     start: float
     end: float
     unit: str
-    """The unit of both ends; empty for SI units."""
     count: int | None
-    """Steps of a grid; None where values are drawn."""
 
     def text(self, value: float) -> str:
         """A value as YAML text; 0 if it is negligible beside the ends."""
@@ -86,20 +87,22 @@ def variants(variations: Sequence[Variation], draws: int | None, seed: int) -> t
     twice = [path for path in paths if paths.count(path) > 1]
     if twice:
         raise bad_option(f"`{twice[0]}` is varied twice")
+    points: Iterable[Sequence[float]]
     if draws is not None:
         rng = np.random.default_rng(seed)
         points = [[float(rng.uniform(v.start, v.end)) for v in variations] for _ in range(draws)]
-        return tuple(_values(variations, point) for point in points)
-    open_ended = [variation.path for variation in variations if variation.count is None]
-    if open_ended:
-        message = f"`{open_ended[0]}` has no number of steps"
-        raise bad_option(message, mend="write FROM:TO:N, or give a number of random --draws")
-    counts = [variation.count or 1 for variation in variations]
-    total = int(np.prod(counts, dtype=object))
-    if total > MAX_VARIANTS:
-        raise bad_option(f"{total:,} variants are requested, the limit is {MAX_VARIANTS:,}")
-    grids = [np.linspace(v.start, v.end, count).tolist() for v, count in zip(variations, counts, strict=True)]
-    return tuple(_values(variations, point) for point in product(*grids))
+    else:
+        open_ended = [variation.path for variation in variations if variation.count is None]
+        if open_ended:
+            message = f"`{open_ended[0]}` has no number of steps"
+            raise bad_option(message, mend="write FROM:TO:N, or give a number of random --draws")
+        counts = [variation.count or 1 for variation in variations]
+        total = int(np.prod(counts, dtype=object))
+        if total > MAX_VARIANTS:
+            raise bad_option(f"{total:,} variants are requested, the limit is {MAX_VARIANTS:,}")
+        grids = [np.linspace(v.start, v.end, count).tolist() for v, count in zip(variations, counts, strict=True)]
+        points = product(*grids)
+    return tuple(tuple((v.path, v.text(x)) for v, x in zip(variations, point, strict=True)) for point in points)
 
 
 def grid_shape(variations: Sequence[Variation], draws: int | None) -> tuple[int, ...] | None:
@@ -115,10 +118,6 @@ def shares(values: Sequence[Values]) -> Array:
     return found
 
 
-def _values(variations: Sequence[Variation], point: Sequence[float]) -> Values:
-    return tuple((v.path, v.text(value)) for v, value in zip(variations, point, strict=True))
-
-
 AS_IT_IS: Values = ()
 """The values in the workspace file."""
 
@@ -131,14 +130,11 @@ _DELAY_STEP = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Variant:
-    """A workspace with other values."""
+    """A workspace with other values, none for the workspace as it is; the content of its file, and what that says."""
 
     values: Values
-    """None for the workspace as it is."""
     content: bytes
-    """Of its file."""
     cell: ScoredCell
-    """The workspace read from it."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -213,16 +209,10 @@ class Sweep(WorkspaceDocument):
         return patch(self.source, self.variants[0].variant.content, self.file)
 
 
-class Variants(NamedTuple):
-    """A workspace file with the variants to score."""
-
-    document: SourceDocument
-    variants: list[Variant]
-    """The workspace as it is comes first."""
-
-
-def read_variants(file: Path, values: Sequence[Values], advance: Callable[[], None]) -> Variants:
-    """A workspace as it is, and with each of these values; `advance` is called after each.
+def read_variants(
+    file: Path, values: Sequence[Values], advance: Callable[[], None]
+) -> tuple[SourceDocument, list[Variant]]:
+    """A workspace file, as it is and with each of these values; `advance` is called after each.
 
     Raises InputError if a value is not in the file, or the workspace as it is cannot be used.
     """
@@ -236,7 +226,7 @@ def read_variants(file: Path, values: Sequence[Values], advance: Callable[[], No
             raise InputError(*cell.problems)
         variants.append(Variant(chosen, content, cell))
         advance()
-    return Variants(document, variants)
+    return document, variants
 
 
 def sweep(
@@ -311,16 +301,28 @@ def middle_of_grid(equal: Mask) -> int:
     which all values may be off at once, either way, without leaving the block. Beyond the ends of the grid nothing is
     known, so these count as outside. Ties go to the point nearest the mean of the block, then to the first.
     """
-    largest = np.zeros_like(equal)
+    largest: list[tuple[int, ...]] = []
     left = set(map(tuple, np.argwhere(equal).tolist()))
     for start in map(tuple, np.argwhere(equal).tolist()):
-        if start in left:
-            found = _block(start, left)
-            if len(found) > largest.sum():
-                largest = np.zeros_like(equal)
-                largest[tuple(np.array(found).T)] = True
-    block = largest
-    margin = _margins(block)
+        found = [start] if start in left else []
+        left.discard(start)
+        for point in found:  # grows on the way
+            for axis, step in np.ndindex(len(point), 2):
+                neighbour = (*point[:axis], point[axis] + 2 * step - 1, *point[axis + 1 :])
+                if neighbour in left:
+                    left.remove(neighbour)
+                    found.append(neighbour)
+        largest = max(largest, found, key=len)  # the first of equals
+    block = np.zeros_like(equal)
+    block[tuple(np.array(largest).T)] = True
+    margin, inside = np.zeros(equal.shape, dtype=int), block
+    while inside.any() and margin.max() < max(equal.shape):
+        margin += inside
+        for axis, count in enumerate(equal.shape):
+            if count > 1:  # values that are not varied do not count
+                wide = np.pad(inside, [(1, 1) if other == axis else (0, 0) for other in range(equal.ndim)])
+                low, high = (np.take(wide, range(first, first + count), axis) for first in (0, 2))
+                inside = inside & low & high
     points = np.argwhere(margin == margin.max())
     distances = np.linalg.norm(points - np.argwhere(block).mean(axis=0), axis=1).round(9)
     return int(np.ravel_multi_index(tuple(points[np.argmin(distances)]), equal.shape))
@@ -336,29 +338,3 @@ def middle_of_draws(equal: Mask, points: Array) -> int:
     nearest = np.array([np.linalg.norm(others - point, axis=1).min() for point in points])
     worth = nearest if not equal.all() else -nearest
     return int(np.argmax(np.where(equal, worth, -np.inf)))
-
-
-def _block(start: Sequence[int], left: set[tuple[int, ...]]) -> list[tuple[int, ...]]:
-    """Everything connected with a point; it is removed from the rest."""
-    found = [tuple(start)]
-    left.remove(found[0])
-    for point in found:  # grows on the way
-        for axis, step in np.ndindex(len(point), 2):
-            neighbour = (*point[:axis], point[axis] + 2 * step - 1, *point[axis + 1 :])
-            if neighbour in left:
-                left.remove(neighbour)
-                found.append(neighbour)
-    return found
-
-
-def _margins(block: Mask) -> NDArray[np.int_]:
-    """The steps from each point to the outside of the block, 0 outside; unvaried values do not count."""
-    margins = np.zeros(block.shape, dtype=int)
-    while block.any() and margins.max() < max(block.shape):
-        margins += block
-        for axis, count in enumerate(block.shape):
-            if count > 1:
-                wide = np.pad(block, [(1, 1) if other == axis else (0, 0) for other in range(block.ndim)])
-                low, high = (np.take(wide, range(first, first + count), axis) for first in (0, 2))
-                block = block & low & high
-    return margins

@@ -72,7 +72,7 @@ def test_of_a_recording_that_does_not_tell_images_count_while_the_arm_does_as_pl
     ours, foreign = (opened.footage(path, {}) for path in (told, tmp_path / "foreign.mcap"))
     counted = [frames_of(one, 0, opened.program.steps[0], {}) for one in (ours, foreign)]
     assert set(counted[0].values()) < set(counted[1].values())
-    report = audit(opened.program, opened.workspace, foreign, {}, lambda: None)
+    report = audit(opened.program, opened.workspace, foreign, {}, 0.97, lambda: None)
     assert "hold(g2)" in {one.atom for one in report.lost}
     assert all(one.t >= max(counted[0].values()) for one in report.lost)
 
@@ -159,7 +159,7 @@ def test_a_camera_without_images_is_named_with_the_topics_that_may_be_its(
     assert repr(found).endswith("came true, passed)")
     assert "There are no images of cam5: what was predicted of it is left out." in str(found)
     assert "--topic cam5=/left/image_raw/compressed" in str(found)
-    assert (found.document.missing, found.document.other_topics) == (("cam5",), ("/left/image_raw/compressed",))
+    assert (found.missing, found.other_topics) == (["cam5"], ["/left/image_raw/compressed"])
     asked = sqrp("audit", slip_run.cell.program, tmp_path / "one.mcap", "--threshold", "0%", "--json")
     assert found.to_json() == asked.out.rstrip("\n")
 

@@ -19,6 +19,8 @@ from tests.cells import read_cell, shipped_cell, write_cell
 from tests.cli.ctrl_c import press_ctrl_c
 from tests.cli.slip_run import QUICK_ARM, RATE, ROOT, Cell, SlipRun
 
+NOTHING = "the tool grasps or holds nothing in `a1`, expected one of `a3`, `a4`, `a5`\n  to mend it: write slip@a3\n"
+
 
 @pytest.fixture(scope="module")
 def cell(quick_cell: Cell) -> Cell:
@@ -252,70 +254,31 @@ def test_a_sweep_goes_to_the_step_in_which_something_can_slip(sqrp: Callable[...
     assert run["injected"] > first["time"] + run["x"]
 
 
-def _swept_to(results: list[tuple[float, float | None, float | None] | None]) -> Callable[..., RunReport]:
-    """In place of a run of a sweep: when it happened, delay and prediction of each; Ctrl-C for None."""
-    coming = iter(results)
-
-    def run_in(*_: object) -> RunReport:
-        if (result := next(coming)) is None:
-            press_ctrl_c()
-        happened, delay, predicted = result or (0.0, None, None)
-        detected = None if delay is None else happened + delay
-        return RunReport(faults=[FaultRecord("slip", 5.0, happened, detected, None, 14.0, predicted)])
-
-    return run_in
-
-
 @pytest.mark.usefixtures("heeded_ctrl_c")
+@pytest.mark.parametrize("finished", [0, 2])
 def test_ctrl_c_in_a_sweep_keeps_the_slips_that_are_finished(
-    sqrp: Callable[..., Any], cell: Cell, monkeypatch: pytest.MonkeyPatch
+    sqrp: Callable[..., Any], cell: Cell, monkeypatch: pytest.MonkeyPatch, finished: int
 ) -> None:
-    runs: list[tuple[float, float | None, float | None] | None] = [(5.0, 0.1, 0.2), (6.0, 0.15, 0.2), None]
+    def run_in(*_: object) -> RunReport:
+        if len(done) == finished:
+            press_ctrl_c()
+        t = 5.0 + len(done)
+        done.append(t)
+        return RunReport(faults=[FaultRecord("slip", t, t, t + 0.1, None, 14.0, 0.2)])
+
+    monkeypatch.setattr(Simulation, "run_in", run_in)
+    done: list[float] = []
     arguments = ("run", cell.program, "--sim", "--sweep", "slip@a4", "--n", 3)
-    monkeypatch.setattr(Simulation, "run_in", _swept_to(runs))
     found = sqrp(*arguments)
     assert found.code == 130
     assert [line.split()[1:5] for line in found.out.splitlines()[3:5]] == [
-        ["5.00", "5.10", "0.10", "<=0.20"],
-        ["6.00", "6.15", "0.15", "<=0.20"],
+        [f"{t:.2f}", f"{t + 0.1:.2f}", "0.10", "<=0.20"] for t in done
     ]
-    assert found.out.endswith("on average.\nInterrupted: 2 of 3 slips are finished.\n")
-    monkeypatch.setattr(Simulation, "run_in", _swept_to(runs))
+    assert found.out.endswith(f"Interrupted: {finished} of 3 slips are finished.\n")
+    done.clear()
     found = sqrp(*arguments, "--json")
-    assert found.code == 130
-    assert [run["delay"] for run in found.document["runs"]] == pytest.approx([0.1, 0.15])
-    assert found.document["interrupted"] is True
-
-
-@pytest.mark.usefixtures("heeded_ctrl_c")
-def test_ctrl_c_before_a_slip_of_a_sweep_is_finished_says_so(
-    sqrp: Callable[..., Any], cell: Cell, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(Simulation, "run_in", _swept_to([None]))
-    found = sqrp("run", cell.program, "--sim", "--sweep", "slip@a4", "--n", 3)
-    assert (found.code, found.out) == (130, "Interrupted: 0 of 3 slips are finished.\n")
-
-
-def test_a_sweep_says_how_slips_compare_with_predictions_and_that_no_image_is_promised_to_show_others(
-    sqrp: Callable[..., Any], cell: Cell, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def told(*runs: tuple[float, float | None, float | None]) -> str:
-        monkeypatch.setattr(Simulation, "run_in", _swept_to(list(runs)))
-        found = sqrp("run", cell.program, "--sim", "--sweep", "slip@a4", "--n", len(runs), "--json")
-        assert "interrupted" not in found.document
-        monkeypatch.setattr(Simulation, "run_in", _swept_to(list(runs)))
-        found = sqrp("run", cell.program, "--sim", "--sweep", "slip@a4", "--n", len(runs))
-        return " ".join(found.out.split("all in s\n", 1)[1].split())
-
-    assert told((5.0, 0.49, None), (6.0, 2.54, None), (7.0, None, None)) == (
-        "No image is promised to show the slips, but usual images may: 2 of 3 were seen. "
-        "Seen after 1.51 s on average, 2.54 s at worst; done after 14.0 s on average."
-    )
-    assert told((5.0, 0.1, 0.2), (6.0, 0.5, None)) == (
-        "1 of 1 slips that the prediction says can be seen were seen: 1 as predicted, 0 sooner by more than 145 ms, "
-        "0 later than predicted at worst. No image is promised to show the others, but usual images may: 1 of 1 were "
-        "seen. Seen after 0.30 s on average, 0.50 s at worst; done after 14.0 s on average."
-    )
+    assert (found.code, found.document["interrupted"]) == (130, True)
+    assert [run["delay"] for run in found.document["runs"]] == pytest.approx([0.1] * finished)
 
 
 def test_what_is_wrong_with_a_fault_of_a_step_is_said_of_that_step(sqrp: Callable[..., Any], two_steps: Cell) -> None:
@@ -333,47 +296,27 @@ def test_a_killed_process_stops_the_robot_in_time(sqrp: Callable[..., Any], cell
     assert found.document["stop"]["standing"] - found.document["faults"][0]["injected"] <= 0.5
 
 
-def test_where_to_run_must_be_said(sqrp: Callable[..., Any], cell: Cell) -> None:
-    found = sqrp("run", cell.program)
-    assert (found.code, found.out) == (2, "")
-    assert "expected where to run it: --sim, or --robot" in found.err
-
-
-@pytest.mark.parametrize("fault", ["slpi@a4", "slip@a9", "camera-loss:cam9@1", "latency:cam3", ""])
-def test_a_bad_fault_is_bad_input(sqrp: Callable[..., Any], cell: Cell, fault: str) -> None:
-    found = sqrp("run", cell.program, "--sim", "--fault", fault)
-    assert (found.code, found.out) == (2, "")
-    assert "to mend it" in found.err
-
-
-def test_something_slips_only_where_something_can_be_lost(sqrp: Callable[..., Any], cell: Cell) -> None:
-    for option in ("--sweep", "--fault"):
-        found = sqrp("run", cell.program, "--sim", option, "slip@a1")
-        assert (found.code, found.out) == (2, "")
-        said = f"{option} slip@a1: the tool grasps or holds nothing in `a1`, expected one of `a3`, `a4`, `a5`"
-        assert found.err == f"error: {said}\n  to mend it: write slip@a3\n"
-
-
-@pytest.mark.parametrize("option", ["--log", "--report"])
-def test_the_program_that_is_run_is_not_overwritten(sqrp: Callable[..., Any], cell: Cell, option: str) -> None:
-    before = cell.program.read_bytes()
-    found = sqrp("run", cell.program, "--sim", option, cell.program)
-    assert (found.code, found.out) == (2, "")
-    assert "so it is not overwritten" in found.err
-    assert cell.program.read_bytes() == before
-
-
-def test_frames_are_kept_in_a_folder_only(sqrp: Callable[..., Any], cell: Cell) -> None:
-    found = sqrp("run", cell.program, "--sim", "--frames", cell.program)
-    assert found.code == 2
-    assert "this is a file; expected the name of a folder" in found.err
-
-
-def test_frames_are_kept_in_an_empty_folder_only(sqrp: Callable[..., Any], cell: Cell, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ([], "expected where to run it: --sim, or --robot"),
+        *((["--sim", "--fault", fault], "to mend it") for fault in ("slpi@a4", "slip@a9", "camera-loss:cam9@1")),
+        *((["--sim", "--fault", fault], "to mend it") for fault in ("latency:cam3", "")),
+        *((["--sim", option, "slip@a1"], f"error: {option} slip@a1: {NOTHING}") for option in ("--sweep", "--fault")),
+        *((["--sim", option, "PROGRAM"], "so it is not overwritten") for option in ("--log", "--report")),
+        (["--sim", "--frames", "PROGRAM"], "this is a file; expected the name of a folder"),
+        (["--sim", "--frames", "FOLDER"], "FOLDER: this folder is not empty, and nothing is ever overwritten"),
+    ],
+)
+def test_what_cannot_be_run_or_kept_is_bad_input(
+    sqrp: Callable[..., Any], cell: Cell, tmp_path: Path, arguments: list[str], says: str
+) -> None:
     (tmp_path / "mine").touch()
-    found = sqrp("run", cell.program, "--sim", "--frames", tmp_path)
+    before = cell.program.read_bytes()
+    found = sqrp("run", cell.program, *({"PROGRAM": cell.program, "FOLDER": tmp_path}.get(a, a) for a in arguments))
     assert (found.code, found.out) == (2, "")
-    assert f"{tmp_path}: this folder is not empty, and nothing is ever overwritten" in found.err
+    assert says.replace("FOLDER", str(tmp_path)) in found.err
+    assert cell.program.read_bytes() == before
     assert [file.name for file in tmp_path.iterdir()] == ["mine"]
 
 

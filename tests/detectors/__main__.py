@@ -40,7 +40,7 @@ def curves(folder: Path, count: int) -> Iterator[bool]:
             frames = folder / f"{thing}-{seed}"
             write_frames(workspace, frames, shots(workspace, thing, count, seed), seed, detector)
             found = calibrate(frames, workspace=folder / "cell")
-            looks[seed] = found.looks[detector]
+            looks[seed] = found.looked[detector]
             if seed == LEARNED:
                 curve = found.detectors[detector].curve
         assert curve is not None

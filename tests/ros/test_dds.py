@@ -15,8 +15,7 @@ pytest.importorskip("cyclonedds")
 from sqrp_cli.errors import InputError
 from sqrp_cli.ros import dds
 from sqrp_cli.ros.dds import DdsTransport
-from sqrp_cli.ros.messages import MessageError, message_types
-from sqrp_cli.ros.transport import Inbox, Topic
+from sqrp_cli.ros.messages import Inbox, MessageError, Topic, message_types
 
 STATES = Topic(name="/states", type="sensor_msgs/msg/JointState", depth=50, reliable=True)
 

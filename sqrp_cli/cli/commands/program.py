@@ -67,36 +67,28 @@ def program(_context: Any, ask: ProgramCommand) -> ExitCode:  # noqa: ANN401 - T
     if ask.drop_last:
         check_excluded("--drop-last", {"--export": ask.export})
     check_needed("--export", ask.export, {"--rate": ask.rate})
-    _list(ask)
-    return ExitCode.OK
-
-
-def _list(ask: ProgramCommand) -> None:
-    from sqrp_cli.program.file import load_program
+    from sqrp_cli.program.file import load_program, made_for, save_program
     from sqrp_cli.report.documents.programs import ProgramDocument
     from sqrp_cli.terminal.console import note, print_problems
 
-    file, notes = ask.program, []
+    notes = []
     found = load_program(file)
-    workspace, doubts = _judged(found, file)
+    cell, doubts = _judged(found, file)
     if (ask.drop_last or ask.export is not None) and doubts:
         raise InputError(*(replace(doubt, severity="error") for doubt in doubts))
-    if ask.drop_last and workspace is not None:
-        # Save a program without its last step; returns it with a message.
-        from sqrp_cli.program.file import made_for, save_program
-
+    if ask.drop_last and cell is not None:
         if not found.steps:
             raise InputError(Problem("no-steps", "this program has no step that could be dropped", Place(file)))
-        shorter = made_for(found.without_last_step(), file, workspace)
-        save_program(shorter, file)
-        found, dropped = shorter, f"dropped step {len(found.steps)}, {found.steps[-1].short_task}, from {file}"
-        notes.append(dropped)
-    if ask.export is not None and workspace is not None:
-        notes.append(_export(found, workspace, file, ask.export, ask.rate or DEFAULT_RATE))
+        notes.append(f"dropped step {len(found.steps)}, {found.steps[-1].short_task}, from {file}")
+        found = made_for(found.without_last_step(), file, cell)
+        save_program(found, file)
+    if ask.export is not None and cell is not None:
+        notes.append(_export(found, cell, file, ask.export, ask.rate or DEFAULT_RATE))
     print_problems(doubts)
     answer(ProgramDocument.of(found, file, stale=bool(doubts)), as_json=ask.json)
     for text in notes:
         note(text)
+    return ExitCode.OK
 
 
 def _judged(program: Program, file: Path) -> tuple[Workspace | None, list[Problem]]:
@@ -126,7 +118,7 @@ def _export(program: Program, workspace: Workspace, file: Path, target: Path, ra
 
     Returns a message.
     """
-    from sqrp_cli.platform.files import check_not_read, write_atomically
+    from sqrp_cli.platform.files import check_not_read, check_writable, write_atomically
     from sqrp_cli.program.joint_trajectory import FORMATS, YAML_MARK
     from sqrp_cli.ros.bag import SUFFIXES
 
@@ -137,8 +129,6 @@ def _export(program: Program, workspace: Workspace, file: Path, target: Path, ra
         raise InputError(Problem("no-steps", "this program has no steps, so there is nothing to export", Place(file)))
     check_not_read([target], [file, *(one.path for one in workspace.files.values())])
     if target.suffix.lower() in SUFFIXES:
-        # Write what is planned as a recording for ROS tools. Returns a message.
-        from sqrp_cli.platform.files import check_writable
         from sqrp_cli.runtime.cell.requirements import check_packages
 
         check_writable(target)

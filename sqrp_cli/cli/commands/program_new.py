@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +9,7 @@ from sqrp_cli.api.session import ChosenStep, Session, add_steps, assess, chosen_
 from sqrp_cli.ask.requests import RankRequest
 from sqrp_cli.ask.values import cores
 from sqrp_cli.cli.options import open_with_warnings
-from sqrp_cli.errors import ExitCode, InputError, Place, Problem
+from sqrp_cli.errors import ExitCode, InputError, Place, bad_input
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.platform.files import check_writable
 from sqrp_cli.program.file import new_program
@@ -19,7 +18,6 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.feasibility import Possibility, possibilities
 from sqrp_cli.programming.pipeline import Assignment
-from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.suggestion import Suggester, best_suggestion, check_candidate
 from sqrp_cli.programming.task import Task, read_task
 from sqrp_cli.report.documents.programs import ProgramDocument
@@ -67,20 +65,6 @@ class _Dialog:
             return "no step was chosen, so nothing was written"
         return f"{self.file} holds the program: {count} step{'s' * (count != 1)}"
 
-    def _asked_file(self) -> Path:
-        """A new file that can be written, asked for until there is one."""
-        proposal = f"{self.cell.workspace.name}-program.yaml"
-        while True:
-            file = Path(ask(f"File for the program [{proposal}]: ") or proposal)
-            try:
-                check_writable(file)
-                if not file.exists():
-                    return file
-                mend = "choose another name; `sqrp rank WORKSPACE TASK --program FILE` goes on with a program"
-                print_problems([Problem("would-overwrite", "this file is there already", Place(file), mend=mend)])
-            except InputError as error:
-                print_problems(error.problems)
-
     @property
     def world(self) -> World:
         """The world after the steps so far."""
@@ -107,7 +91,17 @@ class _Dialog:
                 continue
             steps = self._choose(task)
             if steps:
-                self.file = self.file or self._asked_file()
+                while self.file is None:  # a new one that can be written
+                    proposal = f"{self.cell.workspace.name}-program.yaml"
+                    file = Path(ask(f"File for the program [{proposal}]: ") or proposal)
+                    try:
+                        check_writable(file)
+                        if file.exists():
+                            mend = "choose another name; `sqrp rank WORKSPACE TASK --program FILE` goes on with it"
+                            raise bad_input("would-overwrite", "this file is there already", Place(file), mend=mend)
+                        self.file = file
+                    except InputError as error:
+                        print_problems(error.problems)
                 self.program = add_steps(self.cell, steps, Adaptive(), self.file)
                 added = ", ".join(step.short_task for step in self.program.steps[-len(steps) :])
                 say(f"Added and saved in {self.file}: {added}.\n")
@@ -151,14 +145,9 @@ class _Dialog:
                 return []
             print_suggested(suggested)
             return chosen_steps(suggested) if (ask("\nTake these steps [yes]: ").lower() in ("", "y", "yes")) else []
-        chosen = _chosen(ranking.feasible)
-        return [] if chosen is None else [ChosenStep(task.text, chosen, self.world)]
-
-
-def _chosen(feasible: Sequence[CandidateResult]) -> CandidateResult | None:
-    """The way that the user chooses; None: none of them."""
-    while True:
-        answer = ask("Which one becomes the step, by its #; 0 for none [1]: ") or "1"
-        if answer.isdecimal() and int(answer) <= len(feasible):
-            return feasible[int(answer) - 1] if int(answer) else None
-        say(f"There is no number {answer}; expected 0 to {len(feasible)}.")
+        while True:
+            answer = ask("Which one becomes the step, by its #; 0 for none [1]: ") or "1"
+            if answer.isdecimal() and int(answer) <= len(ranking.feasible):
+                chosen = ranking.feasible[int(answer) - 1 : int(answer)] if int(answer) else ()
+                return [ChosenStep(task.text, one, self.world) for one in chosen]
+            say(f"There is no number {answer}; expected 0 to {len(ranking.feasible)}.")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sqrp_cli.ask import requests, values
 from sqrp_cli.ask.request import argument, option
@@ -11,10 +11,6 @@ from sqrp_cli.ask.values import FLAG
 from sqrp_cli.cli.command import command_of
 from sqrp_cli.cli.options import open_with_warnings
 from sqrp_cli.errors import ExitCode, bad_option
-
-if TYPE_CHECKING:
-    from sqrp_cli.api.cell import OpenCell
-    from sqrp_cli.studio.rankings import WorkerProcess
 
 NAME = "studio"
 
@@ -33,61 +29,46 @@ class StudioCommand(requests.Worked, requests.Seeded, requests.CellCommand):
 
 
 def studio(_context: Any, ask: StudioCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
-    """Show the page until Ctrl-C."""
-    from sqrp_cli.report.pages.assembly import check_libraries
-    from sqrp_cli.studio.rankings import WorkerProcess
-    from sqrp_cli.studio.server import check_server
-
-    check_server()
-    check_libraries()
-    worker = WorkerProcess(ask.workspace, ask.seed, ask.jobs)  # loads libraries while this one reads the workspace
-    try:
-        opened = open_with_warnings(ask.workspace, ask.seed)
-        # The task to begin with. Raises InputError for one that cannot be read.
-        task = ask.task
-        from sqrp_cli.programming.task import read_task
-
-        task = task or _first_task(opened)
-        read_task(task, opened.workspace)
-        return _serve(opened, task, worker, ask.port, ask.jobs, show=not ask.no_browser)
-    finally:
-        worker.close()
-
-
-def _first_task(opened: OpenCell) -> str:
-    """A task to begin with. Raises InputError where the workspace has no skill."""
-    known = opened.workspace
-    if known.tasks:
-        return known.tasks[0].task
-    if not known.skills:
-        message = "the workspace has no skills, so there is nothing to rank"
-        raise bad_option(message, known.whole_file, mend="list some under `skills`")
-    return next(iter(known.skills))
-
-
-def _serve(opened: OpenCell, task: str, worker: WorkerProcess, port: int, jobs: int, *, show: bool) -> ExitCode:
-    """Show the page until Ctrl-C."""
+    """Show the page until Ctrl-C. Raises InputError where the workspace has no skill, or no such task."""
     import asyncio
     import threading
     import webbrowser
 
-    from sqrp_cli.studio.session import Studio
+    from sqrp_cli.report.pages.assembly import check_libraries
+    from sqrp_cli.studio.rankings import WorkerProcess
+    from sqrp_cli.studio.server import check_server
     from sqrp_cli.terminal.console import note, say_raw
 
     def ready(address: str) -> None:
         say_raw(address)
         sys.stdout.flush()
         note("the studio is at this address; Ctrl-C closes it")
-        if show:
+        if not ask.no_browser:
             threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()  # w3m would stay
 
-    studio = Studio(opened, task, jobs, worker)
+    check_server()
+    check_libraries()
+    worker = WorkerProcess(ask.workspace, ask.seed, ask.jobs)  # loads libraries while this one reads the workspace
     try:
-        asyncio.run(studio.run(port, ready))
-    except KeyboardInterrupt:
-        note("closed")
+        opened = open_with_warnings(ask.workspace, ask.seed)
+        from sqrp_cli.programming.task import read_task
+        from sqrp_cli.studio.session import Studio
+
+        known = opened.workspace
+        if ask.task is None and not known.tasks and not known.skills:
+            message = "the workspace has no skills, so there is nothing to rank"
+            raise bad_option(message, known.whole_file, mend="list some under `skills`")
+        task = ask.task or next((one.task for one in known.tasks), next(iter(known.skills), ""))
+        read_task(task, known)
+        studio = Studio(opened, task, ask.jobs, worker)
+        try:
+            asyncio.run(studio.run(ask.port, ready))
+        except KeyboardInterrupt:
+            note("closed")
+        finally:
+            studio.close()
     finally:
-        studio.close()
+        worker.close()
     return ExitCode.OK
 
 

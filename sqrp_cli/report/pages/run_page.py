@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -27,7 +27,7 @@ from sqrp_cli.runtime.record.events import (
     Stopping,
 )
 from sqrp_cli.runtime.record.log import Track
-from sqrp_cli.runtime.record.report import FaultRecord, RunReport
+from sqrp_cli.runtime.record.report import RunReport
 
 WITNESSED = (
     "The robot and the objects move here as they really did in the simulation. The monitors do not know that: they"
@@ -57,91 +57,104 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
     """Write the page about a run. arguments: of the command. Raises InputError where it cannot be written."""
     from sqrp_cli.programming.cell import Cell
 
-    names = report.labels
+    names = ", ".join(report.labels)
     track = Track.of(events)
     why_flat = cell.why_flat if track is not None else "this log does not say where everything was"
     scenes = [] if cell.workspace is None or track is None else [cell_scene(Cell.load(cell.workspace))]
     watched = any(isinstance(event, EvidenceSeen) for event in events)
+    figures, noted = [], []
+    for fault in report.faults:
+        if fault.delay is not None:
+            figures.append(FigureShown(f"{report.label_of(fault)} seen after", f"{fault.delay:.2f} s", "seen after"))
+            if fault.predicted_delay is not None:
+                figures.append(FigureShown("predicted: within", f"{fault.predicted_delay:.2f} s", "predicted"))
+        noted += [t for t in (fault.happened, fault.detected, fault.injected) if t is not None][:1]
+    if report.total.precision is not None:
+        figures.append(FigureShown(_TRUE, f"{100 * report.total.precision:.1f} %", _TRUE))
+    figures.append(FigureShown("images", f"{report.images}"))
+    figures.append(FigureShown("simulated time", f"{report.time:.2f} s"))
     detail = packed(_detail(cell, report, events, track if scenes else None, why_flat)) if watched or scenes else None
     entry = PageRow(
-        name=", ".join(names),
+        name=names,
         mark=report.outcome,
-        labels={"steps": ", ".join(names)},
+        labels={"steps": names},
         candidate=None,
         reasons=[] if report.reason is None else [short_times(report.reason)],
         scene=0 if scenes else None,
         detail=detail,
-        figures=list(_figures(report)),
+        figures=figures,
     )
-    title = f"{', '.join(names)} in {cell.name}: {report.outcome}"
+    title = f"{names} in {cell.name}: {report.outcome}"
     about = [*origin(arguments), ("workspace", cell.name), ("digest", cell.digest)]
-    events_of_note = [
-        t
-        for fault in report.faults
-        if (t := next((t for t in (fault.happened, fault.detected, fault.injected) if t is not None), None)) is not None
-    ]
-    opens_at = min(events_of_note, default=0.0 if report.outcome == "done" else report.time)
+    opens_at = min(noted, default=0.0 if report.done else report.time)
     content = PageContent(title, story(report), "Steps", about, [entry], scenes, of_images=True, opens_at=opens_at)
     write_page(content, path)
 
 
 def story(report: RunReport) -> str:
-    """What happened, in one sentence."""
-    told = [_told(report, fault) for fault in report.faults]
+    """What happened, in one sentence: when each fault was, when it was seen, retries and the outcome."""
+    told = [] if report.faults else ["no fault"]
+    for fault in report.faults:
+        label = report.label_of(fault)
+        if fault.happened is not None:
+            seen = "never seen" if fault.delay is None else f"seen after {fault.delay:.2f} s"
+            told.append(f"{label} at {fault.happened:.2f} s, {seen}")
+        elif fault.detected is not None:
+            told.append(f"{label} seen at {fault.detected:.2f} s")
+        else:
+            told.append(f"{label} injected, but it never came true")
     retries = sum(step.attempts - 1 for step in report.steps)
     told += [] if not retries else ["tried again" if retries == 1 else f"tried again {retries} times"]
-    told.append(f"{report.outcome} at {report.time:.2f} s")
-    sentence = ", ".join(told if report.faults else ["no fault", *told])
+    sentence = ", ".join([*told, f"{report.outcome} at {report.time:.2f} s"])
     return f"{sentence[0].upper()}{sentence[1:]}."
-
-
-def _told(report: RunReport, fault: FaultRecord) -> str:
-    """When a fault was, and when it was seen."""
-    label = report.label_of(fault)
-    if fault.happened is not None:
-        seen = "never seen" if fault.delay is None else f"seen after {fault.delay:.2f} s"
-        return f"{label} at {fault.happened:.2f} s, {seen}"
-    if fault.detected is not None:
-        return f"{label} seen at {fault.detected:.2f} s"
-    return f"{label} injected, but it never came true"
-
-
-def _figures(report: RunReport) -> Iterator[FigureShown]:
-    """What is told of a run in figures."""
-    for fault in report.faults:
-        if fault.delay is not None:
-            yield FigureShown(f"{report.label_of(fault)} seen after", f"{fault.delay:.2f} s", "seen after")
-        if fault.delay is not None and fault.predicted_delay is not None:
-            yield FigureShown("predicted: within", f"{fault.predicted_delay:.2f} s", "predicted")
-    if report.total.precision is not None:
-        yield FigureShown(_TRUE, f"{100 * report.total.precision:.1f} %", _TRUE)
-    yield FigureShown("images", f"{report.images}")
-    yield FigureShown("simulated time", f"{report.time:.2f} s")
 
 
 def _detail(
     cell: RunCell, report: RunReport, events: Sequence[Event], track: Track | None, why_flat: str
 ) -> playback.PlayedRun:
-    """The playback of a run: a motion with what images showed in place of predictions."""
-    marks = [(report.label_of(fault), list(_spans(report, fault))) for fault in report.faults]
+    """The playback of a run: a motion with what images showed in place of predictions.
+
+    Marked is when a fault had happened but was not seen, and when it was seen but not yet mended.
+    """
+    marks, end = [], report.time
+    for fault in report.faults:
+        label, spans = report.label_of(fault), []
+        if fault.happened is not None:
+            seen_at = end if fault.detected is None else fault.detected
+            text = f"{label} has happened and is not seen"
+            spans.append(playback.Mark(kind="unnoticed", start=fault.happened, end=seen_at, text=text))
+        if fault.detected is not None:
+            acted = end if fault.acted is None else fault.acted
+            text = f"{label} is seen, the robot stops and looks"
+            spans.append(playback.Mark(kind="handled", start=fault.detected, end=acted, text=text))
+        marks += [playback.Marks(label=label, spans=spans)] if spans else []
     # What the images of each time showed. The last ones count for as long as any before them, then none.
     seen = {event.exposed: event for event in events if isinstance(event, EvidenceSeen)}
     samples = [_sample(cell.cameras, seen[t]) for t in sorted(seen)]
     times = [sample.t for sample in samples]
-    longest = max((after - t for t, after in pairwise(times)), default=report.time)
-    over = min(report.time, times[-1] + longest) if times else 0.0
+    longest = max((after - t for t, after in pairwise(times)), default=end)
+    over = min(end, times[-1] + longest) if times else 0.0
+    positions = None
+    if track is not None:
+        positions = playback.Positions(
+            t=track.t.tolist(),
+            joints=list(track.joints),
+            q=track.q.tolist(),
+            held=list(track.held),
+            objects={name: [[index, *pose] for index, pose in poses] for name, poses in track.poses.items()},
+        )
     return playback.PlayedRun(
-        time=report.time,
+        time=end,
         still={},
         cameras={name: {} for name in cell.cameras},
-        primitives=_doings(events, report.time),
+        primitives=_doings(events, end),
         formulas=[],
-        targets={} if track is None else _targets(events, report.time),
-        marks=[playback.Marks(label=name, spans=spans) for name, spans in marks if spans],
+        targets={} if track is None else _targets(events, end),
+        marks=marks,
         moments=_moments(report, events),
         note=WITNESSED if track is not None else f"There is no playback in three dimensions: {why_flat}.",
         samples=[*samples, playback.EndOfImages(t=over, literals={})],
-        track=None if track is None else _track(track),
+        track=positions,
     )
 
 
@@ -181,16 +194,6 @@ def _targets(events: Sequence[Event], end: float) -> dict[str, dict[str, list[Ma
     }
 
 
-def _track(track: Track) -> playback.Positions:
-    return playback.Positions(
-        t=track.t.tolist(),
-        joints=list(track.joints),
-        q=track.q.tolist(),
-        held=list(track.held),
-        objects={name: [[index, *pose] for index, pose in poses] for name, poses in track.poses.items()},
-    )
-
-
 def _moments(report: RunReport, events: Sequence[Event]) -> list[playback.ShownMoment]:
     """Times worth a look, with what happens then."""
     happens: dict[float, list[str]] = {}
@@ -215,19 +218,6 @@ def _moments(report: RunReport, events: Sequence[Event]) -> list[playback.ShownM
     for t in sorted({fault.recovered for fault in report.faults if fault.recovered is not None}):
         happens.setdefault(round(t, 6), []).append("the step is done")
     return [playback.ShownMoment(t=t, text=", ".join(texts)) for t, texts in sorted(happens.items())]
-
-
-def _spans(report: RunReport, fault: FaultRecord) -> Iterator[playback.Mark]:
-    """When a fault had happened but was not seen, and when it was seen but not yet mended."""
-    label, end = report.label_of(fault), report.time
-    if fault.happened is not None:
-        seen = end if fault.detected is None else fault.detected
-        text = f"{label} has happened and is not seen"
-        yield playback.Mark(kind="unnoticed", start=fault.happened, end=seen, text=text)
-    if fault.detected is not None:
-        acted = end if fault.acted is None else fault.acted
-        text = f"{label} is seen, the robot stops and looks"
-        yield playback.Mark(kind="handled", start=fault.detected, end=acted, text=text)
 
 
 def _sample(cameras: Sequence[str], event: EvidenceSeen) -> playback.ShownInstant:

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from sqrp_cli.errors import Place, bad_input, bad_option, expected_names, first_names
 from sqrp_cli.geometry import Array, Mask
-from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.workspace.workspace import Workspace
-from sqrp_cli.program.record import Program, Step
+from sqrp_cli.program.record import Program
 from sqrp_cli.ros.bag import Bag, Packed, RecordedTopic
 from sqrp_cli.ros.messages import Message, nanoseconds
 from sqrp_cli.runtime.audit.footage import Frame, planned_at
@@ -37,16 +35,6 @@ MOST_FRAMES = 1_000_000
 """Most images that are looked at."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Index:
-    """What a recording holds, without the images themselves."""
-
-    frames: list[Frame]
-    tracks: JointTracks
-    told: list[tuple[float, bool]]
-    """When the run that was recorded told whether it went as planned from then on [s]; empty where nobody did."""
-
-
 class BagFootage:
     """A recording whose joint states show the program's motion."""
 
@@ -64,7 +52,7 @@ class BagFootage:
             there = [topic for topic in bag.topics if topic.type in IMAGES and topic.count]
             there = [topic for topic in there if not topic.name.endswith("/compressedDepth")]
             self._topics = _cameras_of(there, workspace, topics, path)
-            index = _indexed(bag, self._topics)
+            self._index(bag)
         self.recorded: Collection[str] = set(self._topics.values())
         used = {_stream(name) for name in self._topics}
         self.other_topics: Sequence[str] = [
@@ -73,14 +61,44 @@ class BagFootage:
             if _stream(name) not in used and not {*workspace.cameras} & {*name.split("/")}
         ]
         check_recorded(workspace, self.recorded)
-        self.frames: Sequence[Frame] = index.frames
-        self._tracks, self._told = index.tracks, index.told
         arm = [name for name in program.joints if name in workspace.robot.home]
         found = found_steps(program, arm, self._tracks, path)
         self.starts: Sequence[float] = found.starts
         self.runs = found.runs
-        steps = zip(self.starts, program.steps, strict=True)
-        self._until = [start + self._followed(arm, start, step) for start, step in steps]
+        self._until = []  # for how long the robot did as planned, by the robot's clock [s]
+        for start, step in zip(self.starts, program.steps, strict=True):
+            tau = np.append(np.arange(0.0, step.time, SPACING), step.time)
+            planned = dict(zip(program.joints, planned_joints(step, tau).T, strict=True))
+            near = self._tracks.covers(arm, start + tau)
+            for name in arm:
+                near &= np.abs(self._tracks.position(name, start + tau) - planned[name]) <= STRAYS
+            strayed = np.flatnonzero(~near)
+            self._until.append(start + float(tau[-1] if not len(strayed) else tau[max(strayed[0] - 1, 0)]))
+
+    def _index(self, bag: Bag) -> None:
+        """Find when each image was taken, all joint states, and when a run of SQRP told whether it went as planned."""
+
+        def at_most(
+            topics: Collection[str], types: Collection[str], most: int, what: str
+        ) -> Iterator[tuple[int, Packed, Message, float]]:
+            """Messages with their time [s], that of their arrival where they have none."""
+            for number, packed in enumerate(bag.messages(topics, types)):
+                if number >= most:
+                    message = f"this recording has more than {most:,} {what}; cut it to the run of the program"
+                    raise bad_input("file-too-large", message, Place(bag.path))
+                read = bag.read(packed)
+                stamp = nanoseconds(read.header.stamp) if hasattr(read, "header") else 0
+                yield number, packed, read, (stamp or packed.t) * 1e-9
+
+        images = at_most(self._topics, IMAGES, MOST_FRAMES, "images")
+        frames = [Frame(self._topics[packed.topic], t, number) for number, packed, _, t in images]
+        self.frames: Sequence[Frame] = sorted(frames, key=lambda frame: (frame.t, frame.camera))
+        tracks = JointTracks()
+        for _, packed, read, t in at_most([one.name for one in bag.topics], [JOINTS], MOST_STATES, "joint states"):
+            tracks.add(packed.topic, t, read.name, read.position)
+        self._tracks = tracks.sorted()
+        changes = at_most([AS_PLANNED], ["std_msgs/msg/Bool"], MOST_FRAMES, "changes of the plan")
+        self._told = sorted((packed.t * 1e-9, bool(read.data)) for _, packed, read, _ in changes)
 
     def joints(self, t: Array) -> Mapping[str, Array]:
         """As recorded; those of a gripper that nobody recorded are as the program wants them."""
@@ -111,51 +129,52 @@ class BagFootage:
             for number, packed in enumerate(bag.messages(self._topics, IMAGES)):
                 if number in wanted:
                     frame = wanted[number]
+                    where = f"{packed.topic} at {frame.t:.3f} s"
+                    camera = self._workspace.cameras[frame.camera]
                     try:
-                        yield frame, self._image(bag.read(packed), packed, frame)
+                        image = image_of(bag.read(packed), camera, Place(self.path), where)
+                        yield frame, CameraImage(frame.camera, frame.t, image)
                     except DamagedImageError as error:
                         self.damaged[number] = error.problems[0].message
                 if number == last:
                     return
 
-    def _image(self, message: Message, packed: Packed, frame: Frame) -> CameraImage:
-        camera: Camera = self._workspace.cameras[frame.camera]
-        where = f"{packed.topic} at {frame.t:.3f} s"
-        return CameraImage(frame.camera, frame.t, image_of(message, camera, Place(self.path), where))
-
-    def _followed(self, arm: Sequence[str], start: float, step: Step) -> float:
-        """How long the robot did as planned from the start of a step on [s]."""
-        tau = np.append(np.arange(0.0, step.time, SPACING), step.time)
-        planned = dict(zip(self._program.joints, planned_joints(step, tau).T, strict=True))
-        near = self._tracks.covers(arm, start + tau)
-        for name in arm:
-            near &= np.abs(self._tracks.position(name, start + tau) - planned[name]) <= STRAYS
-        strayed = np.flatnonzero(~near)
-        return float(tau[-1] if not len(strayed) else tau[max(strayed[0] - 1, 0)])
-
 
 def _cameras_of(
     topics: Sequence[RecordedTopic], workspace: Workspace, given: Mapping[str, str], path: Path
 ) -> dict[str, str]:
-    """The camera of each topic, of those with images, that is looked at. Raises InputError where there is none."""
+    """The camera of each topic, of those with images, that is looked at.
+
+    Raises InputError where there is none, where topics of a camera have different images, as colours and depths, and
+    where one would be of two cameras.
+    """
     found: dict[str, str] = {}
+    mend = "sqrp audit PROGRAM RECORDING --topic"
     for camera in workspace.cameras:
         own = [
             one for one in topics if (one.name == given[camera] if camera in given else camera in one.name.split("/"))
         ]
+        names = _names(own)
         if not own and camera in given:
             message = f"there are no images on `{given[camera]}`; {expected_names(given[camera], _names(topics))}"
             raise bad_input("no-images", message, Place(path))
+        if len({_stream(name) for name in names}) > 1:
+            message = f"there are images of {camera} on {first_names(names)}; which are they?"
+            raise bad_option(message, Place(path), mend=f"{mend} {camera}={names[0]}")
         if own:
-            _check_one_stream(_names(own), camera, path)
             name = min(own, key=lambda topic: (IMAGES.index(topic.type), topic.name)).name
-            _check_free(name, camera, found.setdefault(name, camera), given, path)
+            other = found.setdefault(name, camera)
+            if other != camera:
+                bare = camera if camera not in given else other
+                message = (
+                    f"`{name}` would be the images of {other} and of {camera}; expected a topic of its own for each"
+                )
+                raise bad_option(message, Place(path), mend=f"{mend} {bare}=TOPIC, too")
     if not found:
         cameras = ", ".join(workspace.cameras)
         there = f"it has images on {first_names(_names(topics))}" if topics else "it has no images at all"
         message = f"this recording has no images of {cameras}: {there}"
-        mend = "sqrp audit PROGRAM RECORDING --topic CAMERA=TOPIC" if topics else None
-        raise bad_input("no-images", message, Place(path), mend=mend)
+        raise bad_input("no-images", message, Place(path), mend=f"{mend} CAMERA=TOPIC" if topics else None)
     return found
 
 
@@ -164,52 +183,5 @@ def _stream(topic: str) -> str:
     return topic.removesuffix("/compressed")
 
 
-def _check_one_stream(topics: Sequence[str], camera: str, path: Path) -> None:
-    """Raises InputError where topics with the name of a camera have different images, as colours and depths."""
-    if len({_stream(topic) for topic in topics}) > 1:
-        message = f"there are images of {camera} on {first_names(topics)}; which are they?"
-        raise bad_option(message, Place(path), mend=f"sqrp audit PROGRAM RECORDING --topic {camera}={topics[0]}")
-
-
-def _check_free(topic: str, camera: str, other: str, given: Mapping[str, str], path: Path) -> None:
-    """Raises InputError where the images of a camera are those of another one."""
-    if other != camera:
-        bare = camera if camera not in given else other
-        message = f"`{topic}` would be the images of {other} and of {camera}; expected a topic of its own for each"
-        raise bad_option(message, Place(path), mend=f"sqrp audit PROGRAM RECORDING --topic {bare}=TOPIC, too")
-
-
 def _names(topics: Sequence[RecordedTopic]) -> list[str]:
     return sorted({topic.name for topic in topics})
-
-
-def _indexed(bag: Bag, topics: Mapping[str, str]) -> _Index:
-    """When each image was taken, and all joint states."""
-    frames = [
-        Frame(topics[packed.topic], _stamp(bag.read(packed), packed), number)
-        for number, packed in _at_most(bag, topics, IMAGES, MOST_FRAMES, "images")
-    ]
-    every = [topic.name for topic in bag.topics]
-    tracks = JointTracks()
-    for _, packed in _at_most(bag, every, [JOINTS], MOST_STATES, "joint states"):
-        message = bag.read(packed)
-        tracks.add(packed.topic, _stamp(message, packed), message.name, message.position)
-    frames.sort(key=lambda frame: (frame.t, frame.camera))
-    changes = _at_most(bag, [AS_PLANNED], ["std_msgs/msg/Bool"], MOST_FRAMES, "changes of the plan")
-    told = sorted((packed.t * 1e-9, bool(bag.read(packed).data)) for _, packed in changes)
-    return _Index(frames, tracks.sorted(), told)
-
-
-def _at_most(
-    bag: Bag, topics: Collection[str], types: Collection[str], most: int, what: str
-) -> Iterator[tuple[int, Packed]]:
-    for number, packed in enumerate(bag.messages(topics, types)):
-        if number >= most:
-            message = f"this recording has more than {most:,} {what}; cut it to the run of the program"
-            raise bad_input("file-too-large", message, Place(bag.path))
-        yield number, packed
-
-
-def _stamp(message: Message, packed: Packed) -> float:
-    """The time in a message [s], or that of its arrival where it has none."""
-    return (nanoseconds(message.header.stamp) or packed.t) * 1e-9

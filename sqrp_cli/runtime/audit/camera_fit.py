@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, Mask
-from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.runtime.audit.expected_edges import ExpectedEdges
 
@@ -63,15 +62,16 @@ BLUR = 1.0
 
 @dataclass(frozen=True, eq=False)
 class SeenEdges:
-    """What an image shows along the normals of n points of expected edges."""
+    """What an image shows along the normals of n points of expected edges.
+
+    pixels: where the points are expected, (n, 2). normals: in the image, (n, 2). contrast: size of the slope of
+    brightness along each normal, (n, samples) [of 255, per pixel].
+    """
 
     edges: ExpectedEdges
     pixels: Array
-    """Where the points are expected, (n, 2)."""
     normals: Array
-    """In the image, (n, 2)."""
     contrast: Array
-    """Size of the slope of brightness along each normal, (n, samples) [of 255, per pixel]."""
 
     @classmethod
     def of(cls, edges: ExpectedEdges, projection: Projection, image: NDArray[np.uint8]) -> SeenEdges:
@@ -79,7 +79,8 @@ class SeenEdges:
         (pixels, inside), (beside, _) = projection.pixels(edges.points), projection.pixels(edges.beside)
         normals = beside - pixels
         lengths = np.linalg.norm(normals, axis=1)
-        camera, reach = projection.camera, reach_of(projection.camera)
+        camera = projection.camera
+        reach = float(np.clip(TURN * camera.matrix[0, 0], LEAST_REACH, MOST_REACH))
         size = np.array([camera.width, camera.height])
         kept = inside & (lengths > 0.2) & ((pixels > 3) & (pixels < size - 4)).all(axis=1)
         pixels, normals = pixels[kept], normals[kept] / lengths[kept, None]
@@ -92,29 +93,24 @@ class SeenEdges:
         return cls(edges.of(kept), pixels, normals, np.where(outside, 0.0, contrast))
 
 
-def reach_of(camera: Camera) -> float:
-    """How far from where it is expected an edge is sought [pixels]."""
-    return float(np.clip(TURN * camera.matrix[0, 0], LEAST_REACH, MOST_REACH))
-
-
 @dataclass(frozen=True, eq=False)
 class CameraFit:
-    """The pose error of a camera and the offset of its clock, as its images show them."""
+    """The pose error of a camera and the offset of its clock, as its images show them.
+
+    change: turn [rad] and shift [m] of the camera in its optical frame, and how far its clock is ahead [s], (7,).
+    covariance: of that, (7, 7). residual: standard deviation of edges from where they should be then [pixels].
+    points: that met an edge. cost: mean loss per point, 0 all meet, 1 none does. moving_cost: the same of the points
+    that move, by which wrong offsets of the clock are told; of all where few do.
+    pixels: root mean square of how far the turn and the shift move the points in the image [pixels].
+    """
 
     change: Array
-    """Turn [rad] and shift [m] of the camera in its optical frame, and how far its clock is ahead [s], (7,)."""
     covariance: Array
-    """Of that, (7, 7)."""
     residual: float
-    """Standard deviation of edges from where they should be then [pixels]."""
     points: int
-    """Points that met an edge."""
     cost: float
-    """Mean loss per point, 0 all meet, 1 none does."""
     moving_cost: float
-    """The same of the points that move, by which wrong offsets of the clock are told; of all where few do."""
     pixels: float
-    """Root mean square of how far the turn and the shift move the points in the image [pixels]."""
 
     @property
     def deviations(self) -> Array:
@@ -127,20 +123,18 @@ class _Points:
 
     def __init__(self, seen: Sequence[SeenEdges], projection: Projection) -> None:
         self.projection = projection
-        self.points = np.concatenate([one.edges.points for one in seen])
-        self.speeds = np.concatenate([one.edges.speeds for one in seen])
-        self.body = np.concatenate([one.edges.body for one in seen])
-        self.pixels = np.concatenate([one.pixels for one in seen])
-        self.normals = np.concatenate([one.normals for one in seen])
-        self.contrast = np.concatenate([one.contrast for one in seen])
+        of_edges = ("points", "speeds", "body", "owner", "levers", "freedom")
+        self.points, self.speeds, self.body, owner, self.levers, freedom = (
+            np.concatenate([getattr(one.edges, name) for one in seen]) for name in of_edges
+        )
+        self.pixels, self.normals, self.contrast = (
+            np.concatenate([getattr(one, name) for one in seen]) for name in ("pixels", "normals", "contrast")
+        )
         self.R_CW = np.concatenate([np.tile(one.edges.R_CW, (len(one.pixels), 1, 1)) for one in seen])
-        owner = np.concatenate([one.edges.owner for one in seen])
         self.alike = np.where(owner >= 0, ALIKE * len(seen), ALIKE)
         objects, first = np.unique(owner[owner >= 0], return_index=True)
         self.owned = owner[:, None] == objects
-        self.levers = np.concatenate([one.edges.levers for one in seen])
-        freedom = np.concatenate([one.edges.freedom for one in seen])[owner >= 0][first]
-        self.deviations = np.array([*PRIOR, FRINGE, *freedom.ravel()])
+        self.deviations = np.array([*PRIOR, FRINGE, *freedom[owner >= 0][first].ravel()])
         self.reach = (self.contrast.shape[1] - 1) * GRAIN / 2
 
     def away(self, change: Array) -> Array:
@@ -216,10 +210,6 @@ def fitted(seen: Sequence[SeenEdges], projection: Projection, start: Array) -> C
             w, sigma = _weights(r)
             JtW = (J * (w / points.alike[found] / sigma**2)[:, None]).T
             change = change + np.linalg.solve(JtW @ J + prior, JtW @ r - prior @ change)
-    return _judged(points, change, prior)
-
-
-def _judged(points: _Points, change: Array, prior: Array) -> CameraFit:
     away = points.away(change)
     edges, found = points.nearest(away, WIDTHS[-1])
     slopes = points.slopes(change)

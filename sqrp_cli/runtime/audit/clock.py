@@ -68,12 +68,23 @@ class ImageChanges:
 
 
 def rough_offsets(seen: ImageChanges, expected: MotionInImage) -> list[float]:
-    """Offsets of the clock at which images change when the robot moves in them, the best one first [s]."""
+    """Offsets of the clock at which images change when the robot moves in them, the best one first [s].
+
+    What counts is the correlation of what changes with what moves.
+    """
     t, changes = np.array(seen.times), np.array(seen.changes)
     gaps = np.diff(t)
     usable = (gaps > 1e-6) & (gaps < 3.0 * np.median(gaps)) if len(gaps) else np.zeros(0, dtype=bool)
     offsets = np.arange(-FARTHEST, FARTHEST + SPACING / 2, SPACING)
-    scores = np.array([_likeness(changes, t, usable, expected, offset) for offset in offsets])
+    scores = np.zeros(len(offsets))
+    for index, offset in enumerate(offsets):
+        inside = usable & expected.knows(t[:-1] - offset) & expected.knows(t[1:] - offset)
+        if inside.sum() >= 8:
+            way = np.interp(t - offset, expected.t, expected.way)
+            a, b = np.sqrt(changes[inside]), np.sqrt(np.maximum(np.diff(way), 0.0)[inside])
+            a, b = a - a.mean(), b - b.mean()
+            size = float(np.sqrt((a @ a) * (b @ b)))
+            scores[index] = float(a @ b) / size if size > 1e-9 else 0.0
     found: list[float] = []
     for index in np.argsort(-scores):
         if scores[index] <= max(0.2, 0.6 * scores.max()) or len(found) == CANDIDATES:
@@ -81,18 +92,6 @@ def rough_offsets(seen: ImageChanges, expected: MotionInImage) -> list[float]:
         if all(abs(offsets[index] - other) >= APART for other in found):
             found.append(float(offsets[index]))
     return found
-
-
-def _likeness(changes: Array, t: Array, usable: NDArray[np.bool_], expected: MotionInImage, offset: float) -> float:
-    """Correlation of what changes with what moves."""
-    inside = usable & expected.knows(t[:-1] - offset) & expected.knows(t[1:] - offset)
-    if inside.sum() < 8:
-        return 0.0
-    way = np.interp(t - offset, expected.t, expected.way)
-    a, b = np.sqrt(changes[inside]), np.sqrt(np.maximum(np.diff(way), 0.0)[inside])
-    a, b = a - a.mean(), b - b.mean()
-    size = float(np.sqrt((a @ a) * (b @ b)))
-    return float(a @ b) / size if size > 1e-9 else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,25 +117,17 @@ class MotionInImage:
         X_WL = body.poses_over(footage.joints(t))
         X_WC = X_WL[camera.frame] @ camera.X_FC if camera.frame != WORLD else camera.X_FC[None]
         X_CW = np.array([inverse(X) for X in X_WC])
-        total = np.zeros(len(t) - 1)
-        for parent, points in _followed(body):
-            in_camera = np.einsum("mij,mjk,nk->mni", X_CW, X_WL[parent], points)
+        total, rng = np.zeros(len(t) - 1), np.random.default_rng(0)
+        for surface in body.surfaces:
+            chosen = surface.vertices[rng.permutation(len(surface.vertices))[:_VERTICES]]
+            points = np.column_stack([chosen, np.ones(len(chosen))])
+            in_camera = np.einsum("mij,mjk,nk->mni", X_CW, X_WL[surface.parent], points)
             ahead = in_camera[..., 2] > 0.02
             pixels, inside = projection.pixels(np.where(ahead[..., None], in_camera[..., :3], (0.0, 0.0, 1.0)))
             shown = ahead & inside & ((pixels >= 0) & (pixels <= (camera.width, camera.height))).all(axis=-1)
             moved = np.linalg.norm(np.diff(pixels, axis=0), axis=-1) / camera.width
             total += (np.minimum(moved, FASTEST * SPACING) * (shown[1:] & shown[:-1])).sum(axis=1)
         return cls(t, np.append(0.0, np.cumsum(total)))
-
-
-def _followed(body: RobotBody) -> list[tuple[str, Array]]:
-    """Points of each part of the robot, homogeneous, (n, 4), with the link."""
-    rng = np.random.default_rng(0)
-    found = []
-    for surface in body.surfaces:
-        chosen = surface.vertices[rng.permutation(len(surface.vertices))[:_VERTICES]]
-        found.append((surface.parent, np.column_stack([chosen, np.ones(len(chosen))])))
-    return found
 
 
 def brightness(image: ImageArray) -> NDArray[np.uint8]:

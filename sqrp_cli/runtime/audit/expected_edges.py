@@ -29,6 +29,8 @@ SMOOTHED = 1.5
 _STRAIGHT = 0.68 / (SMOOTHED * np.sqrt(2.0 * np.pi))
 """Least slope of a blurred outline: less of it has a corner, or another outline nearby."""
 
+_CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], dtype=np.uint8)
+
 TOUCH = 0.005
 """Where depths differ by less than this [m], an object stands on another one: the edge is that of the movable one."""
 
@@ -45,38 +47,37 @@ STEP = 0.005
 
 @dataclass(frozen=True, eq=False)
 class PlannedMoment:
-    """Where everything is at some time, and a moment later."""
+    """Where everything is at some time: joints [rad or m], also `STEP` later, and poses of objects, (4, 4).
+
+    held: the object that moves with the tool.
+    """
 
     joints: Mapping[str, float]
-    """[rad or m]"""
     later: Mapping[str, float]
-    """The same, `STEP` later."""
     X_WO: Mapping[str, Array]
-    """Poses of objects, (4, 4)."""
     held: str | None
-    """The object that moves with the tool."""
 
 
 @dataclass(frozen=True, eq=False)
 class ExpectedEdges:
-    """n points of the edges in an image."""
+    """n points of the edges in an image.
+
+    points: in the optical frame [m], (n, 3). speeds: how they move in it [m/s], (n, 3). beside: the same points, one
+    pixel further along the normal from body to background, (n, 3). body: a number for each body, (n,).
+    owner: the number of the object that they are of, -1 for the robot, (n,).
+    levers: how points would move in the optical frame if their object turned about the world's vertical [m/rad],
+    (n, 3). freedom: standard deviations of the place of their object along the world's axes [m] and of that turn [rad],
+    (n, 4). R_CW: the world's axes in the optical frame, (3, 3).
+    """
 
     points: Array
-    """In the optical frame [m], (n, 3)."""
     speeds: Array
-    """How they move in it [m/s], (n, 3)."""
     beside: Array
-    """The same points, one pixel further along the normal from body to background, (n, 3)."""
     body: Array
-    """A number for each body, (n,)."""
     owner: Array
-    """The number of the object that they are of, -1 for the robot, (n,)."""
     levers: Array
-    """How points would move in the optical frame if their object turned about the world's vertical [m/rad], (n, 3)."""
     freedom: Array
-    """Standard deviations of the place of their object along the world's axes [m] and of that turn [rad], (n, 4)."""
     R_CW: Array
-    """The world's axes in the optical frame, (3, 3)."""
 
     def of(self, kept: Mask) -> ExpectedEdges:
         """Some of the points, (n,)."""
@@ -116,25 +117,22 @@ class EdgeRenderer:
             moved = X_WL_later[name] @ inverse(X_WL[name]) if name in X_WL else np.eye(4)
             later[rows] = transform(X_CW_later @ moved @ inverse(X_CW), outlines.points[rows])
         owner = np.where(np.array(self._objects)[outlines.body], outlines.body, -1)
-        return ExpectedEdges(
-            points=outlines.points,
-            speeds=(later - outlines.points) / STEP,
-            beside=outlines.beside,
-            body=outlines.body,
-            owner=owner,
-            levers=self._levers(outlines, owner, moment, X_CW),
-            freedom=np.where(np.isin(owner, list(self._movable))[:, None], LOOSE, FIXED),
-            R_CW=X_CW[:3, :3],
-        )
-
-    def _levers(self, outlines: _Outline, owner: Array, moment: PlannedMoment, X_CW: Array) -> Array:
         levers = np.zeros_like(outlines.points)
         for index in np.unique(owner[owner >= 0]):
             rows, X_WO = owner == index, moment.X_WO.get(self._names[index])
             if X_WO is not None:
                 arms = outlines.points[rows] - transform(X_CW, X_WO[None, :3, 3])
                 levers[rows] = np.cross(X_CW[:3, 2], arms)
-        return levers
+        return ExpectedEdges(
+            points=outlines.points,
+            speeds=(later - outlines.points) / STEP,
+            beside=outlines.beside,
+            body=outlines.body,
+            owner=owner,
+            levers=levers,
+            freedom=np.where(np.isin(owner, list(self._movable))[:, None], LOOSE, FIXED),
+            R_CW=X_CW[:3, :3],
+        )
 
     def close(self) -> None:
         """Give the OpenGL context back."""
@@ -209,7 +207,15 @@ def _outline(solids: PixelSolids, group: NDArray[np.int16], number: int, nearer:
     slope = np.stack([gx[v, u], gy[v, u]], axis=-1)
     steepness = np.linalg.norm(slope, axis=1)
     normal = -slope / np.maximum(steepness, 1e-9)[:, None]
-    away = _crossing(share, u, v, normal)
+    # How far from pixels along their normals the blurred outline is at one half [pixels], (n,).
+    steps = np.arange(-1.0, 2.51, 0.25)
+    x, y = ((at[:, None] + steps * normal[:, [axis]]).astype(np.float32) for axis, at in enumerate((u, v)))
+    values = cv2.remap(share, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    below = values < 0.5
+    first = np.clip(np.argmax(below, axis=1), 1, len(steps) - 1)
+    a, b = (values[np.arange(len(u)), index] for index in (first - 1, first))
+    crossing = steps[first - 1] + 0.25 * (a - 0.5) / np.maximum(a - b, 1e-6)
+    away = np.where(below.any(axis=1) & ~below[:, 0], crossing, np.inf)
     good = (steepness > _STRAIGHT) & (np.abs(away - 0.5) < 1.0)
     v, u, normal, away = v[good], u[good], normal[good], away[good]
     if not len(v):
@@ -220,20 +226,3 @@ def _outline(solids: PixelSolids, group: NDArray[np.int16], number: int, nearer:
     points = np.column_stack([plane * depth, depth])
     beside = np.column_stack([(plane + normal * pixel) * depth, depth])
     return _Outline(points, beside, solids.body[crop][v, u])
-
-
-_CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], dtype=np.uint8)
-
-
-def _crossing(share: Array, u: Array, v: Array, normal: Array) -> Array:
-    """How far from pixels along their normals a blurred outline is at one half [pixels], (n,)."""
-    steps = np.arange(-1.0, 2.51, 0.25)
-    x = (u[:, None] + steps * normal[:, :1]).astype(np.float32)
-    y = (v[:, None] + steps * normal[:, 1:]).astype(np.float32)
-    values = cv2.remap(share, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    below = values < 0.5
-    first = np.clip(np.argmax(below, axis=1), 1, len(steps) - 1)
-    rows = np.arange(len(u))
-    a, b = values[rows, first - 1], values[rows, first]
-    found: Array = steps[first - 1] + 0.25 * (a - 0.5) / np.maximum(a - b, 1e-6)
-    return np.where(below.any(axis=1) & ~below[:, 0], found, np.inf)

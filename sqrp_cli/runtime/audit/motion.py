@@ -121,48 +121,36 @@ def found_steps(program: Program, arm: Sequence[str], tracks: JointTracks, path:
     for number, step in enumerate(program.steps, 1):
         fit = _best_start(step, columns, arm, tracks, left)
         if fit.share < LEAST_SHARE:
-            raise bad_input("other-motion", _not_there(number, step, fit, known), Place(path))
+            motion, least = f"the motion of step {number}, {step.short_task}", f"the first {LEAST_SHARE:.0%} of it"
+            near = f"where they are nearest to it, at {fit.start - known.start:.2f} s, {fit.share:.0%} of it fits"
+            message = f"{motion}, is not in the joint states of this recording: {near}; expected at least {least}"
+            if fit.start + (fit.share + 1 / POINTS) * step.time > known.end:
+                early = f"this recording ends at {known.length:.2f} s, too early in {motion}"
+                message = f"{early}; expected at least {least}"
+            raise bad_input("other-motion", message, Place(path))
         fits.append(fit)
         left = Stretch(fit.start + 0.5 * step.time, known.end)
-    runs = _runs([0.5 * step.time for step in program.steps], [fit.all_starts for fit in fits])
+    runs, t = -1, -np.inf
+    while t < np.inf:  # all steps once more, one after the other, until one is not there
+        runs += 1
+        for fit, step in zip(fits, program.steps, strict=True):
+            t = next((one for one in fit.all_starts if one >= t), np.inf) + max(0.5 * step.time, SPACING)
     return FoundMotion([fit.start for fit in fits], runs)
 
 
-def _not_there(number: int, step: Step, fit: _Fit, known: Stretch) -> str:
-    """What is said of a step that is not there, of the fit that is nearest to it."""
-    motion, least = f"the motion of step {number}, {step.short_task}", f"the first {LEAST_SHARE:.0%} of it"
-    if fit.start + (fit.share + 1 / POINTS) * step.time > known.end:
-        return f"this recording ends at {known.length:.2f} s, too early in {motion}; expected at least {least}"
-    nearest = f"where they are nearest to it, at {fit.start - known.start:.2f} s, {fit.share:.0%} of it fits"
-    return f"{motion}, is not in the joint states of this recording: {nearest}; expected at least {least}"
+class _Fit(NamedTuple):
+    """Where a step's motion begins [s], the share of it that is there, and all times about when it begins [s]."""
 
-
-def _runs(times: Sequence[float], starts: Sequence[Sequence[float]]) -> int:
-    """How often steps are there that begin at some starts each, at least a time [s] after one another; one at least."""
-    count, t = 0, -np.inf
-    while True:
-        for time, of_step in zip(times, starts, strict=True):
-            start = next((one for one in of_step if one >= t), None)
-            if start is None:
-                return count
-            t = start + max(time, SPACING)
-        count += 1
-
-
-@dataclass(frozen=True)
-class _Fit:
     start: float
-    """[s]"""
     share: float
-    """Of the step's motion that is there, from its beginning on."""
     all_starts: Sequence[float]
-    """About when it began, each time [s]."""
 
 
 def _best_start(step: Step, columns: Sequence[int], arm: Sequence[str], tracks: JointTracks, span: Stretch) -> _Fit:
     """The first start of a step from which on the robot follows it for the longest time.
 
-    So a retry after a fault is not taken for it, which follows other ways to where it begins.
+    So a retry after a fault is not taken for it, which follows other ways to where it begins. It is then refined to
+    that at which the recorded motion fits best, by least squares over what follows the program.
     """
     tau = np.linspace(0.0, step.time, POINTS)
     planned = planned_joints(step, tau)[:, columns]
@@ -181,23 +169,16 @@ def _best_start(step: Step, columns: Sequence[int], arm: Sequence[str], tracks: 
     run = good[starts[good] <= starts[good[0]] + _ONE_RUN]
     best = int(run[np.argmin(costs[run])])
     fresh = np.diff(starts[good], prepend=-np.inf) > _ONE_RUN
-    start = _refined(float(starts[best]), step, columns, arm, tracks)
-    return _Fit(start, float(shares[best]), starts[good[fresh]].tolist())
-
-
-def _refined(start: float, step: Step, columns: Sequence[int], arm: Sequence[str], tracks: JointTracks) -> float:
-    """The start at which the recorded motion fits best, by least squares over what follows the program."""
-    tau = np.arange(0.0, step.time, SPACING / 2)
-    planned, h = planned_joints(step, tau)[:, columns], SPACING / 2
+    start, h = float(starts[best]), SPACING / 2
+    tau = np.arange(0.0, step.time, h)
+    planned = planned_joints(step, tau)[:, columns]
     for _ in range(10):
         before, after = (np.column_stack([tracks.position(n, start + tau + d) for n in arm]) for d in (-h, h))
         slope, error = (after - before) / (2 * h), (after + before) / 2 - planned
         kept = np.abs(error).max(axis=1) < NEAR
         weight = float((slope[kept] ** 2).sum())
-        if weight < 1e-9:  # it stands
-            return start
-        change = -float((slope[kept] * error[kept]).sum()) / weight
+        change = -float((slope[kept] * error[kept]).sum()) / weight if weight >= 1e-9 else 0.0  # 0: it stands
         start += float(np.clip(change, -SPACING, SPACING))
         if abs(change) < 1e-6:
             break
-    return start
+    return _Fit(start, float(shares[best]), starts[good[fresh]].tolist())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import cv2
@@ -82,17 +82,8 @@ def _moved(change: Array) -> Array:
     return pose(R, change[3:6])
 
 
-class _Guess(NamedTuple):
-    """What a few images of a camera say."""
-
-    offset: float
-    """By how much its clock may be ahead of the robot's [s]."""
-    fit: CameraFit
-
-
-@dataclass(frozen=True, eq=False)
-class _Kept:
-    """An image that edges are looked for in."""
+class _Kept(NamedTuple):
+    """An image, in grey, that edges are looked for in."""
 
     frame: Frame
     gray: NDArray[np.uint8]
@@ -111,11 +102,12 @@ def survey(
     of_camera = {name: [one for one in footage.frames if one.camera == name] for name in workspace.cameras}
     with progress(f"Reading {footage.path}", len(footage.frames)) as advance:
         kept, changes = _read(workspace, footage, of_camera, lambda: advance(1))
-    body = RobotBody.load(workspace.robot)
-    surveyor = _Surveyor(program, workspace, footage, body)
-    found = {}
     filmed = [camera for name, camera in workspace.cameras.items() if of_camera[name]]
-    with closing(surveyor), progress("Surveying the cameras", len(filmed)) as advance:
+    found = {}
+    with (
+        closing(_Surveyor(program, workspace, footage)) as surveyor,
+        progress("Surveying the cameras", len(filmed)) as advance,
+    ):
         for camera in filmed:
             name = camera.name
             fit = surveyor.fit(camera, kept[name], changes[name])
@@ -134,7 +126,9 @@ def _read(
         most = int(np.clip(MEMORY // (camera.width * camera.height), TRIED, IMAGES))
         t = np.array([frame.t for frame in frames])
         near = np.flatnonzero(footage.as_planned(t))
-        wanted |= {frames[near[i]] for i in _spread(len(near), most)}
+        if len(near):  # evenly spread
+            chosen = np.unique(np.linspace(0, len(near) - 1, min(len(near), most)).round().astype(int))
+            wanted |= {frames[near[i]] for i in chosen}
     kept: dict[str, list[_Kept]] = {name: [] for name in workspace.cameras}
     changes = {name: ImageChanges([], []) for name in workspace.cameras}
     for frame, image in footage.images(footage.frames):
@@ -146,16 +140,11 @@ def _read(
     return kept, changes
 
 
-def _spread(count: int, most: int) -> list[int]:
-    """At most so many of `count` indices, evenly spread."""
-    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int)).tolist() if count else []
-
-
 class _Surveyor:
     """Fits cameras to their images."""
 
-    def __init__(self, program: Program, workspace: Workspace, footage: Footage, body: RobotBody) -> None:
-        self._program, self._footage, self._body = program, footage, body
+    def __init__(self, program: Program, workspace: Workspace, footage: Footage) -> None:
+        self._program, self._footage, self._body = program, footage, (body := RobotBody.load(workspace.robot))
         self._nominal = [NominalStep(step, program.joints, body) for step in program.steps]
         self._renderer = EdgeRenderer(workspace, body, program.steps[0].before)
         ends = [start + step.time for start, step in zip(footage.starts, program.steps, strict=True)]
@@ -168,10 +157,21 @@ class _Surveyor:
     def fit(self, camera: Camera, kept: Sequence[_Kept], changes: ImageChanges) -> CameraFit | None:
         """The pose error of a camera and the offset of its clock."""
         projection = Projection.of(camera)
-        guess = self._guess(camera, projection, kept, changes) if kept else None
-        if guess is None:
+        # What a few images say, those in which most moves, with the best of the offsets that the others tell of.
+        if not kept:
             return None
-        offset, fit = guess
+        guesses, t = [], [np.arange(start - FARTHEST, end + FARTHEST, SPACING) for start, end in self._spans]
+        motion = MotionInImage.of(camera, self._body, self._footage, np.unique(np.concatenate(t).round(3)))
+        most = np.argsort(-changes.at([one.frame.t for one in kept]), kind="stable")[:TRIED]
+        tried = [kept[i] for i in sorted(most.tolist())]
+        for at in dict.fromkeys([*rough_offsets(changes, motion), 0.0]):
+            few = self._seen(camera, projection, tried, at, camera.X_FC)
+            guess = fitted(few, projection, first_guess(few, projection, AROUND))
+            if guess is not None:
+                guesses.append((at, guess))
+        if not guesses:
+            return None
+        offset, fit = min(guesses, key=lambda one: one[1].moving_cost)
         change, X_CC, points = fit.change, np.eye(4), np.zeros((0, 3))
         for _ in range(2):  # with the edges of where camera and robot really are, as far as that is known by then
             offset, X_CC = offset + change[6], _moved(change)
@@ -185,24 +185,6 @@ class _Surveyor:
         away = projection.pixels(points).points - projection.pixels(transform(X_CC, points)).points
         pixels = float(np.sqrt(np.mean((away**2).sum(axis=1))))
         return replace(fit, change=np.append(change[:6], offset + change[6]), pixels=pixels)
-
-    def _guess(
-        self, camera: Camera, projection: Projection, kept: Sequence[_Kept], changes: ImageChanges
-    ) -> _Guess | None:
-        """What a few images say, those in which most moves, with the best of the offsets that the others tell of."""
-        most = np.argsort(-changes.at([one.frame.t for one in kept]), kind="stable")[:TRIED]
-        tried = [kept[i] for i in sorted(most.tolist())]
-        guesses = []
-        for offset in dict.fromkeys([*(rough_offsets(changes, self._motion(camera)) or [0.0]), 0.0]):
-            few = self._seen(camera, projection, tried, offset, camera.X_FC)
-            fit = fitted(few, projection, first_guess(few, projection, AROUND))
-            if fit is not None:
-                guesses.append(_Guess(offset, fit))
-        return min(guesses, key=lambda guess: guess.fit.moving_cost, default=None)
-
-    def _motion(self, camera: Camera) -> MotionInImage:
-        t = [np.arange(start - FARTHEST, end + FARTHEST, SPACING) for start, end in self._spans]
-        return MotionInImage.of(camera, self._body, self._footage, np.unique(np.concatenate(t).round(3)))
 
     def _seen(
         self, camera: Camera, projection: Projection, kept: Sequence[_Kept], offset: float, X_FC: Array

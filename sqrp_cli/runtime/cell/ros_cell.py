@@ -15,8 +15,7 @@ import numpy as np
 from sqrp_cli.errors import InputError, Place
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.workspace.workspace import Workspace
-from sqrp_cli.ros.messages import Message, MessageError, nanoseconds
-from sqrp_cli.ros.transport import Inbox, Send, Topic, Transport
+from sqrp_cli.ros.messages import Inbox, Message, MessageError, Send, Topic, Transport, nanoseconds
 from sqrp_cli.runtime.cell.interface import StoppableReference
 from sqrp_cli.runtime.cell.portions import AHEAD, JointLog, Portion, Portions
 from sqrp_cli.runtime.cell.robot_file import RobotFile

@@ -15,8 +15,7 @@ from sqrp_cli.geometry import Array, inverse, pose
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.hand_eye import StaticTransform
 from sqrp_cli.knowledge.frames import WORLD
-from sqrp_cli.ros.messages import Message
-from sqrp_cli.ros.transport import Inbox, Topic
+from sqrp_cli.ros.messages import Inbox, Message, Topic
 from sqrp_cli.runtime.cell.robot_file import ImageTopicEntry
 from sqrp_cli.runtime.cell.ros_cell import RosCell
 

@@ -5,23 +5,23 @@ from __future__ import annotations
 import heapq
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from itertools import count
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sqrp_cli.errors import SqrpError
+from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Step
-from sqrp_cli.ros.messages import Message, MessageError, nanoseconds, transform_message
-from sqrp_cli.ros.transport import Inbox, Send, Topic, Transport
+from sqrp_cli.ros.messages import Inbox, Message, MessageError, Send, Topic, Transport, nanoseconds, transform_message
+from sqrp_cli.runtime.cell.interface import JointStates
 from sqrp_cli.runtime.cell.robot_file import ImageTopicEntry, RobotFile, ToolTopicEntry, TrajectoryEntry
 from sqrp_cli.runtime.cell.ros_cell import CLOCK
 from sqrp_cli.runtime.image import ImageArray
 from sqrp_cli.runtime.record.bag_recorder import camera_info, optical_frame
 from sqrp_cli.runtime.run.faults import InjectedFault
-from sqrp_cli.runtime.serve.followed import FollowedTrajectory, RefusedTrajectory
 
 if TYPE_CHECKING:
     from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
@@ -37,6 +37,9 @@ STANDS, STILL_FOR = 0.002, 5
 
 SAME_START = 0.002
 """A motion that begins this close to where a step was planned to begin is that step [rad]."""
+
+MOST = 1e4
+"""No joint goes so far [rad or m], or moves so [per s, per s^2]."""
 
 _JOINT_STATE, _IMAGE = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Image"
 _INFO, _TF = "sensor_msgs/msg/CameraInfo", "tf2_msgs/msg/TFMessage"
@@ -62,15 +65,6 @@ def served_file(workspace: Workspace, joints: Sequence[str], domain: int, networ
     )
 
 
-@dataclass(frozen=True, order=True)
-class _Later:
-    """An image that is on its way."""
-
-    t: float
-    number: int
-    send: Callable[[], None] = field(compare=False)
-
-
 class CellServer:
     """A simulated cell whose time passes as fast as that of the world, or slower where the computer is too slow."""
 
@@ -94,17 +88,14 @@ class CellServer:
         tell(f"time 0 is {self._origin * 1e-9:.6f} s of `/clock`")
         self._steps = 0
         self._exposures = dict.fromkeys(workspace.cameras, 0)
-        self._later: list[_Later] = []
+        self._later: list[tuple[float, int, Callable[[], None]]] = []  # messages on their way, by the time of sending
         self._numbers = count()
         self._last: dict[str, ImageArray] = {}
         self._frozen: Mapping[str, float] | None = None
         self._q = np.array([at[name] for name in joints])
         self._stood, self._still = True, STILL_FOR
         self._complaint, self._complained = "", 0.0
-        self._open_topics()
-
-    def _open_topics(self) -> None:
-        file, publish, subscribe = self._file, self._transport.publish, self._transport.subscribe
+        publish, subscribe = transport.publish, transport.subscribe
         assert file.tool is not None  # noqa: S101 - as `served_file` makes it
         self._clock = publish(Topic(name=CLOCK.name, type=CLOCK.type, depth=10, reliable=True))
         self._joints = publish(Topic(name=file.joint_states, type=_JOINT_STATE, depth=50, reliable=True))
@@ -120,7 +111,11 @@ class CellServer:
         self._tf = publish(Topic(name="/tf_static", type=_TF, depth=1, reliable=True, latched=True))
         self._tool: Inbox = subscribe(Topic(name=file.tool.topic, type=_BOOL, reliable=True))
         self._trajectories = subscribe(Topic(name=file.trajectory.topic, type=_TRAJECTORY, reliable=True))
-        self._send_transforms()
+        transforms = [
+            transform_message(self._types, self._origin, camera.frame, optical_frame(name), camera.X_FC)
+            for name, camera in workspace.cameras.items()
+        ]
+        self._tf(self._types.make(_TF, transforms=transforms))
 
     @property
     def t(self) -> float:
@@ -176,7 +171,7 @@ class CellServer:
             self._tell(f"{self.t - STILL_FOR * STEP:.3f} s: the arm stands")
         self._stood = not moves and (self._stood or self._still >= STILL_FOR)
         self._clock(self._types.make(CLOCK.type, clock=self._types.time(self.stamp)))
-        if self._steps % JOINTS_EVERY == 0:
+        if self._steps % JOINTS_EVERY == 0 and not self._faults.has("joints-loss"):
             self._publish_joints()
         self._publish_images()
 
@@ -200,8 +195,6 @@ class CellServer:
             self._complaint, self._complained = what, self.t
 
     def _publish_joints(self) -> None:
-        if self._faults.has("joints-loss"):
-            return
         found = self._frozen if self._faults.has("joints-frozen") and self._frozen else self._cell.measured_joints()
         names = {**dict.fromkeys(found, ""), **(self._file.joints or {})}
         message = self._types.make(
@@ -225,35 +218,136 @@ class CellServer:
             image = self._last.get(name, frame.image) if self._faults.has("frozen", name) else frame.image
             self._last[name] = image
             late = cameras[name].lag + self._faults.delay("latency", name)
-            self._after(late, partial(self._images[name], self._image(name, image)))
+            height, width, _ = image.shape
+            message = self._types.make(
+                _IMAGE,
+                header=self._types.header(self.stamp, optical_frame(name)),
+                height=height,
+                width=width,
+                encoding="rgb8",
+                step=3 * width,
+                data=image.reshape(-1),
+            )
+            self._after(late, partial(self._images[name], message))
             self._infos[name](camera_info(self._types, cameras[name], self.stamp))
-        while self._later and self._later[0].t <= self.t + 1e-9:
-            heapq.heappop(self._later).send()
+        while self._later and self._later[0][0] <= self.t + 1e-9:
+            heapq.heappop(self._later)[2]()
 
     def _after(self, seconds: float, send: Callable[[], None]) -> None:
         if seconds <= 0:
             send()
         else:
-            heapq.heappush(self._later, _Later(self.t + seconds, next(self._numbers), send))
+            heapq.heappush(self._later, (self.t + seconds, next(self._numbers), send))
 
-    def _image(self, name: str, image: ImageArray) -> Message:
-        height, width, _ = image.shape
-        return self._types.make(
-            _IMAGE,
-            header=self._types.header(self.stamp, optical_frame(name)),
-            height=height,
-            width=width,
-            encoding="rgb8",
-            step=3 * width,
-            data=image.reshape(-1),
-        )
 
-    def _send_transforms(self) -> None:
-        transforms = [
-            transform_message(self._types, self._origin, camera.frame, optical_frame(name), camera.X_FC)
-            for name, camera in self._workspace.cameras.items()
-        ]
-        self._tf(self._types.make(_TF, transforms=transforms))
+class RefusedTrajectory(SqrpError):  # noqa: N818 - it is an answer
+    """A trajectory that no controller would follow; the message says why."""
+
+
+class FollowedTrajectory:
+    """What a joint trajectory controller makes of trajectories: the reference of an arm that stands at first.
+
+    As joint_trajectory_controller of ros2_control: a new trajectory replaces the one before at once, the way from where
+    the arm is then wanted leads to its first point, and the arm holds where the last point is. Between points,
+    positions alone give lines, with velocities cubics, with accelerations quintics.
+    """
+
+    def __init__(self, names: Mapping[str, str], at: Mapping[str, float], fixed: Mapping[str, float]) -> None:
+        """names: of the joints, by those in messages. at: where they stand. fixed: other joints, which stay there."""
+        self._names = dict(names)
+        self.joints: Sequence[str] = (*names.values(), *fixed)
+        self._fixed = np.array(list(fixed.values()), dtype=float)
+        q = np.array([[at[name] for name in names.values()]])
+        self._times = np.zeros(1)
+        self._points = JointStates(q, np.zeros_like(q), np.zeros_like(q))
+        self._order = 5
+
+    def replace(self, message: Message, t: float, start: float | None) -> float:
+        """Follow another trajectory from time t [s] on; returns when it ends. Raises RefusedTrajectory.
+
+        start: what its times count from [s], None: from now on.
+        """
+        points = self._ordered(message)
+        times = np.array([nanoseconds(point.time_from_start) * 1e-9 for point in message.points])
+        start = t if start is None else start
+        if (np.diff(times) <= 0).any() or times[0] < 0:
+            raise RefusedTrajectory("the times of its points do not rise")
+        wanted = self.states(np.array([t]))
+        first = message.points[0]
+        self._order = 1 if not len(first.velocities) else 3 if not len(first.accelerations) else 5
+        count = len(self._names)
+        before = JointStates(*(values[:, :count] for values in wanted))
+        later = start + times > t
+        self._times = np.concatenate([[t], (start + times)[later]])
+        self._points = JointStates(*(np.concatenate([a, b[later]]) for a, b in zip(before, points, strict=True)))
+        return float(self._times[-1])
+
+    @property
+    def ends(self) -> float:
+        """When its last point is reached [s]."""
+        return float(self._times[-1])
+
+    def moves_from(self, message: Message) -> bool:
+        """Whether a trajectory leads away from where the arm is wanted."""
+        points = self._ordered(message)
+        return bool((np.abs(points.positions - self._points.positions[-1]) > 1e-9).any())
+
+    def states(self, t: Array) -> JointStates:
+        """As `ArmReference` says."""
+        last = len(self._times) - 1
+        piece = np.clip(np.searchsorted(self._times, t, side="right") - 1, 0, last)
+        following = np.minimum(piece + 1, last)
+        span = np.maximum(self._times[following] - self._times[piece], 1e-9)[:, None]
+        u = np.clip((t - self._times[piece])[:, None], 0.0, span)
+        begin, end = (JointStates(*(values[i] for values in self._points)) for i in (piece, following))
+        found = between(begin, end, u, span, self._order)
+        held = (piece == following)[:, None]
+        still = np.zeros_like(end.positions)
+        moved = [np.where(held, rest, one) for one, rest in zip(found, (end.positions, still, still), strict=True)]
+        fixed = np.tile(self._fixed, (len(t), 1))
+        return JointStates(*(np.hstack([a, b]) for a, b in zip(moved, (fixed, 0 * fixed, 0 * fixed), strict=True)))
+
+    def _ordered(self, message: Message) -> JointStates:
+        """Positions, velocities and accelerations, with the joints in our order. Raises RefusedTrajectory."""
+        if sorted(message.joint_names) != sorted(self._names):
+            raise RefusedTrajectory(
+                f"its joints are {', '.join(message.joint_names)}; expected {', '.join(self._names)}"
+            )
+        if not message.points:
+            raise RefusedTrajectory("it has no points")
+        order = [list(message.joint_names).index(name) for name in self._names]
+        rows = []
+        for kind in ("positions", "velocities", "accelerations"):
+            values = [getattr(point, kind) for point in message.points]
+            if any(len(one) not in ((len(order),) if kind == "positions" else (0, len(order))) for one in values):
+                raise RefusedTrajectory(f"its points have not one of the {kind} for each joint")
+            rows.append(np.array([one[order] if len(one) else np.zeros(len(order)) for one in values]))
+        if not all((np.abs(row) < MOST).all() for row in rows):
+            raise RefusedTrajectory("it holds values that no joint can have")
+        return JointStates(*rows)
+
+
+def between(begin: JointStates, end: JointStates, u: Array, span: Array, order: int) -> JointStates:
+    """The states a time u after the beginning of a span [s], (m, 1) each: the polynomial of an order that fits both."""
+    q0, v0, a0 = begin
+    q1, v1, a1 = end
+    x = u / span
+    if order == 1:
+        return JointStates(q0 + (q1 - q0) * x, (q1 - q0) / span + 0 * x, 0 * q0 * x)
+    if order == 3:
+        c2, c3 = 3 * (q1 - q0) - span * (2 * v0 + v1), 2 * (q0 - q1) + span * (v0 + v1)
+        c4 = c5 = np.zeros_like(c2)
+    else:
+        c2 = 0.5 * a0 * span**2
+        c3 = 10 * (q1 - q0) - span * (6 * v0 + 4 * v1) - span**2 * (1.5 * a0 - 0.5 * a1)
+        c4 = -15 * (q1 - q0) + span * (8 * v0 + 7 * v1) + span**2 * (1.5 * a0 - a1)
+        c5 = 6 * (q1 - q0) - 3 * span * (v0 + v1) - 0.5 * span**2 * (a0 - a1)
+    c1 = v0 * span
+    return JointStates(
+        q0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * c5)))),
+        (c1 + x * (2 * c2 + x * (3 * c3 + x * (4 * c4 + x * 5 * c5)))) / span,
+        (2 * c2 + x * (6 * c3 + x * (12 * c4 + x * 20 * c5))) / span**2,
+    )
 
 
 class Faults:
@@ -267,25 +361,25 @@ class Faults:
         self._next = 0
 
     def motion_begins(self, t: float, reference: FollowedTrajectory) -> list[str]:
-        """A motion begins at time t [s]; returns what is to be told of it."""
-        if self._next >= len(self._steps) or not self._is_step(t, reference, self._next):
+        """A motion begins at time t [s]; returns what is to be told of it.
+
+        The first is the first step, the next ones where the arm stands where the next step was planned to begin.
+        """
+        if self._next >= len(self._steps):
             return []
+        step = self._steps[self._next]
+        if self._next:
+            q = dict(zip(reference.joints, reference.states(np.array([t])).positions[0].tolist(), strict=True))
+            first = step.primitives[0].trajectory.positions([0.0])[0].tolist()
+            planned = dict(zip(self._joints, first, strict=True))
+            if any(abs(q[name] - planned[name]) >= SAME_START for name in q if name in planned):
+                return []
         self._next += 1
-        step = self._steps[self._next - 1]
         begins = next((one.start for one in step.primitives if not one.trajectory.stands), 0.0)
         mine = [fault for fault in self._faults if fault.step == self._next]
         self._due += [(t - begins + (fault.t or 0.0), fault) for fault in mine]
         self._due.sort(key=lambda one: one[0])
         return [f"step {self._next} ({step.short_task}) begins"]
-
-    def _is_step(self, t: float, reference: FollowedTrajectory, index: int) -> bool:
-        """Whether the arm stands where a step was planned to begin; the first motion is the first step."""
-        if index == 0:
-            return True
-        q = dict(zip(reference.joints, reference.states(np.array([t])).positions[0].tolist(), strict=True))
-        first = self._steps[index].primitives[0].trajectory.positions([0.0])[0].tolist()
-        planned = dict(zip(self._joints, first, strict=True))
-        return all(abs(q[name] - planned[name]) < SAME_START for name in q if name in planned)
 
     def due(self, t: float) -> list[InjectedFault]:
         """The faults that happen by time t [s] and were not given before."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.runtime.cell.portions import EVERY, LEAD, SETTLES, Portion, Portions
-from sqrp_cli.runtime.serve.followed import FollowedTrajectory, RefusedTrajectory
+from sqrp_cli.runtime.serve.cell_server import FollowedTrajectory, RefusedTrajectory
 from tests.runtime.run.test_arm_motion import ACCELERATION, JERK, Q0, Q1, playback
 
 NAMES = {"a": "a", "b": "b"}

@@ -13,8 +13,7 @@ import pytest
 pytest.importorskip("rosbags")
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.ros.messages import Message, MessageError, message_types, nanoseconds
-from sqrp_cli.ros.transport import Inbox, Topic
+from sqrp_cli.ros.messages import Inbox, Message, MessageError, Topic, message_types, nanoseconds
 from sqrp_cli.runtime.cell import ros_cell, ros_checks
 from sqrp_cli.runtime.cell.robot_file import RobotFile, read_robot_file
 from sqrp_cli.runtime.cell.ros_cell import CLOCK, RosCell
