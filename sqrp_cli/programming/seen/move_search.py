@@ -237,14 +237,9 @@ class MoveSpace:
             path.free = self.scene.is_free(path.trajectory.path)
         return path.free
 
-    def looks(self, closeness: Closeness) -> int:
-        """Number of looks at a path."""
-        wanted = self.direct.time / closeness.step if closeness.step else np.inf
-        return int(np.clip(wanted, closeness.fewest, closeness.most))
-
 
 class MoveSearch:
-    """Evolution of the vias of one joint move; it advances together with those of other moves."""
+    """Evolution of the vias of one joint move."""
 
     def __init__(self, space: MoveSpace, seed: int) -> None:
         self.space, self.best = space, space.direct
@@ -260,47 +255,62 @@ class MoveSearch:
         """Whether hardly anything can be won."""
         return self.best_cost - self.space.direct.time < SETTLED
 
-    def _begin(self, kind: Literal["middle", "near", "split"]) -> None:
-        """Begin a phase."""
-        space, vias = self.space, self.best.vias
-        mean = 0.5 * (space.q0 + space.q1)[None] if kind == "middle" or not len(vias) else vias
-        if kind == "split" and len(mean) == 1:
-            mean = np.concatenate([2 * mean + space.q0, 2 * mean + space.q1]) / 3
-        deviation = {"middle": DEVIATION, "near": FINE_DEVIATION, "split": 0.5 * DEVIATION}[kind]
-        reach = np.tile(DETOUR * space.direct.time * space.limits.velocity, len(mean))
-        self._low, self._high = (np.tile(bound, len(mean)) for bound in space.bounds)
-        self._evolution = Evolution(
-            mean.reshape(-1), np.minimum(deviation, reach), POPULATION, self._seed + self._begun
-        )
-
-    def draw(self) -> list[SeenPath]:
-        """The next population, of which nothing but the times is known."""
+    def advance(self, observer: Observer) -> int:
+        """One generation: all paths are looked at roughly, then the better half again; gives the work, in looks."""
+        space = self.space
         if self._left == 0:
             kind, self._left = PHASES[self._begun % len(PHASES)]
-            self._begin(kind)
+            vias, middle = self.best.vias, 0.5 * (space.q0 + space.q1)[None]
+            mean = middle if kind == "middle" or not len(vias) else vias
+            if kind == "split" and len(mean) == 1:
+                mean = np.concatenate([2 * mean + space.q0, 2 * mean + space.q1]) / 3
+            deviation = {"middle": DEVIATION, "near": FINE_DEVIATION, "split": 0.5 * DEVIATION}[kind]
+            reach = np.tile(DETOUR * space.direct.time * space.limits.velocity, len(mean))
+            self._low, self._high = (np.tile(bound, len(mean)) for bound in space.bounds)
+            seed = self._seed + self._begun
+            self._evolution = Evolution(mean.reshape(-1), np.minimum(deviation, reach), POPULATION, seed)
             self._begun += 1
         self._left -= 1
-        self._drawn = np.clip(self._evolution.population(), self._low, self._high)
-        return [self.space.path(vias) for vias in self._drawn.reshape(POPULATION, -1, len(self.space.q0))]
+        drawn = np.clip(self._evolution.population(), self._low, self._high)
+        paths = [space.path(vias) for vias in drawn.reshape(POPULATION, -1, len(space.q0))]
+        worth = list(filter(self._is_worth_a_look, paths))
+        work = self.look(observer, worth, ROUGHLY)
+        better = sorted(worth, key=space.cost)[: POPULATION // 2]
+        work += self.look(observer, better, FINELY) + self._take(observer, better)
+        costs = [np.inf if path.free is False else space.cost(path) for path in paths]
+        self._evolution.learn(drawn, np.array(costs))
+        return work + PATH_COST * len(paths)
 
-    def worth_a_look(self, path: SeenPath) -> bool:
+    def try_others(self, observer: Observer, vias: Sequence[Array]) -> int:
+        """Try the vias that other searches found best: moves of one candidate pass the same places; gives the work."""
+        paths = [path for path in map(self.space.path, vias) if self._is_worth_a_look(path)]
+        return self.look(observer, paths, FINELY) + self._take(observer, paths)
+
+    def look(self, observer: Observer, paths: Sequence[SeenPath], closeness: Closeness) -> int:
+        """Find the blind times of paths; gives the number of looks."""
+        wanted = self.space.direct.time / closeness.step if closeness.step else np.inf
+        looks = int(np.clip(wanted, closeness.fewest, closeness.most))
+        times = self.space.move.blind_times(observer, [path.trajectory for path in paths], looks)
+        for path, blind in zip(paths, times.tolist(), strict=True):
+            path.blind = blind
+        return len(paths) * looks
+
+    def _is_worth_a_look(self, path: SeenPath) -> bool:
         """Whether a path would be better than the best, if it were seen throughout."""
         return path.time < min(self.best_cost, self.space.longest)
 
-    def hopeful(self, paths: Sequence[SeenPath]) -> list[SeenPath]:
-        """The first free one of paths that seem to be better than the best, if any."""
-        better = (path for path in sorted(paths, key=self.space.cost) if self.space.cost(path) < self.best_cost)
-        return list(islice(filter(self.space.is_free, better), 1))
+    def _take(self, observer: Observer, paths: Sequence[SeenPath]) -> int:
+        """Remember paths; gives the number of looks.
 
-    def take(self, paths: Sequence[SeenPath], hopeful: Sequence[SeenPath]) -> None:
-        """Remember paths; hopeful: those of them whose blind times are so exact that they may be the best."""
+        The first free one that seems to be the best so far is looked at once more: luck between few looks must not
+        decide.
+        """
+        better = (path for path in sorted(paths, key=self.space.cost) if self.space.cost(path) < self.best_cost)
+        hopeful = list(islice(filter(self.space.is_free, better), 1))
+        looks = self.look(observer, hopeful, EXACTLY)
         self._found += [path for path in paths if path.free is not False]
         self.best = min([self.best, *hopeful], key=self.space.cost)
-
-    def learn(self, paths: Sequence[SeenPath]) -> None:
-        """Let the population evolve towards the better of its paths."""
-        costs = [np.inf if path.free is False else self.space.cost(path) for path in paths]
-        self._evolution.learn(self._drawn, np.array(costs))
+        return looks
 
     def left(self, weight: float, most: int) -> list[SeenPath]:
         """The direct path and the best others of which none is both longer and blind for longer than another.
@@ -315,58 +325,10 @@ class MoveSearch:
         return [self.space.direct, *others[: most - 1]]
 
 
-def advance(observer: Observer, searches: Sequence[MoveSearch]) -> int:
-    """One generation of every search, all paths looked at in one batch: roughly first, then the better half again.
-
-    One that seems to be the best so far is looked at once more: luck between few looks must not decide.
-
-    Gives the work that it was, in looks.
-    """
-    populations = [search.draw() for search in searches]
-    worth = [list(filter(search.worth_a_look, paths)) for search, paths in zip(searches, populations, strict=True)]
-    work = look_at_paths(observer, searches, worth, ROUGHLY)
-    in_order = [sorted(paths, key=search.space.cost) for search, paths in zip(searches, worth, strict=True)]
-    better = [paths[: POPULATION // 2] for paths in in_order]
-    work += look_at_paths(observer, searches, better, FINELY)
-    work += _take(observer, searches, better)
-    for search, paths in zip(searches, populations, strict=True):
-        search.learn(paths)
-    return work + PATH_COST * sum(map(len, populations))
-
-
-def _take(observer: Observer, searches: Sequence[MoveSearch], paths: Sequence[Sequence[SeenPath]]) -> int:
-    """Have searches remember paths, after a last look at those that seem to be the best; gives the number of looks."""
-    hopeful = [search.hopeful(of_search) for search, of_search in zip(searches, paths, strict=True)]
-    looks = look_at_paths(observer, searches, hopeful, EXACTLY)
-    for search, of_search, one in zip(searches, paths, hopeful, strict=True):
-        search.take(of_search, one)
-    return looks
-
-
 def exchange(observer: Observer, searches: Sequence[MoveSearch], others: Sequence[MoveSearch]) -> int:
-    """Have searches try the vias that others found best: moves of one candidate pass the same places.
-
-    Gives the work that it was, in looks.
-    """
-    vias = [(other, other.best.vias) for other in others if len(other.best.vias)]
-    suggested = [
-        [path for other, found in vias if other is not search and search.worth_a_look(path := search.space.path(found))]
-        for search in searches
-    ]
-    work = look_at_paths(observer, searches, suggested, FINELY)
-    work += _take(observer, searches, suggested)
-    return work + PATH_COST * len(vias) * len(searches)
-
-
-def look_at_paths(
-    observer: Observer, searches: Sequence[MoveSearch], paths: Sequence[Sequence[SeenPath]], closeness: Closeness
-) -> int:
-    """Find the blind times of paths of each search; gives the number of looks."""
+    """Have searches try the vias that others found best; gives the work that it was, in looks."""
+    found = [(other, other.best.vias) for other in others if len(other.best.vias)]
     work = 0
-    for search, of_search in zip(searches, paths, strict=True):
-        looks = search.space.looks(closeness)
-        times = search.space.move.blind_times(observer, [path.trajectory for path in of_search], looks)
-        for path, blind in zip(of_search, times.tolist(), strict=True):
-            path.blind = blind
-        work += len(of_search) * looks
-    return work
+    for search in searches:
+        work += search.try_others(observer, [vias for other, vias in found if other is not search])
+    return work + PATH_COST * len(found) * len(searches)

@@ -34,9 +34,7 @@ from sqrp_cli.programming.seen.move_search import (
     MoveSpace,
     SeenPath,
     WatchedMove,
-    advance,
     exchange,
-    look_at_paths,
 )
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.trajectory import JointPath, Trajectory
@@ -147,11 +145,11 @@ def seen_ways(
         runners = sorted(runners, key=lambda runner: (-runner.level, runner.cost))[:number]
         work += exchange(cell.observer, _searches(runners), everyone)
         for _ in range(generations):
-            work += advance(cell.observer, _searches(runners))
+            work += sum(search.advance(cell.observer) for search in _searches(runners))
     runners = sorted(runners, key=lambda runner: (-runner.level, runner.cost))[:1]
     work += exchange(cell.observer, _searches(runners), everyone)
     while work < MOST_WORK and (searches := _searches(runners)):
-        work += advance(cell.observer, searches)
+        work += sum(search.advance(cell.observer) for search in searches)
     return [found for runner in runners if (found := _result(cell, runner, sampling, longest)) is not None]
 
 
@@ -266,7 +264,8 @@ def _runners(cell: Cell, scenes: Sequence[Rehearsal], longest: float, interest_f
         spare = longest - scene.motion.time
         spaces = list(move_spaces(cell, scene, moves[id(scene)], spare))
         searches = [MoveSearch(space, cell.seed + 1000 * k) for k, space in enumerate(spaces)]
-        look_at_paths(cell.observer, searches, [[search.space.direct] for search in searches], EXACTLY)
+        for search in searches:
+            search.look(cell.observer, [search.space.direct], EXACTLY)
         searched = tuple(search for search in searches if search.space.direct.blind > WORTH_SEARCHING)
         left = [search.space.move.primitive for search in searches]
         blind = glance.elsewhere(left) + sum(s.space.direct.blind for s in searches if s not in searched)
@@ -285,7 +284,8 @@ def _result(cell: Cell, runner: _Runner, sampling: Sampling, longest: float) -> 
     """The way with the best paths that fit the time together, studied exactly; None if none is better."""
     spare = longest - runner.scene.motion.time
     left = [search.left(runner.weight, LEFT) for search in runner.searches]
-    look_at_paths(cell.observer, runner.searches, left, EXACTLY)
+    for search, paths_left in zip(runner.searches, left, strict=True):
+        search.look(cell.observer, paths_left, EXACTLY)
     # A free path for each move, together of the least cost within the time.
     spaces = [search.space for search in runner.searches]
     most = sum(space.direct.time for space in spaces) + spare + ROUNDING
