@@ -184,7 +184,7 @@ def test_a_mesh_in_millimetres_that_is_in_the_way_is_doubted_before_any_path_is_
     cell["objects"]["crate"] |= {"parts": [{"mesh": str(tmp_path / "crate.obj")}], "pose": {"position": position}}
     searched, check_path = [], PlacedScene.check_path
     monkeypatch.setattr(PlacedScene, "check_path", lambda *a, **b: searched.append(1) or check_path(*a, **b))
-    (row,) = open_cell(write_cell(cell, tmp_path).parent).rank("pickup g2").document.candidates
+    (row,) = open_cell(write_cell(cell, tmp_path).parent).rank("pickup g2").candidates
     assert not row.feasible
     assert says in row.reasons[0]
     assert "measures 269 m, its `size` 0.326 m: perhaps it is in millimetres, say `scale: 0.001`" in row.reasons[0]

@@ -66,7 +66,7 @@ class Painted:
         image[self._tool.mask(self.posed.whole)] = 20
         nothing = np.zeros(self.posed.whole.shape, dtype=bool)
         view: Any = SimpleNamespace(
-            image=image, camera=self.eye, posed_camera=self.posed, robot=self._tool,
+            image=image, whole=self.posed.whole, camera=self.eye, posed_camera=self.posed, robot=self._tool,
             believed=SimpleNamespace(holding=True, X_WO={}), pose=lambda box: box.X_FB,
             cell=SimpleNamespace(objects={}, detectors={"color": SimpleNamespace(min_visible=min_visible)}),
             is_at_tool=lambda box: box.name == "tool", projected=lambda _, X: self.projected(X),

@@ -272,7 +272,7 @@ def test_each_kind_of_cameras_has_its_windows_and_together_they_show_what_none_s
     for number, of_clock in enumerate([(0.1, 0.05), (0.25, 0.02), (0.25, 0.05)]):
         own = sees[..., [number]] if number < 2 else sees
         shown = own.any(axis=2).all(axis=0)
-        windows = [one for one in found if one[2:] == of_clock]
+        windows = [one for one in found if (one.period, one.lag) == of_clock]
         for i in np.flatnonzero(inside):
             contained = any(one.start <= t[i] and t[i + 1] <= one.end for one in windows)
             long = number < 2 or any(one.end - one.start > 0.25 for one in windows if one.start <= t[i] <= one.end)
