@@ -30,12 +30,12 @@ class ShowCommand(requests.Printed, requests.CellCommand):
 
 def show(_context: Any, ask: ShowCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
     """Print what was understood, or found."""
-    from sqrp_cli.checks.cell_warnings import cell_warnings
-    from sqrp_cli.terminal.console import print_problems
-
     if is_result(ask.workspace):
         answer(read_result(ask.workspace), as_json=ask.json)
         return ExitCode.OK
+    from sqrp_cli.checks.cell_warnings import cell_warnings
+    from sqrp_cli.terminal.console import print_problems
+
     cell = OpenCell.read(ask.workspace)
     scene = cell.scene()
     print_problems((*(one for one in cell.findings if one.severity == "warning"), *cell_warnings(scene.cell)))
