@@ -103,7 +103,7 @@ private:
     static constexpr int CUT = 24;
 };
 
-// The smallest image of a box that its detector reads [pixels]; of markers: `knowledge/camera/marker_range.py`.
+// The smallest image of a box that its detector reads [pixels]; of markers: `knowledge/camera/detector.py`.
 inline double least_size(const Camera& camera, const Box& box, double incidence) {
     if (box.reads == 0) return box.pixels;
     double shorter = most(cos(incidence), cos(STEEPEST)), read = box.reads * sqrt(0.5 * (1 + shorter * shorter)) / shorter;

@@ -95,10 +95,10 @@ def with_further_camera(document: SourceDocument, camera: Camera, like: str, loo
     return appended(document, ("cameras",), f"{camera.name}: {_flow(entry)}")
 
 
-_SENSING = {
-    "near": ("m", LENGTH), "far": ("m", LENGTH), "rate": ("Hz", FREQUENCY), "exposure": ("ms", TIME),
-    "latency": ("ms", TIME),
-}  # fmt: skip
+_SENSING = (
+    ("near", "m", LENGTH), ("far", "m", LENGTH), ("rate", "Hz", FREQUENCY), ("exposure", "ms", TIME),
+    ("latency", "ms", TIME),
+)  # fmt: skip
 """How a camera senses, with the units that people use."""
 
 
@@ -132,7 +132,7 @@ def with_cameras(document: SourceDocument, kept: Collection[str], cameras: Seque
         if lens is not None:
             image["distortion"] = {"model": lens.model, "coefficients": list(lens.coefficients)}
         sensing = {}
-        for name, (unit, dimension) in _SENSING.items():
+        for name, unit, dimension in _SENSING:
             value = getattr(camera, name)
             if value is not None and (value or name != "exposure"):
                 sensing[name] = _number(f"0 {unit}", value, dimension)
