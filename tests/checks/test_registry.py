@@ -45,6 +45,7 @@ UNKNOWN = {
     "srdf.py": ("link", "joint", "group"),
     "check.py": ("skill", "object", "camera"),
     "load.py": ("frame", "object", "enclosed", "detector"),
+    "labelled.py": ("detector", "camera", "object"),
 }
 """What the codes `unknown-...` are made from that the source puts together, by file."""
 
