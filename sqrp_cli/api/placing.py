@@ -50,7 +50,14 @@ def find_placement(
     check_solver()
     workspace = cell.workspace
     mounts = read_mounts(place_file(workspace, request.mounts), workspace, tuple(cell.model.links))
-    keep = _keep(request, workspace)
+    for name in request.keep:
+        if name not in workspace.cameras:
+            message = f"there is no camera `{name}` to keep; {expected_names('', workspace.cameras)}"
+            several = [part.strip() for part in name.split(",")]
+            listed = len(several) > 1 and all(part in workspace.cameras for part in several)
+            mend = " ".join(f"--keep {part}" for part in several) if listed else None
+            raise bad_input("unknown-camera", message, mend=mend)
+    keep = tuple(dict.fromkeys(request.keep))
     floor = _floor(request, workspace, len(keep))
     _check_budget(request, mounts, max(0 if floor is None else floor.cameras, 1 + request.survive - len(keep), 0))
     question = PlaceQuestion(
@@ -143,14 +150,3 @@ def _tasks(request: PlaceRequest, workspace: Workspace) -> Sequence[str]:
         message = "the workspace lists no tasks, so it is not known what cameras are for"
         raise bad_option(message, mend="name a task, such as `pickup green`")
     return texts
-
-
-def _keep(request: PlaceRequest, workspace: Workspace) -> tuple[str, ...]:
-    for name in request.keep:
-        if name not in workspace.cameras:
-            message = f"there is no camera `{name}` to keep; {expected_names('', workspace.cameras)}"
-            several = [part.strip() for part in name.split(",")]
-            listed = len(several) > 1 and all(part in workspace.cameras for part in several)
-            mend = " ".join(f"--keep {part}" for part in several) if listed else None
-            raise bad_input("unknown-camera", message, mend=mend)
-    return tuple(dict.fromkeys(request.keep))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -121,7 +121,12 @@ class Suggester:
                 of_plan[plan] += 1
             ordered.sort(key=lambda pair: pair[0])
             suggestions = [suggestion for _, suggestion in ordered[:MOST_WITH_FIGURES]]
-        figures = [self._figures(step) for suggestion in suggestions if (step := suggestion.last) is not None]
+        figures = []
+        for step in (suggestion.last for suggestion in suggestions):
+            if step is not None and step.assessment is not None and step.world is not None:
+                assignment = Assignment(cell=self.cell, world=step.world, wanted=self._wanted)
+                known = step.assessment
+                figures.append(assignment.assess(known.candidate) if self._wanted.fastest else known)
         if not figures:
             return None
         first = rank(figures, "q_eoi")[0].candidate
@@ -130,25 +135,30 @@ class Suggester:
             return best
         return Suggester(self.cell, self.world, self._planner, self.jobs).suggest(best.last.assessment.candidate)
 
-    def _figures(self, step: SuggestedStep) -> CandidateResult:
-        """The assessment of the last step of a suggestion."""
-        assert step.assessment is not None  # noqa: S101 - it can be done
-        assert step.world is not None  # noqa: S101
-        if not self._wanted.fastest:
-            return step.assessment
-        return Assignment(cell=self.cell, world=step.world, wanted=self._wanted).assess(step.assessment.candidate)
-
     def suggest(self, candidate: Candidate) -> Suggestion:
         """Plan with the skills of the workspace to the candidate's precondition, and check every step."""
         if not unmet_preconditions(self.cell, candidate, self.world):
             return Suggestion("satisfied", "")
-        match self._plan(candidate):
+        key = (candidate.skill.name, *candidate.binding.values())
+        if key not in self._plans:
+            goal, types = candidate.skill.action.precondition, self.cell.workspace.types
+            self._plans[key] = self._planner(self._domain, types, self.world.facts, goal, candidate.binding)
+        match self._plans[key]:
             case AlreadySatisfied():
                 return Suggestion("satisfied", "")
             case Plan(steps):
                 done = [self._after(steps[: count + 1]) for count in range(len(steps))]
+                world, assessment = done[-1][1], None
+                if world is not None and self._wanted.fastest:  # only whether it can be done
+                    motion = some_motion(self.cell, candidate, world)
+                    reasons = motion.reasons if isinstance(motion, Infeasible) else ()
+                    figures = vars(NO_FIGURES)
+                    assessment = CandidateResult(candidate=candidate, feasible=not reasons, reasons=reasons, **figures)
+                elif world is not None:
+                    assessment = Assignment(cell=self.cell, world=world).assess(candidate)
+                action = PlanStep(candidate.skill.action.name, tuple(candidate.binding.values()))
+                last = SuggestedStep(candidate.task, str(action), world, assessment)
                 listed = ", then ".join(map(str, steps))
-                last = self._after_all(candidate, done[-1][1])
                 return Suggestion("plan", f"first do {listed}", tuple(step for step, _ in done), last)
             case ProvenImpossible(never):
                 parts = " and ".join(f"`{part}`" for part in never) or "all of it together"
@@ -157,44 +167,19 @@ class Suggester:
                 because = f": {why}" if why else ""
                 return Suggestion("gave_up", f"no plan was found within {within}, which proves nothing{because}")
 
-    def _plan(self, candidate: Candidate) -> PlanningResult:
-        key = (candidate.skill.name, *candidate.binding.values())
-        if key not in self._plans:
-            goal, types = candidate.skill.action.precondition, self.cell.workspace.types
-            self._plans[key] = self._planner(self._domain, types, self.world.facts, goal, candidate.binding)
-        return self._plans[key]
-
     def _after(self, steps: tuple[PlanStep, ...]) -> tuple[SuggestedStep, World | None]:
-        """The last of several steps, in the world after those before it, and the world after it."""
+        """The last of several steps, in its best way in the world after those before it, and the world after it."""
         if steps not in self._done:
             world = self._after(steps[:-1])[1] if len(steps) > 1 else self.world
-            self._done[steps] = self._in_best_way(steps[-1], world)
+            workspace, step = self.cell.workspace, steps[-1]
+            candidates = read_task(_text(step, workspace), workspace).candidates
+            if world is None:
+                self._done[steps] = SuggestedStep(candidates[0].task, str(step), None, None), None
+            else:
+                assignment = Assignment(cell=self.cell, world=world, wanted=self._wanted)
+                best = rank(tuple(assess_all(assignment, candidates, self.jobs)), "q_eoi")[0]
+                self._done[steps] = SuggestedStep.of(best, world), world_left(self.cell, best, world)
         return self._done[steps]
-
-    def _in_best_way(self, step: PlanStep, world: World | None) -> tuple[SuggestedStep, World | None]:
-        task = self._task(step)
-        if world is None:
-            return SuggestedStep(task.text, str(step), None, None), None
-        assignment = Assignment(cell=self.cell, world=world, wanted=self._wanted)
-        best = rank(tuple(assess_all(assignment, task.candidates, self.jobs)), "q_eoi")[0]
-        return SuggestedStep.of(best, world), world_left(self.cell, best, world)
-
-    def _after_all(self, candidate: Candidate, world: World | None) -> SuggestedStep:
-        if world is None:
-            action = PlanStep(candidate.skill.action.name, tuple(candidate.binding.values()))
-            return SuggestedStep(candidate.task, str(action), None, None)
-        if self._wanted.fastest:
-            motion = some_motion(self.cell, candidate, world)
-            reasons = motion.reasons if isinstance(motion, Infeasible) else ()
-            possible = CandidateResult(candidate=candidate, feasible=not reasons, reasons=reasons, **vars(NO_FIGURES))
-            return SuggestedStep.of(possible, world)
-        return SuggestedStep.of(Assignment(cell=self.cell, world=world).assess(candidate), world)
-
-    def _task(self, step: PlanStep) -> Task:
-        """The task of a step, with all its candidates."""
-        workspace = self.cell.workspace
-        task = read_task(_text(step, workspace), workspace)
-        return Task(task.candidates[0].task, task.skill, task.candidates)
 
 
 MOST_PLANNED = 20
@@ -210,25 +195,21 @@ def with_first_steps(task: Task, workspace: Workspace, facts: frozenset[Atom] | 
     facts = workspace.state if facts is None else facts
     if task.candidates[0].steps or any(not one.lacks(workspace, facts) for one in task.candidates):
         return task
-    plans = sorted(_plans(task, workspace, facts), key=lambda found: len(found[0]))
-    if not plans:
-        return task
-    steps, last = plans[0]
-    settings = [word for word in task.text.split()[1:] if "=" in word]
-    names = [f"{name}={value}" for name, value in last.binding.items()]
-    kept = [word for word in settings if word.split("=", 1)[0] not in last.binding]
-    return read_task(THEN.join([*steps, " ".join([last.skill.name, *names, *kept])]), workspace, facts)
-
-
-def _plans(task: Task, workspace: Workspace, facts: frozenset[Atom]) -> Iterator[tuple[list[str], Candidate]]:
-    """Plans for the different choices of objects: the tasks to do first, and the candidate."""
     domain = merge_domains([skill.domain for skill in workspace.skills.values()])
     different = {tuple(one.binding.values()): one for one in reversed(task.candidates)}
+    plans: list[tuple[list[str], Candidate]] = []
     for candidate in list(reversed(different.values()))[:MOST_PLANNED]:
         goal = candidate.skill.action.precondition
         found = find_plan(domain, workspace.types, facts, goal, candidate.binding)
         if isinstance(found, Plan):
-            yield [_text(step, workspace) for step in found.steps], candidate
+            plans.append(([_text(step, workspace) for step in found.steps], candidate))
+    if not plans:
+        return task
+    steps, last = min(plans, key=lambda plan: len(plan[0]))
+    settings = [word for word in task.text.split()[1:] if "=" in word]
+    names = [f"{name}={value}" for name, value in last.binding.items()]
+    kept = [word for word in settings if word.split("=", 1)[0] not in last.binding]
+    return read_task(THEN.join([*steps, " ".join([last.skill.name, *names, *kept])]), workspace, facts)
 
 
 def _text(step: PlanStep, workspace: Workspace) -> str:
@@ -258,7 +239,17 @@ class Feasibility:
 def check_candidate(candidate: Candidate, suggester: Suggester) -> Feasibility:
     """Check one candidate in the suggester's world: its precondition, and whether the robot can make its motion."""
     if candidate.steps:
-        return _check_steps(candidate, suggester)
+        # Check a candidate of several steps, each in its way with `--ways fastest` after those before.
+        wanted = WantedWay(fastest=True)
+        found = Assignment(cell=suggester.cell, world=suggester.world, wanted=wanted).assess(first_grip(candidate))
+        return Feasibility(
+            candidate=candidate,
+            feasible=found.feasible,
+            reasons=found.reasons,
+            time=found.time,
+            suggestion=Suggestion("satisfied", ""),
+            remarks=found.remarks,
+        )
     suggestion = suggester.suggest(candidate)
     motion = some_motion(suggester.cell, candidate, suggester.world)
     if isinstance(motion, Infeasible):
@@ -270,20 +261,6 @@ def check_candidate(candidate: Candidate, suggester: Suggester) -> Feasibility:
         suggestion=suggestion,
         remarks=motion.remarks,
         outside=formulas_outside(candidate, motion),
-    )
-
-
-def _check_steps(candidate: Candidate, suggester: Suggester) -> Feasibility:
-    """Check a candidate of several steps, each in its way with `--ways fastest` after those before."""
-    wanted = WantedWay(fastest=True)
-    found = Assignment(cell=suggester.cell, world=suggester.world, wanted=wanted).assess(first_grip(candidate))
-    return Feasibility(
-        candidate=candidate,
-        feasible=found.feasible,
-        reasons=found.reasons,
-        time=found.time,
-        suggestion=Suggestion("satisfied", ""),
-        remarks=found.remarks,
     )
 
 
