@@ -5,7 +5,7 @@ That is clear of everything solid and of the robot's sweep, and not below a tabl
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -14,7 +14,6 @@ import numpy as np
 from sqrp_cli.geometry import Array, Mask, box_corners, cross, pose, read_only, transform
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.frames import WORLD
-from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.solids import Solid, distance, load_solid
@@ -88,7 +87,14 @@ class CameraRoom:
         """states: of the motions during which the cameras must not be in the way."""
         self._solids = cell.observer.solids
         self._states = states
-        self._tops = sorted(_tops(cell.workspace.objects))
+        objects = cell.workspace.objects
+        carriers = (objects[name] for name in {obj.on for obj in objects.values() if obj.on is not None})
+        self._tops = [
+            float(transform(obj.X_WO, box_corners(obj.size))[:, 2].max())
+            for obj in carriers
+            if obj.fixed and obj.X_WO is not None
+        ]
+        """Heights of the tops of fixed objects that carry others [m]."""
 
     def free(self, eyes: Array, present: Array | None = None) -> Mask:
         """Whether a camera may be at each of p places (p, 3); present: where it is now, (3,), above the same tables."""
@@ -123,13 +129,3 @@ def touched(solid: Solid, X_FP: Array, places: Array, radius: float) -> Mask:
 @cache
 def _ball(radius: float) -> Solid:
     return load_solid(Part("camera", WORLD, Sphere(radius), pose()))
-
-
-def _tops(objects: Mapping[str, SceneObject]) -> list[float]:
-    """Heights of the tops of fixed objects that carry others [m]."""
-    carriers = [objects[name] for name in {obj.on for obj in objects.values() if obj.on is not None}]
-    return [
-        float(transform(obj.X_WO, box_corners(obj.size))[:, 2].max())
-        for obj in carriers
-        if obj.fixed and obj.X_WO is not None
-    ]

@@ -58,7 +58,21 @@ class Wish(Record):
         """One short text for each part that a candidate does not meet, such as `Q_eoi is 0.0 %, not 100 %`."""
         if not found.feasible:
             return (f"it cannot be done: {found.reasons[0]}",)
-        return tuple(self._missed(found))
+        missed = []
+        for name, least in self._stated(QUALITIES):
+            quality = figure(found, name)
+            if quality is None:
+                missed.append(f"{SHOWN[name]} is undefined")
+            elif falls_short(quality, least):
+                missed.append(f"{SHOWN[name]} is {100 * quality:.1f} %, not {100 * least:.4g} %")
+        for name, most in self._stated(TIMES):
+            time = figure(found, name)
+            if time == inf:
+                share = f"{100 * (found.unseen or 0.0):.3g} % of cases"
+                missed.append(f"a fault may never be noticed ({share}), not after {most:.4g} s")
+            elif time is not None and time > most:
+                missed.append(f"{SHOWN[name]} is {time:.2f} s, not {most:.4g} s")
+        return tuple(missed)
 
     def met(self, found: CandidateResult) -> bool:
         """Whether a candidate meets all of it."""
@@ -89,21 +103,6 @@ class Wish(Record):
 
     def _stated(self, names: tuple[str, ...]) -> Iterator[tuple[str, float]]:
         yield from ((name, value) for name in names if (value := getattr(self, name)) is not None)
-
-    def _missed(self, found: CandidateResult) -> Iterator[str]:
-        for name, least in self._stated(QUALITIES):
-            quality = figure(found, name)
-            if quality is None:
-                yield f"{SHOWN[name]} is undefined"
-            elif falls_short(quality, least):
-                yield f"{SHOWN[name]} is {100 * quality:.1f} %, not {100 * least:.4g} %"
-        for name, most in self._stated(TIMES):
-            time = figure(found, name)
-            if time == inf:
-                share = f"{100 * (found.unseen or 0.0):.3g} % of cases"
-                yield f"a fault may never be noticed ({share}), not after {most:.4g} s"
-            elif time is not None and time > most:
-                yield f"{SHOWN[name]} is {time:.2f} s, not {most:.4g} s"
 
 
 def figure(found: CandidateResult, name: str) -> float | None:

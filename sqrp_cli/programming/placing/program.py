@@ -88,17 +88,21 @@ class LinearProgram:
         start: Array | None = None,
         watch: Callable[[float | None, float], None] | None = None,
         limits: Limits | None = None,
+        *,
+        presolve: bool = True,
     ) -> Optimum:
         """The values with the greatest objective; always the same for the same program, unless time ends.
 
         start: values to begin with, of the first variables at least. Ctrl-C and `limits` end the search with the best
-        values so far. One thread solves it: more would not always give the same values.
+        values so far. presolve: whether HiGHS looks for rows and variables that do not matter first. One thread solves
+        it: more would not always give the same values.
         """
         library, limits = _library(), limits or Limits()
         highs = library._core._Highs()  # its wrapper in Python prints a line before it can be told not to
         options = {
             "output_flag": False,
             "threads": 1,
+            "presolve": "choose" if presolve else "off",
             "random_seed": 0,
             "mip_rel_gap": 1e-9,
             "mip_abs_gap": max(limits.gap, 1e-9),
@@ -124,7 +128,7 @@ class LinearProgram:
         reached = sum(factor * values[number] for number, factor in objective.items())
         if start is not None and feasible and abs(reached - info.objective_function_value) > 1e-5:
             # HiGHS 1.16 returns the start, with the figure of better values that it found before it read that.
-            return self.maximized(objective, None, watch, limits)
+            return self.maximized(objective, None, watch, limits, presolve=presolve)
         bound = float(info.mip_dual_bound) if any(self.whole) else float(info.objective_function_value)
         optimal = status == library.HighsModelStatus.kOptimal
         proven = optimal and (not feasible or bound - info.objective_function_value <= SLACK)
@@ -326,7 +330,8 @@ class PlacementProgram:
             start = self._start if self._values is None else self._values
             self._watch(title, None, 1.0)
             most = len(self._x) if self._requirements.most is None else self._requirements.most
-            found = self._program.maximized(self._last_aim(most), start, limits=Limits(until=self._limits.until))
+            limits = Limits(until=self._limits.until)  # rows that follow from others are left out already
+            found = self._program.maximized(self._last_aim(most), start, None, limits, presolve=False)
             self._interrupted |= found.interrupted
             if found.values is not None:
                 self._values, self._proven = found.values, self._proven and found.proven
