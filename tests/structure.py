@@ -44,7 +44,7 @@ ROOMS = {
     "task": ("programming", 1_780),
     "motion": ("programming/motion", 3_351),
     "sight": ("sight programming/sensing", 1_313),
-    "study": ("programming/coverage programming/seen " + " ".join(_STUDY), 4_151),
+    "study": ("programming/coverage programming/seen " + " ".join(_STUDY), 4_155),
     "search": ("programming/advice programming/placing", 4_930),
     "checks": ("checks", 1_375),
     "run": ("runtime", 8_713),

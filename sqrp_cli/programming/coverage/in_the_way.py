@@ -123,7 +123,9 @@ def in_the_way(cell: Cell, study: Study, views: HiddenViews) -> tuple[HiddenTarg
 
 
 def to_move(cell: Cell, study: Study, views: HiddenViews) -> tuple[ObjectToMove, ...]:
-    """The objects in the way, other than those that the task handles, the one first without which most would be seen.
+    """The objects in the way, the one first without which most would be seen; none that the task handles.
+
+    Nor a fixed one that others stand on.
 
     It counts what is hidden from any camera while too few see the target. views: all hidden ones.
     """
@@ -135,11 +137,13 @@ def to_move(cell: Cell, study: Study, views: HiddenViews) -> tuple[ObjectToMove,
     if total <= 0.0:
         return ()
     parents = {solid.name: solid.part.parent for solid in cell.observer.solids}
-    handled = {*study.candidate.binding.values()}
+    objects = cell.workspace.objects
+    supports = {one.on for one in objects.values() if one.on is not None and objects[one.on].fixed}
+    kept = supports.union(study.candidate.binding.values())
     shares: dict[str, list[float]] = defaultdict(lambda: [0.0, 0.0])
     for part in parts:
         parent = parents[part.name]
-        if parent in cell.workspace.objects and parent not in handled:
+        if parent in objects and parent not in kept:
             shares[parent][0] += part.share / total
             shares[parent][1] += part.alone / total
     found = [ObjectToMove(name=name, share=share, alone=alone) for name, (share, alone) in shares.items()]

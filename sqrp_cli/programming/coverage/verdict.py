@@ -55,7 +55,7 @@ _ADVICE = {
     Cause.BEHIND: "turn {camera} round, or say `convention: body`",
     Cause.TOO_NEAR: "move {camera} {figure} back",
     Cause.TOO_FAR: "move {camera} {figure} closer or raise its far range",
-    Cause.OUT_OF_IMAGE: "turn {camera} {side} or widen its view",
+    Cause.OUT_OF_IMAGE: "",  # no turn that is tried shows all of it
     Cause.DETECTOR_NEAR: "move {camera} {figure} back",
     Cause.DETECTOR_FAR: "move {camera} {figure} closer",
     Cause.OBLIQUE: "move {camera} round to face it",
@@ -122,8 +122,7 @@ class CameraCause:
             case _:
                 figure = f"{self.figure:.2f} m"
         shadow = f", in the shadow of {self.by}" if self.by else ""
-        side = {"top": "up", "bottom": "down"}.get(self.by or "", f"to the {self.by}")
-        words = {"camera": self.camera, "by": self.by, "figure": figure, "target": atom, "shadow": shadow, "side": side}
+        words = {"camera": self.camera, "by": self.by, "figure": figure, "target": atom, "shadow": shadow}
         return templates[self.cause].format_map(words)
 
     @property
@@ -177,7 +176,7 @@ class BlindStretch:
 
     @property
     def advice(self) -> str:
-        """What would help."""
+        """What would help; empty where nothing is known to."""
         if not self.causes:
             return "add a camera"
         nearest = self.causes[0]
@@ -212,7 +211,8 @@ def verdict(cell: Cell, study: Study) -> str:
         lost = explain_stretch(cell, study, longest)
         stated = any(not parameter.implicit for parameter in skill.motion_parameters)
         tried = study.candidate.branch or not (skill.waypoints or stated)
-        sentences = f"{lost}{HELP}{lost.advice.removesuffix(_OTHER_WAY) if tried else lost.advice}."
+        advice = lost.advice.removesuffix(_OTHER_WAY) if tried else lost.advice
+        sentences = f"{lost}{advice and HELP}{advice}."
     ways = ", ".join(study.motion.remarks)
     return sentences + (f" On the way {ways}." if ways else "")
 

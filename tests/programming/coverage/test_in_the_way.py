@@ -82,6 +82,10 @@ def test_the_object_is_to_be_moved_first_without_which_most_would_be_seen(
     assert (wall.share, bar.alone) == (pytest.approx(wall.alone), 0.0)
     assert f"move wall first: of what is hidden meanwhile, {100 * wall.alone:.1f} % would" in what_to_move([wall, bar])
     assert what_to_move([bar]) == ""
+    objects = cell.workspace.objects
+    shelf = {**objects, "wall": replace(objects["wall"], fixed=True), "bar": replace(objects["bar"], on="wall")}
+    on_a_shelf = replace(cell, workspace=replace(cell.workspace, objects=shelf))
+    assert [one.name for one in to_move(on_a_shelf, behind, views)] == ["bar"]
     assert what_to_move([]) == ""
 
 

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,6 +18,7 @@ from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.coverage.verdict import (
     BlindStretch,
     CameraCause,
+    Turn,
     explain_stretch,
     stretches,
     verdict,
@@ -147,12 +149,12 @@ def test_a_literal_is_named_for_times_at_which_it_is_lost_itself(cell: Cell, stu
     assert not lost[every, column].all(), "else nothing was narrowed"
 
 
-@pytest.mark.parametrize(("side", "turn"), [("left", "to the left"), ("top", "up"), ("bottom", "down")])
-def test_a_camera_is_turned_towards_what_is_outside_its_image(side: str, turn: str) -> None:
-    cause = CameraCause("eye", Cause.OUT_OF_IMAGE, side, 0.0, partly=False)
-    blind = BlindStretch(0.0, 1.0, Atom("seen"), (cause,), (), 1)
-    assert f"eye has seen outside its image ({side})" in str(blind)
-    assert blind.advice == f"turn eye {turn} or widen its view"
+def test_a_camera_is_to_be_turned_only_where_that_was_tried() -> None:
+    cause = CameraCause("eye", Cause.OUT_OF_IMAGE, "left", 0.0, partly=False)
+    for turn, advice in ((None, ""), (Turn(-3.0, 0.0), "turn eye 3 deg down or widen its view")):
+        blind = BlindStretch(0.0, 1.0, Atom("seen"), (replace(cause, turn=turn),), (), 1)
+        assert "eye has seen outside its image (left)" in str(blind)
+        assert blind.advice == advice
 
 
 def turned(cell: Cell, angle: float, directions: int = 16) -> Observer:
