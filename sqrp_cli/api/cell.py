@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sqrp_cli.api.results import Check, Scene
+from sqrp_cli.api.results import Scene
 from sqrp_cli.ask import values
 from sqrp_cli.ask.request import question
 from sqrp_cli.ask.requests import (
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.cell import Cell
     from sqrp_cli.programming.placing.result import PlaceDocument
     from sqrp_cli.programming.result import Ranking
+    from sqrp_cli.report.documents.checks import Check
     from sqrp_cli.report.documents.explanation import ExplainedAll, Explanation
     from sqrp_cli.scoring.scorecard import Scorecard
 
@@ -105,13 +106,14 @@ def checked(cell: OpenCell, ask: CheckRequest) -> Check:
     from sqrp_cli.programming.suggestion import Suggester, best_suggestion, check_candidate
     from sqrp_cli.programming.task import example_task, impossible_tasks
     from sqrp_cli.programming.ways.grips import first_grip
+    from sqrp_cli.report.documents.checks import Check
 
     name, path = cell.workspace.name, str(cell.path)
     if cell.errors:
-        return Check(path, name, ask.task, cell.findings)
+        return Check.of(path, name, ask.task, cell.findings)
     if ask.task is None:
         doubts = (*cell.findings, *impossible_tasks(cell.workspace), *_doubts(cell.cell))
-        return Check(path, name, None, doubts, example=example_task(cell.workspace))
+        return Check.of(path, name, None, doubts, example=example_task(cell.workspace))
     session = Session.begin(cell.cell, TaskRequest(ask.task, after=ask.after))
     candidates = session.task.candidates
     suggester = Suggester(session.cell, session.assignment.world, ask.planner or find_plan, ask.jobs, len(candidates))
@@ -126,7 +128,7 @@ def checked(cell: OpenCell, ask: CheckRequest) -> Check:
     steps = (step for one in first for step in one.steps or (one,))
     swept = swept_cameras(session.cell, session.assignment.world, steps)
     problems = (*cell.findings, *cell_warnings(session.cell), *intervals_outside(found), *swept)
-    return Check(path, name, ask.task, problems, tuple(found), suggested)
+    return Check.of(path, name, ask.task, problems, found, suggested)
 
 
 def _doubts(cell: Cell) -> Iterator[Problem]:

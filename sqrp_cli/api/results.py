@@ -16,12 +16,10 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 from sqrp_cli.ask import values
 from sqrp_cli.document import Document, as_text, how_many
-from sqrp_cli.errors import Place, Problem, bad_input
+from sqrp_cli.errors import Place, bad_input
 
 if TYPE_CHECKING:
     from sqrp_cli.programming.cell import Cell
-    from sqrp_cli.programming.suggestion import Feasibility, SuggestedStep
-    from sqrp_cli.report.documents.checks import CheckDocument, CheckedCandidate
     from sqrp_cli.report.documents.scene import ShowDocument
 
 
@@ -31,7 +29,7 @@ KINDS: Mapping[str, str] = {
     "explain --all": "sqrp_cli.report.documents.explanation:ExplainedAll",
     "advise": "sqrp_cli.programming.advice.result:AdviceDocument",
     "place": "sqrp_cli.programming.placing.result:PlaceDocument",
-    "check": "sqrp_cli.report.documents.checks:CheckDocument",
+    "check": "sqrp_cli.report.documents.checks:Check",
     "rules": "sqrp_cli.report.documents.checks:RulesDocument",
     "program": "sqrp_cli.report.documents.programs:ProgramDocument",
     "run": "sqrp_cli.runtime.record.report:RunReport",
@@ -129,61 +127,6 @@ class Answer(ABC, Generic[AnyDocument]):
         from sqrp_cli.terminal.console import as_html
 
         return as_html(self.show)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Check(Answer["CheckDocument"]):
-    """The findings about a workspace, and which candidates of a task can be done.
-
-    path: of the workspace, as it was given. found: empty without a task. suggested: what has to be done first.
-    example: a task of the workspace, if none was asked for.
-    """
-
-    path: str
-    workspace: str
-    task: str | None
-    problems: tuple[Problem, ...]
-    found: tuple[Feasibility, ...] = ()
-    suggested: tuple[SuggestedStep, ...] = ()
-    example: str = ""
-
-    @property
-    def valid(self) -> bool:
-        """Whether nothing is wrong; warnings are not errors."""
-        return all(problem.severity != "error" for problem in self.problems)
-
-    @property
-    def candidates(self) -> list[CheckedCandidate]:
-        """The candidates, in the order of the task."""
-        return self.document.candidates
-
-    @property
-    def brief(self) -> str:
-        """Its main figures, in a line."""
-        about = self.workspace if self.task is None else f"{self.task} in {self.workspace}"
-        able = sum(one.feasible for one in self.found)
-        found = (
-            "" if self.task is None or not self.valid else f"{able} of {how_many(self.found, 'candidate')} feasible, "
-        )
-        return f"{about}: {found}{'valid' if self.valid else 'not valid'}, {how_many(self.problems, 'problem')}"
-
-    @cached_property
-    def document(self) -> CheckDocument:
-        """The document of `sqrp check`."""
-        from sqrp_cli.report.documents.checks import CheckDocument
-
-        return CheckDocument.of(self.workspace, self.task, self.found, self.problems)
-
-    def show(self) -> None:
-        """Print what `sqrp check` prints on stdout; `problems` are warnings and errors."""
-        from sqrp_cli.terminal.check_table import print_candidates, print_valid
-
-        if not self.valid:
-            return
-        if self.task is None:
-            print_valid(self.path, self.workspace, self.problems, self.example)
-        else:
-            print_candidates(self.task, self.workspace, self.found, self.suggested)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

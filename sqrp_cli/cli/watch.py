@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import typer
 
-from sqrp_cli.api.results import Check
 from sqrp_cli.errors import ExitCode, bad_option
 
 if TYPE_CHECKING:
@@ -175,6 +174,7 @@ def _against(old: str, new: str) -> str:
 def view_of(answer: Answer[AnyDocument] | Document) -> AnswerView:
     """What of an answer is compared."""
     from sqrp_cli.programming.result import Ranking
+    from sqrp_cli.report.documents.checks import Check
     from sqrp_cli.report.documents.explanation import ExplainedAll, Explanation
     from sqrp_cli.scoring.scorecard import Scorecard
 
@@ -189,10 +189,8 @@ def view_of(answer: Answer[AnyDocument] | Document) -> AnswerView:
         case Explanation():
             return AnswerView(("", answer.name), _study(answer), _why(answer))
         case Check():
-            verdicts = {
-                one.candidate.name: ("can be done" if one.feasible else one.reasons[0],) for one in answer.found
-            }
-            said = {f"{one.place or answer.workspace} {one.message}": (one.severity,) for one in answer.problems}
+            verdicts = {one.name: ("can be done" if one.feasible else one.reasons[0],) for one in answer.candidates}
+            said = {f"{one.place or answer.workspace} {one.message}": (one.severity,) for one in answer.findings}
             return AnswerView(("candidate" if answer.task else "finding", "verdict"), {**verdicts, **said})
         case Scorecard():
             rows = {

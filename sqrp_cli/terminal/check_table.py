@@ -9,66 +9,60 @@ from itertools import groupby
 from rich.text import Text
 
 from sqrp_cli.checks.registry import RuleEntry
-from sqrp_cli.errors import Problem
-from sqrp_cli.programming.suggestion import Feasibility, SuggestedStep
-from sqrp_cli.report.documents.checks import RulesDocument
+from sqrp_cli.report.documents.checks import Check, PlannedStep, RulesDocument
 from sqrp_cli.terminal.console import SEVERITY_STYLES, Column, Share, plain, print_table, say, say_command, say_line
 from sqrp_cli.terminal.rank_table import MOST_ROWS, print_infeasible
 
 
-def print_valid(path: str, name: str, warnings: Sequence[Problem], example: str) -> None:
-    """The message that a workspace is valid, and how to go on. path: as it was given. example: a task of it."""
-    findings = f"{len(warnings)} warning{'s' if len(warnings) > 1 else ''}" if warnings else "nothing to complain about"
-    say(f"{name} is valid: {findings}.")
-    if all(problem.code != "no-skills" for problem in warnings):
-        say_command("Try:", f"sqrp rank {shlex.quote(path)} {shlex.quote(example)}")
+def print_check(found: Check) -> None:
+    """That a workspace is valid, and how to go on; of a task which candidates can be done, and why the others cannot.
 
-
-def print_candidates(
-    task: str, workspace: str, found: Sequence[Feasibility], suggested: Sequence[SuggestedStep]
-) -> None:
-    """The steps to do first if nothing can be done at once, a row per candidate that can, and why the others cannot."""
-    feasible = [feasibility for feasibility in found if feasibility.feasible]
-    at_once = " at once" if suggested and not feasible else ""
-    say(f"{task} in {workspace}: {len(feasible)} of {len(found)} candidates can be done{at_once}\n")
-    shown: Sequence[Feasibility] = []
+    If nothing can be done at once, the steps to do first. Nothing where there are errors.
+    """
+    if not found.valid:
+        return
+    if found.task is None:
+        count = len(found.problems)
+        said = f"{count} warning{'s' if count > 1 else ''}" if count else "nothing to complain about"
+        say(f"{found.workspace} is valid: {said}.")
+        if found.example is not None and all(problem.code != "no-skills" for problem in found.problems):
+            say_command("Try:", f"sqrp rank {shlex.quote(found.path)} {shlex.quote(found.example)}")
+        return
+    feasible = [one for one in found.candidates if one.feasible]
+    at_once = " at once" if found.suggested and not feasible else ""
+    count = len(found.candidates)
+    say(f"{found.task} in {found.workspace}: {len(feasible)} of {count} candidates can be done{at_once}\n")
+    shown = feasible
+    if len(feasible) > MOST_ROWS:  # the fastest for each choice of objects, the first of them
+        fastest: dict[tuple[str, ...], int] = {}
+        for place in sorted(range(len(feasible)), key=lambda place: feasible[place].time or 0.0):
+            fastest.setdefault(tuple(feasible[place].objects.values()), place)
+        shown = [feasible[place] for place in sorted(fastest.values())[:MOST_ROWS]]
     if feasible:
-        shown = _fastest_of_each(feasible)
-        rows = [(one.candidate.name, f"{one.time:.2f}" if one.time is not None else "") for one in shown]
+        rows = [(one.name, f"{one.time:.2f}" if one.time is not None else "") for one in shown]
         print_table([Column("candidate"), Column("time [s]", right=True)], rows)
         if len(shown) < len(feasible):
             say(f"... and {len(feasible) - len(shown)} more (--json)", "dim")
-    elif suggested:
-        print_suggested(suggested)
+    elif found.suggested:
+        print_suggested(found.suggested)
         say()
-    blocked = [one for one in found if not one.feasible]
     print_infeasible(
-        (one.candidate.name, one.candidate.binding, "; ".join(filter(None, [*one.reasons, one.suggestion.words])))
-        for one in blocked
+        (one.name, one.objects, "; ".join(filter(None, [*one.reasons, one.advice])))
+        for one in found.candidates
+        if not one.feasible
     )
-    around = [f"{one.candidate.name}: {', '.join(one.remarks)}" for one in shown if one.remarks]
+    around = [f"{one.name}: {', '.join(one.remarks)}" for one in shown if one.remarks]
     for number, line in enumerate(around):
         say(f"\n{line}" if number == 0 else line)
 
 
-def _fastest_of_each(feasible: Sequence[Feasibility]) -> Sequence[Feasibility]:
-    """All of a few candidates; of many the fastest for each choice of objects, the first of them."""
-    if len(feasible) <= MOST_ROWS:
-        return feasible
-    fastest: dict[tuple[str, ...], int] = {}
-    for place in sorted(range(len(feasible)), key=lambda place: feasible[place].time or 0.0):
-        fastest.setdefault(tuple(feasible[place].candidate.binding.values()), place)
-    return [feasible[place] for place in sorted(fastest.values())[:MOST_ROWS]]
-
-
-def print_suggested(suggested: Sequence[SuggestedStep]) -> None:
+def print_suggested(suggested: Sequence[PlannedStep]) -> None:
     """The steps that lead to a task, a row each; all are feasible."""
     say("It can be done in these steps, each in its best way:\n")
     columns = [Column("#"), Column("step"), Column("Q_eoi [%]", right=True), Column("Q_avg [%]", right=True)]
     rows = [
-        (str(number), step.task, Share(found.q_eoi), Share(found.q_avg), f"{found.time:.2f}")
+        (str(number), step.task, Share(step.q_eoi), Share(step.q_avg), f"{step.time:.2f}")
         for number, step in enumerate(suggested, 1)
-        if (found := step.assessment)
     ]
     print_table([*columns, Column("time [s]", right=True)], rows)
 

@@ -40,7 +40,7 @@ def test_the_plan_of_the_document_is_what_ranking_its_step_gives(sqrp, laying, h
     (step,) = candidate["plan"]
     assert candidate["planning"] == "plan"
     figures = ("feasible", "q_avg", "q_eoi", "time", "reasons")
-    assert step == {"action": "lay(g2)", **{name: best[name] for name in figures}}
+    assert step == {"task": "lay g2", "action": "lay(g2)", **{name: best[name] for name in figures}}
 
 
 def test_the_document_has_the_figures_that_are_printed(sqrp, laying, holding):

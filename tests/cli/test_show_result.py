@@ -19,6 +19,8 @@ WATCH = Path(__file__).parents[1] / "cases" / "watch"
     [
         ("rules",),
         ("rules", "wrong-unit"),
+        ("check", WATCH),
+        ("check", WATCH, "watch cube"),
         ("rank", WATCH, "watch green", "--samples", "3"),
         ("rank", WATCH, "watch green", "--dt", "0.5", "--ways", "all", "--calibration", "5 mm, 0.5 deg"),
         ("explain", WATCH, "watch seen"),
@@ -33,7 +35,9 @@ def test_a_saved_result_is_shown_as_its_command_showed_it(sqrp, tmp_path, comman
     monkeypatch.chdir(tmp_path)
     file = tmp_path / "result.json"
     file.write_text(sqrp(*command, "--json").out, encoding="utf-8")
-    assert sqrp("show", file).out == sqrp(*command).out.partition("\n\nHow much of that is enough")[0]
+    # A hint how to go on is about this very command.
+    shown = sqrp(*command).out.partition("\n\nHow much of that is enough")[0]
+    assert sqrp("show", file).out == shown
     assert sqrp("show", file, "--json").out == file.read_text(encoding="utf-8")
     assert str(read_result(file)) in sqrp(*command).out
 

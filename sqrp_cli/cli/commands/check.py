@@ -14,11 +14,10 @@ from sqrp_cli.cli.command import command_of
 from sqrp_cli.cli.options import answer, check_needed
 from sqrp_cli.cli.start import Start
 from sqrp_cli.cli.watch import watched
-from sqrp_cli.document import as_text
 from sqrp_cli.errors import ExitCode, InputError
 
 if TYPE_CHECKING:
-    from sqrp_cli.api.results import Check
+    from sqrp_cli.report.documents.checks import Check
 
 NAME = "check"
 
@@ -38,7 +37,7 @@ class CheckCommand(requests.CheckRequest, requests.Watchable, requests.Seeded, r
 
 def check(context: Any, ask: CheckCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
     """Check everything, and write the program if one is requested and there is something to do."""
-    from sqrp_cli.report.documents.checks import CheckDocument
+    from sqrp_cli.report.documents.checks import Check
     from sqrp_cli.terminal.console import note, print_problems, say_command, say_raw
 
     if ask.watch:
@@ -51,10 +50,10 @@ def check(context: Any, ask: CheckCommand) -> ExitCode:  # noqa: ANN401 - Typer'
     except InputError as error:
         if not ask.json:
             raise
-        say_raw(as_text(CheckDocument.of(workspace.name, ask.task, (), error.problems)))
+        say_raw(Check.of(str(workspace), workspace.name, ask.task, error.problems).to_json())
         return ExitCode.BAD_INPUT
     if not ask.json:
-        print_problems(found.problems)
+        print_problems(found.findings)
     answer(found, as_json=ask.json)
     if not ask.json and ask.task is not None and found.suggested and ask.program is None:
         command = f"sqrp check {shlex.join([str(workspace), ask.task])} --program FILE"
@@ -67,7 +66,7 @@ def check(context: Any, ask: CheckCommand) -> ExitCode:  # noqa: ANN401 - Typer'
             return ExitCode.NONE_FEASIBLE
         note(f"{', then '.join(step.task for step in found.suggested)}: now at the end of {ask.program}")
         return ExitCode.OK
-    if ask.task is not None and not any(feasibility.feasible for feasibility in found.found):
+    if ask.task is not None and not any(one.feasible for one in found.candidates):
         return ExitCode.NONE_FEASIBLE
     return ExitCode.OK
 
@@ -83,7 +82,7 @@ def _found(workspace: Path, ask: CheckCommand) -> Check:
     plan = None if ask.program is None else True
     found = checked(cell, ask.but(after=world_before(ask.after, ask.program), plan=plan, progress=progress))
     if ask.program is not None and found.suggested:
-        add_steps(cell.cell, chosen_steps(found.suggested), Adaptive(), ask.program)
+        add_steps(cell.cell, chosen_steps(found.steps), Adaptive(), ask.program)
     return found
 
 

@@ -20,6 +20,7 @@ from sqrp_cli.programming.feasibility import Possibility, possibilities
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.suggestion import Suggester, best_suggestion, check_candidate
 from sqrp_cli.programming.task import Task, read_task
+from sqrp_cli.report.documents.checks import PlannedStep
 from sqrp_cli.report.documents.programs import ProgramDocument
 from sqrp_cli.terminal.check_table import print_suggested
 from sqrp_cli.terminal.console import Column, ask, note, print_problems, print_table, progress, say
@@ -143,7 +144,7 @@ class _Dialog:
             suggested = best_suggestion([check_candidate(c, suggester) for c in task.candidates], suggester)
             if not suggested:
                 return []
-            print_suggested(suggested)
+            print_suggested([PlannedStep.of(step) for step in suggested])
             return chosen_steps(suggested) if (ask("\nTake these steps [yes]: ").lower() in ("", "y", "yes")) else []
         while True:
             answer = ask("Which one becomes the step, by its #; 0 for none [1]: ") or "1"

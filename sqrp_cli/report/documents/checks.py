@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
 
 from sqrp_cli.checks.registry import RuleEntry
-from sqrp_cli.document import Document, Record, WorkspaceDocument
+from sqrp_cli.document import LEFT_OUT, Document, Record, WorkspaceDocument, how_many, live
 from sqrp_cli.figures import Qualities
 from sqrp_cli.knowledge.text.entries import completed
 
 if TYPE_CHECKING:
     from sqrp_cli.errors import Problem
     from sqrp_cli.programming.suggestion import Feasibility, SuggestedStep
+else:  # no file has them
+    Problem = SuggestedStep = Any
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +52,8 @@ class ReportedProblem(Record):
 class PlannedStep(Qualities):
     """A step of a plan, in its best way."""
 
+    task: str
+    """Its text, such as `place g2 tray`."""
     action: str
     """A skill with its objects as planners write it, such as `place(g2, tray)`."""
     feasible: bool
@@ -85,6 +89,14 @@ class CheckedCandidate(Record):
     where more than 20 candidates were asked about."""
     planning: str
     """How planning ended."""
+    name: str
+    """What sets it apart among the candidates of its task."""
+    objects: Mapping[str, str]
+    """The object of each parameter that stands for one."""
+    remarks: tuple[str, ...]
+    """Detours and speeds that are not reached."""
+    advice: str
+    """What would have to be done first, or why nothing would help, in words; empty if nothing has to be."""
 
     @classmethod
     def of(cls, found: Feasibility) -> CheckedCandidate:
@@ -98,12 +110,17 @@ class CheckedCandidate(Record):
             plan=None if steps is None else [PlannedStep.of(step) for step in steps],
             last=None if last is None else PlannedStep.of(last),
             planning=found.suggestion.outcome,
+            name=found.candidate.name,
+            objects=dict(found.candidate.binding),
+            advice=found.suggestion.words,
         )
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class CheckDocument(WorkspaceDocument):
-    """What `sqrp check` finds."""
+class Check(WorkspaceDocument):
+    """The findings about a workspace, and which candidates of a task can be done."""
+
+    VIEW = "sqrp_cli.terminal.check_table:print_check"
 
     document: Literal["check"] = "check"
     task: str | None
@@ -112,18 +129,54 @@ class CheckDocument(WorkspaceDocument):
     """In the order of the task; empty without a task, or if the input has errors."""
     problems: list[ReportedProblem]
     """Errors and warnings about the input."""
+    path: str
+    """Of the workspace, as it was given."""
+    suggested: list[PlannedStep]
+    """What has to be done first, and then the task, each in its best way; empty where that was not asked for."""
+    example: str | None = field(default=None, metadata=LEFT_OUT)
+    """A task of the workspace, if none was asked for."""
+
+    findings: tuple[Problem, ...] = live(())
+    """The problems with all that is known of them."""
+    steps: tuple[SuggestedStep, ...] = live(())
+    """Those suggested, with their motions."""
 
     @classmethod
     def of(
-        cls, workspace: str, task: str | None, found: Sequence[Feasibility], problems: Sequence[Problem]
-    ) -> CheckDocument:
+        cls,
+        path: str,
+        workspace: str,
+        task: str | None,
+        problems: Sequence[Problem],
+        found: Sequence[Feasibility] = (),
+        suggested: Sequence[SuggestedStep] = (),
+        example: str | None = None,
+    ) -> Check:
         """Candidates with their verdicts, and the findings about the workspace."""
         return cls(
             workspace=workspace,
             task=task,
             candidates=[CheckedCandidate.of(one) for one in found],
             problems=[ReportedProblem.of(problem) for problem in problems],
+            path=path,
+            suggested=[PlannedStep.of(step) for step in suggested],
+            example=example,
+            findings=tuple(problems),
+            steps=tuple(suggested),
         )
+
+    @property
+    def valid(self) -> bool:
+        """Whether nothing is wrong; warnings are not errors."""
+        return all(problem.severity != "error" for problem in self.problems)
+
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        about = self.workspace if self.task is None else f"{self.task} in {self.workspace}"
+        able = f"{sum(one.feasible for one in self.candidates)} of {how_many(self.candidates, 'candidate')} feasible, "
+        found = "" if self.task is None or not self.valid else able
+        return f"{about}: {found}{'valid' if self.valid else 'not valid'}, {how_many(self.problems, 'problem')}"
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -24,7 +24,7 @@ from sqrp_cli.knowledge.workspace.workspace import WorkspaceFile
 from sqrp_cli.programming.advice.result import AdviceDocument
 from sqrp_cli.programming.placing.result import PlaceDocument
 from sqrp_cli.programming.result import Ranking
-from sqrp_cli.report.documents.checks import CheckDocument, RulesDocument
+from sqrp_cli.report.documents.checks import Check, RulesDocument
 from sqrp_cli.report.documents.explanation import ExplainedAll, Explanation
 from sqrp_cli.report.documents.programs import ProgramDocument
 from sqrp_cli.report.documents.scene import InitDocument, ShowDocument
@@ -56,7 +56,7 @@ DOCUMENTS: Mapping[str, Any] = {
     "explain": Explanation | ExplainedAll,
     "advise": AdviceDocument,
     "place": PlaceDocument,
-    "check": CheckDocument,
+    "check": Check,
     "program": ProgramDocument,
     "run": RunReport | SweepDocument,
     "audit": AuditDocument,
