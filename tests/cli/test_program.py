@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import stat
 from itertools import pairwise
 from pathlib import Path
@@ -19,6 +20,7 @@ from sqrp_cli.program.file import check_unedited, load_program, save_program
 Document = dict[str, Any]
 
 TASK = "pickup green"
+SAME = ("program.yaml", "link.yaml")
 SHEBANG = "#!/usr/bin/env -S sqrp run --sim"
 
 
@@ -225,45 +227,30 @@ def test_a_write_that_fails_leaves_the_old_program_as_it_was(sqrp, watch, tmp_pa
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_missing_folder_of_the_program_is_refused_before_anything_is_computed(sqrp, watch, tmp_path):
-    outcome = sqrp("rank", watch, "watch seen", "--program", tmp_path / "new" / "program.yaml")
+@pytest.mark.parametrize(
+    ("written", "after", "says"),
+    [
+        ("new/program.yaml", None, ["mkdir -p {tmp}/new"]),
+        ("program.yaml", "other.yaml", ["starts where it ends"]),
+        *(("program.yaml", one, ["--after and --program both name this file", "leave out --after"]) for one in SAME),
+        ("cell/workspace.yaml", None, ["name a file that does not exist yet", "--program NEW.yaml"]),
+    ],
+)
+def test_a_program_that_cannot_be_written_is_refused_and_nothing_is_changed(
+    sqrp, watch, tmp_path, written, after, says
+):
+    """Before anything is computed, and with another command than was given."""
+    shutil.copytree(watch, tmp_path / "cell")
+    for name in ("program.yaml", "other.yaml"):
+        assert sqrp("rank", watch, "watch seen", "--program", tmp_path / name).code == 0
+    (tmp_path / "link.yaml").symlink_to(tmp_path / "program.yaml")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*.yaml")}
+    start = [] if after is None else ["--after", tmp_path / after]
+    outcome = sqrp("rank", tmp_path / "cell", "watch seen", "--program", tmp_path / written, *start)
     assert (outcome.code, outcome.out) == (2, "")
-    assert f"mkdir -p {tmp_path / 'new'}" in outcome.err
+    assert all(said.format(tmp=tmp_path) in outcome.err for said in says)
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*.yaml")} == before
     assert not (tmp_path / "new").exists()
-
-
-def test_a_program_and_another_world_to_start_from_exclude_each_other(sqrp, watch, tmp_path):
-    program, other = tmp_path / "program.yaml", tmp_path / "other.yaml"
-    for path in (program, other):
-        assert sqrp("rank", watch, "watch seen", "--program", path).code == 0
-    before = program.read_bytes()
-    outcome = sqrp("rank", watch, "watch seen", "--program", program, "--after", other)
-    assert (outcome.code, outcome.out) == (2, "")
-    assert "starts where it ends" in outcome.err
-    assert program.read_bytes() == before
-
-
-def test_a_program_that_is_written_is_not_also_where_to_start_from(sqrp, watch, tmp_path):
-    program, link = tmp_path / "program.yaml", tmp_path / "link.yaml"
-    assert sqrp("rank", watch, "watch seen", "--program", program).code == 0
-    link.symlink_to(program)
-    before = program.read_bytes()
-    for after in (program, link):
-        outcome = sqrp("rank", watch, "watch seen", "--program", program, "--after", after)
-        assert (outcome.code, outcome.out) == (2, "")
-        assert "--after and --program both name this file" in outcome.err
-        assert "leave out --after" in outcome.err
-        assert program.read_bytes() == before
-
-
-def test_a_workspace_in_place_of_a_program_is_refused_with_another_command_than_was_given(sqrp, own_watch):
-    file = own_watch / "workspace.yaml"
-    before = file.read_bytes()
-    outcome = sqrp("rank", own_watch, "watch seen", "--program", file)
-    assert (outcome.code, outcome.out) == (2, "")
-    assert "name a file that does not exist yet" in outcome.err
-    assert "--program NEW.yaml" in outcome.err
-    assert file.read_bytes() == before
 
 
 def test_the_same_choice_writes_the_same_program(sqrp, tabletop, tmp_path):

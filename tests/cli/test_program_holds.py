@@ -88,10 +88,7 @@ def test_a_stale_program_says_what_has_changed_and_how_to_make_it_again(sqrp, fo
     assert outcome.code == 2
     assert "upper joint limit of turn 3 -> 2.9 rad; eye moved 2.0 cm" in outcome.err
     assert f"rm {folder}/program.yaml && sqrp rank {folder}/watch 'watch seen'" in outcome.err
-
-
-def test_many_changes_are_counted(sqrp, folder):
-    replaced(folder / "watch" / "workspace.yaml", "size: [10 cm", "size: [9 cm")
+    replaced(file, "size: [10 cm", "size: [9 cm")
     outcome = sqrp("program", folder / "program.yaml", columns=500)
     assert "`size` of seen [0.1, 0.1, 0.1] -> [0.09, 0.1, 0.1]; " in outcome.err
     assert "more changes" in outcome.err

@@ -146,24 +146,6 @@ def test_what_was_guessed_is_marked_and_nothing_else(arm: str, starter: Starter)
     assert arm == "own" or guessed <= marked
 
 
-def test_a_file_that_is_no_urdf_is_named_as_it_was_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("arm.urdf").write_text("no robot")
-    with pytest.raises(InputError) as caught:
-        make_starter(Path("new"), "arm.urdf")
-    assert str(caught.value).startswith("arm.urdf:1:")
-    assert not Path("new").exists()
-
-
-def test_a_folder_that_is_not_empty_is_named_as_it_was_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("mycell").mkdir()
-    Path("mycell/note").touch()
-    with pytest.raises(InputError) as caught:
-        make_starter(Path("mycell"), None)
-    assert str(caught.value).startswith("mycell: this folder is not empty")
-
-
 def test_an_urdf_of_ones_own_with_meshes_in_its_own_package_needs_no_settings(tmp_path: Path) -> None:
     """A checkout of a ROS package that no environment variable points at."""
     data = next(root for root in package_roots() if (root / "example-robot-data").is_dir())
@@ -182,36 +164,30 @@ def test_an_urdf_of_ones_own_with_meshes_in_its_own_package_needs_no_settings(tm
     assert made.task is not None
 
 
-@pytest.mark.parametrize("there", ["file", "full", "no-parent"])
-def test_nothing_is_overwritten_or_left_behind(there: str, tmp_path: Path) -> None:
-    folder = tmp_path / "cell"
-    if there == "file":
-        folder.write_text("mine")
-    elif there == "full":
-        folder.mkdir()
-        (folder / "workspace.yaml").write_text("mine")
-    else:
-        folder = tmp_path / "no" / "cell"
+@pytest.mark.parametrize(
+    ("folder", "robot", "said"),
+    [
+        ("file", None, "file: this is a file"),
+        ("full", None, "full: this folder is not empty"),
+        ("no/cell", None, "no/cell: there is no folder no"),
+        ("/proc/cell", None, "/proc/cell: this folder cannot be made"),  # it takes no folders, whoever asks
+        ("cell", "none.urdf", "none.urdf:1:"),
+        ("cell", "table.urdf", "no joint that moves an arm"),
+    ],
+)
+def test_what_cannot_be_made_is_named_as_it_was_given_and_leaves_nothing_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, folder: str, robot: str | None, said: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("full").mkdir()
+    files = {"file": "mine", "full/workspace.yaml": "mine", "none.urdf": "no robot"}
+    for name, text in (files | {"table.urdf": "<robot name='table'><link name='top'/></robot>"}).items():
+        Path(name).write_text(text)
     before = sorted(tmp_path.rglob("*"))
-    with pytest.raises(InputError):
-        make_starter(folder, None)
+    with pytest.raises(InputError) as caught:
+        make_starter(Path(folder), robot)
+    assert said in str(caught.value)
     assert sorted(tmp_path.rglob("*")) == before
-
-
-def test_where_no_folder_can_be_made_the_wanted_one_is_named() -> None:
-    folder = Path("/proc/cell")  # which takes no folders, whoever asks
-    with pytest.raises(InputError, match="this folder cannot be made") as caught:
-        make_starter(folder, None)
-    (problem,) = caught.value.problems
-    assert problem.place is not None
-    assert problem.place.file == folder
-
-
-def test_a_robot_that_cannot_be_used_leaves_nothing_behind(tmp_path: Path) -> None:
-    (tmp_path / "arm.urdf").write_text("<robot name='table'><link name='top'/></robot>")
-    with pytest.raises(InputError, match="no joint that moves an arm"):
-        make_starter(tmp_path / "cell", str(tmp_path / "arm.urdf"))
-    assert [path.name for path in tmp_path.iterdir()] == ["arm.urdf"]
 
 
 @pytest.mark.parametrize("reference", ["none.urdf", "/nowhere/none.urdf", "package://none/none.urdf", "file:///n.urdf"])
