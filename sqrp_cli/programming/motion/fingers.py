@@ -7,7 +7,7 @@ import numpy as np
 from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.programming.arm.kinematics import FingerModel, RobotModel
 from sqrp_cli.programming.motion.collision.collision import CollisionScene
-from sqrp_cli.programming.motion.collision.motion_bound import finger_steps
+from sqrp_cli.programming.motion.collision.placed_scene import finger_steps
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
 from sqrp_cli.programming.solids import distance
 from sqrp_cli.trajectory import Trajectory
@@ -30,7 +30,15 @@ def closed_on(scene: CollisionScene, name: str, X_TO: Array, start: Array) -> Ar
         return start
 
     def touches(share: float) -> bool:
-        return _touching(scene, name, X_TO, start + share * (closed - start))
+        fingers = start + share * (closed - start)
+        poses = model.link_poses(model.with_fingers(model.home, fingers)[None])
+        X_TW = inverse(poses[model.tool_frame][0])
+        return any(
+            distance(solid, X_TW @ poses[solid.part.parent][0], other, X_TO, 0.0) is not None
+            for solid in scene.solids
+            if solid.part.parent in model.fingers.links
+            for other in scene.object_solids[name]
+        )
 
     if touches(0.0):
         return f"`{name}` does not fit between the open fingers"
@@ -57,18 +65,6 @@ def opened_to(fingers: FingerModel, width: float | None) -> Array | str:
     if width > fingers.width:
         return f"the fingers open by {1000 * fingers.width:g} mm, not by {1000 * width:g} mm"
     return fingers.closed + width / fingers.width * (fingers.open - fingers.closed)
-
-
-def _touching(scene: CollisionScene, name: str, X_TO: Array, fingers: Array) -> bool:
-    model = scene.model
-    poses = model.link_poses(model.with_fingers(model.home, fingers)[None])
-    X_TW = inverse(poses[model.tool_frame][0])
-    return any(
-        distance(solid, X_TW @ poses[solid.part.parent][0], other, X_TO, 0.0) is not None
-        for solid in scene.solids
-        if solid.part.parent in model.fingers.links
-        for other in scene.object_solids[name]
-    )
 
 
 def move_fingers(fingers: FingerModel, start: Array, end: Array, duration: float) -> Trajectory:

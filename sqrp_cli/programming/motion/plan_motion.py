@@ -16,7 +16,6 @@ from sqrp_cli.knowledge.skill.settings import MotionValue
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.arm import inverse_kinematics
 from sqrp_cli.programming.arm.branches import branch_words
-from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.collision import CollisionScene
 from sqrp_cli.programming.motion.fingers import with_fingers
 from sqrp_cli.programming.motion.ground_primitives import GroundPrimitive, GroundSkill, SkillUse, ground_primitives
@@ -159,8 +158,17 @@ def plan_branches(use: SkillUse, scene: CollisionScene, seed: int = 0) -> Branch
 
 
 def _first_planner(use: SkillUse, scene: CollisionScene, seed: int) -> _Planner | Infeasible:
-    """The planner of a skill that can begin."""
-    use = replace(use, world=_at_limits(scene.model, use.world))
+    """The planner of a skill that can begin; joints that are measured to be just past a limit are at that limit."""
+    joints, (lower, upper) = use.world.joints, scene.model.position_limits
+    within = {
+        name: min(max(joints[name], low), high)
+        for name, low, high in zip(scene.model.joints, lower.tolist(), upper.tolist(), strict=True)
+        if low - MEASURED <= joints[name] <= high + MEASURED
+    }
+    if any(
+        joints[name] != value for name, value in within.items()
+    ):  # else itself, as collision scenes are kept by world
+        use = replace(use, world=replace(use.world, joints={**joints, **within}))
     begin = np.array([use.world.joints[name] for name in scene.model.joints])
     if (past := worst_past_limit(scene.model, JointPath.line(begin, begin))) is not None:
         return Infeasible((f"{past} before anything moves",))
@@ -178,19 +186,6 @@ def _within(ways: Sequence[sections.Ways], masks: Sequence[Mask]) -> list[Statio
         Station(through.q_start, through.q_end, np.where(mask, through.duration, np.inf))
         for through, mask in zip(ways, masks, strict=True)
     ]
-
-
-def _at_limits(model: RobotModel, world: World) -> World:
-    """The world with joints that are measured to be just past a limit at that limit."""
-    lower, upper = model.position_limits
-    within = {
-        name: min(max(world.joints[name], low), high)
-        for name, low, high in zip(model.joints, lower.tolist(), upper.tolist(), strict=True)
-        if low - MEASURED <= world.joints[name] <= high + MEASURED
-    }
-    if all(world.joints[name] == value for name, value in within.items()):
-        return world  # itself, because collision scenes are kept by world
-    return replace(world, joints={**world.joints, **within})
 
 
 class _Planner:
@@ -235,7 +230,11 @@ class _Planner:
         tried = prod(max(1, len(_different(self._names(section)))) for section in self._sections)
         if ways is None:
             return Branches(tried, (), self._infeasible().reasons)
-        moves, branches = self._moves(ways), self._branches(ways)
+        moves = self._moves(ways)
+        branches: list[dict[str, MotionValue]] = [{}]
+        for section, through in zip(self._sections, ways, strict=True):
+            possible = _different([self._name(section, branch) for branch in through.branches])
+            branches = [{**one, **more} for one in branches for more in possible if _agree(one, more)][:MOST_BRANCHES]
         stations = [_within(ways, self._masks(ways, branch)) for branch in branches]
         planned = [
             (branch, self._fastest(ways, moves, of_branch, around=False))
@@ -263,14 +262,6 @@ class _Planner:
         primitives, start, failures = self._skill.primitives, self._q_start, self._failures
         return JointMoves(self._model, primitives, self._scenes, self._sections, ways, start, failures, self._seed)
 
-    def _branches(self, ways: Sequence[sections.Ways]) -> list[dict[str, MotionValue]]:
-        """The different branches of the ways through all sections."""
-        found: list[dict[str, MotionValue]] = [{}]
-        for section, through in zip(self._sections, ways, strict=True):
-            possible = _different([self._name(section, branch) for branch in through.branches])
-            found = [{**one, **more} for one in found for more in possible if _agree(one, more)][:MOST_BRANCHES]
-        return found
-
     def _masks(self, ways: Sequence[sections.Ways], branch: _Names) -> list[Mask]:
         """Which ways through each section belong to a branch."""
 
@@ -292,7 +283,14 @@ class _Planner:
             return ({},)
         if move.name not in self._named:
             solutions = inverse_kinematics.known_solutions(self._model, move.X_end, self._seed, self._samples).solutions
-            self._named[move.name] = _names_of(move, branch_words(self._model, solutions))
+            # The words for what the move leaves free, or the numbers of solutions where these do not decide.
+            words = branch_words(self._model, solutions)
+            sensible = {name for found in words for name in found} & set(move.free)
+            named = [{move.free[name]: word for name, word in found.items() if name in sensible} for found in words]
+            self._named[move.name] = [
+                names if sensible and len(names) == len(sensible) else {f"{move.name}.solution": float(number)}
+                for number, names in enumerate(named)
+            ]
         return self._named[move.name]
 
     def _fastest(
@@ -403,16 +401,6 @@ def no_such_branch(branch: Mapping[str, MotionValue]) -> Infeasible:
 
 _Names = Mapping[str, MotionValue]
 """The name of a branch at the end of one joint move: some of those of `BranchMotion.branch`."""
-
-
-def _names_of(move: GroundPrimitive, words: Sequence[Mapping[str, str]]) -> list[_Names]:
-    """The names of solutions: the words for what the move leaves free, or their numbers where these do not decide."""
-    sensible = {name for found in words for name in found} & set(move.free)
-    named = [{move.free[name]: word for name, word in found.items() if name in sensible} for found in words]
-    return [
-        names if sensible and len(names) == len(sensible) else {f"{move.name}.solution": float(number)}
-        for number, names in enumerate(named)
-    ]
 
 
 def _different(names: Sequence[_Names]) -> list[_Names]:

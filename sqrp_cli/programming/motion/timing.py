@@ -76,16 +76,18 @@ def rest_to_rest_duration(distance: ArrayLike, limits: MotionLimits) -> Array:
     """
     distance = np.asarray(distance, dtype=float)
     v, a, j = limits.velocity, limits.acceleration, limits.jerk
-    ramp = np.where(v * j < a * a, 2 * np.sqrt(v / j), v / a + a / j)
+    ramp = _ramp(v, a, j)
     triangle = np.where(
         distance * j * j < 2 * a**3, 4 * np.cbrt(distance / (2 * j)), a / j + np.sqrt((a / j) ** 2 + 4 * distance / a)
     )
     return np.where(distance < v * ramp, triangle, distance / v + ramp)
 
 
-def _ramp(v: float, a: float, j: float) -> float:
+def _ramp(v: ArrayLike, a: ArrayLike, j: ArrayLike) -> Array:
     """Time [s] from rest to velocity v under limits of acceleration and jerk; see `rest_to_rest_duration`."""
-    return 2.0 * (v / j) ** 0.5 if v * j < a * a else v / a + a / j
+    v, a, j = np.asarray(v), np.asarray(a), np.asarray(j)
+    ramp: Array = np.where(v * j < a * a, 2 * np.sqrt(v / j), v / a + a / j)
+    return ramp
 
 
 def joint_move_duration(q0: Array, q1: Array, limits: MotionLimits) -> Array:
@@ -115,7 +117,7 @@ def rest_to_rest(limits: MotionLimits) -> PiecewiseCubic:
     """
     duration = float(rest_to_rest_duration(1.0, limits))
     velocity, acceleration, jerk = (float(limit) for limit in (limits.velocity, limits.acceleration, limits.jerk))
-    ramp = min(_ramp(velocity, acceleration, jerk), 0.5 * duration)
+    ramp = min(float(_ramp(velocity, acceleration, jerk)), 0.5 * duration)
     peak = 1.0 / (duration - ramp)
     if ramp * peak < SHORTEST_RAMP:
         ramp = SHORTEST_RAMP / peak
@@ -196,7 +198,7 @@ class _Sampled(NamedTuple):
 def _sampled(limits: Array, counts: Sequence[int]) -> _Sampled:
     """The laws that `rest_to_rest` makes under limits, shape (3, r), at `counts` instants in each of seven phases."""
     v, a, j = limits
-    ramp = np.where(v * j < a * a, 2.0 * np.sqrt(v / j), v / a + a / j)
+    ramp = _ramp(v, a, j)
     speed = np.where(v * ramp < 1.0, v, 2.0 / rest_to_rest_duration(1.0, MotionLimits(v, a, j)))
     acceleration = np.minimum(a, np.sqrt(speed * j))
     rise = acceleration / j

@@ -146,7 +146,13 @@ class Observer:
         else:
             keys = self.memory.questions(targets, states, rows, self._frames)
             sights = self.memory.recalled(self.cameras, keys)
-            asked = np.flatnonzero(self._open(sights, needed))
+            # Whether a camera that is not known to see the target of a question may matter, shape (q,).
+            seen, matters = np.zeros(len(needed), dtype=np.int64), np.zeros(len(needed), dtype=bool)
+            for tier in self._tiers:
+                seen += (sights[tier] == SEEN).sum(axis=0)
+                matters |= (seen < needed) & (sights[tier] == UNKNOWN).any(axis=0)
+            matters &= (sights != UNSEEN).sum(axis=0) >= needed
+            asked = np.flatnonzero(matters)
             if len(asked):
                 found = np.ascontiguousarray(sights[:, asked])
                 self._look(targets, states, Items(*(column[asked] for column in items)), needed[asked], found)
@@ -217,15 +223,6 @@ class Observer:
         boxes = [box for target in targets for box in target.boxes]
         request = self._scene.request(self._projections, boxes, states)
         request.cover(items, needed, self._tiers, sights)
-
-    def _open(self, sights: Sights, needed: Indices) -> Mask:
-        """Whether a camera that is not known to see the target of a question may matter, shape (q,)."""
-        seen, matters = np.zeros(len(needed), dtype=np.int64), np.zeros(len(needed), dtype=bool)
-        for tier in self._tiers:
-            seen += (sights[tier] == SEEN).sum(axis=0)
-            matters |= (seen < needed) & (sights[tier] == UNKNOWN).any(axis=0)
-        matters &= (sights != UNSEEN).sum(axis=0) >= needed
-        return matters
 
     def _response(self, sights: Sights, needed: Indices) -> Array:
         """The k-th smallest response among the cameras that see the target of a question, NaN if fewer do, (q,) [s]."""

@@ -13,8 +13,7 @@ from sqrp_cli.knowledge.robot.joint_tree import Mount
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.motion.collision.motion_bound import MotionBound
-from sqrp_cli.programming.motion.collision.placed_scene import CLEARANCE, NamePairs, PlacedScene, pair
+from sqrp_cli.programming.motion.collision.placed_scene import CLEARANCE, MotionBound, NamePairs, PlacedScene, pair
 from sqrp_cli.programming.solids import distance, load_solids, scale_doubt
 from sqrp_cli.records import dataclass
 
@@ -72,7 +71,39 @@ class CollisionScene:
         The held object moves with the tool and may touch it. Objects of unknown pose are left out.
         """
         if world not in self._placed:
-            self._placed[world] = self._place(world)
+            tree, bound = self.model.tree, self.bound
+            solids, clearance = list(self.solids), [CLEARANCE] * len(self.solids)
+            names = [solid.part.parent for solid in solids]
+            mounts, depth = [tree.mounts[name] for name in names], [bound.depth[name] for name in names]
+            moving = [i for i, name in enumerate(names) if bound.depth[name] or name in bound.rods]
+            for name, X_WO in world.X_WO.items():
+                if name != world.held:
+                    of_object = self.object_solids[name]
+                    solids += of_object
+                    mounts += [Mount(-1, X_WO)] * len(of_object)
+                    clearance += [self._clearance[name]] * len(of_object)
+            depth += [0] * (len(solids) - len(depth))
+            pairs = [*self.self_pairs, *product(range(len(names), len(solids)), moving)]
+            if world.held is not None and world.X_TO is not None:
+                held, hand = self.object_solids[world.held], self.model.hand_links
+                partners = [i for i, solid in enumerate(solids) if solid.part.parent not in hand]
+                pairs += [(i, k) for k in range(len(solids), len(solids) + len(held)) for i in partners]
+                solids += held
+                mounts += [tree.mounts[self.model.tool_frame].with_offset(world.X_TO)] * len(held)
+                depth += [bound.depth[self.model.tool_frame]] * len(held)
+            inner, outer = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+            self._placed[world] = PlacedScene(
+                model=self.model,
+                bound=bound,
+                solids=tuple(solids),
+                mounts=tuple(mounts),
+                depth=tuple(depth),
+                inner=inner,
+                outer=outer,
+                clearance=np.array(clearance)[inner],
+                fingers=self.model.finger_positions(world.joints),
+                doubts=self._doubts,
+            )
         return self._placed[world].allowing(allowed) if allowed else self._placed[world]
 
     def contact_in(self, world: World) -> str:
@@ -93,42 +124,6 @@ class CollisionScene:
                         said = f"the arm is inside {name} ({doubt})"
             self._contacts[world] = said
         return self._contacts[world]
-
-    def _place(self, world: World) -> PlacedScene:
-        """See `placed`."""
-        tree, bound = self.model.tree, self.bound
-        solids, clearance = list(self.solids), [CLEARANCE] * len(self.solids)
-        names = [solid.part.parent for solid in solids]
-        mounts, depth = [tree.mounts[name] for name in names], [bound.depth[name] for name in names]
-        moving = [i for i, name in enumerate(names) if bound.depth[name] or name in bound.rods]
-        for name, X_WO in world.X_WO.items():
-            if name != world.held:
-                of_object = self.object_solids[name]
-                solids += of_object
-                mounts += [Mount(-1, X_WO)] * len(of_object)
-                clearance += [self._clearance[name]] * len(of_object)
-        depth += [0] * (len(solids) - len(depth))
-        pairs = [*self.self_pairs, *product(range(len(names), len(solids)), moving)]
-        if world.held is not None and world.X_TO is not None:
-            held, hand = self.object_solids[world.held], self.model.hand_links
-            partners = [i for i, solid in enumerate(solids) if solid.part.parent not in hand]
-            pairs += [(i, k) for k in range(len(solids), len(solids) + len(held)) for i in partners]
-            solids += held
-            mounts += [tree.mounts[self.model.tool_frame].with_offset(world.X_TO)] * len(held)
-            depth += [bound.depth[self.model.tool_frame]] * len(held)
-        inner, outer = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
-        return PlacedScene(
-            model=self.model,
-            bound=bound,
-            solids=tuple(solids),
-            mounts=tuple(mounts),
-            depth=tuple(depth),
-            inner=inner,
-            outer=outer,
-            clearance=np.array(clearance)[inner],
-            fingers=self.model.finger_positions(world.joints),
-            doubts=self._doubts,
-        )
 
     def supports(self, name: str, X_WO: Array, world: World) -> frozenset[str]:
         """Names of the objects that carry object `name` at `X_WO`: those it touches, but not once raised a little."""

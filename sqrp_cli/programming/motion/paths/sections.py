@@ -134,16 +134,30 @@ class BranchFinder:
 
     def branches(self, section: Section) -> list[Branch]:
         """The feasible branches of a section, free of contacts at the end of its joint move."""
-        begun: list[_Begun] = [(q, ()) for q in self._clear_ends(section, self._ends(section))]
-        followed = self._followed(section, begun)
-        if begun and not followed:
-            self._note_ends_out_of_reach(section)
-        turns = self._turns(section, followed) if followed else ()
-        branches = [
-            Branch(q, trajectories, of_branch, self._solution(section, q))
-            for (q, trajectories), of_branch in zip(followed, turns, strict=True)
-        ]
-        return [branch for branch in branches if len(branch.turns)]
+        move, ends = section.move, self._ends(section)
+        if move is not None and len(ends):
+            contacts = self._scenes[section.first - 1].check_all(ends)
+            for contact in filter(None, contacts):
+                self._failures.note(section.first - 1, f"{contact} at the end of {move.name}")
+            ends = ends[[contact is None for contact in contacts]]
+        followed = self._followed(section, [(q, ()) for q in ends])
+        for primitive in section.tied if len(ends) and not followed else ():
+            for curve in primitive.curves:  # that the end of a line is out of reach is the most useful reason
+                reached = known_solutions(self._model, curve.X_end, self._seed, self._samples)
+                if not len(reached.solutions):
+                    reason = f"{primitive.name} to `{primitive.to}`: {reached.reason}"
+                    self._failures.note(len(self._scenes), reason)
+        if not followed:
+            return []
+        turns, branches = self._turns(section, followed), list[Branch]()
+        for (q, trajectories), of_branch in zip(followed, turns, strict=True):
+            solution = 0
+            if move is not None and not section.is_fixed:
+                solutions = known_solutions(self._model, move.X_end, self._seed, self._samples).solutions
+                solution = int((solutions == q).all(axis=1).argmax())
+            if len(of_branch):
+                branches.append(Branch(q, trajectories, of_branch, solution))
+        return branches
 
     def _ends(self, section: Section) -> Array:
         """Possible ends of a section's joint move, or the arm's position if it has none, shape (b, n)."""
@@ -159,23 +173,6 @@ class BranchFinder:
             reason = solutions.reason or f"cannot be reached with {move.branches}"
             self._failures.note(section.first - 1, f"{move.name} to `{move.to}`: {reason}")
         return ends
-
-    def _solution(self, section: Section, q: Array) -> int:
-        """Number of the solution of inverse kinematics with which a section begins, at q, shape (n,)."""
-        if section.is_fixed or section.move is None:
-            return 0
-        solutions = known_solutions(self._model, section.move.X_end, self._seed, self._samples).solutions
-        return int((solutions == q).all(axis=1).argmax())
-
-    def _clear_ends(self, section: Section, ends: Array) -> Array:
-        """The joint positions (b, n) at the end of a section's joint move that are free of contacts."""
-        if section.move is None or not len(ends):
-            return ends
-        contacts = self._scenes[section.first - 1].check_all(ends)
-        for contact in contacts:
-            if contact is not None:
-                self._failures.note(section.first - 1, f"{contact} at the end of {section.move.name}")
-        return ends[[contact is None for contact in contacts]]
 
     def _followed(self, section: Section, begun: list[_Begun]) -> list[_Begun]:
         """The given branches with the trajectories of all tied primitives; without those that fail."""
@@ -238,9 +235,15 @@ class BranchFinder:
                 for reason in path.reasons:
                     self._failures.note(index, f"{primitive.name}: {reason}")
         paths = [path for path in followed if isinstance(path, JointPath)]
-        along = _limits_along(primitive, line)
-        if along is not None:
-            timed = time_paths(paths, self._limits, along)
+        # What the primitive's settings allow along the curve's parameter. A turn reaches its speed in 0.2 s, as the
+        # limits of its acceleration and jerk say.
+        speed, turning = primitive.turn_speed, line.turning
+        tool = np.array([primitive.speed, primitive.acceleration, primitive.jerk])
+        limits = [tool / line.length] if line.length > SHORTEST_LINE else []
+        if speed is not None and turning > 0.0:
+            limits.append(speed / turning * np.array([1.0, 10.0, 100.0]))
+        if limits:
+            timed = time_paths(paths, self._limits, MotionLimits(*np.min(limits, axis=0)))
         elif line.turning:
             timed = [time_path(path, self._limits) for path in paths]
         else:
@@ -255,21 +258,11 @@ class BranchFinder:
         still = np.zeros_like(self._model.turns)
         return self._moves_along(index, primitive, primitive.guard.beyond, q[None], still)[0]
 
-    def _note_ends_out_of_reach(self, section: Section) -> None:
-        """If the end of a line is out of reach, that is the most useful reason."""
-        for primitive in section.tied:
-            for curve in primitive.curves:
-                solutions = known_solutions(self._model, curve.X_end, self._seed, self._samples)
-                if not len(solutions.solutions):
-                    reason = f"{primitive.name} to `{primitive.to}`: {solutions.reason}"
-                    self._failures.note(len(self._scenes), reason)
-
     def _turns(self, section: Section, branches: Sequence[_Begun]) -> list[Array]:
         """Of each branch, offsets by whole turns that keep it within the joints' limits, (k, n).
 
-        Only 0 where the section's end is given, and of joints that slide.
-
-        A joint without limits goes at most one turn beyond where it is at the start and at home.
+        Only 0 where the section's end is given, and of joints that slide. A joint without limits goes at most one turn
+        beyond where it is at the start and at home. Where there are none, the first limit that fails is recorded.
         """
         fewest, most = whole_turns(*_passed(branches, self._near_limits), *self._near_limits)
         still = ~self._model.turns | section.is_fixed
@@ -278,31 +271,13 @@ class BranchFinder:
         for (_, trajectories), least, greatest in zip(branches, fewest.tolist(), most.tolist(), strict=True):
             counts = [range(int(first), int(last) + 1) for first, last in zip(least, greatest, strict=True)]
             turns.append(2 * np.pi * _combinations(counts))
-            if not len(turns[-1]):
-                self._note_limit(section, trajectories)
+            for k, (primitive, move) in enumerate(zip(section.tied, () if len(turns[-1]) else trajectories)):  # noqa: B905
+                one = len(primitive.curves) == 1
+                curve = primitive.curves[0] if one else ToolLine(primitive.X_start, primitive.X_end)
+                if (reason := limit_reason(self._model, move.path, curve)) is not None:
+                    self._failures.note(section.first + k, f"{primitive.name}: {reason}")
+                    break
         return turns
-
-    def _note_limit(self, section: Section, trajectories: Sequence[Trajectory]) -> None:
-        """Record the first limit that a section's trajectories exceed without turns, if any."""
-        for k, (primitive, trajectory) in enumerate(zip(section.tied, trajectories, strict=True)):
-            curve = primitive.curves[0] if len(primitive.curves) == 1 else ToolLine(primitive.X_start, primitive.X_end)
-            reason = limit_reason(self._model, trajectory.path, curve)
-            if reason is not None:
-                self._failures.note(section.first + k, f"{primitive.name}: {reason}")
-                break
-
-
-def _limits_along(primitive: GroundPrimitive, curve: ToolCurve) -> MotionLimits | None:
-    """What the primitive's settings allow along a curve's parameter; None if they say nothing of it.
-
-    A turn reaches its speed in 0.2 s, as the limits of its acceleration and jerk say.
-    """
-    speed, turning = primitive.turn_speed, curve.turning
-    tool = np.array([primitive.speed, primitive.acceleration, primitive.jerk])
-    limits = [tool / curve.length] if curve.length > SHORTEST_LINE else []
-    if speed is not None and turning > 0.0:
-        limits.append(speed / turning * np.array([1.0, 10.0, 100.0]))
-    return MotionLimits(*np.min(limits, axis=0)) if limits else None
 
 
 class Failures:

@@ -75,7 +75,20 @@ def follow(model: Kinematics, q0: Array, line: ToolCurve) -> list[JointPath | In
     All branches are followed at once. The points of each degree are among those of twice the degree; the points in
     between first check the fit, then refine it.
     """
-    return _through(model, line, _first_points(model, line, q0))
+    # Newton's method starts on the tangent; if that ends too far away, the line is followed from point to point.
+    s = _points(FIRST_DEGREE)
+    tangents = least_steps(model.tool_poses_and_jacobians(q0)[1], np.tile(line.twist, (len(q0), 1)))
+    guesses = (q0[:, None] + s[1:, None] * tangents[:, None]).reshape(-1, q0.shape[1])
+    reached, met = _meet(model, guesses, np.tile(line.poses(s[1:]), (len(q0), 1, 1)))
+    q = np.concatenate([q0[:, None], reached.reshape(len(q0), FIRST_DEGREE, -1)], axis=1)
+    near = (np.abs(np.diff(q, axis=1)).max(axis=2) <= LARGEST_STEP) & _is_short(line, s[:-1], s[1:])
+    far = np.flatnonzero(~(near & met.reshape(near.shape)).all(axis=1))
+    stuck = np.full(len(q0), np.inf)
+    for k in range(FIRST_DEGREE if len(far) else 0):
+        going = far[np.isinf(stuck[far])]
+        from_to = (np.full(len(going), at) for at in s[k : k + 2])
+        q[going, k + 1], stuck[going] = _advance(model, line, q[going, k], *from_to)
+    return _through(model, line, _unless_stuck(line, q, stuck))
 
 
 def _through(model: Kinematics, line: ToolCurve, points: Sequence[Array | Infeasible]) -> list[JointPath | Infeasible]:
@@ -105,26 +118,6 @@ def _fitted(model: Kinematics, line: ToolCurve, q: Array) -> list[JointPath | In
         for row, path in zip(misfits, finer, strict=True):
             paths[row] = path
     return paths
-
-
-def _first_points(model: Kinematics, line: ToolCurve, q0: Array) -> list[Array | Infeasible]:
-    """For each branch that begins at q0 (b, n), its points at the Chebyshev points of the first degree.
-
-    Newton's method starts on the tangent; if that ends too far away, the line is followed from point to point.
-    """
-    s = _points(FIRST_DEGREE)
-    tangents = least_steps(model.tool_poses_and_jacobians(q0)[1], np.tile(line.twist, (len(q0), 1)))
-    guesses = (q0[:, None] + s[1:, None] * tangents[:, None]).reshape(-1, q0.shape[1])
-    reached, met = _meet(model, guesses, np.tile(line.poses(s[1:]), (len(q0), 1, 1)))
-    q = np.concatenate([q0[:, None], reached.reshape(len(q0), FIRST_DEGREE, -1)], axis=1)
-    near = (np.abs(np.diff(q, axis=1)).max(axis=2) <= LARGEST_STEP) & _is_short(line, s[:-1], s[1:])
-    far = np.flatnonzero(~(near & met.reshape(near.shape)).all(axis=1))
-    stuck = np.full(len(q0), np.inf)
-    for k in range(FIRST_DEGREE if len(far) else 0):
-        going = far[np.isinf(stuck[far])]
-        from_to = (np.full(len(going), at) for at in s[k : k + 2])
-        q[going, k + 1], stuck[going] = _advance(model, line, q[going, k], *from_to)
-    return _unless_stuck(line, q, stuck)
 
 
 def _refined_points(model: Kinematics, line: ToolCurve, q: Array, guesses: Array) -> list[Array | Infeasible]:

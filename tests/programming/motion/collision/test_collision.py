@@ -15,8 +15,14 @@ from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.collision import CollisionScene, find_self_contacts
-from sqrp_cli.programming.motion.collision.motion_bound import MotionBound
-from sqrp_cli.programming.motion.collision.placed_scene import CLEARANCE, RESOLUTION, Contact, PlacedScene, pair
+from sqrp_cli.programming.motion.collision.placed_scene import (
+    CLEARANCE,
+    RESOLUTION,
+    Contact,
+    MotionBound,
+    PlacedScene,
+    pair,
+)
 from sqrp_cli.programming.solids import load_solid
 from sqrp_cli.trajectory import JointPath
 from tests.coal_geometry import coal_geometry

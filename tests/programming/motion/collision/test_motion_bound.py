@@ -12,8 +12,7 @@ from sqrp_cli.geometry import Array, pose, transform
 from sqrp_cli.knowledge.robot.joint_tree import Mount
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.collision import CollisionScene
-from sqrp_cli.programming.motion.collision.motion_bound import MotionBound
-from sqrp_cli.programming.motion.collision.placed_scene import PlacedScene
+from sqrp_cli.programming.motion.collision.placed_scene import MotionBound, PlacedScene
 from sqrp_cli.programming.solids import load_solids
 from sqrp_cli.shapes import Part, Sphere
 from sqrp_cli.trajectory import JointPath
