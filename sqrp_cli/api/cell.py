@@ -8,7 +8,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sqrp_cli.api.results import Scene
 from sqrp_cli.ask import values
 from sqrp_cli.ask.request import question
 from sqrp_cli.ask.requests import (
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.result import Ranking
     from sqrp_cli.report.documents.checks import Check
     from sqrp_cli.report.documents.explanation import ExplainedAll, Explanation
+    from sqrp_cli.report.documents.scene import ShowDocument
     from sqrp_cli.scoring.scorecard import Scorecard
 
 
@@ -228,6 +228,8 @@ class OpenCell:
         means = Means(ask.sampling or Adaptive(), ask.jobs, None, ask.out, self.seed)
         return find_placement(self.cell, ask, means=means, progress=ask.progress, content=self.content)
 
-    def scene(self) -> Scene:
+    def scene(self) -> ShowDocument:
         """The workspace as understood."""
-        return Scene(self.cell)
+        from sqrp_cli.report.documents.scene import ShowDocument
+
+        return ShowDocument.of(self.cell)

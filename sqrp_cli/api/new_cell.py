@@ -2,68 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.api.cell import open_cell
 from sqrp_cli.api.program import open_program
-from sqrp_cli.api.results import Answer
 from sqrp_cli.ask.requests import InitRequest
 from sqrp_cli.ask.values import silent
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import InputError
 
 if TYPE_CHECKING:
     from sqrp_cli.ask.requests import Progress
-    from sqrp_cli.report.documents.scene import FirstRun, InitDocument
+    from sqrp_cli.report.documents.scene import FirstRun, NewCell
     from sqrp_cli.runtime.record.events import Event
-    from sqrp_cli.starter.make import Starter
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class NewCell(Answer["InitDocument"]):
-    """A new workspace."""
-
-    starter: Starter
-    path: Path
-    """Of its folder, as it was given."""
-    own_arm: bool
-    """Whether the arm is the user's, so that some values were guessed."""
-    run: FirstRun | None = None
-    """Of the best candidate in the simulated cell; None if it was not run."""
-
-    @property
-    def problems(self) -> Sequence[Problem]:
-        """Warnings about the arm."""
-        return self.starter.warnings
-
-    @property
-    def works(self) -> bool:
-        """Whether there is a task to rank and, if it was run, it was done."""
-        return self.starter.task is not None and (self.run is None or self.run.outcome == "done")
-
-    @property
-    def brief(self) -> str:
-        """Its main figures, in a line."""
-        return f"{self.path}: {self.starter.task or 'nothing within reach'}"
-
-    @cached_property
-    def document(self) -> InitDocument:
-        """The document of `sqrp init`."""
-        from sqrp_cli.report.documents.scene import InitDocument
-
-        made = self.starter
-        cubes = list(made.cubes)
-        return InitDocument(workspace=str(made.folder), tool_link=made.tip, objects=cubes, task=made.task, run=self.run)
-
-    def show(self) -> None:
-        """Print what `sqrp init` prints."""
-        from sqrp_cli.terminal.scene_table import print_new_cell
-
-        print_new_cell(self.path, self.starter, self.run, own_arm=self.own_arm)
 
 
 def made(ask: InitRequest) -> NewCell:
@@ -72,6 +24,7 @@ def made(ask: InitRequest) -> NewCell:
     The arm is that of `urdf`, else that of which the configuration in `moveit` was made, else one that comes with the
     package. Raises InputError for an arm that cannot be used; nothing is ever overwritten.
     """
+    from sqrp_cli.report.documents.scene import NewCell
     from sqrp_cli.starter.description import OwnRobot
     from sqrp_cli.starter.make import make_starter
     from sqrp_cli.starter.search import MOST_STANDS
@@ -83,7 +36,16 @@ def made(ask: InitRequest) -> NewCell:
     with ask.progress("Looking for what the arm can reach", MOST_STANDS) as advance:
         found = make_starter(folder, own if is_own else None, ask.tip, advance)
     tried = first_run(found.folder, found.task, ask.progress) if ask.run and found.task is not None else None
-    return NewCell(found, folder, own_arm=is_own, run=tried)
+    return NewCell(
+        workspace=str(found.folder),
+        tool_link=found.tip,
+        objects=list(found.cubes),
+        task=found.task,
+        run=tried,
+        path=str(folder),
+        own_arm=is_own,
+        problems=found.warnings,
+    )
 
 
 def new_cell(*given: Any, **named: Any) -> NewCell:  # noqa: ANN401 - of the fields of a request

@@ -6,22 +6,13 @@ Each is a typed document that shows itself as the terminal does.
 from __future__ import annotations
 
 import re
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Generic, TypeVar
 
 from sqrp_cli.ask import values
-from sqrp_cli.document import Document, as_text, how_many
+from sqrp_cli.document import Document
 from sqrp_cli.errors import Place, bad_input
-
-if TYPE_CHECKING:
-    from sqrp_cli.programming.cell import Cell
-    from sqrp_cli.report.documents.scene import ShowDocument
-
 
 KINDS: Mapping[str, str] = {
     "rank": "sqrp_cli.programming.result:Ranking",
@@ -40,7 +31,7 @@ KINDS: Mapping[str, str] = {
     "diff": "sqrp_cli.scoring.scorecard:Scorecard",
     "score --vary": "sqrp_cli.scoring.sweep:Sweep",
     "show": "sqrp_cli.report.documents.scene:ShowDocument",
-    "init": "sqrp_cli.report.documents.scene:InitDocument",
+    "init": "sqrp_cli.report.documents.scene:NewCell",
 }
 """Of each `document` its record."""
 
@@ -89,67 +80,3 @@ def read_result(path: str | Path) -> Document:
             "no-result", f"no table of `sqrp {kind}` can be drawn from its JSON alone", Place(file), mend=again
         )
     return found
-
-
-AnyDocument = TypeVar("AnyDocument", bound="Document", covariant=True)
-
-
-class Answer(ABC, Generic[AnyDocument]):
-    """A result. `print` and a notebook show it like the command of the same name."""
-
-    @property
-    @abstractmethod
-    def document(self) -> AnyDocument:
-        """The whole result, with the fields of `--json`."""
-
-    @property
-    @abstractmethod
-    def brief(self) -> str:
-        """Its main figures, in a line."""
-
-    @abstractmethod
-    def show(self) -> None:
-        """Print it to the terminal."""
-
-    def to_json(self) -> str:
-        """The document as one line of JSON, as `--json` prints it."""
-        return as_text(self.document)
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.brief})"
-
-    def __str__(self) -> str:
-        from sqrp_cli.terminal.console import as_plain_text
-
-        return as_plain_text(self.show)
-
-    def _repr_html_(self) -> str:
-        from sqrp_cli.terminal.console import as_html
-
-        return as_html(self.show)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Scene(Answer["ShowDocument"]):
-    """A workspace as understood."""
-
-    cell: Cell
-
-    @property
-    def brief(self) -> str:
-        """Its main figures, in a line."""
-        scene = self.cell.workspace
-        return f"{scene.name}: {how_many(scene.cameras, 'camera')}, {how_many(scene.objects, 'object')}"
-
-    @cached_property
-    def document(self) -> ShowDocument:
-        """The document of `sqrp show`."""
-        from sqrp_cli.report.documents.scene import ShowDocument
-
-        return ShowDocument.of(self.cell)
-
-    def show(self) -> None:
-        """Print what `sqrp show` prints."""
-        from sqrp_cli.terminal.scene_table import print_scene
-
-        print_scene(self.cell)

@@ -14,8 +14,6 @@ from sqrp_cli.platform.memory import keep_all_so_far
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    from sqrp_cli.api.results import Answer, AnyDocument
-
 
 class Patches(NamedTuple):
     """The patches that a command writes."""
@@ -124,7 +122,7 @@ def check_report(path: Path) -> None:
     check_libraries()
 
 
-def answer(result: Answer[AnyDocument] | Document, *, as_json: bool, **how: bool) -> None:
+def answer(result: Document, *, as_json: bool, **how: bool) -> None:
     """Print a result, for people or as a document; how: see `Document.show`."""
     from sqrp_cli.cli.watch import is_shown_again
     from sqrp_cli.terminal.console import say_raw
@@ -132,7 +130,7 @@ def answer(result: Answer[AnyDocument] | Document, *, as_json: bool, **how: bool
     if as_json:
         say_raw(result.to_json())
     elif not is_shown_again(result):
-        result.show(**how) if isinstance(result, Document) else result.show()
+        result.show(**how)
 
 
 def _print_warnings(cell: OpenCell) -> None:

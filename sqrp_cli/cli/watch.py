@@ -15,7 +15,6 @@ import typer
 from sqrp_cli.errors import ExitCode, bad_option
 
 if TYPE_CHECKING:
-    from sqrp_cli.api.results import Answer, AnyDocument
     from sqrp_cli.document import Document
     from sqrp_cli.figures import Figures
     from sqrp_cli.programming.result import CandidateResult
@@ -47,7 +46,7 @@ class _Watcher:
 
     before: AnswerView | None = None
 
-    def show(self, answer: Answer[AnyDocument] | Document) -> None:
+    def show(self, answer: Document) -> None:
         """Show an answer."""
         now = view_of(answer)
         if self.before is None:
@@ -60,7 +59,7 @@ class _Watcher:
 _watcher: ContextVar[_Watcher | None] = ContextVar("watcher", default=None)
 
 
-def is_shown_again(answer: Answer[AnyDocument] | Document) -> bool:
+def is_shown_again(answer: Document) -> bool:
     """Whether a command runs again and again, and has shown this answer."""
     watcher = _watcher.get()
     if watcher is not None:
@@ -171,7 +170,7 @@ def _against(old: str, new: str) -> str:
     return new if old == new else f"{old}{_ARROW}{new}"
 
 
-def view_of(answer: Answer[AnyDocument] | Document) -> AnswerView:
+def view_of(answer: Document) -> AnswerView:
     """What of an answer is compared."""
     from sqrp_cli.programming.result import Ranking
     from sqrp_cli.report.documents.checks import Check

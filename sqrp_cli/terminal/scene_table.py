@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-from pathlib import Path
 
 import numpy as np
 
@@ -12,8 +11,7 @@ from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.motion.collision.collision import SAMPLES
-from sqrp_cli.report.documents.scene import FirstRun
-from sqrp_cli.starter.make import Starter
+from sqrp_cli.report.documents.scene import NewCell
 from sqrp_cli.terminal.console import Column, numbers, print_table, say, say_command
 
 
@@ -105,24 +103,20 @@ def _print_lights(workspace: Workspace) -> None:
         print_table([Column("light"), *map(Column, ("intensity", "direction", "at [m]", "beam [deg]"))], rows)
 
 
-def print_new_cell(folder: Path, starter: Starter, run: FirstRun | None, *, own_arm: bool) -> None:
-    """The new workspace, and how to go on.
-
-    folder: as it was given. run: of its task in the simulated cell, if it was run. own_arm: whether the arm is the
-    user's.
-    """
-    where = shlex.quote(str(folder))
+def print_new_cell(made: NewCell) -> None:
+    """The new workspace, and how to go on."""
+    where, run = shlex.quote(made.path), made.run
     say(f"{where} is a new workspace: workspace.yaml says what is in the cell, skills/pickup how a task is done.")
-    if own_arm:
-        guessed = f"The tool is fixed to `{starter.tip}`. Lines marked `check:` were guessed; compare with:"
+    if made.own_arm:
+        guessed = f"The tool is fixed to `{made.tool_link}`. Lines marked `check:` were guessed; compare with:"
         say_command(guessed, f"sqrp show {where}")
     if run is not None and run.outcome == "done":
         seen = f", and {run.seen} of {run.promised} promised images showed what they should" if run.promised else ""
-        say(f"`{starter.task}` was run once in the simulated cell: done after {run.time:.1f} s{seen}.")
+        say(f"`{made.task}` was run once in the simulated cell: done after {run.time:.1f} s{seen}.")
     elif run is not None:
-        say(f"`{starter.task}` was run once in the simulated cell: {run.outcome} at {run.time:.2f} s, {run.reason}")
-    if starter.task is not None:
-        say_command("Try:", f'sqrp rank {where} "{starter.task}"')
+        say(f"`{made.task}` was run once in the simulated cell: {run.outcome} at {run.time:.2f} s, {run.reason}")
+    if made.task is not None:
+        say_command("Try:", f'sqrp rank {where} "{made.task}"')
 
 
 def _print_hand(robot: Robot) -> None:

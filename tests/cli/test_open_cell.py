@@ -186,7 +186,7 @@ def test_a_prompt_shows_an_answer_as_one_short_line(cell, scores):
         "ExplainedAll(pickup g2 in tabletop: 1 candidate)",
         "Check(tabletop: valid, 0 problems)",
         "Check(pickup green in tabletop: 5 of 6 candidates feasible, valid, 0 problems)",
-        "Scene(tabletop: 6 cameras, 11 objects)",
+        "ShowDocument(tabletop: 6 cameras, 11 objects)",
         "Scorecard(1 of 1 task passed)",
     ]
 
@@ -203,15 +203,15 @@ def test_a_new_cell_is_that_of_init_and_can_be_opened(sqrp, started, tmp_path):
     made = new_cell(tmp_path / "one", run=True, progress=progress)
     looking, ranking, running = steps
     assert looking.startswith("Looking for")
-    assert ranking == f"Assessing {made.document.task}"
+    assert ranking == f"Assessing {made.task}"
     assert running.startswith("Running")
     assert "--no-run" in running
     assert steps[looking] == (1, 7)  # of four heights and three places of the table, the first was enough
-    ranked = open_cell(made.path).rank(made.document.task)
+    ranked = open_cell(made.path).rank(made.task)
     assert steps[ranking] == (len(ranked.candidates),) * 2
     assert steps[running] == (int(ranked.best.time),) * 2
     assert str(made).replace("/one", "/two") == printed(sqrp, "init", tmp_path / "two")
-    assert repr(made) == f"NewCell({tmp_path / 'one'}: {made.document.task})"
+    assert repr(made) == f"NewCell({tmp_path / 'one'}: {made.task})"
     assert made.to_json().replace(str(tmp_path / "one"), str(folder)) == outcome.out.rstrip("\n")
     assert open_cell(made.path).check().valid
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import Any, Literal
 
 import numpy as np
 
-from sqrp_cli.document import LEFT_OUT, Document, Pose, Record, WorkspaceDocument
+from sqrp_cli.document import LEFT_OUT, Document, Pose, Record, WorkspaceDocument, how_many, live
+from sqrp_cli.errors import Problem
 from sqrp_cli.knowledge.camera import camera, detector
 from sqrp_cli.knowledge.camera.camera import DistortionModel
 from sqrp_cli.knowledge.camera.detector import Curve, DetectorKind, marker_ranges
@@ -292,11 +294,15 @@ class ShowDocument(WorkspaceDocument):
     tasks: list[str]
     """The tasks that `sqrp score` ranks, as the workspace has them."""
 
+    cell: Any = live()
+    """The `Cell`, of which the table shows more than the document has."""
+
     @classmethod
     def of(cls, cell: Cell) -> ShowDocument:
         """What was understood of a cell."""
         workspace = cell.workspace
         return cls(
+            cell=cell,
             workspace=workspace.name,
             digest=workspace.digest,
             robot=RobotScene.of(cell),
@@ -309,6 +315,15 @@ class ShowDocument(WorkspaceDocument):
             skills=list(workspace.skills),
             tasks=[expected.task for expected in workspace.tasks],
         )
+
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        return f"{self.workspace}: {how_many(self.cameras, 'camera')}, {how_many(self.objects, 'object')}"
+
+    def show(self, **how: bool) -> None:
+        """Print it, while its cell is known."""
+        import_module("sqrp_cli.terminal.scene_table").print_scene(self.cell, **how)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -328,8 +343,10 @@ class FirstRun(Record):
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class InitDocument(Document):
-    """What `sqrp init` has made."""
+class NewCell(Document):
+    """What `sqrp init` has made: a new workspace."""
+
+    VIEW = "sqrp_cli.terminal.scene_table:print_new_cell"
 
     document: Literal["init"] = "init"
     workspace: str
@@ -342,6 +359,23 @@ class InitDocument(Document):
     """A task that can be ranked at once."""
     run: FirstRun | None
     """Of its best candidate; null if it was not run, as without a simulator."""
+    path: str
+    """Of its folder, as it was given."""
+    own_arm: bool
+    """Whether the arm is the user's, so that some values were guessed."""
+
+    problems: Sequence[Problem] = live(())
+    """Warnings about the arm."""
+
+    @property
+    def works(self) -> bool:
+        """Whether there is a task to rank and, if it was run, it was done."""
+        return self.task is not None and (self.run is None or self.run.outcome == "done")
+
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        return f"{self.path}: {self.task or 'nothing within reach'}"
 
 
 def _objects(workspace: Workspace, cell: Cell) -> dict[str, ObjectScene]:

@@ -27,7 +27,7 @@ from sqrp_cli.programming.result import Ranking
 from sqrp_cli.report.documents.checks import Check, RulesDocument
 from sqrp_cli.report.documents.explanation import ExplainedAll, Explanation
 from sqrp_cli.report.documents.programs import ProgramDocument
-from sqrp_cli.report.documents.scene import InitDocument, ShowDocument
+from sqrp_cli.report.documents.scene import NewCell, ShowDocument
 from sqrp_cli.runtime.audit.report import AuditDocument
 from sqrp_cli.runtime.cell.robot_file import RobotFile
 from sqrp_cli.runtime.record.events import Event
@@ -64,7 +64,7 @@ DOCUMENTS: Mapping[str, Any] = {
     "score": Scorecard | Sweep,
     "diff": Scorecard,
     "show": ShowDocument,
-    "init": InitDocument,
+    "init": NewCell,
     "rules": RulesDocument,
 }
 """What each command prints with `--json`."""
