@@ -6,10 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate
-from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sqrp_cli.document import Record
 from sqrp_cli.figures import Qualities
@@ -24,8 +22,6 @@ from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer
 from sqrp_cli.programming.whole_study import mean_quality
 from sqrp_cli.report.documents.explanation import Verdict
-
-Scalar = TypeVar("Scalar", bound=np.generic)
 
 SHORTEST, MOST = 0.1, 250
 """Least time between the instants of a sketch [s], and about how many there are at most."""
@@ -110,7 +106,7 @@ class Sketch(SampledScene):
             )
             for column, (target, boxes) in enumerate(zip(self.scene.targets, matrix, strict=True))
         }
-        qualities = qualities_over(timeline)
+        qualities, lost = qualities_over(timeline), timeline.monitored & ~timeline.covered
         return CoverageShown(
             t=self.samples.t.tolist(),
             covered=_where(timeline.covered, timeline.monitored),
@@ -118,7 +114,7 @@ class Sketch(SampledScene):
             atoms=atoms,
             q_avg=qualities.q_avg,
             q_eoi=qualities.q_eoi,
-            blind=_blind(timeline),
+            blind=float(np.nan_to_num(timeline.steps)[lost[1:] & lost[:-1]].sum()),
         )
 
 
@@ -171,18 +167,10 @@ class Steps:
 
 def _with_column(box: BoxVerdicts, new: BoxVerdicts, index: int) -> BoxVerdicts:
     """The verdicts with those of one camera instead of the ones at an index."""
-
-    def put(into: NDArray[Scalar], column: NDArray[Scalar]) -> NDArray[Scalar]:
-        changed = into.copy()
-        changed[:, index] = column[:, 0]
-        return changed
-
-    return BoxVerdicts(
-        cause=put(box.cause, new.cause),
-        by=put(box.by, new.by),
-        figure=put(box.figure, new.figure),
-        visible=put(box.visible, new.visible),
-    )
+    columns = {name: getattr(box, name).copy() for name in ("cause", "by", "figure", "visible")}
+    for name, column in columns.items():
+        column[:, index] = getattr(new, name)[:, 0]
+    return BoxVerdicts(**columns)
 
 
 def _where(values: Mask, asked: Mask) -> list[bool | None]:
@@ -209,9 +197,3 @@ def _rows(cell: Cell, boxes: Sequence[BoxVerdicts], names: Sequence[str], table:
         indices.append(table.setdefault(verdict, len(table)))
     found: list[list[int]] = np.array(indices)[place.reshape(cause.shape)].T.tolist()
     return found
-
-
-def _blind(timeline: Timeline) -> float:
-    """For how long in all a state is not covered [s]."""
-    lost = timeline.monitored & ~timeline.covered
-    return float(np.nan_to_num(timeline.steps)[lost[1:] & lost[:-1]].sum())
