@@ -47,7 +47,7 @@ ROOMS = {
     "study": ("programming/coverage programming/seen " + " ".join(_STUDY), 4_155),
     "search": ("programming/advice programming/placing", 4_930),
     "checks": ("checks", 1_375),
-    "run": ("runtime", 8_713),
+    "run": ("runtime", 8_684),
     "field": ("ros runtime/audit runtime/serve calibrating", 3_414),
     "score": ("scoring", 2_924),
     "show": ("terminal report document figures", 5_733),

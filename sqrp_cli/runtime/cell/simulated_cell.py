@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from copy import copy
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,15 +78,6 @@ class SuctionGrip:
         return TIP_RADIUS + float(min(gaps))
 
 
-@dataclass(frozen=True)
-class _Push:
-    """How a motor closes its finger; force with its sign [N or Nm], greatest speed [m/s or rad/s]."""
-
-    motor: int
-    force: float
-    speed: float
-
-
 class FingerGrip:
     """A gripper whose fingers push with a constant force and hold by friction."""
 
@@ -96,13 +86,14 @@ class FingerGrip:
     ) -> None:
         """closing: the joints that drive the fingers, each with the direction in which it closes (positive or not)."""
         self._model, self._data, self._controller = model, data, controller
-        self._pushes = []
+        # How each motor closes its finger: force with its sign [N or Nm], greatest speed [m/s or rad/s].
+        self._pushes: list[tuple[int, float, float]] = []
         for motor, (name, sign) in zip(controller.indices(list(closing)), closing.items(), strict=True):
             joint = model.joint(name).id
             limit = model.jnt_actfrcrange[joint, 1] if model.jnt_actfrclimited[joint] else np.inf
             lever = 1.0 if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE else FINGER_LENGTH
             force = float(np.copysign(float(min(GRIP * lever, limit)), sign))
-            self._pushes.append(_Push(int(motor), force, CLOSING_SPEED / lever))
+            self._pushes.append((int(motor), force, CLOSING_SPEED / lever))
         joints = [model.joint(name).id for name in closing]
         joints += [one.joint for one in followers(model) if one.leader in joints]
         self._finger_of_body = finger_bodies(model, joints)
@@ -113,12 +104,12 @@ class FingerGrip:
         """Close with a force."""
         self._model.geom_friction[self._pads] = FRICTION
         for push in self._pushes:
-            self._controller.push(push.motor, push.force, push.speed)
+            self._controller.push(*push)
 
     def release(self) -> None:
         """Follow the reference again."""
-        for push in self._pushes:
-            self._controller.follow(push.motor)
+        for motor, _, _ in self._pushes:
+            self._controller.follow(motor)
         self._model.geom_friction[self._pads] = FRICTION
 
     def slip(self) -> None:

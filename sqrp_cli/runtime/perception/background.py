@@ -6,7 +6,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Mask
 from sqrp_cli.runtime.image import ImageArray
-from sqrp_cli.runtime.perception.vision import Crop, alike, color_mask, dilated, inpainted, shade_of
+from sqrp_cli.runtime.perception.vision import Crop, color_mask, dilated, inpainted, same_color, shade_of
 
 TOLERANCE = 24
 """Largest difference of a colour channel (of 255) from the background; covers noise and mild changes of light."""
@@ -69,7 +69,7 @@ class Background:
         part = image[crop]
         if self._surroundings is not None:
             return self._surroundings[_coarse(part)]
-        same = alike(part, self._picture[crop], TOLERANCE)
+        same = same_color(part, self._picture[crop], TOLERANCE)
         return same | shade_of(part, self._picture[crop], SHADE_TOLERANCE, TOLERANCE / 4) if self._shadows else same
 
     def has_hue(self, image: ImageArray, crop: Crop, color: str) -> Mask:

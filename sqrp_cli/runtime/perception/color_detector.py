@@ -37,7 +37,7 @@ class _Place:
     """Share of it that is taken to be behind the robot or another object."""
     edge: float = 0.0
     """Share of it along the edge of what hides it, one pixel wide, on the side that is visible."""
-    alike: float = 0.0
+    same_color: float = 0.0
     """Share of it that shows its colour before a background of that colour."""
     filled: float = 0.0
     """As how much of the silhouette has the object's colour, without what has that colour anyway behind it.
@@ -62,8 +62,8 @@ class _Place:
         if self.share < np.clip(min_visible - detector.BORDER * self.edge, detector.LEAST_SHARE, detector.MOST_SHARE):
             missing = {
                 MissReason.MASK: self.hidden,
-                MissReason.BACKGROUND: self.alike,
-                MissReason.LIGHTING: 1.0 - self.share - self.hidden - self.alike,
+                MissReason.BACKGROUND: self.same_color,
+                MissReason.LIGHTING: 1.0 - self.share - self.hidden - self.same_color,
             }
             evidence, because = Truth.UNKNOWN, max(missing, key=missing.__getitem__)
         if self.projected is None or self.projected.area < detector.LEAST_PIXELS**2:
@@ -141,11 +141,11 @@ class ColorDetector:
         enclosed = dilated(view.robot.mask(crop, projected.box, links=box.encloses), 1)
         front = hiding | enclosed
         hidden = min(float((silhouette & front).sum()) / projected.area, 1.0)
-        alike = float((silhouette & ~front & same).sum()) / projected.area
+        same_color = float((silhouette & ~front & same).sum()) / projected.area
         telling = ~front & ~same
         decided = int((silhouette & telling).sum())
         if not decided:
-            return _Place(projected, hidden=hidden, alike=alike)
+            return _Place(projected, hidden=hidden, same_color=same_color)
         judged = telling & (own | shown | behind)
         # What else hides, the enclosed parts do not hide from being asked.
         askable = max(projected.area - float((silhouette & enclosed & ~hiding).sum()), detector.LEAST_PIXELS**2)
@@ -159,7 +159,7 @@ class ColorDetector:
             share=min(float((silhouette & judged).sum()) / askable, 1.0),
             hidden=hidden,
             edge=float((silhouette & hiding & ~before).sum()) / askable,
-            alike=alike,
+            same_color=same_color,
             filled=min(float((outline & judged & own).sum() / decided), 1.0),
             shift=shift,
         )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,27 +22,6 @@ AROUND = 0.5
 """How much of the image around a marker is looked at again, as a share of the marker's size in it."""
 
 
-class _FingerWay(NamedTuple):
-    """Where a marker on a finger may be in the image: (2,) [pixels] each."""
-
-    opened: Array
-    closed: Array
-
-    @property
-    def step(self) -> Array:
-        """From one end to the other."""
-        return self.closed - self.opened
-
-    def closure(self, marker: FoundMarker) -> float:
-        """How far the fingers are closed by a marker: 0 open, 1 closed."""
-        return float((marker.center - self.opened) @ self.step / max(float(self.step @ self.step), 1e-9))
-
-    def carries(self, marker: FoundMarker, outline: ProjectedBox) -> bool:
-        """Whether a marker lies on it, to half the size of the marker's outline."""
-        nearest = self.opened + np.clip(self.closure(marker), 0.0, 1.0) * self.step
-        return bool(np.hypot(*(marker.center - nearest)) <= 0.5 * outline.area**0.5)
-
-
 class MarkerDetector:
     """The search for markers in one image."""
 
@@ -57,13 +35,21 @@ class MarkerDetector:
         if outline is None:
             return BoxDetection(box.name, Truth.UNKNOWN, 0.0, NO_OUTLINE)
         wanted = view.marker(atom, box)
-        way = self._finger_way(box, outline) if box.frame in view.cell.markers else None
+        on_finger = box.frame in view.cell.markers
+        opened, step = self._finger_way(box, outline) if on_finger else (outline.center, np.zeros(2))
+
+        def closure(marker: FoundMarker) -> float:
+            """How far the fingers are closed by a marker that they carry: 0 open, 1 closed."""
+            return float((marker.center - opened) @ step / max(float(step @ step), 1e-9))
 
         def nearest(markers: Iterable[FoundMarker]) -> FoundMarker | None:
             """The marker of the box among several: that on a finger lies where the fingers can carry it."""
-            alike = (marker for marker in markers if wanted is not None and marker.id == wanted.id)
-            carried = (marker for marker in alike if way is None or way.carries(marker, outline))
-            return min(carried, key=lambda marker: np.hypot(*(marker.center - outline.center)), default=None)
+            found = [marker for marker in markers if wanted is not None and marker.id == wanted.id]
+            if on_finger:  # to half the size of the outline
+                ways = [opened + np.clip(closure(marker), 0.0, 1.0) * step for marker in found]
+                off = [np.hypot(*(marker.center - way)) for marker, way in zip(found, ways, strict=True)]
+                found = [marker for marker, far in zip(found, off, strict=True) if far <= 0.5 * outline.area**0.5]
+            return min(found, key=lambda marker: np.hypot(*(marker.center - outline.center)), default=None)
 
         found, because = None if wanted is None else nearest(view.markers(wanted.dictionary)), MissReason.DETECTOR
         crop = view.crop(outline.polygon, round(AROUND * outline.area**0.5)) if found is None else None
@@ -77,8 +63,14 @@ class MarkerDetector:
                     found = nearest(FoundMarker(one.id, one.corners + crop.origin) for one in beside)
                 because = MissReason.MASK if found is None else because
         share = 0.0 if found is None else 1.0
-        if way is not None:
-            evidence = Truth.UNKNOWN if found is None else self._on_finger(atom, way, found)
+        if on_finger:
+            sought, robot, evidence = view.sought, view.cell.robot, Truth.UNKNOWN
+            about_object = any(view.object_of(atom, other) is not None for other in sought.targets[atom].boxes)
+            if found is not None and (about_object or robot.fingers is None):
+                evidence = Truth.TRUE
+            elif found is not None and np.hypot(*step) * OPEN_SHARE >= 1.0:  # else too small to tell open from closed
+                is_open = closure(found) <= OPEN_SHARE
+                evidence = Truth.TRUE if is_open == sought.when_open[atom] else Truth.FALSE
         elif found is not None:
             near = np.hypot(*(found.center - outline.center)) <= max(0.5 * outline.area**0.5, 2.0)
             evidence = Truth.TRUE if near else Truth.FALSE
@@ -91,26 +83,14 @@ class MarkerDetector:
             evidence = Truth.FALSE if share >= ABSENT_SHARE else Truth.UNKNOWN
         return BoxDetection(box.name, evidence, share, outline.polygon, because)
 
-    def _finger_way(self, box: TargetBox, outline: ProjectedBox) -> _FingerWay:
-        """The way in the image on which the fingers carry a marker; a point where they do not move it."""
-        robot = self._view.cell.robot
-        if robot.fingers is None:
-            return _FingerWay(outline.center, outline.center)
-        ends = []
-        for fingers in (robot.fingers.open, robot.fingers.closed):
+    def _finger_way(self, box: TargetBox, outline: ProjectedBox) -> tuple[Array, Array]:
+        """Where open fingers carry a marker in the image, and the way to where closed ones do, (2,) [pixels] each.
+
+        The way is 0 where they do not move it, or nobody can tell how far they are closed.
+        """
+        robot, ends = self._view.cell.robot, list[ProjectedBox | None]()
+        for fingers in (robot.fingers.open, robot.fingers.closed) if robot.fingers is not None else ():
             X_WL = robot.link_poses(robot.with_fingers(self._view.believed.joints, fingers))
             ends.append(self._view.posed_camera.outline(X_WL[box.frame] @ box.X_FB, box.size))
-        opened, closed = ends
-        if opened is None or closed is None:  # nobody can tell how far they are closed
-            return _FingerWay(outline.center, outline.center)
-        return _FingerWay(opened.center, closed.center)
-
-    def _on_finger(self, atom: str, way: _FingerWay, marker: FoundMarker) -> Truth:
-        """What a marker on a finger says: where it is between open and closed, if the atom is about the fingers."""
-        sought = self._view.sought
-        about_object = any(self._view.object_of(atom, other) is not None for other in sought.targets[atom].boxes)
-        if about_object or self._view.cell.robot.fingers is None:
-            return Truth.TRUE
-        if np.hypot(*way.step) * OPEN_SHARE < 1.0:
-            return Truth.UNKNOWN  # too small in the image to tell open from closed
-        return Truth.TRUE if (way.closure(marker) <= OPEN_SHARE) == sought.when_open[atom] else Truth.FALSE
+        centers = [end.center for end in ends if end is not None]
+        return (centers[0], centers[1] - centers[0]) if len(centers) == 2 else (outline.center, np.zeros(2))

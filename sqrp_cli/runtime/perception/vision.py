@@ -59,7 +59,7 @@ def color_mask(image: ImageArray, color: str) -> Mask:
     return mask
 
 
-def alike(first: ImageArray, second: ImageArray, tolerance: int) -> Mask:
+def same_color(first: ImageArray, second: ImageArray, tolerance: int) -> Mask:
     """Where two images of the same size differ by at most a tolerance in every channel."""
     same: Mask = cv2.inRange(cv2.absdiff(first, second), (0, 0, 0), (tolerance,) * 3) > 0
     return same
