@@ -104,6 +104,11 @@ def argument(
     return Field((OptionWord(metavar, help, kind.words, None, complete),), kind, default, kw_only)
 
 
+def flag(flags: str, help: str, *, default: bool = False) -> Any:  # noqa: A002 - as Typer calls it
+    """A field that is true where its option is given."""
+    return option(flags, help, FieldKind(bool, lambda value, _name: value), default=default)
+
+
 def options(*words: OptionWord, kind: FieldKind, default: Any, uses: tuple[str, ...] = ()) -> Any:
     """A field that several options say, read together by their names. uses: names of other words that it needs."""
     return Field(words, kind, default, True, uses)
@@ -114,7 +119,9 @@ def value(kind: FieldKind, *, default: Any) -> Any:
     return Field((), kind, default, True)
 
 
-@dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(option, argument, options, value))
+@dataclass_transform(
+    kw_only_default=True, frozen_default=True, field_specifiers=(option, flag, argument, options, value)
+)
 class Request:
     """A question. Raises InputError for a value that says nothing sensible.
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from sqrp_cli.ask import values
-from sqrp_cli.ask.request import Command, FieldKind, OptionWord, Request, argument, option, options, value
+from sqrp_cli.ask.request import Command, FieldKind, OptionWord, Request, argument, flag, option, options, value
 from sqrp_cli.ask.values import FLAG, PATH, PATHS, PROGRESS, cores, silent
 
 if TYPE_CHECKING:
@@ -73,18 +73,13 @@ class Seeded(Request):
 class Printed(Request):
     """What prints an answer."""
 
-    json: bool = option("--json", "Print one JSON document and nothing else.", FLAG, default=False)
+    json: bool = flag("--json", "Print one JSON document and nothing else.")
 
 
 class Watchable(Request):
     """What may be asked again and again."""
 
-    watch: bool = option(
-        "--watch",
-        "Again whenever a file of the cell is saved, old and new side by side, until Ctrl-C.",
-        FLAG,
-        default=False,
-    )
+    watch: bool = flag("--watch", "Again whenever a file of the cell is saved, old and new side by side, until Ctrl-C.")
 
 
 class Paged(Request):
@@ -505,10 +500,5 @@ class InitRequest(Request):
         default=None,
         metavar="LINK",
     )
-    run: bool = option(
-        "--run/--no-run",
-        "Run its task once in the simulated cell, if there is one; may take minutes.",
-        FLAG,
-        default=False,
-    )
+    run: bool = flag("--run/--no-run", "Run its task once in the simulated cell, if there is one; may take minutes.")
     progress: Progress = value(PROGRESS, default=silent)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.api.program import open_program
 from sqrp_cli.ask import requests, values
-from sqrp_cli.ask.request import argument, option
-from sqrp_cli.ask.values import FLAG, PATH
+from sqrp_cli.ask.request import argument, flag, option
+from sqrp_cli.ask.values import PATH
 from sqrp_cli.cli.command import ParsedCommand, UsageError, command_of
 from sqrp_cli.cli.completion import example_task
 from sqrp_cli.cli.options import answer, check_excluded, open_with_warnings
@@ -71,7 +71,7 @@ class ExplainCommand(
         default="best",
         metavar="[best|all|fastest]",
     )
-    all: bool = option("--all", "Compare all candidates side by side.", FLAG, default=False)
+    all: bool = flag("--all", "Compare all candidates side by side.")
     images: Path | None = option(
         "--images", "Write what each camera sees in each blind interval as pictures.", PATH, default=None, metavar="DIR"
     )

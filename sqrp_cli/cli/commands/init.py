@@ -8,8 +8,7 @@ from typing import Any
 
 from sqrp_cli.api.new_cell import made
 from sqrp_cli.ask import requests
-from sqrp_cli.ask.request import Command, option
-from sqrp_cli.ask.values import FLAG
+from sqrp_cli.ask.request import Command, flag
 from sqrp_cli.cli.command import command_of
 from sqrp_cli.cli.options import answer, check_needed
 from sqrp_cli.errors import ExitCode, InputError, Problem, bad_option
@@ -24,11 +23,8 @@ class InitCommand(requests.InitRequest, requests.Printed, Command):
     up nothing anywhere, or the first run stops.
     """
 
-    run: bool = option(
-        "--run/--no-run",
-        "Run its task once in the simulated cell, if there is one; may take minutes.",
-        FLAG,
-        default=True,
+    run: bool = flag(
+        "--run/--no-run", "Run its task once in the simulated cell, if there is one; may take minutes.", default=True
     )
 
 

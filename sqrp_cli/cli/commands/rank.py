@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.ask import requests
-from sqrp_cli.ask.request import option
-from sqrp_cli.ask.values import FLAG, PATH
+from sqrp_cli.ask.request import flag, option
+from sqrp_cli.ask.values import PATH
 from sqrp_cli.cli.command import command_of
 from sqrp_cli.cli.options import answer, open_to_write, page_is_written
 from sqrp_cli.cli.start import Start
@@ -40,7 +40,7 @@ class RankCommand(
     program: Path | None = option(
         "--program", "Append the chosen candidate to this program file.", PATH, default=None, metavar="PROGRAM"
     )
-    all: bool = option("--all", "Show all candidates, also of a long ranking.", FLAG, default=False)
+    all: bool = flag("--all", "Show all candidates, also of a long ranking.")
 
 
 def rank(context: Any, ask: RankCommand) -> ExitCode:  # noqa: ANN401 - Typer's context

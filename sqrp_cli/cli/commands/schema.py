@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from sqrp_cli.ask import values
-from sqrp_cli.ask.request import Command, argument, option
-from sqrp_cli.ask.values import FLAG
+from sqrp_cli.ask.request import Command, argument, flag
 from sqrp_cli.cli.command import command_of
 from sqrp_cli.errors import ExitCode
 
@@ -27,7 +26,7 @@ class SchemaCommand(Command):
         default="workspace",
         complete="schemas",
     )
-    json: bool = option("--json", "Print one JSON document and nothing else, as always.", FLAG, default=False)
+    json: bool = flag("--json", "Print one JSON document and nothing else, as always.")
 
 
 def schema(_context: Any, ask: SchemaCommand) -> ExitCode:  # noqa: ANN401 - Typer's context

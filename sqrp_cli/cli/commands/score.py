@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.ask import requests, values
-from sqrp_cli.ask.request import Command, argument, option
-from sqrp_cli.ask.values import FLAG, PATH
+from sqrp_cli.ask.request import Command, argument, flag, option
+from sqrp_cli.ask.values import PATH
 from sqrp_cli.cli.command import command_of
 from sqrp_cli.cli.options import Patches, answer, check_needed, check_report, note_late
 from sqrp_cli.cli.watch import watched
@@ -55,14 +55,10 @@ class ScoreCommand(
         "--save-baseline", "Write the scores, to compare later ones with.", PATH, default=None, metavar="FILE"
     )
     allow: float = option("--allow", ALLOW, values.number(0.0), default=ALLOWANCE, metavar="POINTS")
-    allow_missing: bool = option(
-        "--allow-missing", "Pass though the baseline has workspaces or tasks that are gone.", FLAG, default=False
-    )
+    allow_missing: bool = flag("--allow-missing", "Pass though the baseline has workspaces or tasks that are gone.")
     junit: Path | None = option("--junit", "Write a JUnit file for a CI server.", PATH, default=None, metavar="FILE")
     summary: Path | None = option("--summary", "Write a Markdown summary.", PATH, default=None, metavar="FILE")
-    resume: bool = option(
-        "--resume", "Say that --out is that of an interrupted run, to go on with it.", FLAG, default=False
-    )
+    resume: bool = flag("--resume", "Say that --out is that of an interrupted run, to go on with it.")
     vary: Sequence[str] = option(
         "--vary",
         "Score variants of a workspace, and name the best.",
