@@ -17,10 +17,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sized
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, field, fields, is_dataclass
 from functools import cache
 from importlib import import_module
 from typing import Any, ClassVar, Literal, Self
+
+from sqrp_cli.records import dataclass
 
 Pose = list[list[float]]
 """A 4x4 pose as nested rows, frame in parent."""

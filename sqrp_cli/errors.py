@@ -6,10 +6,11 @@ import difflib
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
 from typing import Literal
+
+from sqrp_cli.records import dataclass
 
 _LONG_QUOTE = re.compile(r'(`)(?!sqrp )([^`]{60})[^`]{200,}`|(")([^`"]{60})[^`"]{200,}"')
 """A quoted name or value of more than a few lines; commands stay whole, because users type them."""

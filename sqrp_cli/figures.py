@@ -6,7 +6,7 @@ SI units, shares in 0..1. Nothing of the program but its foundations is imported
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, fields
 from math import inf
 from typing import Annotated
 
@@ -15,6 +15,7 @@ from pydantic import Field
 from sqrp_cli.document import Record
 from sqrp_cli.geometry import check_finite
 from sqrp_cli.knowledge.text.entries import Stored
+from sqrp_cli.records import dataclass
 
 Share = Annotated[float, Field(ge=0, le=1)]
 Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]

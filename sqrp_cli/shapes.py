@@ -7,7 +7,6 @@ a mesh is read where it is needed: `programming.sensing.solids` and `runtime.rob
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import hypot
 from pathlib import Path
 from typing import Literal
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, box_corners, check_poses
+from sqrp_cli.records import dataclass
 
 Geometry = Literal["collision", "visual"]
 """Which of the two geometries of a link."""

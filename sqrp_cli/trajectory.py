@@ -6,7 +6,6 @@ Program files store trajectories and the runtime evaluates them, so this module 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sqrp_cli.geometry import Array, Indices, read_only
+from sqrp_cli.records import dataclass
 
 NO_SLOPE = 1e-11
 """Highest coefficients of a path's slope up to this size count as rounding when its zeros are sought [rad or m]."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -32,6 +32,7 @@ from sqrp_cli.programming.suggestion import Suggester, with_first_steps
 from sqrp_cli.programming.task import Candidate, in_words, read_task
 from sqrp_cli.programming.ways.find import Plans
 from sqrp_cli.programming.ways.grips import first_grip
+from sqrp_cli.records import dataclass
 from sqrp_cli.scoring.work.results import KeptSearches, Results
 
 if TYPE_CHECKING:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +19,7 @@ from sqrp_cli.ask.requests import (
     TaskRequest,
 )
 from sqrp_cli.errors import InputError, Problem, bad_option
+from sqrp_cli.records import dataclass
 
 if TYPE_CHECKING:
     from sqrp_cli.knowledge.workspace.workspace import Workspace

@@ -6,7 +6,7 @@ import shlex
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +16,7 @@ from sqrp_cli.ask import values
 from sqrp_cli.ask.request import question
 from sqrp_cli.ask.requests import AuditRequest, RunRequest
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, bad_option, expected_names
+from sqrp_cli.records import dataclass
 
 if TYPE_CHECKING:
     from sqrp_cli.api.run_results import RunOutputs, SimulatedRun

@@ -6,7 +6,7 @@ import os
 import socket
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from sqrp_cli.api.cell import OpenCell
 from sqrp_cli.api.program import LazyReplanner, OpenProgram
 from sqrp_cli.errors import bad_input, bad_option
+from sqrp_cli.records import dataclass
 
 if TYPE_CHECKING:
     from sqrp_cli.api.run_results import RunOutputs, SimulatedRun

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sqrp_cli.ask import values
 from sqrp_cli.document import live
 from sqrp_cli.errors import bad_option
+from sqrp_cli.records import dataclass
 from sqrp_cli.runtime.record.report import RunReport
 
 if TYPE_CHECKING:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from sqrp_cli.checks.formulas import intervals_outside
 from sqrp_cli.errors import Problem
 from sqrp_cli.platform.files import check_not_read
 from sqrp_cli.platform.memory import keep_all_so_far
+from sqrp_cli.records import dataclass
 from sqrp_cli.scoring.baselines.baseline import baseline_of, save_baseline
 from sqrp_cli.scoring.ci_files import write_junit, write_summary
 from sqrp_cli.scoring.score import ScoredCell, find_workspaces, read_cells, wanted_of

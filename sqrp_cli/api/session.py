@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -25,6 +25,7 @@ from sqrp_cli.programming.result import CandidateResult, Ranking
 from sqrp_cli.programming.task import Task, read_task
 from sqrp_cli.programming.ways.grips import first_grip
 from sqrp_cli.programming.whole_study import StepShown, worst_seen
+from sqrp_cli.records import dataclass
 from sqrp_cli.report.documents.explanation import CandidateStudy, Explanation
 
 if TYPE_CHECKING:

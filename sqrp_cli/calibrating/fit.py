@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.knowledge.camera.detector import COEFFICIENTS, BoxSights, Curve, Detector
+from sqrp_cli.records import dataclass
 
 FOLDS = 5
 """Parts of the frames of which each is judged by the curve that the others teach."""

@@ -12,7 +12,6 @@ import csv
 import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
@@ -25,6 +24,7 @@ from sqrp_cli.knowledge.text.source import describe
 from sqrp_cli.knowledge.text.units import LARGEST, as_number
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Program, ProgramTarget
+from sqrp_cli.records import dataclass
 from sqrp_cli.runtime.audit.footage import Footage, Frame, ImageSource, read_image
 from sqrp_cli.runtime.audit.frame_audit import Postures, frames_of
 from sqrp_cli.runtime.image import CameraImage

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, Literal
 
 from sqrp_cli.calibrating.fit import Judged
 from sqrp_cli.document import Record, WorkspaceDocument, how_many, live
 from sqrp_cli.knowledge.camera.detector import Curve
+from sqrp_cli.records import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -30,6 +30,7 @@ from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.program_update import world_after
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.solids import OBJECT_FACTOR, Solid, distance, load_solid, scale_doubt
+from sqrp_cli.records import dataclass
 from sqrp_cli.shapes import LEAST_SIZE, Box, Mesh
 
 LARGEST, SMALLEST = 20.0, 1e-3

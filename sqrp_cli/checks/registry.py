@@ -6,12 +6,12 @@ The findings are in `findings.yaml` beside this module, grouped by subject.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Literal
 
 from sqrp_cli.errors import bad_input, expected_names
+from sqrp_cli.records import dataclass
 
 FINDINGS = Path(__file__).with_name("findings.yaml")
 

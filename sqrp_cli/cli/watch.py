@@ -6,13 +6,14 @@ import os
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextvars import ContextVar
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import typer
 
 from sqrp_cli.errors import ExitCode, bad_option
+from sqrp_cli.records import dataclass
 
 if TYPE_CHECKING:
     from sqrp_cli.document import Document

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import colorsys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from math import cos, inf, radians
 from typing import Annotated, NamedTuple
@@ -21,6 +20,7 @@ from pydantic_core import PydanticCustomError
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.text.entries import Direction, In, Position, Stored
 from sqrp_cli.knowledge.text.units import ANGLE, SHORTEST_DIRECTION
+from sqrp_cli.records import dataclass
 
 Rgb = tuple[float, float, float]
 """Red, green and blue, 0 to 1."""

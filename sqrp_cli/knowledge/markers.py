@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
 from pydantic import Field, PlainValidator, WithJsonSchema
@@ -11,6 +10,7 @@ from pydantic_core import PydanticCustomError
 
 from sqrp_cli.errors import expected_names
 from sqrp_cli.knowledge.text.entries import MappingOr, Size, Stored, refused
+from sqrp_cli.records import dataclass
 
 
 class MarkerDictionary(NamedTuple):

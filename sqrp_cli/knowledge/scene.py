@@ -6,7 +6,7 @@ top (+z), black square and margin together as large as fits there unless the wor
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, PlainValidator, Tag, WithJsonSchema, model_validator
@@ -31,6 +31,7 @@ from sqrp_cli.knowledge.text.entries import (
 )
 from sqrp_cli.knowledge.text.source import describe
 from sqrp_cli.knowledge.text.units import SMALLEST_SIZE
+from sqrp_cli.records import dataclass
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Sphere
 
 NO_SIZE = (0.0, 0.0, 0.0)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import product
 from math import prod
 from typing import TypeAlias
 
 from sqrp_cli.logic import domain as pddl
 from sqrp_cli.logic.literal import Atom, Literal
+from sqrp_cli.records import dataclass
 
 Objects = Mapping[str, frozenset[str]]
 """The names of all objects with their types; ancestors of types in the domain may be left out."""

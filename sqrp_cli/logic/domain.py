@@ -6,11 +6,12 @@ PDDL ignores case; every name here is in lower case.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import TypeAlias, TypeVar
 
 from sqrp_cli.errors import Place, bad_input
+from sqrp_cli.records import dataclass
 
 OBJECT = "object"
 """The type that every object has."""

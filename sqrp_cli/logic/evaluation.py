@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from copy import copy
-from dataclasses import dataclass
 
 from sqrp_cli.logic.formula import Always, And, Eventually, Formula, Implies, Interval, Not, Or, Predicate, children
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.truth import Signal, Truth, always, combine, nanoseconds, negated, step_signal
+from sqrp_cli.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TypeAlias
 
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.source_text import TextOrigin
+from sqrp_cli.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal as OneOf
 
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.logic import formula as mtl
 from sqrp_cli.logic.literal import Literal
+from sqrp_cli.records import dataclass
 
 SAME_INSTANT = 1e-9
 """Stretches that are closer than this [s] count as one."""
@@ -137,7 +138,7 @@ def _timed_operators(
     formula: mtl.Formula,
     spans: Mapping[str, tuple[float, float]],
     total: float,
-    evaluated: Stretch = Stretch(0.0, 0.0),
+    evaluated: Stretch = Stretch(0.0, 0.0),  # noqa: B008 - it is frozen
 ) -> Iterator[tuple[mtl.Temporal, Stretch, bool]]:
     """The operators in a formula that is evaluated at all instants of a stretch, in the order of `operators`.
 

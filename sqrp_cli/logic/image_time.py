@@ -8,12 +8,14 @@ the phase, so that suprema lie at the ends of pieces and, of one rate, means ove
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
+
+from sqrp_cli.records import dataclass
 
 Array = NDArray[np.float64]
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import TypeAlias
 
 from sqrp_cli.errors import InputError, bad_input
 from sqrp_cli.logic.source_text import SourceText, character_name, is_unseen
+from sqrp_cli.records import dataclass
 
 MAX_DEPTH = 50
 """Deepest nesting of lists."""

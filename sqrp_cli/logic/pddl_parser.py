@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,6 +12,7 @@ from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_name
 from sqrp_cli.logic import domain as pddl
 from sqrp_cli.logic.nested_lists import Node, Word, WordList, read_list
 from sqrp_cli.logic.source_text import SourceText
+from sqrp_cli.records import dataclass
 
 REQUIREMENTS = (
     ":strips", ":typing", ":equality", ":negative-preconditions", ":disjunctive-preconditions",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from heapq import heappop, heappush
 from typing import NamedTuple, TypeAlias
 
@@ -25,6 +25,7 @@ from sqrp_cli.logic.planning_task import (
     PlanStep,
     planning_task,
 )
+from sqrp_cli.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,13 @@ atom; a relaxed state, in which nothing becomes false, may have both.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from math import prod
 
 from sqrp_cli.logic import conditions
 from sqrp_cli.logic.domain import Action, Condition, Conjunction, Constant, Domain, Equal, Holds, Negation, Variable
 from sqrp_cli.logic.literal import Atom, Literal
+from sqrp_cli.records import dataclass
 
 
 @dataclass(frozen=True)

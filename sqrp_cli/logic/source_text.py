@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import unicodedata
-from dataclasses import dataclass
 
 from sqrp_cli.errors import Place, Problem
+from sqrp_cli.records import dataclass
 
 LONGEST = 160
 """Characters of a line that an excerpt shows whole."""

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from enum import IntEnum
 from itertools import accumulate, chain
+
+from sqrp_cli.records import dataclass
 
 
 class Truth(IntEnum):

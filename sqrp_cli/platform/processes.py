@@ -17,7 +17,6 @@ import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from math import inf
 from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection, wait
@@ -27,6 +26,7 @@ from typing import Any, Generic, TypeAlias, TypeVar
 from weakref import WeakSet
 
 from sqrp_cli.errors import InputError, Problem, SqrpError, bad_input
+from sqrp_cli.records import dataclass
 
 Context: TypeAlias = ForkContext | ForkServerContext | SpawnContext
 Message = TypeVar("Message")

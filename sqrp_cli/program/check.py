@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import chain, pairwise
 
 import numpy as np
@@ -12,6 +11,7 @@ from sqrp_cli.errors import expected_names
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.program.record import Program, ProgramTarget, Spans, Step
+from sqrp_cli.records import dataclass
 from sqrp_cli.trajectory import Trajectory
 
 SAME_TIME = 1e-6

@@ -11,13 +11,13 @@ import io
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.program.record import Program, ProgramPrimitive
+from sqrp_cli.records import dataclass
 
 LEAST_GAP = 0.01
 """Points closer than this to the beginning or end of a primitive are left out [periods]."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import islice
 from typing import TypeVar
 
@@ -15,6 +15,7 @@ from sqrp_cli.knowledge.skill.skill import JointMove, Skill
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.conditions import UnmetPart, apply_effect, failing_literals
 from sqrp_cli.logic.literal import Atom
+from sqrp_cli.records import dataclass
 
 Value = TypeVar("Value")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from sqrp_cli.programming.motion.collision.placed_scene import NamePairs
 from sqrp_cli.programming.motion.fingers import closed_on
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.solids import load_solid
+from sqrp_cli.records import dataclass
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from sqrp_cli.errors import Infeasible, InputError
 from sqrp_cli.knowledge.text.entries import completed
@@ -12,6 +11,7 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.motion.ground_primitives import SkillUse
 from sqrp_cli.programming.motion.plan_motion import Motion, plan_motion
 from sqrp_cli.programming.task import Candidate, read_task
+from sqrp_cli.records import dataclass
 
 
 def feasible_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | Infeasible:

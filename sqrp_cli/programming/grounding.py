@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from sqrp_cli.geometry import Array, inverse
@@ -23,6 +22,7 @@ from sqrp_cli.programming.motion.waypoints import WaypointGrounder
 from sqrp_cli.programming.pieces import GroundFormula
 from sqrp_cli.programming.targets import SoughtBox, Target
 from sqrp_cli.programming.task import Candidate
+from sqrp_cli.records import dataclass
 
 
 def bound_formulas(candidate: Candidate) -> tuple[Formula, ...]:

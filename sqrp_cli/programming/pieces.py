@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from sqrp_cli.logic.formula_time import SAME_INSTANT, GroundOperator, Stretch, events_of_interest, merge, union_length
 from sqrp_cli.logic.literal import Literal
+from sqrp_cli.records import dataclass
 
 
 @dataclass(frozen=True)

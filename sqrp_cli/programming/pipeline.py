@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -31,6 +31,7 @@ from sqrp_cli.programming.task import Candidate, in_words
 from sqrp_cli.programming.ways.find import Plans, WantedWay, find_way
 from sqrp_cli.programming.ways.grips import choice_in_words, way_in_words
 from sqrp_cli.programming.whole_study import assessment_of_all, world_left
+from sqrp_cli.records import dataclass
 
 WORTH_A_PROCESS, WORTH_WITH_WAYS = 8, 2
 """Least number of candidates per further process, and of those of which all ways are tried; fewer are not worth it."""
@@ -76,10 +77,10 @@ _known: WeakKeyDictionary[World, dict[tuple[str, ...], StepDone]] = WeakKeyDicti
 class Inquiry:
     """How candidates are asked about."""
 
-    sampling: Sampling = Adaptive()  # noqa: RUF009 - it is frozen
+    sampling: Sampling = Adaptive()
     calibration: Calibration | None = None
     """Accuracy of the cameras' calibration, to compute its influence on the qualities; None to leave it out."""
-    wanted: WantedWay = WantedWay()  # noqa: RUF009 - it is frozen
+    wanted: WantedWay = WantedWay()
     """Which way of each candidate."""
 
 

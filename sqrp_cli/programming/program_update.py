@@ -5,7 +5,7 @@ A failed step is planned again in the same way, from the world after its fault.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain
 
 import numpy as np
@@ -30,6 +30,7 @@ from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.sensing.observer import Observer, sees_all
 from sqrp_cli.programming.task import Candidate
+from sqrp_cli.records import dataclass
 
 
 @dataclass(frozen=True, eq=False)

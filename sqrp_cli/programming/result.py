@@ -6,11 +6,12 @@ SI units, radians, shares in 0..1. Nothing here computes.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from sqrp_cli.document import LEFT_OUT, Record, TaskDocument, how_many, live
 from sqrp_cli.figures import NO_FIGURES, Figures, Qualities
+from sqrp_cli.records import dataclass
 
 if TYPE_CHECKING:
     from pathlib import Path

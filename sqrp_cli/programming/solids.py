@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, cached_property
 from weakref import WeakValueDictionary
 
@@ -15,6 +15,7 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.geometry import BOX_SIGNS, Array, inverse, read_only, transform
 from sqrp_cli.knowledge.mesh import read_mesh
 from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.records import dataclass
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere, Triangles
 from sqrp_cli.sight import kernel
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 from sqrp_cli.errors import Infeasible
@@ -25,6 +24,7 @@ from sqrp_cli.programming.task import read_task
 from sqrp_cli.programming.ways.find import WantedWay, some_motion
 from sqrp_cli.programming.ways.grips import first_grip
 from sqrp_cli.programming.whole_study import world_left
+from sqrp_cli.records import dataclass
 
 
 @dataclass(frozen=True, eq=False)

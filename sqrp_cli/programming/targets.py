@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from sqrp_cli.geometry import check_finite, check_poses
 from sqrp_cli.knowledge.camera.detector import Detector
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.target_box import TargetBox, object_of
 from sqrp_cli.logic.literal import Atom
+from sqrp_cli.records import dataclass
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -6,7 +6,7 @@ How the figures of the whole follow from those of its steps is on the page of nu
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple, Protocol
 
 from sqrp_cli.errors import Infeasible
@@ -20,6 +20,7 @@ from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.program_update import world_after
 from sqrp_cli.programming.result import CandidateResult
+from sqrp_cli.records import dataclass
 
 
 class StepShown(NamedTuple):

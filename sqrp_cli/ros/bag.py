@@ -8,7 +8,6 @@ import shutil
 import tempfile
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,6 +16,7 @@ import yaml
 
 from sqrp_cli.errors import InputError, Place, bad_input, needed
 from sqrp_cli.platform.files import naming
+from sqrp_cli.records import dataclass
 from sqrp_cli.ros.messages import Message, MessageError, Ros, message_types
 
 METADATA = "metadata.yaml"

@@ -8,7 +8,6 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, TypeAlias, cast
 
@@ -16,6 +15,7 @@ import numpy as np
 
 from sqrp_cli.errors import SqrpError, needed
 from sqrp_cli.geometry import Array, matrix_to_quaternion
+from sqrp_cli.records import dataclass
 
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import FieldDesc

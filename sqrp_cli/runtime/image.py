@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from sqrp_cli.errors import bad_input
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.records import dataclass
 
 ImageArray = NDArray[np.uint8]
 """Red, green and blue, shape (height, width, 3); pixel (0, 0) is the centre of the first one, at the top left."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -14,6 +13,7 @@ from sqrp_cli.knowledge.mesh import read_mesh
 from sqrp_cli.knowledge.robot.joint_tree import Couplings, JointTree
 from sqrp_cli.knowledge.robot.robot import Fingers, Robot
 from sqrp_cli.knowledge.text.packages import resolve_mesh
+from sqrp_cli.records import dataclass
 from sqrp_cli.shapes import Mesh, Part
 
 OPEN_SHARE = 0.25

@@ -6,7 +6,6 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -20,6 +19,7 @@ from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, read_yaml
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.programming.ways.grips import NOTHING_SPECIAL
+from sqrp_cli.records import dataclass
 from sqrp_cli.scoring.work.identity import says_something
 
 _SECTION = re.compile(r":(requirements|types|constants|predicates|functions|action|parameters|precondition|effect)\b")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import glob
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from math import inf
 from pathlib import Path
 from typing import Literal
@@ -23,6 +22,7 @@ from sqrp_cli.programming.ranking import rank
 from sqrp_cli.programming.result import NOTHING_MISSING, CandidateResult
 from sqrp_cli.programming.suggestion import with_first_steps
 from sqrp_cli.programming.task import Candidate, Task, read_task
+from sqrp_cli.records import dataclass
 from sqrp_cli.scoring.changes import Comparison
 from sqrp_cli.scoring.work.compute import Computer, Wanted
 from sqrp_cli.scoring.work.identity import content_digest

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -13,6 +13,7 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.workspace.workspace_file import workspace_file
 from sqrp_cli.programming.coverage.blind_spans import Coverage
 from sqrp_cli.programming.result import CandidateResult
+from sqrp_cli.records import dataclass
 from sqrp_cli.scoring.baselines.baseline import Baseline, TaskRecord, VanishedTask, baseline_of, identified, vanished
 from sqrp_cli.scoring.baselines.comparison import changed_ways, compare
 from sqrp_cli.scoring.changes import Change, workspace_changes

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import product
 from pathlib import Path
 from typing import Any, Literal
@@ -20,6 +20,7 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.yaml_edit import edited, from_here, patch
 from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
+from sqrp_cli.records import dataclass
 from sqrp_cli.scoring.score import ScoredCell, TaskScore, read_cell
 from sqrp_cli.scoring.scorecard import Progress, Scorecard, score_cells
 from sqrp_cli.scoring.work.compute import Computer

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.robot.joint_tree import driving_joints
 from sqrp_cli.knowledge.robot.robot import AXES_OF_A_POSE
 from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfModel
+from sqrp_cli.records import dataclass
 
 _GRIPPER_JOINT = re.compile(r"finger|grip|jaw|claw|knuckle|thumb|hand_(index|middle|ring|little|pinky)", re.IGNORECASE)
 """Words in the names of gripper joints."""

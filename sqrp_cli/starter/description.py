@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from difflib import SequenceMatcher
 from pathlib import Path
 
@@ -25,6 +25,7 @@ from sqrp_cli.knowledge.text.packages import (
     resolve,
 )
 from sqrp_cli.knowledge.text.xml_file import read_xml
+from sqrp_cli.records import dataclass
 from sqrp_cli.starter.moveit_config import MoveitConfig, arm_tip, find_moveit, moveit_beside
 
 _SRDF_FOLDERS = (".", "srdf", "config", "../srdf", "../config")

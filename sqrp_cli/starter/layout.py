@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from math import degrees
 
 from sqrp_cli.geometry import Array, matrix_to_rpy
+from sqrp_cli.records import dataclass
 from sqrp_cli.starter.description import NamedFile
 
 TASK = "pickup green"

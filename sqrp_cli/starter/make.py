@@ -7,7 +7,7 @@ import os
 import shutil
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from sqrp_cli.programming.coverage.assessment import study
 from sqrp_cli.programming.coverage.blind_spans import cause_totals
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.task import read_task
+from sqrp_cli.records import dataclass
 from sqrp_cli.starter import search
 from sqrp_cli.starter.arm_guess import ArmGuess, guess_arm
 from sqrp_cli.starter.description import Description, OwnRobot, describe_robot

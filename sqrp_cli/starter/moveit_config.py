@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from sqrp_cli.knowledge.robot.urdf import UrdfModel
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.xml_file import read_xml
 from sqrp_cli.knowledge.text.yaml_file import read_yaml
+from sqrp_cli.records import dataclass
 
 ASSISTANT = ".setup_assistant"
 """The file in which MoveIt's setup assistant notes what it made the configuration of."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import islice
 from math import pi
@@ -20,6 +20,7 @@ from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.solids import load_solids
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.programming.ways.grips import grips
+from sqrp_cli.records import dataclass
 from sqrp_cli.starter.arm_guess import LEAST_SWING, ArmGuess
 from sqrp_cli.starter.layout import TASK, CameraView, Cube, Position
 

@@ -10,13 +10,13 @@ import select
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.errors import InputError, Problem, bad_input
 from sqrp_cli.platform.processes import Worker, forked
+from sqrp_cli.records import dataclass
 from sqrp_cli.studio.messages import findings, kind_of, message
 from sqrp_cli.studio.server import Connections
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib import resources
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -18,6 +17,7 @@ from sqrp_cli.errors import Problem, bad_option
 from sqrp_cli.geometry import matrix_to_rpy
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.task import in_words
+from sqrp_cli.records import dataclass
 from sqrp_cli.report.documents.checks import ReportedProblem
 from sqrp_cli.report.pages.assembly import assembled, tidy
 from sqrp_cli.studio.moves import Move, aim, way_up

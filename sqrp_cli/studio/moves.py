@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -18,6 +18,7 @@ from sqrp_cli.knowledge.text.yaml_edit import with_values
 from sqrp_cli.knowledge.workspace.edits import stated_look_at, with_base, with_camera, with_object
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
+from sqrp_cli.records import dataclass
 
 Point = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
 

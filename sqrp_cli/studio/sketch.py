@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import accumulate
 
@@ -21,6 +21,7 @@ from sqrp_cli.programming.coverage.timeline import Rehearsal, SampledScene, Time
 from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer
 from sqrp_cli.programming.whole_study import mean_quality
+from sqrp_cli.records import dataclass
 from sqrp_cli.report.documents.explanation import Verdict
 
 SHORTEST, MOST = 0.1, 250

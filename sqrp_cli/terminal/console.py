@@ -13,7 +13,6 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
 from typing import Literal
 
 from rich.cells import cell_len
@@ -23,6 +22,7 @@ from rich.table import Table
 from rich.text import Text
 
 from sqrp_cli.errors import Problem
+from sqrp_cli.records import dataclass
 from sqrp_cli.shown import harmless, one_line
 from sqrp_cli.terminal.progress_lines import Advance, Verbosity, progress_lines, verbosity
 

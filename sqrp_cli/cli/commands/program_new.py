@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from sqrp_cli.api.session import ChosenStep, Session, add_steps, assess, chosen_steps
@@ -20,6 +19,7 @@ from sqrp_cli.programming.feasibility import Possibility, possibilities
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.suggestion import Suggester, best_suggestion, check_candidate
 from sqrp_cli.programming.task import Task, read_task
+from sqrp_cli.records import dataclass
 from sqrp_cli.report.documents.checks import PlannedStep
 from sqrp_cli.report.documents.programs import ProgramDocument
 from sqrp_cli.terminal.check_table import print_suggested

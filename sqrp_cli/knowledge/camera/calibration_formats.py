@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -25,6 +24,7 @@ from sqrp_cli.knowledge.text.json_file import json_document, parse_json
 from sqrp_cli.knowledge.text.source import Data, KeyPath, SourceDocument, not_finite
 from sqrp_cli.knowledge.text.xml_file import Element, parse_xml
 from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, parse_yaml, top_key
+from sqrp_cli.records import dataclass
 
 _INI = re.compile(r"^[ \t]*\[[\w/. -]+\][ \t\r]*$", re.MULTILINE)
 _INI_KEYS = re.compile(r"^[ \t]*(camera matrix|distortion)[ \t\r]*$", re.MULTILINE)

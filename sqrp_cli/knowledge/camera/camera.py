@@ -6,7 +6,6 @@ Numbers are in SI units and angles in radians, whatever the unit in a file.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from functools import cache
 from math import radians, tan
 from pathlib import Path
@@ -18,6 +17,7 @@ from pydantic_core import PydanticCustomError
 from sqrp_cli.geometry import Array, check_finite, check_poses, read_only
 from sqrp_cli.knowledge.text.entries import CameraPose, In, MappingOr, Name, Number, Size, Stored, Text, Time
 from sqrp_cli.knowledge.text.units import ANGLE, FREQUENCY, LARGEST, PIXELS
+from sqrp_cli.records import dataclass
 
 DistortionModel = Literal["none", "plumb_bob", "rational_polynomial", "equidistant"]
 

@@ -8,7 +8,7 @@ held, gone or in a place, for what predicts it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from itertools import product
@@ -27,6 +27,7 @@ from sqrp_cli.knowledge.markers import DICTIONARIES, Marker
 from sqrp_cli.knowledge.text.entries import In, Number, Pixels, Range, Stored, completed, refused
 from sqrp_cli.knowledge.text.source import describe
 from sqrp_cli.knowledge.text.units import ANGLE, LARGEST_LENGTH, SHARE
+from sqrp_cli.records import dataclass
 
 Steepness = Annotated[float, In(None, 0.0, 1000.0)]
 MostLikely = Annotated[float, In(SHARE, 0.01, 1.0)]

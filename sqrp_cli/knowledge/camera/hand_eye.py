@@ -15,7 +15,7 @@ import ast
 import re
 import shlex
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice, pairwise, takewhile
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -33,6 +33,7 @@ from sqrp_cli.knowledge.text.units import as_number
 from sqrp_cli.knowledge.text.validation import validate
 from sqrp_cli.knowledge.text.xml_file import Element, parse_xml
 from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, parse_yaml
+from sqrp_cli.records import dataclass
 from sqrp_cli.ros.bag import Bag, is_bag
 
 TOPIC, _TYPE = "/tf_static", "tf2_msgs/msg/TFMessage"

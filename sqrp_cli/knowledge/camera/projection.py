@@ -6,7 +6,6 @@ The models are those of ROS `sensor_msgs/CameraInfo` and OpenCV: `plumb_bob` (k1
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.records import dataclass
 
 
 class ImagePoints(NamedTuple):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfModel
+from sqrp_cli.records import dataclass
 from sqrp_cli.sight.kernel import joint_poses
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,6 +15,7 @@ from sqrp_cli.knowledge.text.input_file import read_input
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, describe
 from sqrp_cli.knowledge.text.units import NO_LIMIT, SMALLEST_LIMIT, as_number
 from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, parse_yaml
+from sqrp_cli.records import dataclass
 
 TOP = "joint_limits"
 """The key of the joints; what is around it, such as a namespace of parameters, does not matter."""

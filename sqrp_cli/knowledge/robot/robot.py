@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated
 
@@ -30,6 +30,7 @@ from sqrp_cli.knowledge.text.entries import (
     Text,
 )
 from sqrp_cli.knowledge.text.units import Dimension
+from sqrp_cli.records import dataclass
 from sqrp_cli.shapes import Geometry, Part
 
 

@@ -9,7 +9,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from typing import Any
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names
 from sqrp_cli.knowledge.text.input_file import read_input
 from sqrp_cli.knowledge.text.xml_file import MAX_BYTES, MAX_DEPTH, Element, parse_xml
+from sqrp_cli.records import dataclass
 
 MAX_SECONDS = 20
 """Most computing time of an expansion [s]."""

@@ -7,7 +7,7 @@ serves several variants of a robot: what it says of links and joints that this o
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Problem, expected_names
@@ -15,6 +15,7 @@ from sqrp_cli.knowledge.frames import link_called
 from sqrp_cli.knowledge.robot.robot_xml import RobotSource, read_robot_xml
 from sqrp_cli.knowledge.robot.urdf import UrdfModel
 from sqrp_cli.knowledge.text.xml_file import MAX_DEPTH, Element
+from sqrp_cli.records import dataclass
 
 
 @dataclass(frozen=True)

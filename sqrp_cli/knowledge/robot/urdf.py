@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import count
 from pathlib import Path
@@ -14,6 +14,7 @@ import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.geometry import Array, read_only
+from sqrp_cli.records import dataclass
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Geometry, Mesh, Part, Shape, Sphere
 
 JointType = Literal["fixed", "revolute", "continuous", "prismatic"]

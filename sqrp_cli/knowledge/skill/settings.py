@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -14,6 +13,7 @@ from sqrp_cli.errors import nearest
 from sqrp_cli.knowledge.text import units
 from sqrp_cli.knowledge.text.entries import Entry, MappingOr, one_of, refused
 from sqrp_cli.knowledge.text.source import describe
+from sqrp_cli.records import dataclass
 
 MotionValue = float | str
 """Value of a motion parameter: a number in SI units, or a word such as `+z` or `up`."""

@@ -6,7 +6,6 @@ The models here, from `SkillFile` down, are both the format of skill.yaml and th
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, NamedTuple, get_args
 
@@ -24,6 +23,7 @@ from sqrp_cli.knowledge.text.entries import Entry, ListOr, MappingOr, Name, Pose
 from sqrp_cli.knowledge.text.source import KeyPath, dotted
 from sqrp_cli.logic.domain import Action, Domain
 from sqrp_cli.logic.formula import Formula
+from sqrp_cli.records import dataclass
 
 HOME = "home"
 """The waypoint that every skill has: the robot's home configuration."""

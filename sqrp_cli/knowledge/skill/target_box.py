@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Container, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Annotated, Self
 
 import numpy as np
@@ -26,6 +26,7 @@ from sqrp_cli.knowledge.text.entries import (
 )
 from sqrp_cli.knowledge.text.units import SHORTEST_DIRECTION
 from sqrp_cli.logic.literal import Atom
+from sqrp_cli.records import dataclass
 
 
 def _unit(vector: tuple[float, float, float]) -> tuple[float, float, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import Annotated, Any, LiteralString, TypeVar, cast
 
 import numpy as np
@@ -33,6 +33,7 @@ from sqrp_cli.errors import expected_names
 from sqrp_cli.geometry import Array, look_at, pose, quaternion_to_matrix, read_only, rpy_to_matrix
 from sqrp_cli.knowledge.text import units
 from sqrp_cli.knowledge.text.source import describe
+from sqrp_cli.records import dataclass
 
 Completed = TypeVar("Completed")
 

@@ -12,11 +12,11 @@ import stat
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
 from io import BufferedReader
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, nearest
+from sqrp_cli.records import dataclass
 
 LARGEST = 200_000_000
 """Most bytes of any input file, meshes included."""

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.records import dataclass
 
 KeyPath = tuple[str | int, ...]
 """Keys and list indices from the top of a document to a value."""

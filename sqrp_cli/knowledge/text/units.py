@@ -8,8 +8,10 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from math import pi
+
+from sqrp_cli.records import dataclass
 
 LARGEST = 1e6
 """Largest number by default, in SI units."""

@@ -6,7 +6,7 @@ The ranges are generous: a working cell should get no warning.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from math import radians
 from typing import NamedTuple
@@ -15,6 +15,7 @@ from sqrp_cli.errors import Problem
 from sqrp_cli.knowledge.text import units
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument
 from sqrp_cli.knowledge.text.units import Dimension, in_unit, meant_instead, read_quantity
+from sqrp_cli.records import dataclass
 
 
 @dataclass(frozen=True)

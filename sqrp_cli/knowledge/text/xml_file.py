@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from xml.parsers import expat
 
@@ -13,6 +13,7 @@ from sqrp_cli.errors import InputError, Place, Problem, bad_input, nearest
 from sqrp_cli.knowledge.text.input_file import read_input
 from sqrp_cli.knowledge.text.source import excerpt, too_deep
 from sqrp_cli.knowledge.text.units import LARGEST, as_number
+from sqrp_cli.records import dataclass
 
 LONGEST_TAG = 60
 """Most letters of a tag in messages."""

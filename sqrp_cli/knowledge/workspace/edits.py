@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +18,7 @@ from sqrp_cli.knowledge.text.yaml_edit import appended, edited, respelled, with_
 from sqrp_cli.knowledge.text.yaml_file import parse_yaml
 from sqrp_cli.knowledge.workspace.read_cell import camera_axes_as_body
 from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.records import dataclass
 
 _SAME = 1e-9
 """Numbers that differ by less are the same."""

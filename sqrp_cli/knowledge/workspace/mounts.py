@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Literal
@@ -37,6 +37,7 @@ from sqrp_cli.knowledge.text.units import ANGLE
 from sqrp_cli.knowledge.text.validation import validate
 from sqrp_cli.knowledge.text.yaml_file import read_yaml
 from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.records import dataclass
 
 PLACE_FILE = "place.yaml"
 """Name of the file beside a workspace."""

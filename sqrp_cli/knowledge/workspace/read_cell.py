@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -30,6 +30,7 @@ from sqrp_cli.knowledge.workspace.read_robot import EntryReader
 from sqrp_cli.knowledge.workspace.workspace import WorkspaceFile, markers_of
 from sqrp_cli.logic.domain import Domain
 from sqrp_cli.logic.literal import Atom
+from sqrp_cli.records import dataclass
 from sqrp_cli.ros.bag import METADATA
 from sqrp_cli.shapes import Box, Mesh, Part, Shape
 

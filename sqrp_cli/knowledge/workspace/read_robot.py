@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -26,6 +26,7 @@ from sqrp_cli.knowledge.text.entries import Pose, XacroEntry
 from sqrp_cli.knowledge.text.input_file import ContentDigest
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.text.units import SMALLEST_LIMIT, Dimension, Quantity, expected_quantity
+from sqrp_cli.records import dataclass
 from sqrp_cli.shapes import Mesh, Part
 
 MAX_ARM_JOINTS = 20

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated
@@ -27,6 +27,7 @@ from sqrp_cli.knowledge.text.source import LeafValue
 from sqrp_cli.knowledge.text.units import LARGEST, LENGTH, TIME
 from sqrp_cli.knowledge.workspace.understood import Understood, digest_of_understood, understood
 from sqrp_cli.logic.literal import Atom
+from sqrp_cli.records import dataclass
 from sqrp_cli.shapes import Mesh, Part
 
 _NAME = r"[A-Za-z_][\w-]*"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Protocol
 
@@ -26,6 +26,7 @@ from sqrp_cli.programming.feasibility import unready_world
 from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.whole_study import WholeStudy, whole_study
+from sqrp_cli.records import dataclass
 
 
 class Kept(Protocol):

@@ -6,7 +6,6 @@ That is clear of everything solid and of the robot's sweep, and not below a tabl
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -17,6 +16,7 @@ from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.solids import Solid, distance, load_solid
+from sqrp_cli.records import dataclass
 from sqrp_cli.shapes import Part, Sphere
 
 _PARALLEL = 1e-9

@@ -7,7 +7,7 @@ and the samples of `explain` confirm.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property, partial
 from itertools import count
 from typing import Literal
@@ -39,6 +39,7 @@ from sqrp_cli.programming.coverage.quality import interest_quality
 from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.coverage.timeline import Timeline, observe
 from sqrp_cli.programming.whole_study import WholeStudy, mean_quality
+from sqrp_cli.records import dataclass
 
 _MARGIN_STEPS = 60
 """Steps in which margins of poses are searched."""

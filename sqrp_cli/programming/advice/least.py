@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import cache
 from itertools import product
 from math import inf
@@ -12,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.records import dataclass
 
 Test = Callable[[Array], Mask]
 """Which vectors (p, d) may do, shape (p,): quick, and never false for one that does."""

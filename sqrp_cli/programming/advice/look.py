@@ -7,7 +7,7 @@ What passes is decided by the exact timeline of the same motion; its uncovered s
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -24,6 +24,7 @@ from sqrp_cli.programming.sensing.observer import sees_all
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.targets import Target
 from sqrp_cli.programming.whole_study import WholeStudy
+from sqrp_cli.records import dataclass
 
 MOST_SAMPLES = 64
 """Samples of the first look; counterexamples come on top."""

@@ -6,7 +6,7 @@ A move of a camera, its position or its aim, is a vector, which stands for a pos
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import atan, degrees, radians, tan
 from typing import Literal
 
@@ -19,6 +19,7 @@ from sqrp_cli.knowledge.skill.settings import MotionValue
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.advice.aiming import Aim, looking_at, turned
 from sqrp_cli.programming.cell import Cell
+from sqrp_cli.records import dataclass
 
 Kind = Literal["way", "path", "object", "aim", "position", "lens", "camera"]
 Unit = Literal["m", "rad", "camera", ""]

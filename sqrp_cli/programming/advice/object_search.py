@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from sqrp_cli.programming.coverage.in_the_way import hidden_views, to_move
 from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.whole_study import WholeStudy, qualities_of, whole_study, whole_watched
+from sqrp_cli.records import dataclass
 
 MOST_OBJECTS = 3
 """Objects that are moved: those that are handled, then those that hide most."""

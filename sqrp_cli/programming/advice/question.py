@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from typing import NamedTuple, TypeVar
 
@@ -23,6 +23,7 @@ from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.find import Plans
 from sqrp_cli.programming.ways.grips import first_grip
 from sqrp_cli.programming.whole_study import WholeStudy, reasons_of_step, whole_study, worst_seen
+from sqrp_cli.records import dataclass
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -15,6 +15,7 @@ from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.programming.advice.moves import MOTION, Kind
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.ranking import rank
+from sqrp_cli.records import dataclass
 
 if TYPE_CHECKING:
     from sqrp_cli.programming.advice.moves import ProposedChange

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from math import inf
 
 from sqrp_cli.document import Record
@@ -13,6 +12,7 @@ from sqrp_cli.knowledge.text.units import SHARE, TIME, read_quantity
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask
 from sqrp_cli.programming.coverage.quality import falls_short
 from sqrp_cli.programming.result import CandidateResult
+from sqrp_cli.records import dataclass
 
 QUALITIES = ("q_eoi", "q_avg")
 TIMES = ("time", "delay")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from sqrp_cli.errors import bad_input
 from sqrp_cli.geometry import Array, Mask, cross
 from sqrp_cli.knowledge.skill.settings import ANY, FASTEST
 from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.records import dataclass
 
 WORDS = {"elbow": ("up", "down"), "shoulder": ("left", "right"), "wrist": ("no_flip", "flip")}
 """The names, each with the word for a positive figure and that for a negative one; see `_figures`."""

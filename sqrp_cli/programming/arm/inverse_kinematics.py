@@ -7,7 +7,6 @@ does not need them to be complete.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
 from typing import Any, NamedTuple
@@ -28,6 +27,7 @@ from sqrp_cli.programming.arm.pose_search import (
     spread_starts,
 )
 from sqrp_cli.programming.arm.reach import Unreachable, beyond_reach, closest_turns, limit_excess, why_unreachable
+from sqrp_cli.records import dataclass
 
 SOLVED, POLISHED, NEARLY_SOLVED = 1e-11, 1e-13, 1e-6
 """Largest pose error of a solution, in m and rad (most are a thousand times better); that at which Newton's method

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import cached_property
 from itertools import combinations
 from typing import NamedTuple
@@ -15,6 +15,7 @@ from sqrp_cli.geometry import Array, Mask, cross, inverse, read_only
 from sqrp_cli.knowledge.robot.joint_tree import Couplings, JointTree, driving_joints
 from sqrp_cli.knowledge.robot.robot import JointLimits, Robot
 from sqrp_cli.knowledge.robot.urdf import UrdfJoint
+from sqrp_cli.records import dataclass
 from sqrp_cli.shapes import Part
 from sqrp_cli.trajectory import JointSpan
 

@@ -6,7 +6,6 @@ Methods for non-linear least squares problems, 2004, section 3.2, with a fixed s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple, Protocol
 
@@ -14,6 +13,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.programming.arm.kinematics import RobotModel, ToolMotion
+from sqrp_cli.records import dataclass
 
 _PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29)
 

@@ -5,13 +5,12 @@ A sphere that bounds the arm's outermost axis proves without a search that place
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.arm.pose_search import descend, spread_starts
+from sqrp_cli.records import dataclass
 
 STARTS = 64
 """Starting points of the search for the closest pose that can be reached."""

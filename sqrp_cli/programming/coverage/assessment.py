@@ -6,7 +6,7 @@ The delay of faults is by images, over all phases of the cameras, on the nominal
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.stop_and_return import Recovery, recovery_over
 from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.task import Candidate
+from sqrp_cli.records import dataclass
 
 _PROMPT = 1e-3
 """Times and shares up to this explain no delay [s, 1]."""

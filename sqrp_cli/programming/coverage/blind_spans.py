@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import groupby, pairwise
 from typing import NamedTuple, cast
 
@@ -22,6 +22,7 @@ from sqrp_cli.programming.coverage.assessment import Study
 from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.sensing.limits import SIDES, Cause, CauseLabel
 from sqrp_cli.programming.sensing.observer import BoxVerdicts
+from sqrp_cli.records import dataclass
 
 
 @dataclass(frozen=True)

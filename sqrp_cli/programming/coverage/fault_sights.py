@@ -7,7 +7,7 @@ that is any one box without its object, where coverage, which has to confirm `ho
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain
 
 import numpy as np
@@ -25,6 +25,7 @@ from sqrp_cli.programming.coverage.timeline import Rehearsal, Timeline, observe
 from sqrp_cli.programming.pieces import Piece, fault_intervals, fault_literals
 from sqrp_cli.programming.sensing.observer import Observer, sees_all
 from sqrp_cli.programming.targets import Target
+from sqrp_cli.records import dataclass
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from functools import cached_property
 from typing import Any
 
@@ -14,6 +14,7 @@ from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer, sees_all
 from sqrp_cli.programming.targets import Target
+from sqrp_cli.records import dataclass
 
 
 @dataclass(frozen=True, eq=False)

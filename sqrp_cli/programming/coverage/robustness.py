@@ -6,7 +6,7 @@ Whether one camera sees something is taken to be independent of whether another 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.timeline import Timeline, observe
 from sqrp_cli.programming.sensing.likelihood import BoxLikelihood, Shutter, at_least, likelihoods
 from sqrp_cli.programming.sensing.observer import Observer, sees_all
+from sqrp_cli.records import dataclass
 
 DRAWS = 20
 """Number of random sets of camera poses for the influence of calibration errors."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.targets import Target
+from sqrp_cli.records import dataclass
 
 DEFAULT_TOLERANCE = 1e-3
 """Largest error of Q that bisection leaves, as a fraction (0.1 points)."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import chain, pairwise
 
@@ -18,6 +18,7 @@ from sqrp_cli.programming.motion.plan_motion import Motion, TimedPrimitive
 from sqrp_cli.programming.pieces import Piece
 from sqrp_cli.programming.sensing.scene_states import SceneStates, fixed_frame
 from sqrp_cli.programming.targets import Target
+from sqrp_cli.records import dataclass
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -21,6 +21,7 @@ from sqrp_cli.programming.pieces import GroundFormula, Piece
 from sqrp_cli.programming.sensing.observer import Observer, sees_all
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.targets import Target
+from sqrp_cli.records import dataclass
 
 SHORTEST_BRACKET = 1e-7
 """Transitions are not bisected further than this [s]."""

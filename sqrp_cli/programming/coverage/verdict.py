@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +24,7 @@ from sqrp_cli.programming.result import NOTHING_MISSING
 from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, sees_all
 from sqrp_cli.programming.targets import Target
+from sqrp_cli.records import dataclass
 
 _LOOKS, _LOOKS_OF_SEVERAL = 5, 25
 """Samples of a blind stretch at which the causes are looked up; where several cameras are needed, each may see at some

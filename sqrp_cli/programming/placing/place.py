@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import count
 from time import monotonic
 from typing import Any, TypeVar
@@ -38,6 +38,7 @@ from sqrp_cli.programming.placing.table import PlaceQuestion, Progress, Visibili
 from sqrp_cli.programming.ranking import compared_quality
 from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.ways.find import BestWay, TimeLimit, WantedWay, find_way, with_branch
+from sqrp_cli.records import dataclass
 
 ROUNDS, ROUNDS_ASIDE = 200, 12
 """Most times that cameras are chosen: for the question, and to say what others would do."""

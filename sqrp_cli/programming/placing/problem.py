@@ -8,7 +8,7 @@ between two samples only. What all options see alike is one *row*: which of them
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -17,6 +17,7 @@ from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.coverage.fault_sights import is_lost_by_fingers, watched_faults
 from sqrp_cli.programming.placing.sites import JudgedWay
+from sqrp_cli.records import dataclass
 
 Objective = Literal["least", "mean"]
 OBJECTIVES: tuple[Objective, ...] = ("least", "mean")

@@ -6,7 +6,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 from math import inf
 from time import monotonic
@@ -17,6 +17,7 @@ import numpy as np
 from sqrp_cli.errors import needed
 from sqrp_cli.geometry import Array
 from sqrp_cli.programming.placing.problem import Problem, Requirements, Selection
+from sqrp_cli.records import dataclass
 
 Terms = Mapping[int, float]
 """A linear expression: the factor of each variable, by its number."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Any, Literal
 
 from sqrp_cli.document import LEFT_OUT, Pose, Record, WorkspaceDocument, live
 from sqrp_cli.programming.advice.result import AdvisedFigures
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.placing.problem import FewestPossible, Objective
+from sqrp_cli.records import dataclass
 
 if TYPE_CHECKING:
     from sqrp_cli.geometry import Array, Mask

@@ -6,7 +6,6 @@ A site may be in the way: of the robot, of anything solid, of another camera, or
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
 from typing import NamedTuple, Protocol
@@ -27,6 +26,7 @@ from sqrp_cli.programming.ranking import compared_time
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.task import Candidate
+from sqrp_cli.records import dataclass
 
 EVERY = 3
 """Of the adaptive samples, which no target or link moves more than 1 cm between, every so many-th is judged."""

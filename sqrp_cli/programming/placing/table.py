@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
@@ -43,6 +43,7 @@ from sqrp_cli.programming.placing.sites import (
 from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.task import Task
 from sqrp_cli.programming.ways.find import Plans, TimeLimit
+from sqrp_cli.records import dataclass
 
 MOST_ADDED = 24
 """Most samples that are added to a way at once where nothing is covered, besides those at changes."""

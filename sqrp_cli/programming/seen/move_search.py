@@ -8,7 +8,6 @@ installed, which takes longer than a search may.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
 from typing import Literal
@@ -23,6 +22,7 @@ from sqrp_cli.programming.motion.collision.placed_scene import PlacedScene
 from sqrp_cli.programming.motion.paths.blended_path import motion_through
 from sqrp_cli.programming.motion.timing import MotionLimits
 from sqrp_cli.programming.sensing.observer import Observer
+from sqrp_cli.records import dataclass
 from sqrp_cli.trajectory import JointSpan, Trajectory
 
 

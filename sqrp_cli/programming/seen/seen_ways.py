@@ -6,7 +6,7 @@ Which joint moves may take other paths, what limits them, and ends that no path 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -37,6 +37,7 @@ from sqrp_cli.programming.seen.move_search import (
     exchange,
 )
 from sqrp_cli.programming.task import Candidate
+from sqrp_cli.records import dataclass
 from sqrp_cli.trajectory import JointPath, Trajectory
 
 

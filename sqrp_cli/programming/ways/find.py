@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import compress
 from math import inf
 
@@ -25,6 +25,7 @@ from sqrp_cli.programming.ranking import compared_quality, compared_time, conten
 from sqrp_cli.programming.result import BlindEnd, CandidateResult, Criterion, WayFigures, WaysFound
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.grips import first_grip, grips
+from sqrp_cli.records import dataclass
 
 ROUNDING = 1e-9
 """By how much a way may exceed a limit, because times are sums [s]."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Any, Literal
 
 from sqrp_cli.checks.registry import RuleEntry
 from sqrp_cli.document import LEFT_OUT, Document, Record, WorkspaceDocument, how_many, live
 from sqrp_cli.figures import Qualities
 from sqrp_cli.knowledge.text.entries import completed
+from sqrp_cli.records import dataclass
 
 if TYPE_CHECKING:
     from sqrp_cli.errors import Problem

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -30,6 +30,7 @@ from sqrp_cli.programming.pipeline import sampling_done
 from sqrp_cli.programming.result import CandidateResult, SamplingDone
 from sqrp_cli.programming.sensing.limits import Cause, CauseLabel
 from sqrp_cli.programming.sensing.observer import HidingPart
+from sqrp_cli.records import dataclass
 from sqrp_cli.report.documents import requirements
 
 if TYPE_CHECKING:

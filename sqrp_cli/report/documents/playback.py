@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import accumulate
 from typing import Literal
 
@@ -12,6 +12,7 @@ from sqrp_cli.figures import Qualities
 from sqrp_cli.programming.coverage.quality import falls_short
 from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.whole_study import mean_qualities, worst_seen
+from sqrp_cli.records import dataclass
 from sqrp_cli.report.documents.explanation import CandidateStudy, Sample
 from sqrp_cli.report.documents.requirements import Formula, Span
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass
 from math import inf
 from pathlib import Path
 from typing import Literal
@@ -17,6 +16,7 @@ from sqrp_cli.knowledge.workspace.workspace_file import shortest_path, workspace
 from sqrp_cli.program.file import workspace_path
 from sqrp_cli.program.joint_trajectory import ToolCommand, action_name, tool_commands
 from sqrp_cli.program.record import Program
+from sqrp_cli.records import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from sqrp_cli.document import LEFT_OUT, Pose, Record
 from sqrp_cli.knowledge.camera.camera import Camera
@@ -11,6 +11,7 @@ from sqrp_cli.logic.image_time import Window
 from sqrp_cli.programming.coverage.assessment import Study
 from sqrp_cli.programming.pieces import GroundFormula
 from sqrp_cli.programming.targets import SoughtBox
+from sqrp_cli.records import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,6 +10,7 @@ from sqrp_cli.document import Record, plain
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.programming.placing.result import CameraPlaced
 from sqrp_cli.programming.result import CandidateResult
+from sqrp_cli.records import dataclass
 from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.assembly import assembled, asset, packed
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.truth import Truth
+from sqrp_cli.records import dataclass
 from sqrp_cli.report.documents import playback
 from sqrp_cli.report.documents.requirements import Span
 from sqrp_cli.report.pages.assembly import packed

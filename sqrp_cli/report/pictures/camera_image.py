@@ -6,7 +6,6 @@ The only module that knows Embree, which needs neither a display nor a graphics 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +17,7 @@ from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.sensing.scene_states import SceneStates
+from sqrp_cli.records import dataclass
 from sqrp_cli.report.pages.paint import Color
 from sqrp_cli.shapes import Triangles
 

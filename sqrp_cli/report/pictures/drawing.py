@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
@@ -13,6 +12,7 @@ import numpy as np
 from sqrp_cli.errors import needed
 from sqrp_cli.geometry import BOX_SIGNS, Array
 from sqrp_cli.knowledge.camera.projection import Projection
+from sqrp_cli.records import dataclass
 from sqrp_cli.report.pages.assembly import visible
 from sqrp_cli.report.pages.paint import Color
 from sqrp_cli.report.pictures.camera_image import Image

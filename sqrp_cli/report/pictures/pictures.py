@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import ceil, sqrt
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,6 +24,7 @@ from sqrp_cli.programming.coverage.verdict import stretches
 from sqrp_cli.programming.sensing.limits import Cause
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.targets import Target
+from sqrp_cli.records import dataclass
 from sqrp_cli.report.pages.paint import COVERED, CULPRIT, HIDDEN, solid_colors
 from sqrp_cli.report.pictures import drawing
 from sqrp_cli.report.pictures.camera_image import Photographer, check_rays

@@ -10,7 +10,6 @@ motions to and fro.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.projection import Projection
+from sqrp_cli.records import dataclass
 from sqrp_cli.runtime.audit.expected_edges import ExpectedEdges
 
 TURN = 0.016

@@ -6,7 +6,6 @@ Good to some hundredths of a second, where the edges of the robot (`camera_fit`)
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -16,6 +15,7 @@ from sqrp_cli.geometry import Array, Mask, inverse
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.frames import WORLD
+from sqrp_cli.records import dataclass
 from sqrp_cli.runtime.audit.footage import Footage
 from sqrp_cli.runtime.image import ImageArray
 from sqrp_cli.runtime.robot_body import RobotBody

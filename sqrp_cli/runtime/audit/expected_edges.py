@@ -7,7 +7,7 @@ in it, smoothed, gives points of its edge to a fraction of a pixel, with their p
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import cv2
@@ -18,6 +18,7 @@ from sqrp_cli.geometry import Array, Mask, inverse, matrix_to_quaternion, transf
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.robot.joint_tree import Couplings
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
+from sqrp_cli.records import dataclass
 from sqrp_cli.runtime.cell.mujoco_model import build_model
 from sqrp_cli.runtime.cell.renderer import PixelSolids, Renderer
 from sqrp_cli.runtime.cell.simulated_cell import placed_objects

@@ -6,7 +6,6 @@ There are two clocks to keep apart: that of the robot, on which the joints are k
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
@@ -17,6 +16,7 @@ from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.camera import Camera, PixelSize
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Program
+from sqrp_cli.records import dataclass
 from sqrp_cli.runtime.image import CameraImage, check_recorded
 from sqrp_cli.runtime.monitor.nominal_step import planned_joints
 from sqrp_cli.runtime.record.images import read_frames

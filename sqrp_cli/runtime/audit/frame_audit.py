@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -13,6 +12,7 @@ from sqrp_cli.errors import Place, bad_input
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program, Step
+from sqrp_cli.records import dataclass
 from sqrp_cli.runtime.audit.clock import FARTHEST
 from sqrp_cli.runtime.audit.footage import Footage, Frame, ImageSource
 from sqrp_cli.runtime.audit.report import AuditDocument, AuditedCamera, MaybeLost

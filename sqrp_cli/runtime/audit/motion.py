@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,6 +14,7 @@ from sqrp_cli.errors import Place, bad_input, first_names
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.program.record import Program, Step
+from sqrp_cli.records import dataclass
 from sqrp_cli.runtime.monitor.nominal_step import planned_joints
 
 SPACING = 0.02

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
 
 from sqrp_cli.document import Pose, Record, WorkspaceDocument, live
+from sqrp_cli.records import dataclass
 from sqrp_cli.runtime.record.report import Disagreement, Prediction, total_of
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
+from sqrp_cli.records import dataclass
 from sqrp_cli.runtime.cell.engine import mujoco
 
 BANDWIDTH = 60.0

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from sqrp_cli.geometry import Array
+from sqrp_cli.records import dataclass
 from sqrp_cli.runtime.image import CameraImage
 from sqrp_cli.runtime.record.report import Stopped
 

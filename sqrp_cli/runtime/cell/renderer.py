@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, pose
 from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.records import dataclass
 from sqrp_cli.runtime.cell.engine import mujoco
 from sqrp_cli.runtime.cell.mujoco_model import DRAWN, FELT
 from sqrp_cli.runtime.cell.requirements import no_opengl

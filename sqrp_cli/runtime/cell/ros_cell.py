@@ -6,7 +6,7 @@ import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,6 +15,7 @@ import numpy as np
 from sqrp_cli.errors import InputError, Place
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.records import dataclass
 from sqrp_cli.ros.messages import Inbox, Message, MessageError, Send, Topic, Transport, nanoseconds
 from sqrp_cli.runtime.cell.interface import StoppableReference
 from sqrp_cli.runtime.cell.portions import AHEAD, JointLog, Portion, Portions

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from sqrp_cli.geometry import Array, inverse, pose
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.hand_eye import StaticTransform
 from sqrp_cli.knowledge.frames import WORLD
+from sqrp_cli.records import dataclass
 from sqrp_cli.ros.messages import Inbox, Message, Topic
 from sqrp_cli.runtime.cell.robot_file import ImageTopicEntry
 from sqrp_cli.runtime.cell.ros_cell import RosCell

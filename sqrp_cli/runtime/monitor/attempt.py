@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Step
+from sqrp_cli.records import dataclass
 from sqrp_cli.runtime.monitor.nominal_step import NominalStep, values_when_open
 from sqrp_cli.runtime.monitor.step_monitor import Alarm, StepMonitor
 from sqrp_cli.runtime.perception.detections import Detection, DetectionTargets

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -14,6 +13,7 @@ from sqrp_cli.knowledge.frames import Stay, carried_poses, frame_poses
 from sqrp_cli.knowledge.skill.target_box import object_of
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.program.record import ProgramTarget, Step
+from sqrp_cli.records import dataclass
 from sqrp_cli.runtime.robot_body import RobotBody
 
 SPACING = 0.02

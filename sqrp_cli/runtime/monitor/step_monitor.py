@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal as OneOf
 
@@ -16,6 +15,7 @@ from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program, ProgramFormula, ProgramResponse
+from sqrp_cli.records import dataclass
 from sqrp_cli.runtime.monitor.nominal_step import NominalStep
 from sqrp_cli.runtime.robot_body import RobotBody
 

@@ -9,7 +9,6 @@ object nor background is not judged.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +18,7 @@ from sqrp_cli.knowledge.camera import detector
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.truth import Truth
+from sqrp_cli.records import dataclass
 from sqrp_cli.runtime.perception.background import Background
 from sqrp_cli.runtime.perception.detections import NO_OUTLINE, BoxDetection, MissReason
 from sqrp_cli.runtime.perception.projected import ExpectedView, ProjectedBox, ProjectedObject

@@ -7,7 +7,7 @@ Its object is called with a camera, once for each, and gives something with a me
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from enum import StrEnum
 from typing import Protocol
 
@@ -22,6 +22,7 @@ from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramTarget
+from sqrp_cli.records import dataclass
 from sqrp_cli.runtime.image import ImageArray
 from sqrp_cli.runtime.robot_body import RobotBody, Surface
 

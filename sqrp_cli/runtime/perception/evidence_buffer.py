@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramTarget
+from sqrp_cli.records import dataclass
 from sqrp_cli.runtime.perception.detections import Detection
 
 FRESH_PERIODS = 1.5

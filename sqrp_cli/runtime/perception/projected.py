@@ -7,7 +7,6 @@ there or not: it is evidence of neither.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from sqrp_cli.knowledge.frames import frame_poses
 from sqrp_cli.knowledge.markers import Marker
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.target_box import TargetBox, object_of
+from sqrp_cli.records import dataclass
 from sqrp_cli.runtime.image import ImageArray
 from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, DetectionTargets
 from sqrp_cli.runtime.perception.vision import (

@@ -11,10 +11,11 @@ from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
 
 from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.records import dataclass
 from sqrp_cli.runtime.image import CameraImage
 from sqrp_cli.runtime.pauses import Pauses
 from sqrp_cli.runtime.perception.detections import BelievedState, Detection, DetectionTargets

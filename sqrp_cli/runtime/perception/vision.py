@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -16,6 +15,7 @@ from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.detector import ALIKE
 from sqrp_cli.knowledge.light import HUE_TOLERANCE, HUES, LEAST_SEEN_SATURATION, LEAST_VALUE, hue_of
 from sqrp_cli.knowledge.markers import ORIGINAL, opencv_name
+from sqrp_cli.records import dataclass
 from sqrp_cli.runtime.image import ImageArray
 
 cv2.setNumThreads(1)  # one process per core looks at images already

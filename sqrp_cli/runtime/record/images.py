@@ -12,7 +12,6 @@ import io
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -26,6 +25,7 @@ from sqrp_cli.knowledge.text.source import describe
 from sqrp_cli.knowledge.text.units import LONGEST, as_number
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.platform.files import make_folder, naming
+from sqrp_cli.records import dataclass
 from sqrp_cli.runtime.image import CameraImage, ImageArray
 from sqrp_cli.runtime.record.bag_recorder import BagRecorder
 from sqrp_cli.runtime.record.packed_image import png_of

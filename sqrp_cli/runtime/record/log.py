@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from sqrp_cli.knowledge.text.json_file import json_name, parse_json
 from sqrp_cli.knowledge.text.source import describe
 from sqrp_cli.knowledge.text.units import LARGEST
 from sqrp_cli.platform.files import naming
+from sqrp_cli.records import dataclass
 from sqrp_cli.runtime.record.events import KINDS, VERSION, Event, RunBegan, RunReported, State, StateChanged, WholeState
 from sqrp_cli.runtime.record.report import Confusion, RunReport
 

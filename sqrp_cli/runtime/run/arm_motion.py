@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
 
 import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.robot.robot import JointLimits, StopLimits
 from sqrp_cli.program.record import ProgramPrimitive
+from sqrp_cli.records import dataclass
 from sqrp_cli.runtime.cell.interface import JointStates
 from sqrp_cli.trajectory import PiecewiseCubic, Trajectory
 

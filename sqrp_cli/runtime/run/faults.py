@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, NamedTuple, cast
 
 import numpy as np
@@ -13,6 +12,7 @@ from sqrp_cli.errors import MOST_NAMES, InputError, bad_input, expected_names, n
 from sqrp_cli.knowledge.text.units import TIME, expected_quantity, read_quantity
 from sqrp_cli.program.check import SAME_TIME
 from sqrp_cli.program.record import ProgramPrimitive, Step
+from sqrp_cli.records import dataclass
 from sqrp_cli.runtime.cell.interface import RunnableCell
 from sqrp_cli.runtime.monitor.attempt import Attempt, predicted_delay
 from sqrp_cli.runtime.monitor.step_monitor import Alarm

@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from sqrp_cli.knowledge.text.entries import Entry
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.logic.image_time import Window
 from sqrp_cli.program.record import Program, Replanner, Step
+from sqrp_cli.records import dataclass
 from sqrp_cli.ros.dds import DdsTransport
 from sqrp_cli.runtime.cell.robot_file import RobotFile
 from sqrp_cli.runtime.cell.ros_cell import RosCell

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Protocol
 
@@ -15,6 +15,7 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program, Replanner, Step
+from sqrp_cli.records import dataclass
 from sqrp_cli.runtime.cell.interface import RunnableCell
 from sqrp_cli.runtime.monitor.attempt import Attempt, PredictionCheck
 from sqrp_cli.runtime.monitor.nominal_step import NominalStep

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Program, ProgramPrimitive, Replanner
+from sqrp_cli.records import dataclass
 from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 from sqrp_cli.runtime.perception.detections import CellModel
 from sqrp_cli.runtime.perception.image_detector import DetectorPool

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -24,6 +24,7 @@ from sqrp_cli.programming.coverage.blind_spans import Coverage
 from sqrp_cli.programming.coverage.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.ways.grips import choice_in_words
+from sqrp_cli.records import dataclass
 from sqrp_cli.scoring.changes import WORKSPACE, fields_of
 from sqrp_cli.scoring.score import ScoredCell, TaskScore
 from sqrp_cli.scoring.work.results import CoverageRecord, Seconds

@@ -16,7 +16,6 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import cache
 from itertools import groupby
 from pathlib import Path
@@ -26,6 +25,7 @@ from typing import TYPE_CHECKING, Any
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, bad_option, needed
 from sqrp_cli.knowledge.text.input_file import LARGEST, read_input, read_text
 from sqrp_cli.knowledge.text.json_file import parse_json
+from sqrp_cli.records import dataclass
 
 if TYPE_CHECKING:
     from sqrp_cli.scoring.work.job import Answer, Job

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, nullcontext
-from dataclasses import dataclass
 from pathlib import Path
 
 from sqrp_cli.errors import Problem
@@ -13,6 +12,7 @@ from sqrp_cli.platform.interrupts import first_interrupt_noted
 from sqrp_cli.platform.processes import Pool, died, forked
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.task import Candidate
+from sqrp_cli.records import dataclass
 from sqrp_cli.scoring.work.cluster import Cluster
 from sqrp_cli.scoring.work.identity import candidate_key
 from sqrp_cli.scoring.work.job import Answer, Job, PackedWorkspace, run_job

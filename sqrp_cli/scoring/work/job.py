@@ -13,7 +13,7 @@ import tempfile
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Literal
@@ -31,6 +31,7 @@ from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.result import CandidateResult
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.whole_study import whole_study
+from sqrp_cli.records import dataclass
 from sqrp_cli.scoring.work.identity import program_digest
 from sqrp_cli.scoring.work.results import MAX_BYTES, Outcome
 

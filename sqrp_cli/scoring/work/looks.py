@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.placing.sites import Verdicts, View, ViewBatch, installations, judged
 from sqrp_cli.programming.task import Candidate
+from sqrp_cli.records import dataclass
 from sqrp_cli.scoring.work.cluster import Cluster
 from sqrp_cli.scoring.work.identity import digest_of, program_digest
 from sqrp_cli.scoring.work.job import Job, PackedWorkspace

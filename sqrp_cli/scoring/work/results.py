@@ -11,7 +11,7 @@ import hashlib
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import fields, is_dataclass, replace
 from functools import cache
 from math import isfinite
 from pathlib import Path
@@ -47,6 +47,7 @@ from sqrp_cli.programming.coverage.blind_spans import BlindSpan, Coverage, Targe
 from sqrp_cli.programming.result import BlindEnd, CandidateResult, WayFigures, WaysFound
 from sqrp_cli.programming.sensing.limits import Cause, CauseLabel
 from sqrp_cli.programming.task import Candidate
+from sqrp_cli.records import dataclass
 from sqrp_cli.scoring.work.identity import digest_of, program_digest
 from sqrp_cli.shown import json_line
 
