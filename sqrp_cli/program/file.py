@@ -65,8 +65,10 @@ def load_program(path: Path) -> Program:
     try:
         document = read_yaml(path, keys=_KEYS)
     except InputError as error:
-        if path.is_file() and b"sqrp_program" not in path.open("rb").read(4096):
-            raise no_program from error
+        if path.is_file():
+            with path.open("rb") as file:
+                if b"sqrp_program" not in file.read(4096):
+                    raise no_program from error
         raise
     if "sqrp_program" not in document.data:
         raise no_program
