@@ -40,7 +40,7 @@ ROOMS = {
     "camera": ("knowledge/camera knowledge/light knowledge/markers knowledge/paint", 2_288),
     "cell": ("knowledge programming/cell programming/solids", 3_972),
     "logic": ("logic", 2_946),
-    "skill, program": ("knowledge/skill program", 2_001),
+    "skill, program": ("knowledge/skill program", 2_003),
     "task": ("programming", 1_761),
     "motion": ("programming/motion", 3_290),
     "sight": ("sight programming/sensing", 1_310),
@@ -51,7 +51,7 @@ ROOMS = {
     "field": ("ros runtime/audit runtime/serve calibrating", 3_418),
     "score": ("scoring", 2_930),
     "show": ("terminal report document figures", 5_770),
-    "ask": ("ask api cli __init__ __main__", 6_172),
+    "ask": ("ask api cli __init__ __main__", 6_160),
     "studio": ("studio", 2_162),
     "starter, platform": ("starter platform", 2_068),
 }
