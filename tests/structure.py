@@ -47,7 +47,7 @@ ROOMS = {
     "study": ("programming/coverage programming/seen " + " ".join(_STUDY), 4_167),
     "search": ("programming/advice programming/placing", 4_941),
     "checks": ("checks", 1_376),
-    "run": ("runtime", 8_694),
+    "run": ("runtime", 8_697),
     "field": ("ros runtime/audit runtime/serve calibrating", 3_418),
     "score": ("scoring", 2_930),
     "show": ("terminal report document figures", 5_770),

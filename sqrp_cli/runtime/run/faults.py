@@ -32,6 +32,7 @@ FaultKind = Literal[
 class _Form(NamedTuple):
     """How a kind of fault is written."""
 
+    kind: FaultKind
     written: str
     """Examples, for messages."""
     pattern: re.Pattern[str]
@@ -43,20 +44,22 @@ class _Form(NamedTuple):
 _AT, _BY = re.compile(r":(?P<camera>[^@=]+)@(?P<time>.+)"), re.compile(r":(?P<camera>[^@=]+)=(?P<delay>.+)")
 _SLIP = r"@(?:(?P<primitive>[A-Za-z_]\w*)(?:\+(?P<offset>.+)|(?P<random>:random))?|(?P<time>[.\d].*))"
 _FORMS: Mapping[str, _Form] = {
-    "slip": _Form("slip@a4+0.4, slip@a4:random or slip@7.2", re.compile(_SLIP), "when it slips"),
-    "miss-pick": _Form("miss-pick", re.compile(""), "just `miss-pick`"),
-    "camera-loss": _Form("camera-loss:cam2@5.0", _AT, "the camera and when it happens"),
-    "frozen": _Form("frozen:cam1@3", _AT, "the camera and when it happens"),
-    "latency": _Form("latency:cam3=0.5", _BY, "the camera and by how much it is late"),
-    "perception-crash": _Form("perception-crash:cam1@4", _AT, "the camera and when it happens"),
+    form.kind: form
+    for form in (
+        _Form("slip", "slip@a4+0.4, slip@a4:random or slip@7.2", re.compile(_SLIP), "when it slips"),
+        _Form("miss-pick", "miss-pick", re.compile(""), "just `miss-pick`"),
+        _Form("camera-loss", "camera-loss:cam2@5.0", _AT, "the camera and when it happens"),
+        _Form("frozen", "frozen:cam1@3", _AT, "the camera and when it happens"),
+        _Form("latency", "latency:cam3=0.5", _BY, "the camera and by how much it is late"),
+        _Form("perception-crash", "perception-crash:cam1@4", _AT, "the camera and when it happens"),
+    )
 }
+_JOINTS_AT, _JOINTS_BY = re.compile(r"@(?P<time>.*)", re.DOTALL), re.compile(r"=(?P<delay>.*)", re.DOTALL)
 _SERVED_FORMS: Mapping[str, _Form] = {
     **{kind: form for kind, form in _FORMS.items() if kind != "perception-crash"},
-    "joints-loss": _Form("joints-loss@5", re.compile(r"@(?P<time>.*)", re.DOTALL), "when it happens"),
-    "joints-frozen": _Form("joints-frozen@5", re.compile(r"@(?P<time>.*)", re.DOTALL), "when it happens"),
-    "joints-latency": _Form(
-        "joints-latency=0.5", re.compile(r"=(?P<delay>.*)", re.DOTALL), "by how much joint states are late"
-    ),
+    "joints-loss": _Form("joints-loss", "joints-loss@5", _JOINTS_AT, "when it happens"),
+    "joints-frozen": _Form("joints-frozen", "joints-frozen@5", _JOINTS_AT, "when it happens"),
+    "joints-latency": _Form("joints-latency", "joints-latency=0.5", _JOINTS_BY, "by how much joint states are late"),
 }
 """Of a cell that is served: its joint states can fail, but the processes that look at its images are not its own."""
 
@@ -250,7 +253,7 @@ def parse_fault(
         instead = text.replace(camera, nearest(camera, cameras) or min(cameras, default="CAMERA"))
         raise written.refused(f"there is no camera `{camera}`; {expected_names(camera, cameras)}", f"write {instead}")
     t, delay = (written.time(figures[name]) if name in figures else 0.0 for name in ("time", "delay"))
-    return InjectedFault(kind, text, t, camera, delay, places[0].number)  # type: ignore[arg-type]  # a key of the forms
+    return InjectedFault(form.kind, text, t, camera, delay, places[0].number)
 
 
 def _slip(written: _FaultText, found: re.Match[str], rng: np.random.Generator) -> InjectedFault:
