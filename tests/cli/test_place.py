@@ -71,6 +71,13 @@ def test_the_answer_does_not_depend_on_processes_and_is_kept(sqrp, cell, tmp_pat
     assert files == {file: file.stat().st_mtime_ns for file in tmp_path.glob("*/*.json")}
 
 
+def test_the_table_of_a_saved_result_is_that_of_the_command(sqrp, cell, tmp_path):
+    command = ("place", cell, "pickup g2", "--cameras", "2", "--survive", "1", "--ways", "fastest")
+    saved = tmp_path / "place.json"
+    saved.write_text(sqrp(*command, "--json").out)
+    assert sqrp("show", saved).out == sqrp(*command).out
+
+
 def test_a_camera_that_stays_is_not_moved(sqrp, cell):
     found = sqrp("place", cell, "--cameras", "1", "--keep", "cam2", "--json").document
     assert found["keep"] == ["cam2"]
