@@ -28,7 +28,7 @@ Pose = list[list[float]]
 """A 4x4 pose as nested rows, frame in parent."""
 
 LEFT_OUT: Mapping[str, bool] = {"left out": True}
-"""Metadata of a field, None or empty by default, that a document has only where it is neither."""
+"""Metadata of a field that a document has only where it is not its default."""
 
 LIVE: Mapping[str, bool] = {"live": True}
 """Metadata of a field that no document has; see `live`."""
@@ -123,14 +123,15 @@ def as_text(document: object) -> str:
 def plain(record: object) -> dict[str, Any]:
     """The fields of a record, or the entries of a mapping, one level deep."""
     if is_dataclass(record) and not isinstance(record, type):
-        found = ((name, getattr(record, name), optional) for name, optional in _names(type(record)))
-        return {name: value for name, value, optional in found if not optional or value not in (None, ())}
+        found = ((name, getattr(record, name), left_out) for name, left_out in _names(type(record)))
+        return {name: value for name, value, left_out in found if left_out is MISSING or value != left_out}
     if isinstance(record, Mapping):
         return dict(record)
     raise TypeError(f"{type(record).__name__} is no part of a document")
 
 
 @cache
-def _names(record: type) -> tuple[tuple[str, bool], ...]:
+def _names(record: type) -> tuple[tuple[str, Any], ...]:
+    """The fields of a document, each with the value that is left out, MISSING where none is."""
     known = (part for part in fields(record) if not part.metadata.get("live"))
-    return tuple((part.name, bool(part.metadata.get("left out"))) for part in known)
+    return tuple((part.name, part.default if part.metadata.get("left out") else MISSING) for part in known)

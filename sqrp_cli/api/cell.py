@@ -102,13 +102,14 @@ def checked(cell: OpenCell, ask: CheckRequest) -> Check:
     from sqrp_cli.api.session import Session
     from sqrp_cli.checks.cell_warnings import cell_warnings, swept_cameras
     from sqrp_cli.checks.formulas import intervals_outside
+    from sqrp_cli.knowledge.workspace.workspace_file import WORKSPACE_FILE
     from sqrp_cli.logic.planner import find_plan
     from sqrp_cli.programming.suggestion import Suggester, best_suggestion, check_candidate
     from sqrp_cli.programming.task import example_task, impossible_tasks
     from sqrp_cli.programming.ways.grips import first_grip
     from sqrp_cli.report.documents.checks import Check
 
-    name, path = cell.workspace.name, str(cell.path)
+    name, path = cell.workspace.name, str(cell.path.parent if cell.path.name == WORKSPACE_FILE else cell.path)
     if cell.errors:
         return Check.of(path, name, ask.task, cell.findings)
     if ask.task is None:

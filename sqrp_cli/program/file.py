@@ -65,7 +65,7 @@ def load_program(path: Path) -> Program:
     try:
         document = read_yaml(path, keys=_KEYS)
     except InputError as error:
-        if path.is_file():
+        if path.is_file() and error.problems[0].code != "file-too-large":
             with path.open("rb") as file:
                 if b"sqrp_program" not in file.read(4096):
                     raise no_program from error

@@ -125,8 +125,8 @@ def _score(score: TaskScore, scene: int | None, detail: str | None) -> PageRow:
 
 
 def cell_scene(cell: Cell) -> CellScene:
-    """What a page needs to draw a cell."""
-    return CellScene(ShowDocument.of(cell), packed(SceneModel.of(cell)))
+    """What a page needs to draw a cell; it may come from another process."""
+    return CellScene(replace(ShowDocument.of(cell), cell=None), packed(SceneModel.of(cell)))
 
 
 def origin(arguments: Sequence[str], workspace: Workspace | None = None) -> list[tuple[str, str]]:

@@ -30,13 +30,17 @@ class Sight {
     for (const { mesh } of this.lines) mesh.visible = state !== null && byId('show-lines').checked && through === null;
     if (state === null) return culprits;
     const verdicts = state.boxes[this.index]?.cameras ?? state.cameras;
-    const shown = through === null ? state : verdicts[through];
+    const shown = through === null ? state : (verdicts[through] ?? state); // a camera may be newer than what is told
     const shade = shown.kind ? KINDS[shown.kind][0] : shown.covered ? 'covered' : 'hidden';
     this.edges.material.depthTest = through === null; // a camera's view shows it also where something hides it
     this.edges.material.color = this.fill.material.color = shades[shade];
     const center = new THREE.Vector3().setFromMatrixPosition(this.node.matrixWorld);
     for (const { camera, mesh } of this.lines) {
       const verdict = verdicts[camera.name];
+      if (!verdict) {
+        mesh.visible = false;
+        continue;
+      }
       mesh.material.color = shades[KINDS[kindOf(verdict)][0]];
       mesh.material.opacity = verdict.covered ? 0.9 : 0.42;
       stretch(mesh, camera.position(), center, verdict.covered ? 1 : 0.45);
