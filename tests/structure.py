@@ -50,8 +50,8 @@ ROOMS = {
     "run": ("runtime", 8_697),
     "field": ("ros runtime/audit runtime/serve calibrating", 3_418),
     "score": ("scoring", 2_930),
-    "show": ("terminal report document figures", 5_770),
-    "ask": ("ask api cli __init__ __main__", 6_160),
+    "show": ("terminal report document figures", 5_771),
+    "ask": ("ask api cli __init__ __main__", 6_161),
     "studio": ("studio", 2_162),
     "starter, platform": ("starter platform", 2_068),
 }
